@@ -1,0 +1,1 @@
+"""Air, gases, aerosols, refraction and layers: everything that a medium is made of."""
