@@ -1,1 +1,21 @@
+"""The solvers by name; each is imported when it is used.
 
+A solver is a module with `prepare(medium, settings, *, observer_altitude_km=0.0, progress=None) -> Field`, where
+`Field.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)` gives the sun-normalised radiance [sr^-1], and with
+`QUALITIES`: the names of its presets and their frozen settings.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
+SOLVERS: dict[str, str] = {
+    "cells": "twilight.solvers.cells",
+}
+DEFAULT = "cells"
+
+
+def load(name: str) -> ModuleType:
+    """The module of a solver; KeyError when there is none of that name."""
+    return import_module(SOLVERS[name])

@@ -1,0 +1,27 @@
+"""What all configuration models share: frozen, no unknown keys, and a unit and a line of help for every key."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, Strict
+
+Number = Annotated[float, Strict()]
+"""A number, not text that looks like one and not true or false."""
+Integer = Annotated[int, Strict()]
+Flag = Annotated[bool, Strict()]
+
+
+class Section(BaseModel):
+    """One mapping of a climate or a configuration."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+
+
+def key(default: Any, help: str, *, unit: str = "", **limits: Any) -> Any:
+    """A key of a section: its default, its unit, one line of help, and limits such as `ge`, `le`, `min_length`.
+
+    Without a unit (text, switches, choices, sections) pass none; a pure number has the unit "1".
+    """
+    made = {"default_factory": default} if callable(default) else {"default": default}
+    return Field(**made, description=help, json_schema_extra={"unit": unit} if unit else None, **limits)

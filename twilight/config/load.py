@@ -1,0 +1,187 @@
+"""From a name or a file, and settings on top, to validated configurations."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from twilight.config.climate import Climate
+from twilight.config.document import parse_yaml, read_yaml
+from twilight.config.library import find
+from twilight.config.scene import Config
+from twilight.config.solver import resolve_solver
+from twilight.config.validate import Origins, unknown, validate
+from twilight.errors import TwilightError
+
+MAX_CASES = 1000
+
+
+@dataclass(frozen=True)
+class Case:
+    """One member of a series: its name (empty when there is only one) and its configuration."""
+
+    name: str
+    config: Config
+
+
+@dataclass
+class _Draft:
+    """A configuration as plain data with its climate inside, and where each part was read."""
+
+    data: dict[str, Any]
+    origins: dict[tuple, str]
+    hidden: set[tuple] = field(default_factory=set)
+
+    def set(self, dotted_key: str, value: Any, where: str, folder: Path) -> None:
+        path = _route(dotted_key, where)
+        if path == ("climate",):
+            self._put_climate(value, where, folder)
+            return
+        parent: Any = self.data
+        for depth, part in enumerate(path[:-1]):
+            if parent.get(part) is None:
+                parent[part] = {}
+                self.origins.setdefault(path[: depth + 1], where)
+            parent = parent[part]
+            if not isinstance(parent, dict):
+                raise TwilightError(f"{where}: {'.'.join(path[: depth + 1])} holds no keys that could be set")
+        if path[:2] == ("climate", "medium") and path[-1] == "table" and isinstance(value, str):
+            value = str(folder / value)
+        parent[path[-1]] = value
+        self.origins[path] = where
+        if path[0] == "climate":
+            self.hidden.add(("climate",))
+
+    def _put_climate(self, value: Any, where: str, folder: Path) -> None:
+        if isinstance(value, str):
+            path = find(value, folder, kinds=("climates",))
+            value, folder, where = read_yaml(path), path.parent, str(path)
+            if "climate" in value:
+                raise TwilightError(f"{where}: is a configuration; climate needs a climate's name or file")
+            self.hidden.add(("climate",))
+        self.data["climate"] = _with_table_path(value, folder)
+        self.origins[("climate",)] = where
+
+    def validated(self) -> Config:
+        origins = Origins(self.origins, frozenset(self.hidden))
+        config = validate(Config, self.data, origins)
+        resolve_solver(config.solver, origins)
+        return config
+
+
+def load(target: str | Path | Mapping[str, Any], settings: Mapping[str, Any] | None = None) -> Config:
+    """The one configuration that `target` describes; see :func:`load_series`.
+
+    Errors: TwilightError also when `target` describes a series.
+    """
+    cases = load_series(target, settings)
+    if len(cases) > 1:
+        raise TwilightError(f"{target}: describes {len(cases)} cases; load_series returns them all")
+    return cases[0].config
+
+
+def load_series(target: str | Path | Mapping[str, Any], settings: Mapping[str, Any] | None = None) -> list[Case]:
+    """All configurations that `target` describes: one, or the product of its `vary` lists.
+
+    target: name of a climate or configuration, path of such a file, or the same as a mapping.
+    settings: dotted keys and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95};
+        keys of a climate and of a configuration may be mixed.  Replacing the whole of `sun` takes {"sun": {...}}.
+
+    Errors: TwilightError that names the file or setting, the key, and what is allowed.
+    """
+    draft = _read(target)
+    for name, value in (settings or {}).items():
+        draft.set(name, deepcopy(value), f"--set {name}", Path())
+    vary = draft.data.get("vary") or {}
+    if not isinstance(vary, dict) or any(not isinstance(v, list | tuple) or not v for v in vary.values()):
+        where = Origins(draft.origins).describe(("vary",))[0]
+        raise TwilightError(f"{where}: vary must map dotted keys to lists, e.g. {{observer.altitude_km: [0, 10]}}")
+    if not vary:
+        return [Case("", draft.validated())]
+    where = Origins(draft.origins).describe(("vary",))[0]
+    folder = Path(where).parent if Path(where).is_file() else Path()
+    products = list(itertools.islice(itertools.product(*vary.values()), MAX_CASES + 1))
+    if len(products) > MAX_CASES:
+        raise TwilightError(f"{where}: vary asks for more than {MAX_CASES} cases")
+    cases = []
+    for values in products:
+        one = deepcopy(draft)
+        one.data.pop("vary")
+        for name, value in zip(vary, values, strict=True):
+            one.set(name, deepcopy(value), f"{where}: vary", folder)
+        labels = [_label(name, value) for name, value in zip(vary, values, strict=True)]
+        cases.append(Case("_".join(labels), one.validated()))
+    if len({case.name for case in cases}) < len(cases):
+        raise TwilightError(f"{where}: vary lists the same value twice")
+    return cases
+
+
+def load_climate(target: str | Path) -> Climate:
+    """The climate of that name or file, without a sun or an observer."""
+    return load(target).climate
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """`key=value` of the command line: a dotted key and a YAML value."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise TwilightError(f"--set {text}: must be key=value, e.g. aerosol.relative_humidity_percent=95")
+    return name.strip(), parse_yaml(value, f"--set {name.strip()}")
+
+
+def _read(target: str | Path | Mapping[str, Any]) -> _Draft:
+    if isinstance(target, Mapping):
+        data, where, folder = deepcopy(dict(target)), "configuration", Path()
+    else:
+        path = find(target)
+        data, where, folder = read_yaml(path), str(path), path.parent
+    only_config = set(Config.model_fields) - set(Climate.model_fields)
+    if "climate" in data or (only_config & data.keys() and not _CLIMATE_KEYS & data.keys()):
+        draft = _Draft(data, {(): where})
+        if isinstance(data.get("climate"), str):
+            draft._put_climate(data["climate"], where, folder)
+        elif "climate" in data:
+            data["climate"] = _with_table_path(data["climate"], folder)
+        return draft
+    draft = _Draft({"version": 1, "climate": _with_table_path(data, folder)}, {(): where}, {("climate",)})
+    draft.origins[("climate",)] = where
+    return draft
+
+
+_CLIMATE_KEYS = set(Climate.model_fields) - set(Config.model_fields)
+
+
+def _with_table_path(climate: Any, folder: Path) -> Any:
+    """The table of a tabulated medium is named relative to the folder of the file that names it."""
+    if isinstance(climate, dict) and isinstance(climate.get("medium"), dict):
+        table = climate["medium"].get("table")
+        if isinstance(table, str) and table:
+            climate["medium"]["table"] = str(folder / table)
+    return climate
+
+
+def _route(dotted_key: str, where: str) -> tuple[str, ...]:
+    """The path of a dotted key in a configuration; keys of a climate go to `climate`."""
+    path = tuple(dotted_key.split("."))
+    if path[0] in Config.model_fields:
+        return path
+    if path[0] in Climate.model_fields:
+        return ("climate", *path)
+    names: Iterable[str] = {*Config.model_fields, *Climate.model_fields}
+    raise TwilightError(f"{where}: {path[0]} {unknown(path[0], names)}")
+
+
+def _label(name: str, value: Any) -> str:
+    """A folder's name: `continental-average`, `relative_humidity_percent=80`."""
+    if name == "climate":
+        text = Path(value).stem if isinstance(value, str) else str(value.get("name", "climate"))
+    elif isinstance(value, dict):
+        text = "_".join(_label(k, v) for k, v in value.items())
+    else:
+        text = f"{name.rsplit('.', 1)[-1]}={value}"
+    return re.sub(r"[^\w.=+-]+", "-", text).strip("-.") or "case"

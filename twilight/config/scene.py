@@ -1,0 +1,260 @@
+"""The configuration document: a climate seen by an observer under one or more suns, and how to compute and write it."""
+
+from __future__ import annotations
+
+import itertools
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+
+from twilight.config.base import Flag, Integer, Number, Section, key
+from twilight.config.climate import Climate
+
+
+def _moment(value: Any) -> Any:
+    if not isinstance(value, str | datetime) or (isinstance(value, str) and ":" not in value):
+        raise ValueError("must be a date and time such as 2003-12-08T16:00 or 2003-12-08T16:00:00+01:00")
+    return value
+
+
+def _zone(value: str | None) -> str | None:
+    if value is None:
+        return value
+    from zoneinfo import ZoneInfo
+
+    try:
+        ZoneInfo(value)
+    except (KeyError, ValueError, OSError):
+        raise ValueError(f"must be a time zone such as Europe/Berlin or UTC, got {value!r}") from None
+    return value
+
+
+Moment = Annotated[datetime, BeforeValidator(_moment)]
+Zone = Annotated[str | None, AfterValidator(_zone)]
+Elevation = Annotated[Number, Field(ge=-90.0, le=90.0)]
+
+
+class SunElevation(Section):
+    """A sun at a given elevation."""
+
+    elevation_deg: Elevation = key(
+        10.0, "true (unrefracted) elevation of the disc's centre above the observer's horizontal", unit="deg"
+    )
+    distance_au: Number = key(1.0, "distance to the sun", unit="au", ge=0.9, le=1.1)
+
+
+class SunElevations(Section):
+    """Several suns, one frame each."""
+
+    elevations_deg: tuple[Elevation, ...] = key(
+        (10.0,), "true elevations, one frame each", unit="deg", min_length=1, max_length=10000
+    )
+    distance_au: Number = key(1.0, "distance to the sun", unit="au", ge=0.9, le=1.1)
+
+
+class _Place(Section):
+    latitude_deg: Annotated[Number, Field(ge=-90.0, le=90.0)] = Field(
+        description="geographic latitude, north positive", json_schema_extra={"unit": "deg"}
+    )
+    longitude_deg: Annotated[Number, Field(ge=-180.0, le=360.0)] = Field(
+        description="geographic longitude, east positive", json_schema_extra={"unit": "deg"}
+    )
+    time_zone: Zone = key(None, "for times without an offset, e.g. Europe/Berlin")
+
+    def aware(self, moment: datetime) -> datetime:
+        """The moment with its offset or, lacking one, in `time_zone`."""
+        if moment.tzinfo is not None:
+            return moment
+        from zoneinfo import ZoneInfo
+
+        return moment.replace(tzinfo=ZoneInfo(self.time_zone or "UTC"))
+
+    def _needs_zone(self, *moments: datetime) -> None:
+        if self.time_zone is None and any(m.tzinfo is None for m in moments):
+            raise ValueError("needs time_zone (e.g. Europe/Berlin) or a time with its offset (e.g. 16:00+01:00)")
+
+
+class SunAt(_Place):
+    """The sun over a place at a time."""
+
+    at: Moment = Field(description="date and time, e.g. 2003-12-08T16:30")
+
+    @model_validator(mode="after")
+    def _check(self) -> SunAt:
+        self._needs_zone(self.at)
+        return self
+
+
+class SunInterval(_Place):
+    """The sun over a place during an interval, one frame per step."""
+
+    start: Moment = Field(description="date and time of the first frame")
+    stop: Moment = Field(description="date and time of the last frame")
+    step_minutes: Number = key(5.0, "time between frames", unit="min", gt=0.0, le=1e6)
+
+    @model_validator(mode="after")
+    def _check(self) -> SunInterval:
+        self._needs_zone(self.start, self.stop)
+        seconds = (self.aware(self.stop) - self.aware(self.start)).total_seconds()
+        if seconds < 0:
+            raise ValueError("stop must not be before start")
+        if seconds / 60.0 / self.step_minutes > 10000:
+            raise ValueError("asks for more than 10000 frames; take a longer step_minutes")
+        return self
+
+
+SUN_KEYS = {
+    "elevation_deg": "<elevation>",
+    "elevations_deg": "<elevations>",
+    "at": "<at>",
+    "start": "<interval>",
+    "stop": "<interval>",
+    "step_minutes": "<interval>",
+    "latitude_deg": "<at>",
+    "longitude_deg": "<at>",
+    "time_zone": "<at>",
+}
+"""The first of these keys that a `sun:` section holds tells which of its four forms it is."""
+
+_SUN_FORMS: dict[type, str] = {
+    SunElevation: "<elevation>",
+    SunElevations: "<elevations>",
+    SunAt: "<at>",
+    SunInterval: "<interval>",
+}
+
+
+def sun_form(value: Any) -> str:
+    """Which form of the sun section `value` is, by its keys."""
+    if isinstance(value, dict):
+        return next((form for name, form in SUN_KEYS.items() if name in value), "<elevation>")
+    return _SUN_FORMS.get(type(value), "<elevation>")
+
+
+Sun = Annotated[
+    Annotated[SunElevation, Tag("<elevation>")]
+    | Annotated[SunElevations, Tag("<elevations>")]
+    | Annotated[SunAt, Tag("<at>")]
+    | Annotated[SunInterval, Tag("<interval>")],
+    Discriminator(sun_form),
+]
+
+
+class Observer(Section):
+    """Where the eye is."""
+
+    altitude_km: Number = key(0.0, "altitude above the ground", unit="km", ge=0.0, le=40000.0)
+
+
+class Wavelengths(Section):
+    """Where the radiance is computed; unset for a tabulated medium means the table's wavelengths."""
+
+    min_nm: Number = key(380.0, "first of `count` equidistant wavelengths", unit="nm", ge=300.0, le=1000.0)
+    max_nm: Number = key(720.0, "last of `count` equidistant wavelengths", unit="nm", ge=300.0, le=1000.0)
+    count: Integer = key(8, "number of equidistant wavelengths", unit="1", ge=1, le=2000)
+    list_nm: tuple[Annotated[Number, Field(ge=300.0, le=1000.0)], ...] | None = key(
+        None,
+        "the wavelengths themselves, increasing, instead of min_nm, max_nm and count",
+        unit="nm",
+        min_length=1,
+        max_length=2000,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Wavelengths:
+        w = self.list_nm
+        if w is not None and self.model_fields_set & {"min_nm", "max_nm", "count"}:
+            raise ValueError("takes either list_nm or min_nm, max_nm and count, not both")
+        if w is not None and any(b <= a for a, b in itertools.pairwise(w)):
+            raise ValueError("list_nm must increase")
+        if w is None and (self.max_nm < self.min_nm or (self.count > 1 and self.max_nm == self.min_nm)):
+            raise ValueError("max_nm must be above min_nm")
+        return self
+
+    @property
+    def wavelength_nm(self) -> tuple[float, ...]:
+        """The wavelengths [nm]."""
+        if self.list_nm is not None:
+            return self.list_nm
+        step = (self.max_nm - self.min_nm) / max(self.count - 1, 1)
+        return tuple(self.min_nm + i * step for i in range(self.count))
+
+
+class Texture(Section):
+    """The directions of the sky texture, and an optional latitude-longitude picture of its own."""
+
+    azimuth_count: Integer = key(120, "columns over 360 deg; 120 is 3 deg", unit="1", ge=4, le=7200)
+    elevation_count: Integer = key(30, "rows from the horizon to the zenith; 30 is 3 deg", unit="1", ge=2, le=1800)
+    resolution_deg: Number | None = key(
+        None, "sets both counts: 360 and 90 divided by it, instead of them", unit="deg", ge=0.05, le=45.0
+    )
+    latlong_width: Integer | None = key(
+        None,
+        "width of the latitude-longitude picture, computed direction by direction; unset: resampled",
+        unit="1",
+        ge=8,
+        le=16384,
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Texture:
+        step = self.resolution_deg
+        if step is not None:
+            if self.model_fields_set & {"azimuth_count", "elevation_count"}:
+                raise ValueError("takes either resolution_deg or azimuth_count and elevation_count, not both")
+            if abs(90.0 / step - round(90.0 / step)) > 1e-9:
+                raise ValueError(f"resolution_deg must divide 90, as 3 or 1.5 do; got {step:g}")
+        if self.latlong_width is not None and self.latlong_width % 2:
+            raise ValueError(f"latlong_width must be even; got {self.latlong_width}")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(elevations, azimuths)."""
+        if self.resolution_deg is None:
+            return self.elevation_count, self.azimuth_count
+        return round(90.0 / self.resolution_deg), 4 * round(90.0 / self.resolution_deg)
+
+
+class Output(Section):
+    """How the picture looks and which program it is for; the radiance in the files does not depend on it."""
+
+    exposure_ev: Number | None = key(
+        None, "exposure of the PNG in stops; unset: set by the sky itself", unit="EV", ge=-60.0, le=60.0
+    )
+    tone_mapping: Literal["filmic", "gamma"] = key("filmic", "of the PNG")
+    target: Literal["openexr", "mitsuba", "blender", "pbrt", "radiance"] = key(
+        "openexr", "orientation of sky.rgb.exr: whose environment map it is"
+    )
+
+
+class Config(Section):
+    """Everything that a render needs."""
+
+    version: Literal[1] = Field(description="version of this layout, always 1")
+    name: str | None = key(
+        None, "short name, used for the output folder; unset: the climate's", min_length=1, max_length=100
+    )
+    description: str = key("", "one line about it", max_length=1000)
+    climate: Climate = Field(description="name of a climate, path of its file, or the climate itself")
+    sun: Sun = key(SunElevation, "elevation_deg | elevations_deg | at and place | start, stop, step_minutes and place")
+    observer: Observer = key(Observer, "where the eye is")
+    wavelengths: Wavelengths | None = key(
+        None, "where the radiance is computed; unset: 8 from 380 to 720 nm, or those of a tabulated medium"
+    )
+    solver: dict[str, Any] = key(dict, "name, quality, and any option of that solver (see `twilight solvers`)")
+    texture: Texture = key(Texture, "directions")
+    output: Output = key(Output, "pictures")
+    leave_out: Flag = key(True, "leave out what cannot matter (see --plan)")
+    vary: dict[str, tuple[Any, ...]] = key(
+        dict, "series: dotted keys with their values, e.g. {aerosol.relative_humidity_percent: [50, 80, 95]}"
+    )
+
+    @field_validator("vary")
+    @classmethod
+    def _some_values(cls, value: dict[str, tuple]) -> dict[str, tuple]:
+        for name, values in value.items():
+            if not values:
+                raise ValueError(f"{name} needs at least one value")
+        return value

@@ -1,0 +1,52 @@
+"""The `solver:` section against the settings of the solver that it names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+
+from twilight import solvers
+from twilight.config.validate import Origins, allowed, unknown
+from twilight.errors import TwilightError
+
+
+def resolve_solver(section: Mapping[str, Any], origins: Origins) -> tuple[str, str, Any]:
+    """(solver, quality, settings): the preset of that quality with the section's other keys on top.
+
+    Errors: TwilightError for a solver, quality or option that does not exist, or a value out of range.
+    """
+    options = dict(section)
+    name = options.pop("name", solvers.DEFAULT)
+    if name not in solvers.SOLVERS:
+        raise _error(origins, "name", f"{name} {unknown(str(name), solvers.SOLVERS, 'solver')}")
+    qualities = solvers.load(name).QUALITIES
+    quality = options.pop("quality", "standard")
+    if quality not in qualities:
+        raise _error(origins, "quality", f"{quality} {unknown(str(quality), qualities, f'quality of {name}')}")
+    preset = qualities[quality]
+    hints = get_type_hints(type(preset), include_extras=True)
+    known = [f.name for f in fields(preset)]
+    for key, value in options.items():
+        if key not in known:
+            raise _error(origins, key, f"solver.{key} {unknown(key, [*known, 'name', 'quality'], f'key of {name}')}")
+        try:
+            options[key] = TypeAdapter(hints[key]).validate_python(value, strict=not isinstance(value, list))
+        except ValidationError:
+            raise _error(origins, key, f"solver.{key} must be {allowed(hints[key])}, got {value!r}") from None
+    try:
+        return name, quality, replace(preset, **options)
+    except TwilightError as error:
+        raise _error(origins, next(iter(options), "name"), str(error)) from None
+
+
+def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
+    """The section with every option of the solver written out, for the record in the files."""
+    name, quality, settings = resolve_solver(section, Origins())
+    return {"name": name, "quality": quality, **asdict(settings)}
+
+
+def _error(origins: Origins, key: str, text: str) -> TwilightError:
+    return TwilightError(f"{origins.describe(('solver', key))[0]}: {text}")

@@ -1,0 +1,199 @@
+"""From plain data to models, and from pydantic's findings to one sentence that names file, key and what is allowed."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, Tag, ValidationError
+from pydantic.fields import FieldInfo
+
+from twilight.config.document import dotted
+from twilight.errors import TwilightError
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Origins:
+    """Which file, or which command-line option, each part of a document came from.
+
+    `of` maps a key path to where it was read; the longest path that fits wins.  Inside a climate's own file its keys
+    are at the top level, so `hidden` paths are left out of what is shown.
+    """
+
+    of: Mapping[tuple, str] = field(default_factory=dict)
+    hidden: frozenset[tuple] = frozenset()
+
+    def describe(self, path: tuple) -> tuple[str, tuple]:
+        """(where, the key path as it is written there)."""
+        for length in range(len(path), -1, -1):
+            head = path[:length]
+            if head in self.of:
+                cut = max((len(h) for h in self.hidden if head[: len(h)] == h), default=0)
+                return self.of[head], path[cut:]
+        return "configuration", path
+
+
+def validate(model: type[ModelT], data: Any, origins: Origins) -> ModelT:
+    """`data` as a `model`; TwilightError with the first thing that is wrong (unknown keys first)."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+    found.sort(key=lambda e: e["type"] != "extra_forbidden")
+    sentences = []
+    for e in found:
+        loc = tuple(part for part in e["loc"] if not _is_tag(part))
+        where, shown = origins.describe(tuple(part for part in loc if part != "[key]"))
+        text = f"{where}: {_sentence(model, e, shown)}"
+        if text not in sentences:
+            sentences.append(text)
+    more = f" ({len(sentences) - 1} more after this)" if len(sentences) > 1 else ""
+    raise TwilightError(sentences[0] + more)
+
+
+def unknown(name: str, known: Iterable[str], what: str = "key") -> str:
+    """`x is not a key; did you mean y? Allowed are ...`."""
+    names = [str(k) for k in known]
+    near = get_close_matches(name, names, n=1, cutoff=0.0)
+    hint = f"; did you mean {near[0].rsplit('.', 1)[-1]}?" if near else ";"
+    return f"is not a {what}{hint} allowed {'are' if len(names) > 1 else 'is'} {', '.join(sorted(names))}"
+
+
+def allowed(annotation: Any, metadata: Iterable[Any] = (), unit: str = "") -> str:
+    """What a value may be, in words: `a number from 0 to 99 (%)`, `one of ciddor, haber, none`."""
+    metadata = list(metadata)
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        inner, *extra = get_args(annotation)
+        return allowed(inner, [*metadata, *_flat(extra)], unit)
+    if origin in (Union, types.UnionType):
+        return " or ".join("null" if a is type(None) else allowed(a, metadata, unit) for a in get_args(annotation))
+    if origin is Literal:
+        values = [str(v) for v in get_args(annotation)]
+        return values[0] if len(values) == 1 else f"one of {', '.join(values)}"
+    if origin in (tuple, list):
+        return f"a list, each {allowed(get_args(annotation)[0], (), unit)}"
+    if origin is dict:
+        keys, values = get_args(annotation)
+        return f"a mapping with keys {allowed(keys)} and values {allowed(values, (), unit)}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"a mapping with the keys {', '.join(annotation.model_fields)}"
+    nouns = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+    noun = nouns.get(annotation, "a value" if annotation is Any else getattr(annotation, "__name__", str(annotation)))
+    return noun + _limits(metadata) + (f" ({unit})" if unit and unit != "1" else "")
+
+
+def _limits(metadata: list[Any]) -> str:
+    bound = {name: getattr(m, name) for m in metadata for name in ("ge", "gt", "le", "lt") if hasattr(m, name)}
+    low = f"{bound['ge']:g}" if "ge" in bound else f"above {bound['gt']:g}" if "gt" in bound else ""
+    high = f"{bound['le']:g}" if "le" in bound else f"below {bound['lt']:g}" if "lt" in bound else ""
+    if "ge" in bound and "le" in bound:
+        return f" from {low} to {high}"
+    if low and high:
+        return f" {low} and up to {high}"
+    return f" of at least {low}" if "ge" in bound else f" of at most {high}" if high else f" {low}" if low else ""
+
+
+def _flat(metadata: Iterable[Any]) -> list[Any]:
+    return [m for item in metadata for m in (item.metadata if isinstance(item, FieldInfo) else [item])]
+
+
+def _is_tag(part: Any) -> bool:
+    return isinstance(part, str) and part.startswith("<") and part.endswith(">")
+
+
+def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
+    name = dotted(shown) or "the document"
+    kind = error["type"]
+    if kind == "extra_forbidden":
+        owner = _section(model, error["loc"][:-1])
+        return f"{name} {unknown(str(error['loc'][-1]), owner.model_fields if owner else ())}"
+    if error["loc"] and error["loc"][-1] == "[key]":
+        choices = str(error.get("ctx", {}).get("expected", "")).replace(" or ", ", ").replace("'", "").split(", ")
+        return f"{name} {unknown(str(error['input']), choices)}"
+    field_info = _field(model, error["loc"])
+    help_text = f" ({field_info.description})" if field_info is not None and field_info.description else ""
+    if kind == "missing":
+        return f"{name} is missing{help_text}"
+    if kind == "value_error":
+        return f"{name} {error['ctx']['error']}" if shown else str(error["ctx"]["error"])
+    if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
+        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}"
+    if field_info is None:
+        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}, got {_short(error['input'])}"
+    extra = field_info.json_schema_extra
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    value_type = _entry(field_info.annotation) if name.endswith("]") or _is_entry(error["loc"], field_info) else None
+    text = allowed(value_type or field_info.annotation, field_info.metadata if value_type is None else (), unit)
+    return f"{name} must be {text}, got {_short(error['input'])}"
+
+
+def _is_entry(loc: tuple, field_info: FieldInfo) -> bool:
+    """Whether `loc` ends at an entry of a mapping such as `components`, not at the mapping."""
+    holders = [a for a in _members(field_info.annotation) if get_origin(a) is dict]
+    return bool(holders) and loc[-1] in _keys(holders[0])
+
+
+def _keys(mapping: Any) -> tuple:
+    return get_args(get_args(mapping)[0])
+
+
+def _entry(annotation: Any) -> Any:
+    """The type of the entries of a list or mapping, None for anything else."""
+    for member in _members(annotation):
+        if get_origin(member) in (tuple, dict):
+            return get_args(member)[1 if get_origin(member) is dict else 0]
+    return None
+
+
+def _short(value: Any) -> str:
+    text = "null" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _field(model: type[BaseModel], loc: tuple) -> FieldInfo | None:
+    """The field that holds the value at `loc`; for an entry of a list or mapping, the field of that list or mapping."""
+    parts = [p for p in loc if not _is_tag(p) and p != "[key]"]
+    for length in range(len(parts), 0, -1):
+        if isinstance(parts[length - 1], str):
+            position = [i for i, p in enumerate(loc) if p is parts[length - 1]][-1]
+            owner = _section(model, loc[:position])
+            if owner is not None and parts[length - 1] in owner.model_fields:
+                return owner.model_fields[str(parts[length - 1])]
+    return None
+
+
+def _section(model: type[BaseModel], loc: tuple) -> type[BaseModel] | None:
+    """The model at `loc`, where tags of unions such as `<elevation>` choose among their members."""
+    current: Any = model
+    for part in loc:
+        members = list(_members(current))
+        if _is_tag(part):
+            current = next((a for a in members if part in _tags(a)), None)
+        else:
+            owners = [m for m in map(_bare, members) if isinstance(m, type) and issubclass(m, BaseModel)]
+            current = next((m.model_fields[part].annotation for m in owners if part in m.model_fields), None)
+        if current is None:
+            return None
+    models = [m for m in map(_bare, _members(current)) if isinstance(m, type) and issubclass(m, BaseModel)]
+    return models[0] if models else None
+
+
+def _members(annotation: Any) -> Iterable[Any]:
+    """The members of a union, the annotation itself otherwise; `Annotated` around a member is kept for its tag."""
+    bare = _bare(annotation)
+    return get_args(bare) if get_origin(bare) in (Union, types.UnionType) else (annotation,)
+
+
+def _bare(annotation: Any) -> Any:
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+
+
+def _tags(annotation: Any) -> list[str]:
+    metadata = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
+    return [str(m.tag) for m in metadata if isinstance(m, Tag)]
