@@ -1,0 +1,177 @@
+"""From spectra to XYZ, linear sRGB and a picture on a screen, on colour-science's observers and matrices."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from twilight import spectrum
+from twilight.errors import TwilightError
+from twilight.sky import Sky
+
+DEFAULT_OBSERVER = "cie1964_10deg"
+"""The sky fills more than 4 deg of the field of view, for which the 10 deg observer is meant."""
+
+ToneMapping = Literal["filmic", "gamma"]
+TONE_MAPPINGS: tuple[str, ...] = ("filmic", "gamma")
+
+MIDDLE_GREY = 0.18
+GREY_LUMINANCE_AT_EV100_0 = 0.125
+"""Luminance [cd m^-2] that an exposure meter (ISO 2720, K = 12.5) puts on middle grey at EV100 = 0."""
+
+REC709_LUMINANCE = np.array([0.2126390059, 0.7151686788, 0.0721923154])
+"""Y of the Rec. 709 primaries with a D65 white (ITU-R BT.709, full precision)."""
+
+_COLOUR_NEEDS_NM = (480.0, 600.0)
+"""A colour is reported only if the samples reach at least from the first to the second wavelength."""
+
+
+def colour_is_defined(wavelength_nm: np.ndarray) -> bool:
+    """Whether the sampled wavelengths reach from blue (480 nm) to red (600 nm), so that a colour means something."""
+    wavelength = np.asarray(wavelength_nm)
+    return bool(wavelength[0] <= _COLOUR_NEEDS_NM[0] and wavelength[-1] >= _COLOUR_NEEDS_NM[1])
+
+
+def colour_note(sky: Sky, observer: str = DEFAULT_OBSERVER) -> str:
+    """One sentence on what the colours of this sky are."""
+    if colour_is_defined(sky.wavelength_nm):
+        return f"linear Rec. 709 from {sky.wavelength_nm.size} wavelengths, observer {observer}"
+    low, high = sky.wavelength_nm[[0, -1]]
+    return (
+        f"grey: {low:g} to {high:g} nm do not reach from {_COLOUR_NEEDS_NM[0]:g} to {_COLOUR_NEEDS_NM[1]:g} nm, "
+        "so the colour is not defined and only the brightness is shown"
+    )
+
+
+def spectrum_to_xyz(
+    factor: np.ndarray,
+    wavelength_nm: np.ndarray,
+    *,
+    solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM,
+    distance_au: float = 1.0,
+    observer: str = DEFAULT_OBSERVER,
+) -> np.ndarray:
+    """Absolute XYZ (..., 3) of sun-normalised spectra (..., W): 683 lm/W x integral of factor x sun x observer.
+
+    Y is in cd m^-2 for a radiance factor [sr^-1]; with ``cie1931_2deg`` it is the luminance.  The factor is taken to
+    1 nm by ``spectrum.expand``, then multiplied by the solar spectrum at 1 nm.
+    """
+    weight = spectrum.LUMINOUS_EFFICACY_LM_PER_W * spectrum.colour_matching_functions(observer)
+    weight = weight * spectrum.solar_at_visible(solar_spectrum, distance_au)[:, None]
+    return spectrum.integrate(factor, wavelength_nm, weight)
+
+
+@lru_cache(maxsize=4)
+def xyz_to_rgb_matrix(observer: str = DEFAULT_OBSERVER) -> np.ndarray:
+    """Matrix (3, 3) from XYZ of an observer to linear Rec. 709.
+
+    For the 10 deg observer a Bradford adaptation takes its D65 white to that of Rec. 709 (defined for 2 deg), so that
+    D65 is neutral with either observer.
+    """
+    if observer not in spectrum.OBSERVERS:
+        raise TwilightError(f"observer: '{observer}' is not known, choose one of {', '.join(spectrum.OBSERVERS)}")
+    import colour  # heavy (seconds): only where a colour is asked for
+
+    space = colour.RGB_COLOURSPACES["ITU-R BT.709"].copy()
+    space.use_derived_transformation_matrices(True)
+    white = colour.CCS_ILLUMINANTS[spectrum.OBSERVERS[observer]]["D65"]
+    rows = colour.XYZ_to_RGB(np.eye(3), space, illuminant=white, chromatic_adaptation_transform="Bradford")
+    matrix = np.array(rows.T)
+    matrix.flags.writeable = False
+    return matrix
+
+
+def xyz_to_linear_rgb(xyz: np.ndarray, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
+    """Linear Rec. 709 (D65) in the units of Y, (..., 3).  Colours outside the gamut keep their negative values."""
+    return np.asarray(xyz) @ xyz_to_rgb_matrix(observer).T
+
+
+def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
+    """XYZ whose Y is the luminance [cd m^-2] and whose chromaticity is that of the observer, (..., 3).
+
+    For ``factor`` (..., W) with the wavelengths and the sun of the sky; None = its sun_normalised_radiance.  The 10 deg
+    observer's own Y is some 10 % above the luminance (V(lambda) belongs to 2 deg), so its XYZ is scaled to it.  Where
+    ``colour_is_defined`` says no, the chromaticity is that of D65, grey.
+    """
+    factor = sky.sun_normalised_radiance if factor is None else factor
+    two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
+    functions = np.concatenate([spectrum.colour_matching_functions(observer), two_deg], axis=1)
+    sun = spectrum.solar_at_visible(sky.solar_spectrum, sky.distance_au)[:, None]
+    xyzv = spectrum.integrate(factor, sky.wavelength_nm, spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun)
+    luminance = np.maximum(xyzv[..., 3:4], 0.0)
+    if not colour_is_defined(sky.wavelength_nm):
+        return luminance * (np.linalg.inv(xyz_to_rgb_matrix(observer)) @ np.ones(3))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(xyzv[..., 1:2] > 0, xyzv[..., :3] * (luminance / xyzv[..., 1:2]), 0.0)
+
+
+def sky_to_linear_rgb(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
+    """Linear Rec. 709 of ``sky_to_xyz`` [cd m^-2], (..., 3)."""
+    return xyz_to_linear_rgb(sky_to_xyz(sky, factor, observer), observer)
+
+
+# Exposure and tone mapping --------------------------------------------------------------------------------------
+
+
+def auto_exposure_ev100(luminance: np.ndarray, solid_angle: np.ndarray | None = None) -> float:
+    """Exposure value at ISO 100 that suits a sky: its log-mean luminance on middle grey, but a highlight held.
+
+    luminance [cd m^-2] and weights of one shape; zeros are left out; an all black sky gives the exposure of 1e-6
+    cd m^-2.  The brightest 0.5 % by weight may exceed the log-mean by 16 before the exposure is reduced.
+    """
+    light = np.asarray(luminance, float).ravel()
+    weight = np.ones(light.shape) if solid_angle is None else np.asarray(solid_angle, float).ravel()
+    keep = (light > 0) & (weight > 0) & np.isfinite(light)
+    if not keep.any():
+        return float(np.log2(1e-6 / GREY_LUMINANCE_AT_EV100_0))
+    light, weight = light[keep], weight[keep]
+    key = np.exp(np.average(np.log(light), weights=weight))
+    order = np.argsort(light)
+    share = np.cumsum(weight[order]) / weight.sum()
+    bright = light[order][min(np.searchsorted(share, 0.995), light.size - 1)]
+    key = max(key, bright / 16.0)
+    return float(np.log2(key / GREY_LUMINANCE_AT_EV100_0))
+
+
+def expose(rgb: np.ndarray, ev100: float) -> np.ndarray:
+    """Scale linear RGB [cd m^-2] so that the luminance metered at ``ev100`` becomes middle grey, 0.18."""
+    return np.asarray(rgb) * (MIDDLE_GREY / (GREY_LUMINANCE_AT_EV100_0 * 2.0**ev100))
+
+
+def into_gamut(rgb: np.ndarray) -> np.ndarray:
+    """Move colours with a negative channel towards the grey of the same luminance until no channel is negative."""
+    rgb = np.asarray(rgb, float)
+    grey = np.maximum(rgb @ REC709_LUMINANCE, 0.0)[..., None]
+    lowest = rgb.min(axis=-1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(lowest < 0, grey / (grey - lowest), 1.0)
+    return np.maximum(grey + share * (rgb - grey), 0.0)
+
+
+def filmic(linear: np.ndarray) -> np.ndarray:
+    """A film-like curve on every channel, linear in and linear out: y = 1 - 1 / (1 + x + x^2 / 2).
+
+    Slope 1 in the shadows, middle grey nearly kept (0.18 -> 0.164), a long shoulder (x = 1 -> 0.6, 4 -> 0.92).
+    Channels saturate one by one, so highlights go to white as on film.
+    """
+    x = np.maximum(np.asarray(linear, float), 0.0)
+    return 1.0 - 1.0 / (1.0 + x + 0.5 * x * x)
+
+
+def srgb_encode(linear: np.ndarray) -> np.ndarray:
+    """The sRGB transfer curve (IEC 61966-2-1), values clipped to 0..1."""
+    x = np.clip(linear, 0.0, 1.0)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-12) ** (1 / 2.4) - 0.055)
+
+
+def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = "filmic") -> np.ndarray:
+    """Linear RGB [cd m^-2] to display values 0..1: exposure, gamut, curve (``filmic`` or none), sRGB encoding.
+
+    ``gamma`` has no curve: what exceeds 1 after exposure is clipped.  Raises TwilightError for another name.
+    """
+    if tone_mapping not in TONE_MAPPINGS:
+        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(TONE_MAPPINGS)}")
+    linear = into_gamut(expose(rgb, ev100))
+    return srgb_encode(filmic(linear) if tone_mapping == "filmic" else linear)

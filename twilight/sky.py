@@ -1,0 +1,342 @@
+"""``Sky``: the radiance of the whole sky on a grid of directions, whoever computed or measured it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+
+import numpy as np
+
+from twilight import spectrum
+from twilight.errors import TwilightError
+
+MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
+"""Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
+(10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others)."""
+
+_CHUNK_VALUES = 8_000_000
+"""Values of a temporary array handled at once, so that large pictures need little memory."""
+
+
+def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere texture: 30 x 120 at the default 3 deg.
+
+    Raises TwilightError unless the step divides 90 deg.
+    """
+    rows = round(90.0 / step_deg) if step_deg > 0 else 0
+    if rows < 1 or abs(rows * step_deg - 90.0) > 1e-9:
+        raise TwilightError(f"step_deg: {step_deg:g} deg must be positive and divide 90 deg")
+    return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(4 * rows) * (90.0 / rows)
+
+
+def latlong_grid(width: int, sun_azimuth_deg: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of the pixel centres in the upper half of a latitude-longitude picture of ``width`` x ``width``/2.
+
+    elevation_deg (width/4,) and azimuth_deg (width,) relative to the sun, in the order of ``Sky``.  A solver evaluated
+    here gives a picture without any interpolation.  Raises TwilightError unless ``width`` is a multiple of 4.
+    """
+    if width < 4 or width % 4:
+        raise TwilightError(f"width: {width} must be a positive multiple of 4")
+    step = 360.0 / width
+    elevation = (np.arange(width // 4) + 0.5) * step
+    azimuth = np.sort(np.mod((np.arange(width) + 0.5) * step - (sun_azimuth_deg or 0.0), 360.0))
+    return elevation, azimuth
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Radiance of the sky over directions and wavelengths, E x A x W.
+
+    wavelength_nm (W,): increasing.
+    elevation_deg (E,): row centres, increasing, within -90..90 (negative rows: seen from high up).
+    azimuth_deg (A,): relative to the sun, clockwise, uniform over the circle, increasing in [0, 360), the first within
+        one step of 0 (0 in the default texture).
+    sun_normalised_radiance (E, A, W): L / F0 [sr^-1], finite, not negative.
+    sun_elevation_deg: true (unrefracted) elevation of the disc's centre.
+    sun_azimuth_deg: clockwise from north; None = not known, and pictures of the world then show the sun in the north
+        (their centre).
+    distance_au: Earth-sun distance [au].
+    observer_altitude_km, latitude_deg, longitude_deg, time (with time zone): of the observer, where known.
+    ground_albedo (W,): Lambertian albedo below the horizon.
+    standard_error (E, A, W): of sun_normalised_radiance [sr^-1], or None.
+    direct_irradiance (W,): of the sun's beam at the observer at normal incidence, divided by F0 (0 in shadow), or None.
+    apparent_sun_elevation_deg: refracted elevation of the disc, or None = the true one.
+    solar_spectrum: one of ``spectrum.solar_spectra()``.
+    provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
+
+    Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``.
+    """
+
+    wavelength_nm: np.ndarray
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    sun_normalised_radiance: np.ndarray
+    sun_elevation_deg: float
+    sun_azimuth_deg: float | None = None
+    distance_au: float = 1.0
+    observer_altitude_km: float = 0.0
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    time: datetime | None = None
+    ground_albedo: np.ndarray | None = None
+    standard_error: np.ndarray | None = None
+    direct_irradiance: np.ndarray | None = None
+    apparent_sun_elevation_deg: float | None = None
+    solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
+    provenance: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        for key in ("wavelength_nm", "elevation_deg", "azimuth_deg"):
+            object.__setattr__(self, key, np.atleast_1d(np.asarray(getattr(self, key), dtype=float)))
+        radiance = np.asarray(self.sun_normalised_radiance)
+        if radiance.dtype != np.float32:
+            radiance = radiance.astype(float, copy=False)
+        object.__setattr__(self, "sun_normalised_radiance", radiance)
+        wavelength, elevation, azimuth = self.wavelength_nm, self.elevation_deg, self.azimuth_deg
+        shape = (elevation.size, azimuth.size, wavelength.size)
+        if radiance.shape != shape or 0 in shape:
+            raise TwilightError(f"sky: sun_normalised_radiance has shape {radiance.shape}, the grid has {shape}")
+        if not (np.isfinite(radiance).all() and (radiance >= 0).all()):
+            raise TwilightError("sky: sun_normalised_radiance must be finite and not negative")
+        if wavelength[0] <= 0 or np.any(np.diff(wavelength) <= 0):
+            raise TwilightError("sky: wavelength_nm must be positive and increase")
+        if np.any(np.diff(elevation) <= 0) or elevation[0] < -90 or elevation[-1] > 90:
+            raise TwilightError("sky: elevation_deg must increase within -90 to 90")
+        step = 360.0 / azimuth.size
+        if not 0 <= azimuth[0] < step or np.abs(np.diff(azimuth) - step).max(initial=0.0) > 1e-6:
+            raise TwilightError("sky: azimuth_deg must be uniform over 0 to 360, the first within one step of 0")
+        for key, expected in (("standard_error", shape), ("direct_irradiance", shape[2:])):
+            value = getattr(self, key)
+            if value is not None:
+                value = np.asarray(value)
+                if value.shape != expected or not np.isfinite(value).all() or (value < 0).any():
+                    raise TwilightError(f"sky: {key} must have shape {expected} and be finite and not negative")
+                object.__setattr__(self, key, value)
+        albedo = np.zeros(wavelength.size) if self.ground_albedo is None else np.asarray(self.ground_albedo, float)
+        albedo = np.broadcast_to(albedo, (wavelength.size,)).copy()
+        if not ((albedo >= 0) & (albedo <= 1)).all():
+            raise TwilightError("sky: ground_albedo must be between 0 and 1")
+        object.__setattr__(self, "ground_albedo", albedo)
+        if not self.distance_au > 0:
+            raise TwilightError(f"sky: distance_au {self.distance_au} must be positive")
+        spectrum.solar_spectrum(self.solar_spectrum)
+
+    # Grid -------------------------------------------------------------------------------------------------------
+
+    @property
+    def elevation_edges_deg(self) -> np.ndarray:
+        """Lower and upper edges of the rows [deg], (E + 1,): midpoints; the outer rows reach the zenith and the
+        horizon (where rows lie below the horizon: half a row step further, at most to the nadir)."""
+        e = self.elevation_deg
+        middle = 0.5 * (e[1:] + e[:-1])
+        bottom = 0.0 if e[0] >= 0 else max(-90.0, 2 * e[0] - middle[0] if middle.size else -90.0)
+        return np.concatenate([[bottom], middle, [90.0]])
+
+    def solid_angle_sr(self) -> np.ndarray:
+        """Solid angle of one cell of every row [sr], (E,); over all cells of a hemisphere they sum to 2 pi."""
+        edges = np.sin(np.radians(self.elevation_edges_deg))
+        return 2 * np.pi / self.azimuth_deg.size * np.diff(edges)
+
+    @property
+    def solar_irradiance(self) -> np.ndarray:
+        """Solar irradiance [W m^-2 nm^-1], (W,): bin means (``spectrum.solar_irradiance``) at the sky's distance."""
+        return spectrum.solar_irradiance(self.wavelength_nm, self.solar_spectrum, self.distance_au)
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """Spectral radiance [W m^-2 sr^-1 nm^-1], (E, A, W), mean over each wavelength's bin of the solar spectrum."""
+        return self.sun_normalised_radiance * self.solar_irradiance
+
+    # Directions -------------------------------------------------------------------------------------------------
+
+    def sample(self, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1] in any direction, shape (..., W) for broadcast elevation and azimuth.
+
+        Bilinear in the logarithm (linear where a neighbour is 0); wraps in azimuth; above the last row it goes to one
+        value in the zenith, the mean of that row; below the first row it is continued to the horizon by at most half a
+        row, then held.  Raises TwilightError for a direction below the sky's lower edge.
+        """
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        shape, lower = elevation.shape, self.elevation_edges_deg[0]
+        if elevation.size and not (elevation.min() >= lower - 1e-9 and elevation.max() <= 90 + 1e-9):
+            raise TwilightError(f"sample: elevation_deg must be between {lower:g} and 90 and not NaN")
+        if not np.isfinite(azimuth).all():
+            raise TwilightError("sample: azimuth_deg must be finite")
+        elevation, azimuth = elevation.ravel(), azimuth.ravel()
+        values, rows = self._rows_to_zenith()
+        with np.errstate(divide="ignore"):
+            logarithm = np.log(values)
+        out = np.empty((elevation.size, self.wavelength_nm.size), dtype=values.dtype)
+        chunk = max(1, _CHUNK_VALUES // (4 * self.wavelength_nm.size))
+        for start in range(0, elevation.size, chunk):
+            part = slice(start, start + chunk)
+            out[part] = self._sample_chunk(values, logarithm, rows, elevation[part], azimuth[part])
+        return out.reshape(*shape, self.wavelength_nm.size)
+
+    def _rows_to_zenith(self) -> tuple[np.ndarray, np.ndarray]:
+        """Values and elevations of the rows, with a row in the zenith added where there is none."""
+        values, rows = self.sun_normalised_radiance, self.elevation_deg
+        top = values[-1]
+        with np.errstate(divide="ignore"):
+            zenith = np.where((top > 0).all(axis=0), np.exp(np.log(top).mean(axis=0)), top.mean(axis=0))
+        if rows[-1] >= 90 - 1e-9:
+            values = values.copy()
+            values[-1] = zenith.astype(values.dtype)
+            return values, rows
+        zenith = np.broadcast_to(zenith.astype(values.dtype), (1, *top.shape))
+        return np.concatenate([values, zenith]), np.append(rows, 90.0)
+
+    def _sample_chunk(self, values, logarithm, rows, elevation, azimuth):
+        n = self.azimuth_deg.size
+        position = np.mod(azimuth - self.azimuth_deg[0], 360.0) * (n / 360.0)
+        left = np.floor(position)
+        v = (position - left)[:, None]
+        left = left.astype(int) % n
+        right = (left + 1) % n
+        if rows.size == 1:
+            low = high = np.zeros(elevation.size, int)
+            u = np.zeros((elevation.size, 1))
+        else:
+            low = np.clip(np.searchsorted(rows, elevation, side="right") - 1, 0, rows.size - 2)
+            high = low + 1
+            u = (elevation - rows[low]) / (rows[high] - rows[low])
+            u = np.clip(u, -0.5, 1.0)[:, None]
+        result = self._mix(logarithm, low, high, left, right, u, v)
+        exact = np.isfinite(result)
+        result = np.exp(result)
+        if not exact.all():
+            # A neighbour is 0: linear there (held, not continued, below the first row).
+            linear = self._mix(values, low, high, left, right, np.maximum(u, 0.0), v)
+            result = np.where(exact, result, linear)
+        return result
+
+    @staticmethod
+    def _mix(table, low, high, left, right, u, v):
+        with np.errstate(invalid="ignore"):
+            bottom = (1 - v) * table[low, left] + v * table[low, right]
+            top = (1 - v) * table[high, left] + v * table[high, right]
+            return (1 - u) * bottom + u * top
+
+    def resample(self, elevation_deg, azimuth_deg) -> Sky:
+        """The sky on another grid (elevation_deg (E',), azimuth_deg (A',)), by ``sample``.
+
+        A standard error is interpolated in the same way, as an upper bound (no averaging is assumed).
+        """
+        elevation = np.atleast_1d(np.asarray(elevation_deg, float))
+        azimuth = np.atleast_1d(np.asarray(azimuth_deg, float))
+        grid = np.meshgrid(elevation, azimuth, indexing="ij")
+        error = None
+        if self.standard_error is not None:
+            as_sky = replace(self, sun_normalised_radiance=self.standard_error, standard_error=None)
+            error = as_sky.sample(*grid)
+        return replace(
+            self,
+            elevation_deg=elevation,
+            azimuth_deg=azimuth,
+            sun_normalised_radiance=self.sample(*grid),
+            standard_error=error,
+        )
+
+    def to_latlong(self, width: int) -> Sky:
+        """The sky at the pixel centres of a latitude-longitude picture (``latlong_grid``)."""
+        return self.resample(*latlong_grid(width, self.sun_azimuth_deg))
+
+    def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Interpolate values (E, A, K) >= 0 on this sky's grid smoothly to directions of shape (...), (..., K).
+
+        For pictures: a local cubic of the logarithm in both angles (``spectrum.hermite_matrix``), continued across the
+        zenith, wrapped in azimuth, continued below the first row by at most half a row.  Reproduces the grid.  Where
+        any value is 0 the logarithm does not exist and all is interpolated as ``sample`` does.
+        """
+        values = np.asarray(values)
+        shape, k = np.shape(elevation_deg), values.shape[2]
+        elevation, azimuth = np.ravel(elevation_deg), np.ravel(azimuth_deg)
+        if not (values > 0).all():
+            stand_in = replace(
+                self,
+                wavelength_nm=500.0 + np.arange(k),
+                sun_normalised_radiance=values,
+                standard_error=None,
+                direct_irradiance=None,
+                ground_albedo=None,
+            )
+            return stand_in.sample(elevation, azimuth).reshape(*shape, k)
+        rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))
+        elevation = np.maximum(elevation, 0.5 * (rows[0] + self.elevation_deg[0]))
+        azimuth = self.azimuth_deg[0] + np.mod(azimuth - self.azimuth_deg[0], 360.0)
+        out = np.empty((elevation.size, k), dtype=values.dtype)
+        chunk = max(1, _CHUNK_VALUES // (columns.size * k))
+        for start in range(0, elevation.size, chunk):
+            part = slice(start, start + chunk)
+            along = spectrum.hermite_matrix(rows, elevation[part]) @ table.reshape(rows.size, -1)
+            across = spectrum.hermite_matrix(columns, azimuth[part])
+            out[part] = np.exp(np.einsum("nc,nck->nk", across, along.reshape(-1, columns.size, k)))
+        return out.reshape(*shape, k)
+
+    # Integrals --------------------------------------------------------------------------------------------------
+
+    def irradiance_factor(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
+        """Irradiance from the upper hemisphere divided by F0, (W,); a uniform radiance of 1 gives pi exactly.
+
+        ``horizontal``: on a horizontal plane, else on a sphere (fluence).  Radiance is constant over each cell, the
+        cosine and the solid angle are integrated exactly.  ``direct`` adds the sun's beam (TwilightError where the sky
+        does not know it).
+        """
+        edges = np.radians(np.clip(self.elevation_edges_deg, 0.0, 90.0))
+        antiderivative = 0.5 * np.sin(edges) ** 2 if horizontal else np.sin(edges)
+        weight = 2 * np.pi * np.diff(antiderivative)
+        result = np.einsum("e,ew->w", weight, self.sun_normalised_radiance.mean(axis=1, dtype=float))
+        if direct:
+            if self.direct_irradiance is None:
+                raise TwilightError("irradiance: this sky does not know the sun's direct_irradiance")
+            sun = self.sun_elevation_deg if self.apparent_sun_elevation_deg is None else self.apparent_sun_elevation_deg
+            result = result + self.direct_irradiance * (max(0.0, np.sin(np.radians(sun))) if horizontal else 1.0)
+        return result
+
+    def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
+        """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
+        return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
+
+    # Light as the eye sees it -----------------------------------------------------------------------------------
+
+    def _luminous(self, factor: np.ndarray) -> np.ndarray:
+        """683 lm/W times the integral of factor x solar spectrum x V(lambda), for factors (..., W)."""
+        return spectrum.integrate(
+            factor,
+            self.wavelength_nm,
+            spectrum.LUMINOUS_EFFICACY_LM_PER_W
+            * spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)
+            * spectrum.colour_matching_functions("cie1931_2deg")[:, 1],
+        )
+
+    def luminance(self) -> np.ndarray:
+        """Luminance [cd m^-2], (E, A): V(lambda) of the 2 deg observer, integrated at 1 nm."""
+        return self._luminous(self.sun_normalised_radiance)
+
+    def illuminance_lux(self, horizontal: bool = True, direct: bool = False) -> float:
+        """Illuminance from the upper hemisphere [lx]; arguments as in ``irradiance_factor``."""
+        return float(self._luminous(self.irradiance_factor(horizontal, direct)))
+
+
+def _padded(elevation: np.ndarray, azimuth: np.ndarray, table: np.ndarray):
+    """Rows, columns and values with neighbours added: two rows beyond the zenith, one below, two columns each side."""
+    n = azimuth.size
+    opposite = np.roll(table, -(n // 2), axis=1)
+    if n % 2:
+        opposite = 0.5 * (opposite + np.roll(table, -(n // 2) - 1, axis=1))
+    beyond = [i for i in range(elevation.size - 1, -1, -1) if elevation[i] < 90 - 1e-9][:2]
+    rows = np.concatenate([elevation, 180.0 - elevation[beyond]])
+    table = np.concatenate([table, opposite[beyond]])
+    if elevation.size > 1:
+        rows = np.concatenate([[2 * elevation[0] - elevation[1]], rows])
+        table = np.concatenate([2 * table[:1] - table[1:2], table])
+    around = np.arange(-2, n + 3)
+    columns = azimuth[0] + around * (360.0 / n)
+    return rows, columns, table[:, around % n]
+
+
+def magnitude_per_square_arcsecond(luminance_cd_per_m2) -> np.ndarray:
+    """Surface brightness [V mag arcsec^-2] of a luminance [cd m^-2]; 0 gives infinity."""
+    with np.errstate(divide="ignore"):
+        ratio = np.asarray(luminance_cd_per_m2, float) / MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2
+        return -2.5 * np.log10(ratio)
