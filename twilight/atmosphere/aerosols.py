@@ -1,0 +1,234 @@
+"""Aerosol regions: what stands between two altitudes, with its extinction, albedo and phase functions."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twilight.atmosphere import opac
+from twilight.atmosphere.medium import layer_mean
+from twilight.atmosphere.mie import N_ANGLES, particle_optics
+from twilight.errors import TwilightError
+from twilight.phase import TABLE, PhaseFunction
+
+CacheDir = str | os.PathLike | None
+
+_REFERENCE_NM = 550.0
+
+
+@dataclass(frozen=True)
+class AerosolRegion:
+    """Aerosol between the first and the last of n altitudes, at W wavelengths, with K phase functions.
+
+    extinction_per_km (n, W) goes exponentially between altitudes, single_scattering_albedo (n, W) and share (K, n, W)
+    (of the scattering) linearly.
+    """
+
+    name: str
+    altitude_km: np.ndarray
+    extinction_per_km: np.ndarray
+    single_scattering_albedo: np.ndarray
+    share: np.ndarray
+    phase_functions: tuple[PhaseFunction, ...]
+
+    @property
+    def bottom_km(self) -> float:
+        return float(self.altitude_km[0])
+
+    @property
+    def top_km(self) -> float:
+        return float(self.altitude_km[-1])
+
+    def scaled(self, factor: float) -> AerosolRegion:
+        return replace(self, extinction_per_km=self.extinction_per_km * factor)
+
+    def below(self, altitude_km: float) -> AerosolRegion | None:
+        """The part of the region below an altitude, None where there is none."""
+        return self._cut(-math.inf, altitude_km)
+
+    def above(self, altitude_km: float) -> AerosolRegion | None:
+        """The part of the region above an altitude, None where there is none."""
+        return self._cut(altitude_km, math.inf)
+
+    def _cut(self, bottom_km: float, top_km: float) -> AerosolRegion | None:
+        bottom, top = max(bottom_km, self.bottom_km), min(top_km, self.top_km)
+        if top <= bottom:
+            return None
+        inside = self.altitude_km[(self.altitude_km > bottom) & (self.altitude_km < top)]
+        z = np.concatenate([[bottom], inside, [top]])
+        extinction, albedo, share = self.at(z)
+        return replace(self, altitude_km=z, extinction_per_km=extinction, single_scattering_albedo=albedo, share=share)
+
+    def at(self, altitude_km: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Extinction (Z, W), albedo (Z, W) and share (K, Z, W) at altitudes inside the region."""
+        from twilight.atmosphere.medium import interpolate_coefficient
+
+        z = np.asarray(altitude_km, dtype=float)
+        i = np.clip(np.searchsorted(self.altitude_km, z, side="right") - 1, 0, self.altitude_km.size - 2)
+        f = ((z - self.altitude_km[i]) / (self.altitude_km[i + 1] - self.altitude_km[i]))[:, None]
+        extinction = interpolate_coefficient(self.extinction_per_km[i], self.extinction_per_km[i + 1], f)
+        albedo = self.single_scattering_albedo[i] * (1 - f) + self.single_scattering_albedo[i + 1] * f
+        share = self.share[:, i] * (1 - f) + self.share[:, i + 1] * f
+        return extinction, albedo, share
+
+    def optical_depth(self, top_km: float = math.inf) -> np.ndarray:
+        """Vertical optical depth (W,) up to an altitude."""
+        part = self.below(top_km)
+        if part is None:
+            return np.zeros(self.extinction_per_km.shape[1])
+        mean = layer_mean(part.extinction_per_km[:-1], part.extinction_per_km[1:])
+        return np.sum(mean * np.diff(part.altitude_km)[:, None], axis=0)
+
+
+@dataclass(frozen=True)
+class MixtureOptics:
+    """Optics of a mixture at W wavelengths: extinction [km^-1] (W,), albedo (W,), one phase function."""
+
+    extinction_per_km: np.ndarray
+    single_scattering_albedo: np.ndarray
+    phase: PhaseFunction
+
+
+def mixture_optics(
+    number_density_per_cm3: Mapping[str, float],
+    relative_humidity_percent: float,
+    wavelength_nm,
+    phase_function: str = "mie",
+    name: str = "",
+    cache_dir: CacheDir = None,
+) -> MixtureOptics:
+    """External mixture of OPAC components; the phase function is the mean weighted with scattering."""
+    wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
+    extinction = np.zeros(wavelength.size)
+    scattering = np.zeros(wavelength.size)
+    forward = np.zeros(wavelength.size)
+    phase = np.zeros((wavelength.size, N_ANGLES))
+    for component, number in number_density_per_cm3.items():
+        if number <= 0.0:
+            continue
+        size, index = opac.particles(component, relative_humidity_percent, wavelength)
+        optics = particle_optics(size, index, wavelength, cache_dir)
+        extinction += number * optics.extinction_per_km
+        scattering += number * optics.scattering_per_km
+        forward += number * optics.scattering_per_km * optics.asymmetry
+        phase += (number * optics.scattering_per_km)[:, None] * np.exp(optics.log_phase)
+    empty = scattering <= 0.0
+    weight = np.where(empty, 1.0, scattering)
+    asymmetry = forward / weight
+    if phase_function == "henyey_greenstein" or np.any(empty):
+        mixed = PhaseFunction.henyey_greenstein(asymmetry, name)
+    else:
+        mixed = table_phase_function(phase / weight[:, None], name)
+    albedo = np.where(extinction > 0.0, np.minimum(1.0, scattering / np.where(extinction > 0.0, extinction, 1.0)), 0.0)
+    return MixtureOptics(extinction, albedo, mixed)
+
+
+def table_phase_function(phase_per_sr: np.ndarray, name: str) -> PhaseFunction:
+    """Phase function from values (W, N) at the table's own angles, normalised to 1 under the table's rule."""
+    log_table = np.log(phase_per_sr)
+    moments = PhaseFunction(TABLE, np.zeros(log_table.shape[0]), log_table, name).legendre_moments(1)
+    return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name)
+
+
+def uniform_region(
+    name: str, optics: MixtureOptics, bottom_km: float, top_km: float, scale_height_km: float = math.inf
+) -> AerosolRegion:
+    """One mixture whose extinction goes with exp(-z/scale height) counted from sea level."""
+    z = np.array([bottom_km, top_km], dtype=float)
+    n_w = optics.extinction_per_km.size
+    return AerosolRegion(
+        name,
+        z,
+        np.exp(-z / scale_height_km)[:, None] * optics.extinction_per_km,
+        np.broadcast_to(optics.single_scattering_albedo, (2, n_w)).copy(),
+        np.ones((1, 2, n_w)),
+        (optics.phase,),
+    )
+
+
+def tropospheric_regions(
+    spec: opac.AerosolSpec, wavelength_nm, stratosphere_bottom_km: float | None = None, cache_dir: CacheDir = None
+) -> list[AerosolRegion]:
+    """Boundary layer, transported dust and free troposphere of a spec, not scaled to an optical depth.
+
+    stratosphere_bottom_km: where a stratosphere of its own begins; the free troposphere reaches to it.
+    """
+
+    def optics(numbers, humidity, name):
+        return mixture_optics(numbers, humidity, wavelength_nm, spec.phase_function, name, cache_dir)
+
+    regions = []
+    bl_top = spec.boundary_layer_top_km
+    if bl_top > 0.0 and any(n > 0 for n in spec.number_density_per_cm3.values()):
+        height = math.inf if spec.scale_height_km == opac.CONSTANT_SCALE_HEIGHT_KM else spec.scale_height_km
+        boundary = optics(spec.number_density_per_cm3, spec.relative_humidity_percent, "boundary layer")
+        regions.append(uniform_region("boundary layer", boundary, 0.0, bl_top, height))
+    free_intervals = [(bl_top, _free_troposphere_top(spec, stratosphere_bottom_km))]
+    dust = spec.mineral_transported
+    if dust is not None:
+        mineral = optics({"mitr": _dust_number(dust, cache_dir)}, 0.0, "mineral transported")
+        regions.append(uniform_region("mineral transported", mineral, dust.bottom_km, dust.top_km))
+        bottom, top = free_intervals[0]
+        free_intervals = [(bottom, min(top, dust.bottom_km)), (max(bottom, dust.top_km), top)]
+    if spec.free_troposphere:
+        free = None
+        for bottom, top in free_intervals:
+            if top > bottom:
+                free = free or optics(
+                    opac.FREE_TROPOSPHERE_PER_CM3, opac.FREE_TROPOSPHERE_HUMIDITY_PERCENT, "free troposphere"
+                )
+                height = spec.free_troposphere_scale_height_km
+                regions.append(uniform_region("free troposphere", free, bottom, top, height))
+    return regions
+
+
+def _free_troposphere_top(spec: opac.AerosolSpec, stratosphere_bottom_km: float | None) -> float:
+    return spec.free_troposphere_top_km if stratosphere_bottom_km is None else stratosphere_bottom_km
+
+
+def _dust_number(dust: opac.MineralLayer, cache_dir: CacheDir) -> float:
+    if dust.number_density_per_cm3 is not None:
+        return dust.number_density_per_cm3
+    assert dust.optical_depth_550nm is not None
+    one = mixture_optics({"mitr": 1.0}, 0.0, _REFERENCE_NM, cache_dir=cache_dir).extinction_per_km[0]
+    return dust.optical_depth_550nm / (one * (dust.top_km - dust.bottom_km))
+
+
+def opac_stratosphere(spec: opac.AerosolSpec, wavelength_nm, cache_dir: CacheDir = None) -> list[AerosolRegion]:
+    """OPAC's own stratospheric background of a spec, empty where the spec wants none."""
+    if not spec.stratosphere:
+        return []
+    bottom = max(spec.boundary_layer_top_km, spec.free_troposphere_top_km)
+    if bottom >= opac.STRATOSPHERE_TOP_KM:
+        return []
+    optics = mixture_optics(
+        opac.STRATOSPHERE_PER_CM3, 0.0, wavelength_nm, spec.phase_function, "stratosphere", cache_dir
+    )
+    return [uniform_region("stratosphere", optics, bottom, opac.STRATOSPHERE_TOP_KM)]
+
+
+def tropospheric_factor(
+    target: float, tropospheric: Iterable[AerosolRegion], stratospheric: Iterable[AerosolRegion], top_km: float
+) -> float:
+    """Factor on the tropospheric aerosol that makes the column's optical depth at 550 nm the target.
+
+    The regions hold the one wavelength 550 nm.  Raises TwilightError where no factor does it.
+    """
+    below = sum(float(r.optical_depth(top_km)[0]) for r in tropospheric)
+    above = sum(float(r.optical_depth(top_km)[0]) for r in stratospheric)
+    if target < above:
+        raise TwilightError(
+            f"aerosol.optical_depth_550nm: {target:g} is less than the stratospheric aerosol's own {above:.4g}; "
+            f"allowed is {above:.4g} and more, or leave out the stratospheric aerosol"
+        )
+    if below <= 0.0:
+        if target > above:
+            raise TwilightError(
+                f"aerosol.optical_depth_550nm: {target:g} cannot be reached, there is no tropospheric aerosol to scale"
+            )
+        return 1.0
+    return (target - above) / below

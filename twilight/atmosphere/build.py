@@ -1,0 +1,243 @@
+"""From a description of the air to a Medium."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from twilight.atmosphere import aerosols, gases, rayleigh
+from twilight.atmosphere.aerosols import AerosolRegion, CacheDir
+from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
+from twilight.atmosphere.medium import Medium, layer_mean
+from twilight.atmosphere.opac import AerosolSpec
+from twilight.atmosphere.profiles import PROFILE_TOP_KM, Profile, load_profile
+from twilight.atmosphere.stratosphere import StratosphereSpec
+from twilight.errors import TwilightError
+
+MIN_TOP_KM = 10.0
+
+OZONE_TREATMENTS = ("layer", "overhead_filter", "none")
+REFRACTION_MODELS = ("ciddor", "haber", "none")
+
+
+def build_medium(
+    wavelength_nm,
+    *,
+    profile: str = "midlatitude_summer",
+    top_km: float = 100.0,
+    layers: EqualAirMass | Boundaries | None = None,
+    ozone_column_du: float | None = None,
+    ozone_day_of_year: float | None = None,
+    ozone_treatment: str = "layer",
+    no2: bool = True,
+    o4: bool = True,
+    aerosol: AerosolSpec | None = None,
+    stratosphere: StratosphereSpec | None = None,
+    refraction: str = "ciddor",
+    co2_ppm: float = 420.0,
+    ground_albedo=0.0,
+    name: str = "",
+    cache_dir: CacheDir = None,
+) -> Medium:
+    """The optical medium of a clear atmosphere at W wavelengths (300 to 1000 nm, increasing).
+
+    profile: one of ``profiles.PROFILES``.
+    top_km: 10 to 120; what is above is left out.
+    layers: None gives coefficients that go continuously through the profile's own altitudes; otherwise they are
+        constant in each layer, with the layer's mean.
+    ozone_column_du: of the whole profile, 0 to 120 km; or from the day of the year (northern hemisphere, Haber 2005
+        sec. 4.3); None for both keeps the profile's own.
+    ozone_treatment: `layer` absorbs where the ozone is; `overhead_filter` puts the whole column into
+        ``Medium.overhead_absorption_optical_depth``; `none` leaves ozone out.
+    no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
+    aerosol, stratosphere: None for none; a StratosphereSpec replaces the stratospheric part of the AerosolSpec.
+    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form), `none`.
+    ground_albedo: Lambertian, one number or one per wavelength.
+    cache_dir: folder of the Mie cache, None for the default.
+
+    Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `profile`, `regions`
+    (name, bottom, top) and `aerosol_factor`.  Raises TwilightError on anything that is not possible.
+    """
+    wavelength = gases.check_wavelengths(wavelength_nm)
+    if not (math.isfinite(top_km) and MIN_TOP_KM <= top_km <= PROFILE_TOP_KM):
+        raise TwilightError(f"top_km: {top_km} is not possible, allowed is {MIN_TOP_KM:g} to {PROFILE_TOP_KM:g} km")
+    if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 1e5):
+        raise TwilightError(f"co2_ppm: {co2_ppm} is not possible, allowed is 0 to 100000 ppm")
+    albedo = check_ground_albedo(ground_albedo, wavelength.size)
+    full = load_profile(profile)
+    ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
+    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, top_km, cache_dir)
+
+    altitude, upper_side = _levels(full.altitude_km, regions, top_km)
+    state = full.at(altitude)
+    air = state.air_per_cm3[:, None] * rayleigh.cross_section_cm2(wavelength, co2_ppm) * 1e5
+    parts, overhead = _gas_absorption(full, state, wavelength, ozone_treatment, ozone_factor, no2, o4)
+    extinction, scattering, share, phases = _aerosol_levels(regions, altitude, upper_side, wavelength.size)
+    medium = Medium(
+        wavelength_nm=wavelength,
+        altitude_km=altitude,
+        air_scattering_per_km=air,
+        absorption_per_km=sum(parts.values(), np.zeros_like(air)),
+        aerosol_extinction_per_km=extinction,
+        aerosol_single_scattering_albedo=np.minimum(
+            1.0, np.divide(scattering, extinction, out=np.zeros_like(scattering), where=extinction > 0)
+        ),
+        aerosol_share=share,
+        phase_functions=phases,
+        refractivity=_refractivity(refraction, state, wavelength, co2_ppm),
+        depolarisation=rayleigh.depolarisation(wavelength, co2_ppm),
+        ground_albedo=albedo,
+        overhead_absorption_optical_depth=overhead,
+        name=name,
+    )
+    thickness = np.diff(altitude)[:, None]
+    depths = {"air": medium.optical_depth("air")}
+    depths |= {gas: np.sum(layer_mean(a[:-1], a[1:]) * thickness, axis=0) for gas, a in parts.items()}
+    for region in regions:
+        depths[region.name] = depths.get(region.name, np.zeros(wavelength.size)) + region.optical_depth(top_km)
+    if np.any(overhead > 0):
+        depths["ozone overhead"] = overhead
+    notes = {
+        "profile": full.name,
+        "ozone_column_du": 0.0 if ozone_treatment == "none" else full.ozone_column_du * ozone_factor,
+        "optical_depth": {key: value.tolist() for key, value in depths.items()},
+        "regions": [(region.name, region.bottom_km, min(region.top_km, top_km)) for region in regions],
+        "aerosol_factor": aerosol_factor,
+    }
+    if layers is not None:
+        medium = layered(medium, layers.boundaries_km(top_km))
+    return replace(medium, notes=notes)
+
+
+def check_ground_albedo(ground_albedo, n_wavelengths: int) -> np.ndarray:
+    """The albedo at each of W wavelengths; raises TwilightError unless it is one number or W numbers from 0 to 1."""
+    albedo = np.asarray(ground_albedo, dtype=float)
+    if albedo.ndim > 1 or albedo.size not in (1, n_wavelengths):
+        raise TwilightError(f"ground albedo has {albedo.size} values, allowed is 1 or {n_wavelengths} (wavelengths)")
+    if not np.all((albedo >= 0) & (albedo <= 1)):
+        raise TwilightError("ground albedo must be between 0 and 1")
+    return np.broadcast_to(albedo.ravel(), (n_wavelengths,)).astype(float)
+
+
+def _ozone_column(column_du: float | None, day_of_year: float | None) -> float | None:
+    if day_of_year is None:
+        return column_du
+    if column_du is not None:
+        raise TwilightError("give one of ozone_column_du and ozone_day_of_year, not both")
+    return gases.seasonal_ozone_column_du(day_of_year)
+
+
+def _aerosol_regions(
+    aerosol: AerosolSpec | None,
+    stratosphere: StratosphereSpec | None,
+    wavelength: np.ndarray,
+    top_km: float,
+    cache_dir: CacheDir,
+) -> tuple[list[AerosolRegion], float]:
+    """Regions below the top, and the factor on the tropospheric ones."""
+    bottom_km = 0.0 if stratosphere is None else stratosphere.bottom_km
+    if aerosol is not None:
+        bottom_km = max(bottom_km, aerosol.boundary_layer_top_km)
+
+    def tropospheric(w) -> list[AerosolRegion]:
+        own_stratosphere_km = None if stratosphere is None else bottom_km
+        return [] if aerosol is None else aerosols.tropospheric_regions(aerosol, w, own_stratosphere_km, cache_dir)
+
+    def stratospheric(w) -> list[AerosolRegion]:
+        if stratosphere is not None:
+            cut = [region.above(bottom_km) for region in stratosphere.regions(w, cache_dir)]
+            return [region for region in cut if region is not None]
+        return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, cache_dir)
+
+    factor = 1.0
+    if aerosol is not None and aerosol.optical_depth_550nm is not None:
+        at_550 = np.array([550.0])
+        factor = aerosols.tropospheric_factor(
+            aerosol.optical_depth_550nm, tropospheric(at_550), stratospheric(at_550), top_km
+        )
+    regions = [region.scaled(factor) for region in tropospheric(wavelength)] + stratospheric(wavelength)
+    return [region for region in regions if region.bottom_km < top_km], factor
+
+
+def _levels(profile_km: np.ndarray, regions: list[AerosolRegion], top_km: float) -> tuple[np.ndarray, np.ndarray]:
+    """Altitudes of the levels, and for each whether it stands for the air above it (of two equal ones the second)."""
+    inner = [profile_km] + [region.altitude_km for region in regions]
+    z = np.unique(np.concatenate(inner))
+    z = np.append(z[(z >= 0.0) & (z < top_km)], top_km)
+    jumps = np.unique([edge for region in regions for edge in (region.bottom_km, region.top_km)])
+    jumps = jumps[(jumps > 0.0) & (jumps < top_km)]
+    altitude = np.sort(np.concatenate([z, jumps]))
+    upper_side = np.append(np.diff(altitude) > 0, False)
+    return altitude, upper_side
+
+
+def _gas_absorption(
+    full: Profile, state: Profile, wavelength: np.ndarray, treatment: str, ozone_factor: float, no2: bool, o4: bool
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Absorption coefficients (L, W) by gas, and the overhead optical depth (W,)."""
+    if treatment not in OZONE_TREATMENTS:
+        raise TwilightError(f"ozone_treatment: `{treatment}` is not known; allowed are {', '.join(OZONE_TREATMENTS)}")
+    parts = {}
+    overhead = np.zeros(wavelength.size)
+    if treatment == "layer":
+        parts["ozone"] = gases.absorption_per_km("o3", state, wavelength, ozone_factor)
+    elif treatment == "overhead_filter":
+        overhead = gases.overhead_ozone_optical_depth(full, wavelength, ozone_factor)
+    if no2:
+        parts["no2"] = gases.absorption_per_km("no2", state, wavelength)
+    if o4:
+        parts["o4"] = gases.absorption_per_km("o4", state, wavelength)
+    return parts, overhead
+
+
+def _aerosol_levels(
+    regions: list[AerosolRegion], altitude: np.ndarray, upper_side: np.ndarray, n_wavelengths: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple]:
+    """Extinction and scattering (L, W), shares (K, L, W) and the K phase functions of all regions together."""
+    shape = (altitude.size, n_wavelengths)
+    extinction, scattering = np.zeros(shape), np.zeros(shape)
+    phases: list = []
+    by_phase: list[np.ndarray] = []
+    slots: dict[int, int] = {}
+    for region in regions:
+        above = upper_side & (altitude >= region.bottom_km) & (altitude < region.top_km)
+        below = ~upper_side & (altitude > region.bottom_km) & (altitude <= region.top_km)
+        inside = above | below
+        ext, albedo, share = region.at(altitude[inside])
+        extinction[inside] += ext
+        scattering[inside] += ext * albedo
+        for k, phase in enumerate(region.phase_functions):
+            slot = slots.setdefault(id(phase), len(phases))
+            if slot == len(phases):
+                phases.append(phase)
+                by_phase.append(np.zeros(shape))
+            by_phase[slot][inside] += share[k] * ext * albedo
+    if not phases:
+        return extinction, scattering, np.zeros((0, *shape)), ()
+    stacked = np.stack(by_phase)
+    total = stacked.sum(axis=0)
+    share = np.divide(stacked, total, out=np.zeros_like(stacked), where=total > 0)
+    share[0] = np.where(total > 0, share[0], 1.0)
+    return extinction, scattering, share, tuple(phases)
+
+
+def _refractivity(model: str, state: Profile, wavelength: np.ndarray, co2_ppm: float) -> np.ndarray:
+    if model not in REFRACTION_MODELS:
+        raise TwilightError(f"refraction: `{model}` is not known; allowed are {', '.join(REFRACTION_MODELS)}")
+    if model == "none":
+        return np.zeros((state.altitude_km.size, wavelength.size))
+    from twilight.atmosphere import refraction
+
+    if model == "haber":
+        return refraction.haber_refractivity(
+            wavelength[None, :], state.altitude_km[:, None], state.relative_humidity[:, None]
+        )
+    return refraction.ciddor_refractivity(
+        wavelength[None, :],
+        state.temperature_k[:, None],
+        state.pressure_hpa[:, None],
+        state.water_vapour_pressure_hpa[:, None],
+        co2_ppm,
+    )

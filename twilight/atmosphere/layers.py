@@ -1,0 +1,99 @@
+"""Layers of the atmosphere: Haber's equal air masses, free boundaries, and the mean of a medium over each layer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+
+HABER_SCALE_HEIGHT_KM = 8.0
+"""Scale height of the air that divides the atmosphere into layers (Haber 2005 sec. 4.1.2)."""
+
+MAX_LAYERS = 2000
+
+
+@dataclass(frozen=True)
+class EqualAirMass:
+    """N layers of equal air mass, for an exponential atmosphere of scale height 8 km (Haber 2005 sec. 4.1.2)."""
+
+    count: int
+
+    def boundaries_km(self, top_km: float) -> np.ndarray:
+        """Boundaries 0 = H_0 < ... < H_N = top: H_{i+1} = -8 ln(exp(-H_i/8) - M/8) with M the mass of a layer."""
+        if not 1 <= self.count <= MAX_LAYERS:
+            raise TwilightError(f"layers.count: {self.count} is not possible, allowed is 1 to {MAX_LAYERS}")
+        share = np.arange(self.count + 1) / self.count
+        heights = -HABER_SCALE_HEIGHT_KM * np.log1p(share * math.expm1(-top_km / HABER_SCALE_HEIGHT_KM))
+        heights[0], heights[-1] = 0.0, top_km
+        return heights
+
+
+@dataclass(frozen=True)
+class Boundaries:
+    """Layers between given altitudes [km]; the first is the ground (0) and the last the top of the atmosphere."""
+
+    altitude_km: tuple[float, ...]
+
+    def boundaries_km(self, top_km: float) -> np.ndarray:
+        z = np.asarray(self.altitude_km, dtype=float)
+        if z.ndim != 1 or not 2 <= z.size <= MAX_LAYERS + 1 or not np.all(np.isfinite(z)) or np.any(np.diff(z) <= 0):
+            raise TwilightError(
+                f"layers.boundaries_km must be 2 to {MAX_LAYERS + 1} altitudes, each above the one before"
+            )
+        if z[0] != 0.0 or not math.isclose(z[-1], top_km, rel_tol=1e-9):
+            raise TwilightError(
+                f"layers.boundaries_km must begin at 0 and end at the top of the atmosphere, {top_km:g} km, "
+                f"not {z[0]:g} and {z[-1]:g}"
+            )
+        return z
+
+
+def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
+    """The medium with constant coefficients in each layer: the layer's mean, so that every column is kept.
+
+    Extinction and absorption are averaged over altitude, the albedo with the extinction and the shares of the phase
+    functions with the scattering as weight.  Each inner boundary is two levels.  Refractivity has no jumps: it keeps
+    its values at the boundaries and goes exponentially between them.
+    """
+    z = np.asarray(boundaries_km, dtype=float)
+    inner = medium.altitude_km[(medium.altitude_km > z[0]) & (medium.altitude_km < z[-1])]
+    edges = np.unique(np.concatenate([z, inner]))
+    layer = np.searchsorted(z, 0.5 * (edges[1:] + edges[:-1])) - 1
+    x, w = np.polynomial.legendre.leggauss(6)
+    thickness = np.diff(edges)
+    points = edges[:-1, None] + 0.5 * thickness[:, None] * (1 + x)
+    weight = (0.5 * thickness[:, None] * w / np.diff(z)[layer][:, None])[..., None]
+    at = medium.at(points)
+    n = z.size - 1
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        out = np.zeros((n, medium.n_wavelengths))
+        np.add.at(out, layer, np.sum(values * weight, axis=1))
+        return np.repeat(out, 2, axis=0)
+
+    extinction = mean(at.aerosol_extinction)
+    scattering = mean(at.aerosol_scattering)
+    albedo = np.where(extinction > 0, np.minimum(1.0, scattering / np.where(extinction > 0, extinction, 1.0)), 0.0)
+    shares = [
+        np.where(
+            scattering > 0,
+            mean(share * at.aerosol_scattering) / np.where(scattering > 0, scattering, 1.0),
+            1.0 if k == 0 else 0.0,
+        )
+        for k, share in enumerate(at.aerosol_share)
+    ]
+    doubled = np.repeat(z, 2)[1:-1]
+    return replace(
+        medium,
+        altitude_km=doubled,
+        air_scattering_per_km=mean(at.air_scattering),
+        absorption_per_km=mean(at.absorption),
+        aerosol_extinction_per_km=extinction,
+        aerosol_single_scattering_albedo=albedo,
+        aerosol_share=np.stack(shares) if shares else np.zeros((0, doubled.size, medium.n_wavelengths)),
+        refractivity=medium.at(doubled).refractivity,
+    )

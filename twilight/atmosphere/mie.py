@@ -1,0 +1,228 @@
+"""Optics of a log-normal population of spheres by Mie theory (miepython), cached on disk.
+
+The Mie coefficients a_n, b_n of each radius come from ``miepython.coefficients``.  Efficiencies and scattering
+functions are sums over them; for many radii and angles these sums are matrix products, with
+S1 +- S2 = sum_n (2n+1)/(n(n+1)) (a_n +- b_n) (pi_n +- tau_n)   (Bohren & Huffman 1983, sec. 4.4).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from twilight.atmosphere.optics_cache import ArrayCache
+from twilight.phase import TABLE, PhaseFunction, table_angles_rad
+
+N_ANGLES = 513
+"""Nodes of the tabulated phase functions, dense in the forward peak."""
+
+_NEGLIGIBLE = 1e-6
+"""Radii that carry less than this part of the largest r^2 n(r) min(1, x) are left out."""
+
+_NODES_PER_PANEL = 4
+_PANELS_ABSORBING = ((1.0, 0.40), (10.0, 0.10), (math.inf, 0.05))
+_PANELS_CLEAR = ((1.0, 0.40), (10.0, 0.10), (math.inf, 0.02))
+"""Width of the Gauss-Legendre panels in ln r up to a size parameter: smooth below 1, ripple above.  Particles that
+hardly absorb have resonances, which only a fine grid averages out: extinction is then good to about 1e-3."""
+
+_CLEAR_BELOW = 1e-3
+"""Imaginary part of the index below which a particle counts as not absorbing."""
+
+_GROUP = 96
+"""Radii per matrix product."""
+
+_JIT_FROM_SECONDS = 1.0
+"""Estimated work of one population from which miepython's compiled kernels are loaded: 3 s, and 10 s once per machine.
+A climate has about five populations, and the compiled kernels are twenty times faster."""
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """dN/dln r = N/(sqrt(2 pi) ln sigma) exp(-(ln r/median)^2/(2 ln^2 sigma)) between two radii [um].
+
+    The number N that it is multiplied with is that of the whole distribution, cut or not, as in OPAC.
+    """
+
+    median_radius_um: float
+    sigma: float
+    min_radius_um: float
+    max_radius_um: float
+
+
+@dataclass(frozen=True)
+class ParticleOptics:
+    """Optics of one particle per cm^3 at W wavelengths.
+
+    extinction_per_km, scattering_per_km: (W,), km^-1 per (particle cm^-3), that is 1e-5 cm^2 of cross section.
+    asymmetry: (W,), mean cosine from the Mie coefficients.
+    log_phase: (W, N_ANGLES), ln p [sr^-1] at ``table_angles_rad(N_ANGLES)``; its integral over the sphere is 1.
+    """
+
+    extinction_per_km: np.ndarray
+    scattering_per_km: np.ndarray
+    asymmetry: np.ndarray
+    log_phase: np.ndarray
+
+
+def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[np.ndarray, np.ndarray]:
+    """Radii [um] and weights with sum_i w_i f(r_i) = integral of f dN for N = 1, over the radii that matter."""
+    panels = _PANELS_CLEAR if abs(index.imag) < _CLEAR_BELOW else _PANELS_ABSORBING
+    ln_sigma = math.log(size.sigma)
+    ln_median = math.log(size.median_radius_um)
+    wavenumber = 2.0 * math.pi / wavelength_um
+    u = np.linspace(math.log(size.min_radius_um), math.log(size.max_radius_um), 2001)
+    importance = 2 * u - 0.5 * ((u - ln_median) / ln_sigma) ** 2 + np.minimum(0.0, u + math.log(wavenumber))
+    kept = u[importance >= importance.max() + math.log(_NEGLIGIBLE)]
+    lower, last = float(kept[0]), float(kept[-1])
+    x, w = np.polynomial.legendre.leggauss(_NODES_PER_PANEL)
+    nodes, weights = [], []
+    for up_to, width in panels:
+        upper = min(last, math.log(up_to / wavenumber)) if math.isfinite(up_to) else last
+        if upper <= lower:
+            continue
+        edges = np.linspace(lower, upper, math.ceil((upper - lower) / width) + 1)
+        half = 0.5 * np.diff(edges)[:, None]
+        nodes.append((edges[:-1, None] + half * (1 + x)).ravel())
+        weights.append((half * w).ravel())
+        lower = upper
+    ln_r = np.concatenate(nodes)
+    density = np.exp(-0.5 * ((ln_r - ln_median) / ln_sigma) ** 2) / (math.sqrt(2 * math.pi) * ln_sigma)
+    return np.exp(ln_r), np.concatenate(weights) * density
+
+
+@lru_cache(maxsize=1)
+def _angular_functions(n_terms: int) -> tuple[np.ndarray, np.ndarray]:
+    """pi_n + tau_n and pi_n - tau_n at the table's angles, each (n_terms, N_ANGLES), by upward recurrence."""
+    mu = np.cos(table_angles_rad(N_ANGLES))
+    plus = np.empty((n_terms, mu.size))
+    minus = np.empty((n_terms, mu.size))
+    before, current = np.zeros_like(mu), np.ones_like(mu)
+    for n in range(1, n_terms + 1):
+        tau = n * mu * current - (n + 1) * before
+        plus[n - 1] = current + tau
+        minus[n - 1] = current - tau
+        before, current = current, ((2 * n + 1) * mu * current - (n + 1) * before) / n
+    return plus, minus
+
+
+def _groups(radii: np.ndarray) -> Iterator[slice]:
+    for start in range(0, radii.size, _GROUP):
+        yield slice(start, min(start + _GROUP, radii.size))
+
+
+def compute_optics(
+    size: LogNormal, index: complex, wavelength_nm: float, mie_coefficients: Callable | None = None
+) -> np.ndarray:
+    """Extinction, scattering [km^-1 per cm^-3], asymmetry and ln p at the table's angles, in one array.
+
+    index: n + i k with k of either sign; k is taken as absorption.
+    mie_coefficients: function (m, x) -> (a_n, b_n), None to choose by the amount of work.
+    """
+    wavelength_um = wavelength_nm * 1e-3
+    wavenumber = 2.0 * math.pi / wavelength_um
+    m = complex(index.real, -abs(index.imag))
+    mie_coefficients = mie_coefficients or _mie_coefficients(_seconds(size, m, wavelength_nm))
+    radii, weights = radius_grid(size, m, wavelength_um)
+    n_terms = int(wavenumber * radii[-1] + 4.05 * (wavenumber * radii[-1]) ** (1 / 3) + 4)
+    plus, minus = _angular_functions(64 * math.ceil(n_terms / 64))
+    extinction = scattering = forward = 0.0
+    intensity = np.zeros(N_ANGLES)
+    for group in _groups(radii):
+        pairs = [mie_coefficients(m, wavenumber * r) for r in radii[group]]
+        length = max(a_n.size for a_n, _ in pairs)
+        a, b = np.zeros((2, len(pairs), length), dtype=complex)
+        for i, (a_n, b_n) in enumerate(pairs):
+            a[i, : a_n.size] = a_n
+            b[i, : b_n.size] = b_n
+        n = np.arange(1, length + 1)
+        w = weights[group]
+        extinction += float(w @ ((a.real + b.real) @ (2 * n + 1)))
+        scattering += float(w @ ((np.abs(a) ** 2 + np.abs(b) ** 2) @ (2 * n + 1)))
+        neighbours = (a[:, :-1] * a[:, 1:].conj() + b[:, :-1] * b[:, 1:].conj()).real @ (n * (n + 2) / (n + 1))[:-1]
+        own = (a * b.conj()).real @ ((2 * n + 1) / (n * (n + 1)))
+        forward += float(w @ (neighbours + own))
+        scale = (2 * n + 1) / (n * (n + 1))
+        for c, angular in (((a + b) * scale, plus[:length]), ((a - b) * scale, minus[:length])):
+            intensity += w @ ((c.real @ angular) ** 2 + (c.imag @ angular) ** 2)
+    if m.imag == 0.0:
+        scattering = extinction
+    log_phase = np.log(intensity / (4.0 * math.pi * scattering))
+    moments = PhaseFunction(TABLE, np.zeros(1), log_phase[None, :]).legendre_moments(0)
+    log_phase -= math.log(moments[0, 0])
+    to_per_km = 2.0 * math.pi / wavenumber**2 * 1e-3  # um^2 cm^-3 = 1e-8 cm^-1 = 1e-3 km^-1
+    return np.concatenate([[extinction * to_per_km, scattering * to_per_km, 2.0 * forward / scattering], log_phase])
+
+
+def particle_optics(
+    size: LogNormal, index: Sequence[complex] | np.ndarray, wavelength_nm, cache_dir: str | os.PathLike | None = None
+) -> ParticleOptics:
+    """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air."""
+    wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
+    indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
+    cache = ArrayCache(cache_dir, 3 + N_ANGLES)
+    keys = [_key(size, m, w) for m, w in zip(indices, wavelengths, strict=True)]
+    found = [cache.load(key) for key in keys]
+    missing = [i for i, row in enumerate(found) if row is None]
+    mie_coefficients = (
+        _mie_coefficients(sum(_seconds(size, indices[i], wavelengths[i]) for i in missing)) if missing else None
+    )
+    table = np.empty((wavelengths.size, 3 + N_ANGLES))
+    for i, row in enumerate(found):
+        if row is None:
+            row = compute_optics(size, indices[i], wavelengths[i], mie_coefficients)
+            cache.store(keys[i], row)
+        table[i] = row
+    return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
+
+
+@lru_cache(maxsize=1)
+def _code_version() -> str:
+    """Changes with this file and with miepython: an entry of the cache is never older than the code."""
+    source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    return f"{source} miepython {metadata.version('miepython')}"
+
+
+def _key(size: LogNormal, index: complex, wavelength_nm: float) -> str:
+    numbers = (
+        size.median_radius_um,
+        size.sigma,
+        size.min_radius_um,
+        size.max_radius_um,
+        index.real,
+        index.imag,
+        float(wavelength_nm),
+        N_ANGLES,
+    )
+    text = " ".join(float(x).hex() for x in numbers) + " " + _code_version()
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _seconds(size: LogNormal, index: complex, wavelength_nm: float) -> float:
+    """Rough time for one wavelength without compiled kernels: 0.1 ms + 8 us per term of each radius."""
+    radii, _ = radius_grid(size, index, wavelength_nm * 1e-3)
+    return float(np.sum(1e-4 + 8e-6 * (2e3 * math.pi / wavelength_nm) * radii))
+
+
+def _mie_coefficients(seconds: float) -> Callable:
+    """The function (m, x) -> (a_n, b_n): miepython's compiled kernel where there is much to do, else its plain one.
+
+    Both give the same numbers to rounding.  miepython itself chooses once, at import, by an environment variable;
+    here the choice depends on the work, because loading the compiled kernels takes longer than a small job.
+    """
+    if seconds >= _JIT_FROM_SECONDS or "miepython.mie_jit" in sys.modules:
+        from miepython import mie_jit
+
+        kernel = mie_jit._an_bn_nb
+        return lambda m, x: kernel(m, x, 0)
+    import miepython
+
+    return miepython.coefficients

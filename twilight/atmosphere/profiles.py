@@ -1,0 +1,115 @@
+"""The six AFGL model atmospheres: pressure, temperature and number densities against altitude.
+
+Source: Anderson et al. 1986, AFGL-TR-86-0110, 0 to 120 km.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+
+import numpy as np
+
+from twilight.errors import TwilightError
+
+PROFILES = (
+    "tropical",
+    "midlatitude_summer",
+    "midlatitude_winter",
+    "subarctic_summer",
+    "subarctic_winter",
+    "us_standard",
+)
+
+PROFILE_TOP_KM = 120.0
+
+BOLTZMANN_J_PER_K = 1.380649e-23
+"""Exact (SI 2019)."""
+
+MOLECULES_PER_CM2_PER_DU = 2.686780e16
+"""One Dobson unit: 10 um of gas at 273.15 K and 101325 Pa; Loschmidt constant 2.686780e25 m^-3 (CODATA 2018)."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """State of the air at Z altitudes; all arrays have shape (Z,).
+
+    Between two altitudes pressure and number densities go exponentially, temperature linearly.
+    """
+
+    name: str
+    altitude_km: np.ndarray
+    pressure_hpa: np.ndarray
+    temperature_k: np.ndarray
+    air_per_cm3: np.ndarray
+    o3_per_cm3: np.ndarray
+    h2o_per_cm3: np.ndarray
+    no2_per_cm3: np.ndarray
+
+    def at(self, altitude_km) -> Profile:
+        """The same profile at other altitudes, 0 to 120 km."""
+        z = np.atleast_1d(np.asarray(altitude_km, dtype=float))
+        if z.size and (np.min(z) < self.altitude_km[0] or np.max(z) > self.altitude_km[-1]):
+            raise TwilightError(
+                f"profile {self.name}: altitude {z.min():g} to {z.max():g} km is outside the table, "
+                f"{self.altitude_km[0]:g} to {self.altitude_km[-1]:g} km"
+            )
+
+        def exponential(a):
+            return np.exp(np.interp(z, self.altitude_km, np.log(a)))
+
+        return Profile(
+            self.name,
+            z,
+            exponential(self.pressure_hpa),
+            np.interp(z, self.altitude_km, self.temperature_k),
+            exponential(self.air_per_cm3),
+            exponential(self.o3_per_cm3),
+            exponential(self.h2o_per_cm3),
+            exponential(self.no2_per_cm3),
+        )
+
+    @property
+    def water_vapour_pressure_hpa(self) -> np.ndarray:
+        """Partial pressure of water vapour n k T [hPa]; number density in cm^-3."""
+        return self.h2o_per_cm3 * 1e6 * BOLTZMANN_J_PER_K * self.temperature_k * 1e-2
+
+    @property
+    def relative_humidity(self) -> np.ndarray:
+        """Water vapour pressure over saturation pressure, 0..1 (Magnus formula over water, WMO 2018 annex 4.B)."""
+        celsius = np.clip(self.temperature_k - 273.15, -80.0, 60.0)
+        saturation_hpa = 6.112 * np.exp(17.62 * celsius / (243.12 + celsius))
+        return np.clip(self.water_vapour_pressure_hpa / saturation_hpa, 0.0, 1.0)
+
+    def column_per_cm2(self, density_per_cm3: np.ndarray) -> float:
+        """Vertical column [cm^-2] of one of the densities, exact for the exponential between altitudes."""
+        from twilight.atmosphere.medium import layer_mean
+
+        thickness_cm = np.diff(self.altitude_km) * 1e5
+        return float(np.sum(layer_mean(density_per_cm3[:-1], density_per_cm3[1:]) * thickness_cm))
+
+    @property
+    def ozone_column_du(self) -> float:
+        return self.column_per_cm2(self.o3_per_cm3) / MOLECULES_PER_CM2_PER_DU
+
+
+def profile_name(name: str) -> str:
+    """The canonical spelling of a profile's name: `Midlatitude summer` and `midlatitude-summer` are the same."""
+    canonical = name.strip().lower().replace("-", "_").replace(" ", "_")
+    if canonical not in PROFILES:
+        raise TwilightError(f"profile: `{name}` is not known; allowed are {', '.join(PROFILES)}")
+    return canonical
+
+
+@lru_cache(maxsize=len(PROFILES))
+def _load(name: str) -> Profile:
+    path = resources.files("twilight") / "data" / "atmosphere" / f"afgl_{name}.csv"
+    with path.open(encoding="utf-8") as file:
+        columns = np.loadtxt(file, delimiter=",", skiprows=1, unpack=True)
+    return Profile(name, *columns)
+
+
+def load_profile(name: str) -> Profile:
+    """One of the six AFGL atmospheres on its own 51 altitudes, 0 to 120 km; see ``PROFILES`` for the names."""
+    return _load(profile_name(name))

@@ -1,0 +1,218 @@
+"""Stratospheric aerosol: LOWTRAN's background and volcanic loadings, and profiles measured by SAGE III/ISS."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+
+import numpy as np
+
+from twilight.atmosphere import opac
+from twilight.atmosphere.aerosols import AerosolRegion, CacheDir, table_phase_function
+from twilight.atmosphere.mie import LogNormal, particle_optics
+from twilight.atmosphere.profiles import PROFILE_TOP_KM
+from twilight.errors import TwilightError
+from twilight.phase import PhaseFunction
+
+LOWTRAN_KINDS = {
+    "background": ("bast", "background_stratospheric"),
+    "moderate_volcanic": ("vumo", "aged_volcanic"),
+    "high_volcanic": ("hivu", "fresh_volcanic"),
+    "extreme_volcanic": ("exvu", "fresh_volcanic"),
+}
+"""Loading -> column of the extinction table, spectral optics that LOWTRAN 7 pairs with it by default."""
+
+SEASONS = {"fall_winter": "fw", "spring_summer": "ss"}
+
+UPPER_ATMOSPHERES = {
+    ("background", "normal"): "upnatm",
+    ("background", "extreme"): "exupat",
+    ("volcanic", "normal"): "vutono",
+    ("volcanic", "extreme"): "vutoex",
+}
+"""Above 30 km: the column that continues the stratosphere below it, each starts at its extinction at 30 km."""
+
+LOWTRAN_UPPER_KM = 30.0
+
+SAGE_WAVELENGTH_NM = np.array([384.0, 448.0, 520.0, 601.0, 676.0, 756.0, 869.0, 1021.0, 1543.0])
+SAGE_MODE_WIDTH = 1.6
+_SAGE_RADIUS_NODES = 5
+
+
+@dataclass(frozen=True)
+class StratosphereSpec:
+    """Stratospheric aerosol that takes the place of OPAC's own.
+
+    kind: `background`, `moderate_volcanic`, `high_volcanic`, `extreme_volcanic` (LOWTRAN 7, Shettle & Fenn), or the
+        name of a SAGE III/ISS scenario such as `nh_midlat_typical` (see ``sage_scenarios``).
+    season: `fall_winter` or `spring_summer`; LOWTRAN kinds only.
+    optics: spectral optics of a LOWTRAN loading, one of `background_stratospheric`, `aged_volcanic`,
+        `fresh_volcanic`; None takes the usual one of the loading.
+    upper_atmosphere: meteoric dust above 30 km, `normal` or `extreme`; LOWTRAN kinds only.
+    """
+
+    kind: str = "background"
+    season: str = "spring_summer"
+    optics: str | None = None
+    upper_atmosphere: str = "normal"
+
+    def __post_init__(self):
+        if self.kind not in LOWTRAN_KINDS and self.kind not in sage_scenarios():
+            allowed = ", ".join((*LOWTRAN_KINDS, *sage_scenarios()))
+            raise TwilightError(f"stratosphere.kind: `{self.kind}` is not known; allowed are {allowed}")
+        _check_choice("season", self.season, tuple(SEASONS))
+        _check_choice("upper_atmosphere", self.upper_atmosphere, ("normal", "extreme"))
+        if self.optics is not None:
+            _check_choice("optics", self.optics, tuple(k for k in _lowtran_optics() if k != "meteoric_dust"))
+        if self.kind not in LOWTRAN_KINDS:
+            for key in ("season", "optics", "upper_atmosphere"):
+                if getattr(self, key) != getattr(StratosphereSpec, key):
+                    raise TwilightError(f"stratosphere.{key}: has no meaning for the measured profile `{self.kind}`")
+
+    @property
+    def bottom_km(self) -> float:
+        """Where this aerosol begins; below is the free troposphere."""
+        if self.kind in LOWTRAN_KINDS:
+            z, extinction = self._lowtran_stratosphere()
+            return float(z[extinction > 0][0])
+        return float(_sage()[self.kind][0, 0])
+
+    def _lowtran_stratosphere(self) -> tuple[np.ndarray, np.ndarray]:
+        column = LOWTRAN_KINDS[self.kind][0] + SEASONS[self.season]
+        table = _lowtran_extinction()
+        return table["z_km"], table[column]
+
+    def regions(self, wavelength_nm, cache_dir: CacheDir = None) -> list[AerosolRegion]:
+        """The aerosol at W wavelengths [nm]."""
+        wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
+        if self.kind in LOWTRAN_KINDS:
+            return self._lowtran_regions(wavelength)
+        return [_sage_region(self.kind, wavelength, cache_dir)]
+
+    def _lowtran_regions(self, wavelength: np.ndarray) -> list[AerosolRegion]:
+        z, extinction = self._lowtran_stratosphere()
+        inside = extinction > 0
+        kind = self.optics or LOWTRAN_KINDS[self.kind][1]
+        name = f"stratosphere ({self.kind})"
+        stratosphere = _lowtran_region(name, z[inside], extinction[inside], kind, wavelength)
+        volcanic = "background" if self.kind == "background" else "volcanic"
+        table = _lowtran_extinction()
+        above = table[UPPER_ATMOSPHERES[volcanic, self.upper_atmosphere]]
+        inside = above > 0
+        upper = _lowtran_region("upper atmosphere", z[inside], above[inside], "meteoric_dust", wavelength)
+        return [stratosphere, upper]
+
+
+def _check_choice(key: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise TwilightError(f"stratosphere.{key}: `{value}` is not known; allowed are {', '.join(allowed)}")
+
+
+def _rows(name: str) -> list[dict[str, str]]:
+    path = resources.files("twilight") / "data" / "stratosphere" / name
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+@lru_cache(maxsize=1)
+def _lowtran_extinction() -> dict[str, np.ndarray]:
+    rows = _rows("lowtran_extinction_550nm.csv")
+    return {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
+
+
+@lru_cache(maxsize=1)
+def _lowtran_optics() -> dict[str, np.ndarray]:
+    """Kind -> rows of wavelength [nm], extinction and absorption relative to extinction at 550 nm, asymmetry."""
+    kinds: dict[str, list[list[float]]] = {}
+    for row in _rows("lowtran_optics.csv"):
+        numbers = [float(row["wavelength_um"]) * 1e3] + [float(row[k]) for k in ("ext_norm", "abs_norm", "asymmetry_g")]
+        kinds.setdefault(row["kind"], []).append(numbers)
+    return {kind: np.array(rows) for kind, rows in kinds.items()}
+
+
+def _lowtran_region(
+    name: str, z: np.ndarray, extinction_550: np.ndarray, kind: str, wavelength: np.ndarray
+) -> AerosolRegion:
+    """Extinction log-log in wavelength, absorption and asymmetry linear; phase function Henyey-Greenstein.
+
+    LOWTRAN documents the asymmetry only, not the phase function.
+    """
+    table = _lowtran_optics()[kind]
+    ratio = np.exp(np.interp(np.log(wavelength), np.log(table[:, 0]), np.log(table[:, 1])))
+    absorption = np.interp(wavelength, table[:, 0], table[:, 2])
+    asymmetry = np.interp(wavelength, table[:, 0], table[:, 3])
+    albedo = np.clip(1.0 - absorption / ratio, 0.0, 1.0)
+    return AerosolRegion(
+        name,
+        z,
+        extinction_550[:, None] * ratio,
+        np.broadcast_to(albedo, (z.size, wavelength.size)).copy(),
+        np.ones((1, z.size, wavelength.size)),
+        (PhaseFunction.henyey_greenstein(asymmetry, name),),
+    )
+
+
+@lru_cache(maxsize=1)
+def _sage() -> dict[str, np.ndarray]:
+    """Scenario -> rows of altitude [km], median radius [nm], extinction [km^-1] at the nine wavelengths."""
+    scenarios: dict[str, list[list[float]]] = {}
+    for row in _rows("sage3iss_profiles.csv"):
+        numbers = [float(value) for key, value in row.items() if key != "scenario"]
+        scenarios.setdefault(row["scenario"], []).append(numbers)
+    return {name: np.array(rows) for name, rows in scenarios.items()}
+
+
+@lru_cache(maxsize=1)
+def _sage_upper_scale_heights() -> dict[str, float]:
+    return {row["scenario"]: float(row["upper_scale_height_km"]) for row in _rows("sage3iss_scenarios.csv")}
+
+
+def sage_scenarios() -> tuple[str, ...]:
+    """Names of the twelve measured profiles: latitude band and loading."""
+    return tuple(_sage())
+
+
+def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
+    """Extinction (n, W) from n rows at the nine channels, log-log in wavelength.
+
+    A channel that is missing or not positive (noise of the retrieval) is bridged; beyond the outermost good channel
+    the spectrum goes on with the power law fitted to the row.
+    """
+    out = np.empty((measured.shape[0], wavelength_nm.size))
+    log_w = np.log(wavelength_nm)
+    for i, row in enumerate(measured):
+        good = np.isfinite(row) & (row > 0)
+        x, y = np.log(SAGE_WAVELENGTH_NM[good]), np.log(row[good])
+        slope = np.polyfit(x, y, 1)[0]
+        beyond = slope * (np.minimum(log_w - x[0], 0.0) + np.maximum(log_w - x[-1], 0.0))
+        out[i] = np.exp(np.interp(log_w, x, y) + beyond)
+    return out
+
+
+def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> AerosolRegion:
+    """A measured profile; above it the extinction falls with the scenario's scale height.
+
+    Droplets of 75 % sulphuric acid (OPAC's index), log-normal with mode width 1.6 and the retrieved median radius.
+    Phase functions are computed at five radii and mixed, linearly in the logarithm of the radius.
+    """
+    rows = _sage()[scenario]
+    z, radius_um = rows[:, 0], rows[:, 1] * 1e-3
+    extinction = sage_extinction_per_km(rows[:, 2:], wavelength)
+    decay = np.exp(-(PROFILE_TOP_KM - z[-1]) / _sage_upper_scale_heights()[scenario])
+    z = np.append(z, PROFILE_TOP_KM)
+    radius_um = np.append(radius_um, radius_um[-1])
+    extinction = np.vstack([extinction, extinction[-1] * decay])
+    nodes = np.geomspace(radius_um.min(), radius_um.max(), _SAGE_RADIUS_NODES)
+    position = np.interp(np.log(radius_um), np.log(nodes), np.arange(nodes.size))
+    weight = np.maximum(0.0, 1.0 - np.abs(position[None, :] - np.arange(nodes.size)[:, None]))
+    phases, albedos = [], []
+    _, index = opac.particles("suso", 0.0, wavelength)
+    for radius in nodes:
+        size = LogNormal(float(radius), SAGE_MODE_WIDTH, float(radius) / 50.0, float(radius) * 50.0)
+        optics = particle_optics(size, index, wavelength, cache_dir)
+        phases.append(table_phase_function(np.exp(optics.log_phase), f"sulphate {1e3 * radius:.0f} nm"))
+        albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
+    share = np.repeat(weight[:, :, None], wavelength.size, axis=2)
+    albedo = np.einsum("kn,kw->nw", weight, np.stack(albedos))
+    return AerosolRegion(f"stratosphere ({scenario})", z, extinction, np.minimum(1.0, albedo), share, tuple(phases))
