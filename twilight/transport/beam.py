@@ -27,7 +27,7 @@ from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.transport import beam_tables
-from twilight.transport.rays import RayProfile, ray_profile, refractivity_at
+from twilight.transport.rays import RayProfile, lowest_point, ray_profile, refractivity_at
 
 _FAR_KM = 400.0
 _NEAR_KM = 300.0
@@ -63,6 +63,7 @@ class Beam(NamedTuple):
     log_down: np.ndarray
     edge_p_km: np.ndarray
     edge_width_km: float
+    far_km: float
     overhead: np.ndarray
 
 
@@ -120,6 +121,32 @@ def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: i
     return size, start[:-1], nodes
 
 
+def _limb_edges(edges: np.ndarray, profile: RayProfile, w: int) -> tuple[np.ndarray, np.ndarray]:
+    """Edges that a ray from space can have as its lowest point, and n r there: in a duct n r is not below all above."""
+    r = profile.radius_km
+    candidates = np.unique(np.concatenate([edges, profile.bottom_km[profile.bottom_km >= edges[0]]]))
+    x = np.array([(r + z) * (1.0 + refractivity_at(profile, w, z)) for z in candidates])
+    x[-1] = r + candidates[-1]
+    lowest_above = np.minimum.accumulate(x[::-1])[::-1]
+    first = int(np.flatnonzero(x <= lowest_above)[0])
+    keep = np.isin(candidates, edges) & (candidates > candidates[first])
+    keep[first] = True
+    keep[:-1] &= x[:-1] < lowest_above[1:] - 1e-9 * r
+    keep[-1] = True
+    return candidates[keep], x[keep]
+
+
+def _uniform_in_invariant(lowest, edges, x, size, start, profile: RayProfile, w: int) -> np.ndarray:
+    """Altitudes [km] of the lowest points of rays uniform in sqrt((x_b - p)/(x_b - x_a)) in every segment a..b."""
+    out = np.array(lowest)
+    for s in range(size.size):
+        for m in range(1, size[s]):
+            p = x[s + 1] - (x[s + 1] - x[s]) * (1.0 - m / size[s]) ** 2
+            u = math.sqrt((x[s + 1] - p) * (x[s + 1] + p))
+            out[start[s] + m] = lowest_point(profile, w, edges[s + 1], u, False)[0]
+    return out
+
+
 def _hash(bottom: np.ndarray, top: np.ndarray) -> np.ndarray:
     """Segment that holds the lower end of each of `_HASH` equal bins, so that a lookup starts next to its segment."""
     bins = bottom[0] + (top[-1] - bottom[0]) * np.arange(_HASH + 1) / _HASH
@@ -131,8 +158,8 @@ def prepare_beam(
     *,
     refraction: bool = True,
     spreading: bool = True,
-    altitude_nodes_per_scale: float = 4.0,
-    limb_nodes_per_scale: float = 8.0,
+    altitude_nodes_per_scale: float = 8.0,
+    limb_nodes_per_scale: float = 16.0,
     cosine_nodes: int = 40,
     distance_nodes: int = 12,
     guess_nodes: int = 48,
@@ -151,11 +178,12 @@ def prepare_beam(
     profile = ray_profile(medium, refraction=refraction)
     n_w = medium.n_wavelengths
     edges = _segments(medium, profile, max_breaks)
-    size, start, altitudes = _nodes(edges, profile, altitude_nodes_per_scale, 4, 64)
-    limb_size, limb_start, lowest = _nodes(edges, profile, limb_nodes_per_scale, 6, 128)
-
+    size, start, altitudes = _nodes(edges, profile, altitude_nodes_per_scale, 6, 64)
     ground = np.array([refractivity_at(profile, w, edges[0]) for w in range(n_w)])
     reference = int(np.argmax(ground))
+    limb_edges, limb_x = _limb_edges(edges, profile, reference)
+    limb_size, limb_start, lowest = _nodes(limb_edges, profile, limb_nodes_per_scale, 8, 128)
+    lowest = _uniform_in_invariant(lowest, limb_edges, limb_x, limb_size, limb_start, profile, reference)
     scale = ground / ground[reference] if ground[reference] > 0 else np.ones(n_w)
     invariant, bending = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size))
     slope, free = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size), dtype=np.bool_)
@@ -190,8 +218,7 @@ def prepare_beam(
     beam_tables.down_table(
         profile, reference, lowest, distances, scale, slope, spreading and refraction, far, log_down, edge
     )
-    x = invariant[reference]
-    bottoms, tops = x[limb_start], x[limb_start + limb_size]
+    bottoms, tops = limb_x[:-1], limb_x[1:]
     edge = np.maximum(edge, invariant[reference, int(np.argmax(free[reference]))])
     return Beam(
         radius_km=float(medium.earth_radius_km),
@@ -217,6 +244,7 @@ def prepare_beam(
         log_down=log_down,
         edge_p_km=edge,
         edge_width_km=float(edge.max() - edge.min()),
+        far_km=far,
         overhead=np.ascontiguousarray(medium.overhead_absorption_optical_depth, dtype=float),
     )
 
@@ -429,8 +457,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
                 row = beam.log_down[ky + i, d + k]
                 for w in range(n_w):
                     out[w] += weight * row[w]
-        if beam.refracting:
-            factor = 1.0 / (1.0 + u / _FAR_KM)
+        factor = 1.0 / (1.0 + u / beam.far_km)
     for w in range(n_w):
         out[w] = factor * math.exp(min(out[w], 3.0))
     if not above and p < beam.limb_bottom_km[0] + beam.edge_width_km:
@@ -477,6 +504,5 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
                 value += b[i] * a[k] * beam.log_down[ky + i, d + k, w]
         if p < limit and p < beam.limb_bottom_km[0] + beam.edge_width_km:
             return 0.0, bending
-        if beam.refracting:
-            factor = 1.0 / (1.0 + u / _FAR_KM)
+        factor = 1.0 / (1.0 + u / beam.far_km)
     return factor * math.exp(min(value, 3.0)), bending
