@@ -27,6 +27,26 @@ AerosolType = Literal[
 Component = Literal["inso", "waso", "soot", "ssam", "sscm", "minm", "miam", "micm", "mitr", "suso"]
 
 
+StratosphereKind = Literal[
+    "background",
+    "moderate_volcanic",
+    "high_volcanic",
+    "extreme_volcanic",
+    "nh_midlat_low",
+    "nh_midlat_typical",
+    "nh_midlat_elevated",
+    "nh_midlat_extreme",
+    "sh_midlat_low",
+    "sh_midlat_typical",
+    "sh_midlat_elevated",
+    "sh_midlat_extreme",
+    "tropical_low",
+    "tropical_typical",
+    "tropical_elevated",
+    "tropical_extreme",
+]
+
+
 class Layers(Section):
     """How the air is cut into layers; with neither key, at the levels of the profile."""
 
@@ -46,8 +66,8 @@ class Layers(Section):
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
-        if b is not None and (len(b) < 3 or b[0] != 0 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
-            raise ValueError("boundaries_km must start at 0 and increase, with at least 3 altitudes")
+        if b is not None and (len(b) < 2 or b[0] != 0 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
+            raise ValueError("boundaries_km must start at 0 and increase up to top_km")
         return self
 
 
@@ -57,6 +77,13 @@ class Atmosphere(Section):
     profile: Profile = key("midlatitude_summer", "AFGL profile of pressure, temperature, air and gases")
     top_km: Number = key(100.0, "altitude above which there is vacuum", unit="km", ge=10.0, le=120.0)
     layers: Layers = key(Layers, "how the air is cut into layers")
+
+    @model_validator(mode="after")
+    def _up_to_the_top(self) -> Atmosphere:
+        b = self.layers.boundaries_km
+        if b is not None and abs(b[-1] - self.top_km) > 1e-9 * self.top_km:
+            raise ValueError(f"layers.boundaries_km must end at top_km, {self.top_km:g} km, not at {b[-1]:g} km")
+        return self
 
 
 class Ozone(Section):
@@ -94,6 +121,27 @@ class Refraction(Section):
     co2_ppm: Number = key(420.0, "carbon dioxide in the air, enters Ciddor's index", unit="ppm", ge=0.0, le=2000.0)
 
 
+class MineralTransported(Section):
+    """A layer of desert dust carried from afar, the same at all its altitudes."""
+
+    bottom_km: Number = key(2.0, "altitude where it begins", unit="km", ge=0.0, le=100.0)
+    top_km: Number = key(5.0, "altitude where it ends", unit="km", ge=0.0, le=100.0)
+    number_density_per_cm3: Number | None = key(
+        None, "particles; unset: give the optical depth", unit="cm^-3", ge=0.0, le=1e6
+    )
+    optical_depth_550nm: Number | None = key(
+        None, "of this layer alone at 550 nm; unset: give the number density", unit="1", ge=0.0, le=20.0
+    )
+
+    @model_validator(mode="after")
+    def _one_amount(self) -> MineralTransported:
+        if (self.number_density_per_cm3 is None) == (self.optical_depth_550nm is None):
+            raise ValueError("needs either number_density_per_cm3 or optical_depth_550nm")
+        if self.top_km <= self.bottom_km:
+            raise ValueError("top_km must be above bottom_km")
+        return self
+
+
 class Aerosol(Section):
     """Particles below the stratosphere: an OPAC type, or a mixture of OPAC components, and its height profile."""
 
@@ -128,7 +176,7 @@ class Aerosol(Section):
         gt=0.0,
         le=1000.0,
     )
-    mineral_transported: Flag = key(False, "a layer of transported desert dust above the boundary layer")
+    mineral_transported: MineralTransported | None = key(None, "a layer of transported desert dust; unset: none")
     free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
     stratosphere: Flag = key(True, "OPAC's background from 12 to 35 km (replaced by the section stratosphere)")
 
@@ -140,10 +188,22 @@ class Aerosol(Section):
 
 
 class Stratosphere(Section):
-    """Particles of the stratosphere."""
+    """Particles of the stratosphere, in place of OPAC's background."""
 
-    kind: Literal["background", "moderate", "high", "extreme"] = key("background", "volcanic loading")
-    season: Literal["spring_summer", "fall_winter"] = key("spring_summer", "half of the year")
+    kind: StratosphereKind = key(
+        "background",
+        "loading of LOWTRAN 7 (Shettle and Fenn), or a profile measured by SAGE III/ISS by region and loading",
+    )
+    season: Literal["spring_summer", "fall_winter"] = key("spring_summer", "half of the year, for LOWTRAN's loadings")
+    upper_atmosphere: Literal["normal", "extreme"] = key("normal", "meteoric dust above 30 km, for LOWTRAN's loadings")
+
+    @model_validator(mode="after")
+    def _measured(self) -> Stratosphere:
+        if not self.kind.endswith(("background", "volcanic")):
+            for name in ("season", "upper_atmosphere"):
+                if getattr(self, name) != type(self).model_fields[name].default:
+                    raise ValueError(f"{name} has no meaning for the measured profile {self.kind}")
+        return self
 
 
 class Spectrum(Section):
@@ -182,6 +242,8 @@ class TabulatedMedium(Section):
 
     table: str = key("", "CSV file, relative to the folder of the climate's file", min_length=1)
     depolarisation: Number = key(0.0, "of the air's Rayleigh phase function", unit="1", ge=0.0, le=0.5)
+
+    sha256: str | None = key(None, "the table's SHA-256; if given, another table is an error", pattern="^[0-9a-f]{64}$")
 
     @field_validator("table")
     @classmethod

@@ -67,14 +67,18 @@ class _Draft:
         self.data["climate"] = _with_table_path(value, folder)
         self.origins[("climate",)] = where
 
-    def validated(self) -> Config:
+    def validated(self, *, solver: bool = True) -> Config:
         origins = Origins(self.origins, frozenset(self.hidden))
         config = validate(Config, self.data, origins)
-        resolve_solver(config.solver, origins)
+        if solver:
+            resolve_solver(config.solver, origins)
         return config
 
 
-def load(target: str | Path | Mapping[str, Any], settings: Mapping[str, Any] | None = None) -> Config:
+Target = str | Path | Mapping[str, Any]
+
+
+def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:
     """The one configuration that `target` describes; see :func:`load_series`.
 
     Errors: TwilightError also when `target` describes a series.
@@ -85,18 +89,21 @@ def load(target: str | Path | Mapping[str, Any], settings: Mapping[str, Any] | N
     return cases[0].config
 
 
-def load_series(target: str | Path | Mapping[str, Any], settings: Mapping[str, Any] | None = None) -> list[Case]:
+def load_series(
+    target: Target, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
+) -> list[Case]:
     """All configurations that `target` describes: one, or the product of its `vary` lists.
 
     target: name of a climate or configuration, path of such a file, or the same as a mapping.
     settings: dotted keys and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95};
         keys of a climate and of a configuration may be mixed.  Replacing the whole of `sun` takes {"sun": {...}}.
+    names: what to call a setting in errors, e.g. {"sun": "--sun-elevation"}; its key otherwise.
 
     Errors: TwilightError that names the file or setting, the key, and what is allowed.
     """
     draft = _read(target)
     for name, value in (settings or {}).items():
-        draft.set(name, deepcopy(value), f"--set {name}", Path())
+        draft.set(name, deepcopy(value), (names or {}).get(name, f"setting {name}"), Path())
     vary = draft.data.get("vary") or {}
     if not isinstance(vary, dict) or any(not isinstance(v, list | tuple) or not v for v in vary.values()):
         where = Origins(draft.origins).describe(("vary",))[0]
@@ -123,7 +130,7 @@ def load_series(target: str | Path | Mapping[str, Any], settings: Mapping[str, A
 
 def load_climate(target: str | Path) -> Climate:
     """The climate of that name or file, without a sun or an observer."""
-    return load(target).climate
+    return _read(target).validated(solver=False).climate
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
@@ -134,7 +141,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
     return name.strip(), parse_yaml(value, f"--set {name.strip()}")
 
 
-def _read(target: str | Path | Mapping[str, Any]) -> _Draft:
+def _read(target: Target) -> _Draft:
     if isinstance(target, Mapping):
         data, where, folder = deepcopy(dict(target)), "configuration", Path()
     else:

@@ -141,6 +141,9 @@ Sun = Annotated[
 ]
 
 
+SolarSpectrum = Literal["astm_g173_etr", "astm_e490", "kurucz1992", "gueymard2003", "sao2010"]
+
+
 class Observer(Section):
     """Where the eye is."""
 
@@ -205,8 +208,8 @@ class Texture(Section):
                 raise ValueError("takes either resolution_deg or azimuth_count and elevation_count, not both")
             if abs(90.0 / step - round(90.0 / step)) > 1e-9:
                 raise ValueError(f"resolution_deg must divide 90, as 3 or 1.5 do; got {step:g}")
-        if self.latlong_width is not None and self.latlong_width % 2:
-            raise ValueError(f"latlong_width must be even; got {self.latlong_width}")
+        if self.latlong_width is not None and self.latlong_width % 4:
+            raise ValueError(f"latlong_width must be a multiple of 4; got {self.latlong_width}")
         return self
 
     @property
@@ -218,15 +221,32 @@ class Texture(Section):
 
 
 class Output(Section):
-    """How the picture looks and which program it is for; the radiance in the files does not depend on it."""
+    """How the pictures look and which program they are for; the radiance in the files does not depend on it."""
 
-    exposure_ev: Number | None = key(
-        None, "exposure of the PNG in stops; unset: set by the sky itself", unit="EV", ge=-60.0, le=60.0
+    target: Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"] = key(
+        "openexr", "whose environment map sky.rgb.exr is"
     )
-    tone_mapping: Literal["filmic", "gamma"] = key("filmic", "of the PNG")
-    target: Literal["openexr", "mitsuba", "blender", "pbrt", "radiance"] = key(
-        "openexr", "orientation of sky.rgb.exr: whose environment map it is"
+    width: Integer = key(1024, "of sky.rgb.exr, unless texture.latlong_width sets it", unit="pixel", ge=8, le=16384)
+    spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
+    views: tuple[Literal["panorama", "fisheye"], ...] = key(
+        ("panorama",), "pictures: panorama is sky.png, fisheye is sky.fisheye.png", min_length=1, max_length=2
     )
+    exposure_ev100: Number | None = key(
+        None,
+        "exposure of the pictures (15: sunlit, -3: deep twilight); unset: by the sky",
+        unit="EV",
+        ge=-60.0,
+        le=60.0,
+    )
+    tone_mapping: Literal["filmic", "gamma"] = key("filmic", "of the pictures")
+    colour_observer: Literal["cie1964_10deg", "cie1931_2deg"] = key("cie1964_10deg", "standard observer of all colours")
+
+    @model_validator(mode="after")
+    def _check(self) -> Output:
+        for name in ("width", "spectral_width"):
+            if getattr(self, name) % 4:
+                raise ValueError(f"{name} must be a multiple of 4; got {getattr(self, name)}")
+        return self
 
 
 class Config(Section):
@@ -243,6 +263,7 @@ class Config(Section):
     wavelengths: Wavelengths | None = key(
         None, "where the radiance is computed; unset: 8 from 380 to 720 nm, or those of a tabulated medium"
     )
+    solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
     solver: dict[str, Any] = key(dict, "name, quality, and any option of that solver (see `twilight solvers`)")
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
@@ -250,6 +271,11 @@ class Config(Section):
     vary: dict[str, tuple[Any, ...]] = key(
         dict, "series: dotted keys with their values, e.g. {aerosol.relative_humidity_percent: [50, 80, 95]}"
     )
+
+    @property
+    def title(self) -> str:
+        """The configuration's name, or else its climate's."""
+        return self.name or self.climate.name
 
     @field_validator("vary")
     @classmethod

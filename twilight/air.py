@@ -1,0 +1,117 @@
+"""From a climate document to the medium that solvers take."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight.config.climate import Aerosol, Climate, Ground, Spectrum, TabulatedMedium
+from twilight.config.scene import Config, Wavelengths
+from twilight.errors import TwilightError
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+    from twilight.atmosphere.opac import AerosolSpec
+
+
+def wavelengths_of(config: Config) -> np.ndarray | None:
+    """The wavelengths [nm] of a render, (W,); None for a tabulated medium that is to keep its own."""
+    if config.wavelengths is None and config.climate.medium is not None:
+        return None
+    return np.array((config.wavelengths or Wavelengths()).wavelength_nm)
+
+
+def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium:
+    """The optical medium of a climate at the given wavelengths [nm].
+
+    wavelength_nm may be None for a tabulated medium only, and then means the table's wavelengths.
+    Errors: TwilightError for what the data do not cover, and for a table that is not what its SHA-256 says.
+    """
+    if climate.medium is not None:
+        return _tabulated(climate, climate.medium, wavelength_nm)
+    assert wavelength_nm is not None
+    from twilight.atmosphere.build import build_medium
+    from twilight.atmosphere.layers import Boundaries, EqualAirMass
+    from twilight.atmosphere.stratosphere import StratosphereSpec
+
+    layers: EqualAirMass | Boundaries | None = None
+    if climate.atmosphere.layers.equal_air_mass is not None:
+        layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
+    elif climate.atmosphere.layers.boundaries_km is not None:
+        layers = Boundaries(climate.atmosphere.layers.boundaries_km)
+    stratosphere = climate.stratosphere
+    return build_medium(
+        wavelength_nm,
+        profile=climate.atmosphere.profile,
+        top_km=climate.atmosphere.top_km,
+        layers=layers,
+        ozone_column_du=climate.gases.ozone.column_du,
+        ozone_day_of_year=climate.gases.ozone.day_of_year,
+        ozone_treatment=climate.gases.ozone.treatment,
+        no2=climate.gases.no2,
+        o4=climate.gases.o4,
+        aerosol=None if climate.aerosol is None else aerosol_spec(climate.aerosol),
+        stratosphere=None if stratosphere is None else StratosphereSpec(**stratosphere.model_dump()),
+        refraction=climate.refraction.model,
+        co2_ppm=climate.refraction.co2_ppm,
+        ground_albedo=ground_albedo(climate.ground, wavelength_nm),
+        name=climate.name,
+    )
+
+
+def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
+    """The aerosol in OPAC's terms; heights that the climate leaves unset are the type's own."""
+    from dataclasses import replace
+
+    from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
+
+    if aerosol.type is not None:
+        spec = opac_type(aerosol.type, aerosol.relative_humidity_percent)
+    else:
+        spec = AerosolSpec({str(k): v for k, v in aerosol.components.items()}, aerosol.relative_humidity_percent)
+    dust = aerosol.mineral_transported
+    changes: dict[str, Any] = {
+        "free_troposphere": aerosol.free_troposphere,
+        "stratosphere": aerosol.stratosphere and aerosol.optical_depth_550nm != 0.0,
+        "optical_depth_550nm": aerosol.optical_depth_550nm,
+        "phase_function": aerosol.phase_function,
+        "mineral_transported": None if dust is None else MineralLayer(**dust.model_dump()),
+    }
+    for name in ("boundary_layer_top_km", "scale_height_km"):
+        if getattr(aerosol, name) is not None:
+            changes[name] = getattr(aerosol, name)
+    return replace(spec, **changes)
+
+
+def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:
+    """Albedo of the ground at the wavelengths, (W,)."""
+    if isinstance(ground.albedo, Spectrum):
+        return np.interp(wavelength_nm, ground.albedo.wavelength_nm, ground.albedo.albedo)
+    return np.full(len(wavelength_nm), ground.albedo)
+
+
+def table_sha256(path: str | Path) -> str:
+    """SHA-256 of a table's content, hexadecimal; TwilightError when it cannot be read."""
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError as error:
+        raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarray | None) -> Medium:
+    from dataclasses import replace
+
+    from twilight.atmosphere.table import medium_from_table
+
+    found = table_sha256(table.table)
+    if table.sha256 not in (None, found):
+        raise TwilightError(
+            f"{table.table}: is not the table of this climate: medium.sha256 is {table.sha256}, not {found}"
+        )
+    medium = medium_from_table(
+        table.table, depolarisation=table.depolarisation, wavelength_nm=wavelength_nm, name=climate.name
+    )
+    return replace(medium, ground_albedo=ground_albedo(climate.ground, medium.wavelength_nm))

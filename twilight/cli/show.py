@@ -1,0 +1,109 @@
+"""Commands that show what there is: climates, configurations, solvers, one climate's air, the layout of documents."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.terminal import print_table
+from twilight.errors import TwilightError
+
+DESCRIBED_NM = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 720.0)
+"""Wavelengths of the optical depths that `describe` prints; 550 nm is the one of the profile."""
+
+
+def climates() -> None:
+    """List the climates that come with twilight, with their aerosol optical depth at 550 nm."""
+    from twilight.air import climate_medium
+    from twilight.config import load_climate
+    from twilight.config.library import shipped
+
+    rows = []
+    for name, path in shipped("climates").items():
+        climate = load_climate(path)
+        medium = climate_medium(climate, _at(550.0))
+        rows.append([name, f"{medium.optical_depth('aerosol')[0]:.3f}", climate.description])
+    print_table(["climate", "AOD 550 nm", "description"], rows, right=(1,))
+
+
+def configs() -> None:
+    """List the configurations that come with twilight."""
+    from twilight.config import load_series
+    from twilight.config.library import shipped
+    from twilight.run import count_frames
+
+    rows = []
+    for name, path in shipped("configs").items():
+        cases = load_series(path)
+        rows.append([name, str(sum(count_frames(c.config) for c in cases)), cases[0].config.description])
+    print_table(["configuration", "frames", "description"], rows, right=(1,))
+
+
+def solvers() -> None:
+    """List the solvers, their qualities and their options with the values at quality `standard`."""
+    from dataclasses import asdict
+
+    from twilight.solvers import DEFAULT, SOLVERS, load
+
+    rows = []
+    for name in SOLVERS:
+        qualities = load(name).QUALITIES
+        title = f"{name} (default)" if name == DEFAULT else name
+        rows.append([title, "quality", ", ".join(qualities)])
+        rows += [[name, key, str(value)] for key, value in asdict(qualities["standard"]).items()]
+    print_table(["solver", "option", "value"], rows)
+
+
+def schema(
+    document: Annotated[str, typer.Argument(metavar="climate|config", help="Which document.")] = "config",
+) -> None:
+    """Print the JSON schema of climates or configurations, for editors."""
+    from twilight.config import Climate, Config
+
+    models: dict[str, Any] = {"climate": Climate, "config": Config}
+    if document not in models:
+        raise TwilightError(f"schema: {document} must be climate or config")
+    print(json.dumps(models[document].model_json_schema(), indent=2))
+
+
+def describe(
+    climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.")],
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the profile; without it, out/NAME_profile.png.")
+    ] = None,
+) -> None:
+    """Print a climate's optical depths, scale heights and refraction, and draw its profile."""
+    from twilight.air import climate_medium
+    from twilight.config import load_climate
+    from twilight.describe import facts, optical_depths
+    from twilight.plotting import profile_figure
+
+    model = load_climate(climate)
+    medium = climate_medium(model, None if model.medium is not None else _at(*DESCRIBED_NM))
+    wavelength_nm = medium.wavelength_nm
+    if model.description:
+        print(f"{model.name}: {model.description}")
+    rows = [[name, *(f"{tau:.4f}" for tau in depth)] for name, depth in optical_depths(medium)]
+    columns = ["vertical optical depth", *(f"{w:g} nm" for w in wavelength_nm)]
+    print_table(columns, rows, right=tuple(range(1, len(columns))))
+    print_table(["", ""], [list(row) for row in facts(medium)])
+    reference = int(abs(wavelength_nm - 550.0).argmin())
+    parts = {
+        "air": medium.air_scattering_per_km,
+        "gases": medium.absorption_per_km,
+        "aerosol": medium.aerosol_extinction_per_km,
+    }
+    path = output or Path("out") / f"{model.name}_profile.png"
+    lines = {name: part[:, reference] for name, part in parts.items() if part.any()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    profile_figure(model.name, medium.altitude_km, lines, wavelength_nm[reference], path)
+    print(f"wrote {path}")
+
+
+def _at(*wavelength_nm: float) -> Any:
+    import numpy as np
+
+    return np.array(wavelength_nm)

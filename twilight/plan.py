@@ -1,0 +1,126 @@
+"""What a scene leaves out because it cannot matter, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.air import climate_medium, wavelengths_of
+from twilight.config.climate import Climate, Gases
+from twilight.config.scene import Config
+
+GAS_TOLERANCE = 1e-3
+"""A gas is left out where its optical depth along the longest straight path through the air, once in and once out, is
+below this; the radiance then moves by less than this share."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A part that is not computed: why, and by how much the radiance moves at most because of it."""
+
+    part: str
+    reason: str
+    effect: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The climate as it will be computed, and what was left out of the one that was asked for."""
+
+    climate: Climate
+    left_out: tuple[LeftOut, ...]
+
+
+def make_plan(config: Config) -> Plan:
+    """What this scene needs; everything the configuration asks for when `leave_out` is false."""
+    climate = config.climate
+    if not config.leave_out:
+        return Plan(climate, ())
+    left_out: list[LeftOut] = []
+    wavelength_nm = wavelengths_of(config)
+    if climate.medium is None:
+        assert wavelength_nm is not None
+        climate = _without_empty_aerosol(climate, left_out)
+        climate = _without_weak_gases(climate, wavelength_nm, left_out)
+        aerosol = climate.aerosol is not None or climate.stratosphere is not None
+        bends = climate.refraction.model != "none"
+    else:
+        medium = climate_medium(climate, wavelength_nm)
+        aerosol, bends = medium.has_aerosol, medium.has_refraction
+    if not aerosol and not any(item.part == "aerosol" for item in left_out):
+        left_out.append(LeftOut("aerosol", "the climate has none: no Mie theory, no phase tables", "none"))
+    if not bends:
+        left_out.append(LeftOut("refraction", "the refractive index is 1: rays and sunbeam are straight", "none"))
+    return Plan(climate, tuple(left_out))
+
+
+def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate:
+    """Aerosol that is there in name only would still be put through Mie theory."""
+    aerosol = climate.aerosol
+    if aerosol is None:
+        return climate
+    background = aerosol.free_troposphere or aerosol.mineral_transported is not None
+    own_stratosphere = climate.stratosphere is None and aerosol.stratosphere
+    if aerosol.optical_depth_550nm == 0.0 and climate.stratosphere is None:
+        left_out.append(LeftOut("aerosol", "aerosol.optical_depth_550nm is 0: no Mie theory", "none"))
+        return climate.model_copy(update={"aerosol": None})
+    if aerosol.components and not any(aerosol.components.values()) and not background and not own_stratosphere:
+        left_out.append(LeftOut("aerosol", "all aerosol.components are 0: no Mie theory", "none"))
+        return climate.model_copy(update={"aerosol": None})
+    return climate
+
+
+def _without_weak_gases(climate: Climate, wavelength_nm: np.ndarray, left_out: list[LeftOut]) -> Climate:
+    weak = list(_weak_gases(climate, wavelength_nm))
+    if not weak:
+        return climate
+    gases: Gases = climate.gases
+    for gas, depth in weak:
+        span = (
+            f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm"
+            if len(wavelength_nm) > 1
+            else f"{wavelength_nm[0]:g} nm"
+        )
+        reason = f"optical depth along the limb, in and out, is at most {depth:.1e} at {span}"
+        left_out.append(LeftOut(gas, reason, f"below {GAS_TOLERANCE:g}" if depth > 0 else "none"))
+        if gas == "ozone":
+            gases = gases.model_copy(update={"ozone": gases.ozone.model_copy(update={"treatment": "none"})})
+        else:
+            gases = gases.model_copy(update={gas: False})
+    return climate.model_copy(update={"gases": gases})
+
+
+def _weak_gases(climate: Climate, wavelength_nm: np.ndarray) -> Iterator[tuple[str, float]]:
+    """Gases whose absorption cannot be seen at these wavelengths, with twice their largest limb optical depth."""
+    from twilight.atmosphere import gases
+    from twilight.atmosphere.profiles import load_profile
+
+    full = load_profile(climate.atmosphere.profile)
+    profile = full.at(full.altitude_km[full.altitude_km <= climate.atmosphere.top_km])
+    ozone = climate.gases.ozone
+    wanted = {"ozone": ozone.treatment == "layer", "no2": climate.gases.no2, "o4": climate.gases.o4}
+    column = ozone.column_du if ozone.day_of_year is None else gases.seasonal_ozone_column_du(ozone.day_of_year)
+    factor = {"ozone": gases.ozone_factor(full, column)}
+    tables = {"ozone": "o3", "no2": "no2", "o4": "o4"}
+    for gas, asked in wanted.items():
+        if asked:
+            absorption = gases.absorption_per_km(tables[gas], profile, wavelength_nm, factor.get(gas, 1.0))
+            depth = 2.0 * float(_limb_optical_depth(profile.altitude_km, absorption))
+            if depth < GAS_TOLERANCE:
+                yield gas, depth
+
+
+def _limb_optical_depth(altitude_km: np.ndarray, coefficient_per_km: np.ndarray) -> float:
+    """Largest optical depth of a straight path that grazes the sphere at any of the altitudes, from space to space."""
+    from twilight.conventions import EARTH_RADIUS_KM
+
+    radius = EARTH_RADIUS_KM + altitude_km
+    largest = np.max(coefficient_per_km, axis=1)
+    depth = 0.0
+    for i in range(radius.size - 1):
+        distance = np.sqrt(radius[i:] ** 2 - radius[i] ** 2)
+        means = 0.5 * (largest[i + 1 :] + largest[i:-1])
+        depth = max(depth, 2.0 * float(np.sum(means * np.diff(distance))))
+    return depth

@@ -1,0 +1,279 @@
+"""From a configuration to a sky: the one place where all parts meet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight import __version__, solvers
+from twilight.air import climate_medium, table_sha256, wavelengths_of
+from twilight.config.scene import Config, SunAt, SunElevation, SunElevations, SunInterval
+from twilight.config.solver import complete_solver, resolve_solver
+from twilight.errors import TwilightError
+from twilight.io.provenance import configuration_hash
+from twilight.plan import Plan, make_plan
+from twilight.sky import Sky, latlong_grid
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+
+Progress = Callable[[str, float], None]
+"""Called with a few words on what is being done and the share of the work that is done."""
+
+WAVELENGTH_BLOCK = 32
+"""Wavelengths that a solver holds at once; more are done in blocks, so that 1000 need no more memory than 32."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One sky of a sequence: a name for its folder, the sky, and its latitude-longitude picture where asked for."""
+
+    name: str
+    sky: Sky
+    panorama: Sky | None = None
+
+
+@dataclass(frozen=True)
+class _SunPosition:
+    """One sun of a sequence, and the configuration that asks for this sun alone."""
+
+    name: str
+    section: SunElevation | SunAt
+    elevation_deg: float
+    azimuth_deg: float | None = None
+    distance_au: float = 1.0
+    time: datetime | None = None
+
+
+@dataclass
+class _Radiance:
+    """What the solver gives for one sun, filled block by block."""
+
+    texture: list[np.ndarray] = field(default_factory=list)
+    panorama: list[np.ndarray] = field(default_factory=list)
+    texture_error: list[np.ndarray] = field(default_factory=list)
+    panorama_error: list[np.ndarray] = field(default_factory=list)
+    direct: list[np.ndarray] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def run(config: Config, progress: Progress | None = None) -> Sky:
+    """The sky of a configuration with one sun.
+
+    Errors: TwilightError for a configuration with several suns (`frames` gives them one by one), and for whatever in
+    the configuration cannot be computed.
+    """
+    count = count_frames(config)
+    if count > 1:
+        raise TwilightError(f"sun: the configuration has {count} suns; frames gives them one by one")
+    return next(iter(frames(config, progress))).sky
+
+
+def count_frames(config: Config) -> int:
+    """How many skies `frames` will give."""
+    sun = config.sun
+    if isinstance(sun, SunElevations):
+        return len(sun.elevations_deg)
+    if isinstance(sun, SunInterval):
+        return len(_moments(sun))
+    return 1
+
+
+def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
+    """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
+
+    Up to WAVELENGTH_BLOCK wavelengths a frame is given as soon as it is done.
+    """
+    tell = progress or (lambda doing, share: None)
+    tell("setting up", 0.0)
+    started = time.perf_counter()
+    suns = list(_suns(config))
+    plan = make_plan(config)
+    wavelength_nm = wavelengths_of(config)
+    medium = climate_medium(plan.climate, wavelength_nm)
+    name, quality, settings = resolve_solver_of(config)
+    solver = solvers.load(name)
+    set_up_s = time.perf_counter() - started
+    blocks = [slice(i, i + WAVELENGTH_BLOCK) for i in range(0, medium.n_wavelengths, WAVELENGTH_BLOCK)]
+    results = [_Radiance() for _ in suns]
+    elevation, azimuth = _texture(config)
+    for b, block in enumerate(blocks):
+        first, share = b / len(blocks), 1.0 / len(blocks)
+        prepared = 0.5 if len(suns) == 1 else 1.0 / (1.0 + len(suns))
+
+        def preparing(doing: str, done: float, first: float = first, share: float = share * prepared) -> None:
+            tell(doing, first + share * min(max(done, 0.0), 1.0))
+
+        begin = time.perf_counter()
+        part = medium if len(blocks) == 1 else medium.select(block)
+        made = solver.prepare(part, settings, observer_altitude_km=config.observer.altitude_km, progress=preparing)
+        set_up_s += time.perf_counter() - begin
+        for s, (sun, result) in enumerate(zip(suns, results, strict=True)):
+            tell(sun.name, first + share * (prepared + (1.0 - prepared) * s / len(suns)))
+            begin = time.perf_counter()
+            _evaluate(made, sun, elevation, azimuth, config.texture.latlong_width, result)
+            result.seconds += time.perf_counter() - begin
+            if b == len(blocks) - 1:
+                yield _frame(config, plan, medium, sun, result, (name, quality), set_up_s)
+                results[s] = _Radiance()
+    tell("done", 1.0)
+
+
+def resolve_solver_of(config: Config) -> tuple[str, str, Any]:
+    """(solver, quality, settings) of a validated configuration."""
+    from twilight.config.validate import Origins
+
+    return resolve_solver(config.solver, Origins())
+
+
+def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dict[str, Any]:
+    """The configuration of one frame with every default written out, as JSON values; rendering it gives the frame.
+
+    A tabulated medium is named by its file's name and the SHA-256 of its content, not by where it was.
+    """
+    data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
+    data["solver"] = complete_solver(config.solver)
+    rows, columns = config.texture.shape
+    data["texture"] = {"elevation_count": rows, "azimuth_count": columns}
+    if config.texture.latlong_width is not None:
+        data["texture"]["latlong_width"] = config.texture.latlong_width
+    wavelength_nm = wavelengths_of(config)
+    if wavelength_nm is not None:
+        data["wavelengths"] = {"list_nm": wavelength_nm.tolist()}
+    if config.climate.medium is not None:
+        table = config.climate.medium.table
+        data["climate"]["medium"] |= {"table": Path(table).name, "sha256": table_sha256(table)}
+        for key in ("atmosphere", "gases", "refraction"):
+            data["climate"].pop(key)
+    return data
+
+
+def _frame(
+    config: Config,
+    plan: Plan,
+    medium: Medium,
+    sun: _SunPosition,
+    result: _Radiance,
+    solver: tuple[str, str],
+    set_up_s: float,
+) -> Frame:
+    configuration = resolved_configuration(config, sun.section)
+    provenance = {
+        "version": __version__,
+        "configuration": configuration,
+        "hash": configuration_hash(configuration),
+        "run_time_s": set_up_s + result.seconds,
+        "set_up_time_s": set_up_s,
+        "solver": solver[0],
+        "quality": solver[1],
+        "left_out": [item.part for item in plan.left_out],
+    }
+    place = sun.section if isinstance(sun.section, SunAt) else None
+
+    def sky(texture: list, error: list, elevation: np.ndarray, azimuth: np.ndarray) -> Sky:
+        return Sky(
+            wavelength_nm=medium.wavelength_nm,
+            elevation_deg=elevation,
+            azimuth_deg=azimuth,
+            sun_normalised_radiance=np.concatenate(texture, axis=-1),
+            sun_elevation_deg=sun.elevation_deg,
+            sun_azimuth_deg=sun.azimuth_deg,
+            distance_au=sun.distance_au,
+            observer_altitude_km=config.observer.altitude_km,
+            latitude_deg=place.latitude_deg if place else None,
+            longitude_deg=place.longitude_deg if place else None,
+            time=sun.time,
+            ground_albedo=medium.ground_albedo,
+            standard_error=np.concatenate(error, axis=-1) if error else None,
+            direct_irradiance=np.concatenate(result.direct) if result.direct else None,
+            solar_spectrum=config.solar_spectrum,
+            provenance=provenance,
+        )
+
+    panorama = None
+    if config.texture.latlong_width is not None:
+        grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
+        panorama = sky(result.panorama, result.panorama_error, *grid)
+    return Frame(sun.name, sky(result.texture, result.texture_error, *_texture(config)), panorama)
+
+
+def _texture(config: Config) -> tuple[np.ndarray, np.ndarray]:
+    """Elevations of the rows and azimuths of the columns of the texture [deg]."""
+    rows, columns = config.texture.shape
+    return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(columns) * (360.0 / columns)
+
+
+def _evaluate(
+    made: Any, sun: _SunPosition, elevation: np.ndarray, azimuth: np.ndarray, width: int | None, result: _Radiance
+) -> None:
+    grids = [(elevation, azimuth, result.texture, result.texture_error)]
+    if width is not None:
+        grids.append((*latlong_grid(width, sun.azimuth_deg), result.panorama, result.panorama_error))
+    for rows, columns, values, errors in grids:
+        value, error = _on_grid(made, sun.elevation_deg, rows, columns)
+        values.append(value)
+        if error is not None:
+            errors.append(error)
+    if hasattr(made, "direct_irradiance"):
+        result.direct.append(made.direct_irradiance(sun.elevation_deg))
+
+
+def _on_grid(
+    made: Any, sun_elevation_deg: float, elevation: np.ndarray, azimuth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Radiance (E, A, W) and its standard error where the solver has one.
+
+    The sky is its own mirror image about the sun's vertical: a deterministic solver is asked for one half only.
+    """
+    stochastic = hasattr(made, "radiance_with_error")
+    columns, back = np.arange(azimuth.size), np.arange(azimuth.size)
+    if not stochastic:
+        folded = np.round(np.minimum(azimuth, 360.0 - azimuth), 9)
+        _, columns, back = np.unique(folded, return_index=True, return_inverse=True)
+    grid = np.meshgrid(elevation, azimuth[columns], indexing="ij")
+    if stochastic:
+        result = made.radiance_with_error(sun_elevation_deg, *grid)
+        return result.radiance, result.standard_error
+    return made.radiance(sun_elevation_deg, *grid)[:, back], None
+
+
+def _suns(config: Config) -> Iterator[_SunPosition]:
+    sun = config.sun
+    if isinstance(sun, SunElevation):
+        yield _SunPosition(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
+    elif isinstance(sun, SunElevations):
+        for elevation in sun.elevations_deg:
+            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au)
+            yield _SunPosition(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+    else:
+        from twilight.sun.ephemeris import sun_position
+
+        for moment in _moments(sun):
+            place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone")}
+            one_at = SunAt(at=moment, **place)
+            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+            name = moment.strftime("%Y-%m-%dT%H%M%S" if moment.second else "%Y-%m-%dT%H%M")
+            yield _SunPosition(name, one_at, at.elevation_deg, at.azimuth_deg, at.distance_au, moment)
+
+
+def _elevation_name(elevation_deg: float) -> str:
+    return f"sun{elevation_deg:+06.2f}"
+
+
+def _moments(sun: SunAt | SunInterval) -> list[datetime]:
+    """The times with their offsets; a daylight-saving change within an interval does not disturb the steps."""
+    if isinstance(sun, SunAt):
+        return [sun.aware(sun.at)]
+    start, stop = sun.aware(sun.start), sun.aware(sun.stop)
+    step = timedelta(minutes=sun.step_minutes)
+    count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + 1e-9) + 1
+    return [datetime.fromtimestamp(start.timestamp() + i * step.total_seconds(), start.tzinfo) for i in range(count)]
+
+
+__all__ = ["Frame", "Progress", "count_frames", "frames", "resolved_configuration", "run"]
