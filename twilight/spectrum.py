@@ -1,7 +1,8 @@
 """The solar spectrum, the standard observers, and the one way to get from sampled wavelengths to 1 nm.
 
 What is smooth in wavelength (a radiance divided by the solar irradiance) is interpolated; what is not (the solar
-spectrum with its Fraunhofer lines) is tabulated at 1 nm and multiplied in afterwards.  The product is never interpolated.
+spectrum with its Fraunhofer lines) is tabulated at 1 nm and multiplied in afterwards; the product is never
+interpolated.
 """
 
 from __future__ import annotations
@@ -116,51 +117,65 @@ def colour_matching_functions(observer: str = "cie1964_10deg") -> np.ndarray:
     return values
 
 
-def hermite_matrix(x: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Matrix (T, N) of a local cubic interpolation: values at the increasing nodes x (N,) to values at target (T,).
+def hermite_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Four nodes (T, 4, int) and their weights (T, 4) of a local cubic interpolation from nodes x (N,) to target (T,).
 
-    Cubic Hermite; the slope at a node is that of the parabola through three neighbours, at the ends of the outermost
-    pair.  Exact for straight lines, needs four neighbours only, reproduces the nodes.  Targets beyond the nodes take
-    the outermost value.  One node means a constant.
+    Cubic Hermite between increasing nodes; the slope at a node is that of the parabola through three neighbours, at the
+    ends of the outermost pair.  Exact for straight lines, reproduces the nodes.  Targets beyond the nodes take the
+    outermost value.  One node means a constant.
     """
     x, t = np.asarray(x, dtype=float), np.clip(np.asarray(target, dtype=float), x[0], x[-1])
     n = x.size
     if n == 1:
-        return np.ones((t.size, 1))
-    step = np.diff(x)
-    slope = np.zeros((n, n))
-    slope[0, :2] = np.array([-1.0, 1.0]) / step[0]
-    slope[-1, -2:] = np.array([-1.0, 1.0]) / step[-1]
-    for i in range(1, n - 1):
-        a, b = step[i - 1], step[i]
-        slope[i, i - 1 : i + 2] = [-b / (a * (a + b)), (b - a) / (a * b), a / (b * (a + b))]
+        return np.zeros((t.size, 4), int), np.tile([1.0, 0.0, 0.0, 0.0], (t.size, 1))
     j = np.clip(np.searchsorted(x, t, side="right") - 1, 0, n - 2)
-    h = step[j]
+    nodes = np.clip(j[:, None] + np.arange(-1, 3), 0, n - 1)
+    h = x[j + 1] - x[j]
+    before = np.where(j > 0, x[j] - x[nodes[:, 0]], np.inf)
+    after = np.where(j < n - 2, x[nodes[:, 3]] - x[j + 1], np.inf)
+    # Weight of the inner secant in the slope at either end; the rest belongs to the neighbouring secant.
+    left, right = 1.0 / (1.0 + h / before), 1.0 / (1.0 + h / after)
     u = (t - x[j]) / h
-    matrix = ((h * u * (1 - u) ** 2)[:, None]) * slope[j] - ((h * u**2 * (1 - u))[:, None]) * slope[j + 1]
-    rows = np.arange(t.size)
-    matrix[rows, j] += (1 + 2 * u) * (1 - u) ** 2
-    matrix[rows, j + 1] += u**2 * (3 - 2 * u)
+    p, q = u * (1 - u) ** 2, u**2 * (1 - u)
+    inner = p * left - q * right
+    outer_left, outer_right = p * (1 - left) * h / before, q * (1 - right) * h / after
+    weights = np.stack(
+        [
+            -outer_left,
+            (1 + 2 * u) * (1 - u) ** 2 - inner + outer_left,
+            u**2 * (3 - 2 * u) + inner + outer_right,
+            -outer_right,
+        ],
+        axis=1,
+    )
+    return nodes, weights
+
+
+def hermite_matrix(x: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """``hermite_weights`` as a matrix (T, N)."""
+    nodes, weights = hermite_weights(x, target)
+    matrix = np.zeros((weights.shape[0], np.size(x)))
+    np.add.at(matrix, (np.arange(weights.shape[0])[:, None], nodes), weights)
     return matrix
 
 
 def expand(factor: np.ndarray, wavelength_nm: np.ndarray, target_nm: np.ndarray = VISIBLE_NM) -> np.ndarray:
     """Interpolate smooth, non-negative spectra (..., W) to the target wavelengths, (..., T), in the logarithm.
 
-    Inside the sampled range the logarithm is a local cubic in ln(wavelength) (``hermite_matrix``; power laws are exact); beyond it the
-    spectrum goes on as a power of the wavelength, with the exponent of the outermost pair of samples held within
-    +-``STEEPEST_EXPONENT``.  A spectrum with a zero is interpolated linearly instead and held constant beyond the
-    samples.  A single sample means a constant.  float32 in, float32 out.
+    Inside the sampled range the logarithm is a local cubic in ln(wavelength) (``hermite_matrix``), so that power laws
+    are exact; beyond it the spectrum goes on as a power of the wavelength, with the exponent of the outermost pair of
+    samples held within +-``STEEPEST_EXPONENT``.  A spectrum with a zero is interpolated linearly instead and held
+    constant beyond the samples.  A single sample means a constant.  float32 in, float32 out.
     """
     factor = np.asarray(factor)
-    work = np.float32 if factor.dtype == np.float32 else np.float64
+    work = np.dtype(np.float32 if factor.dtype == np.float32 else np.float64)
     wavelength = np.asarray(wavelength_nm, dtype=float)
     target = np.asarray(target_nm, dtype=float)
-    flat = factor.reshape(-1, factor.shape[-1]).astype(work, copy=False)
+    flat: np.ndarray = factor.reshape(-1, factor.shape[-1]).astype(work, copy=False)
     if wavelength.size == 1:
         out = np.repeat(flat, target.size, axis=1)
         return out.reshape(*factor.shape[:-1], target.size)
-    positive = (flat > 0).all(axis=1)
+    positive = np.all(flat > 0, axis=1)
     logarithm = np.log(np.where(positive[:, None], flat, 1.0))
     # The scale is taken out so that float32 keeps its digits far from 1.
     scale = logarithm.mean(axis=1, keepdims=True)
@@ -169,7 +184,7 @@ def expand(factor: np.ndarray, wavelength_nm: np.ndarray, target_nm: np.ndarray 
     log_target, x = np.log(target), np.log(wavelength)
     for beyond, edge, inner in ((target < wavelength[0], 0, 1), (target > wavelength[-1], -1, -2)):
         if beyond.any():
-            exponent = (logarithm[:, edge] - logarithm[:, inner]) / work(x[edge] - x[inner])
+            exponent = (logarithm[:, edge] - logarithm[:, inner]) / work.type(x[edge] - x[inner])
             exponent = np.clip(exponent, -STEEPEST_EXPONENT, STEEPEST_EXPONENT)
             out[:, beyond] += exponent[:, None] * (log_target[beyond] - x[edge]).astype(work)
     np.exp(out, out=out)

@@ -1,0 +1,182 @@
+"""``sky.rgb.exr`` and ``sky.spectral.exr``: environment maps as OpenEXR files, and their readers."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight import colour, spectrum
+from twilight.errors import TwilightError
+from twilight.io.environment import environment, ground_factor
+from twilight.io.provenance import PREFIX, provenance_fields
+from twilight.io.whole import whole_file
+from twilight.sky import Sky
+
+REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""x, y of red, green, blue and white (ITU-R BT.709)."""
+
+_SPECTRAL_CHANNEL = re.compile(r"^S0\.(\d*,?\d*(?:[Ee][+-]?\d+)?)nm$")
+
+
+@dataclass(frozen=True)
+class LatLong:
+    """An RGB environment map: pixels (height, width, 3) as stored, and the file's attributes."""
+
+    rgb: np.ndarray
+    attributes: dict[str, Any]
+
+    @property
+    def white_luminance(self) -> float:
+        """Luminance of RGB = 1, 1, 1 [cd m^-2]; 1 where the file does not say."""
+        return float(self.attributes.get("whiteLuminance", 1.0))
+
+
+def _header(sky: Sky, target: str, observer: str) -> dict[str, Any]:
+    import OpenEXR
+
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "software": "twilight",
+        "chromaticities": REC709_CHROMATICITIES,
+        "whiteLuminance": float(spectrum.LUMINOUS_EFFICACY_LM_PER_W),
+        f"{PREFIX}Target": target,
+        f"{PREFIX}Colour": colour.colour_note(sky, observer),
+        f"{PREFIX}SunElevationDeg": float(sky.sun_elevation_deg),
+        f"{PREFIX}SunAzimuthDeg": float(sky.sun_azimuth_deg or 0.0),
+        f"{PREFIX}SunAzimuth": "clockwise from north"
+        + ("" if sky.sun_azimuth_deg is not None else "; not known, the sun is put in the north"),
+        f"{PREFIX}SolarSpectrum": sky.solar_spectrum,
+        "altitude": float(sky.observer_altitude_km * 1000.0),
+    }
+    if target != "pbrt":
+        header["envmap"] = OpenEXR.ENVMAP_LATLONG
+    if sky.latitude_deg is not None:
+        header["latitude"] = float(sky.latitude_deg)
+    if sky.longitude_deg is not None:
+        header["longitude"] = float(sky.longitude_deg)
+    if sky.time is not None:
+        header["capDate"] = sky.time.strftime("%Y:%m:%d %H:%M:%S")
+        offset = sky.time.utcoffset()
+        if offset is not None:
+            # OpenEXR: universal time is local time plus the offset.
+            header["utcOffset"] = -float(offset.total_seconds())
+    for name, value in provenance_fields(sky.provenance).items():
+        header[PREFIX + "".join(part.capitalize() for part in name.removeprefix("twilight_").split("_"))] = value
+    return header
+
+
+def _write(path: str | Path, header: dict[str, Any], channels: dict[str, np.ndarray]) -> Path:
+    import OpenEXR
+
+    largest = float(np.finfo(np.float32).max)
+    planes = {k: np.ascontiguousarray(np.clip(v, -largest, largest), dtype=np.float32) for k, v in channels.items()}
+    with whole_file(path) as temporary, OpenEXR.File(header, planes) as file:
+        file.write(str(temporary))
+    return Path(path)
+
+
+def _environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.ndarray:
+    """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3)."""
+    xyz = colour.sky_to_xyz(sky, observer=observer)
+    ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
+    picture = environment(sky, xyz, ground, target, width)
+    return colour.xyz_to_linear_rgb(picture, observer) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+
+
+def write_rgb_exr(
+    sky: Sky,
+    path: str | Path,
+    *,
+    target: str = "openexr",
+    width: int = 1024,
+    observer: str = colour.DEFAULT_OBSERVER,
+) -> Path:
+    """Write the environment map as linear Rec. 709 (D65), float32, channels R, G, B and nothing else.
+
+    1 stands for 683 cd m^-2 (header ``whiteLuminance``), so that the values are radiances weighted with V(lambda),
+    W m^-2 sr^-1, a handful by day; colours outside the gamut keep their negative values.  The chromaticity is that of
+    the observer, the luminance that of V(lambda).  Orientation and width: ``io.environment``.  The lower hemisphere is
+    the Lambertian ground.  The sun's disc is not in the picture.  Raises TwilightError for an unknown target.
+    """
+    rgb = _environment_rgb(sky, target, width, observer)
+    return _write(path, _header(sky, target, observer), {name: rgb[..., i] for i, name in enumerate("RGB")})
+
+
+def write_spectral_exr(
+    sky: Sky,
+    path: str | Path,
+    *,
+    target: str = "openexr",
+    width: int = 256,
+    observer: str = colour.DEFAULT_OBSERVER,
+) -> Path:
+    """Write the spectral environment map in the layout of Fichet, Pacanowski and Wilkie 2021 (JCGT 10(3)).
+
+    One channel ``S0.550,000000nm`` per wavelength with the radiance in W m^-2 sr^-1 nm^-1 (float32), and a preview R,
+    G, B as in ``write_rgb_exr``.  The layout's ``emissiveUnits`` has no form per nm and its reference reader accepts
+    one string only; ``twilightRadianceUnits`` states the unit, ``twilightWavelengthBoundsNm`` the bins.
+    """
+    sun = sky.solar_irradiance
+    spectra = environment(sky, sky.sun_normalised_radiance, ground_factor(sky), target, width) * sun
+    rgb = _environment_rgb(sky, target, width, observer)
+    channels = {name: rgb[..., i] for i, name in enumerate("RGB")}
+    for i, wavelength in enumerate(sky.wavelength_nm):
+        channels[f"S0.{wavelength:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)] = spectra[..., i]
+    if len(channels) != 3 + sky.wavelength_nm.size:
+        raise TwilightError(f"{path}: wavelengths closer than 1e-6 nm cannot be told apart in a spectral EXR")
+    header = _header(sky, target, observer) | {
+        "spectralLayoutVersion": "1.0",
+        "emissiveUnits": "W.m^-2.sr^-1",
+        f"{PREFIX}RadianceUnits": "W.m^-2.sr^-1.nm^-1",
+        f"{PREFIX}WavelengthBoundsNm": ";".join(
+            f"{low:.6g}:{high:.6g}" for low, high in spectrum.wavelength_bounds(sky.wavelength_nm, sky.solar_spectrum)
+        ),
+        f"{PREFIX}SolarIrradiance": ";".join(f"{value:.9g}" for value in sun),
+    }
+    return _write(path, header, channels)
+
+
+def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    import OpenEXR
+
+    path = Path(path)
+    if not path.is_file():
+        raise TwilightError(f"{path}: no such file")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header = dict(file.header())
+            # The pixels belong to the file and end with it.
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError, OSError) as error:
+        raise TwilightError(f"{path}: is not a complete OpenEXR file ({error})") from error
+    return header, channels
+
+
+def read_latlong_exr(path: str | Path) -> LatLong:
+    """Read an RGB environment map.  Raises TwilightError where the file is not a complete EXR or has no R, G, B."""
+    header, channels = _read(path)
+    if not {"R", "G", "B"} <= channels.keys():
+        raise TwilightError(f"{path}: has the channels {', '.join(sorted(channels))}, expected R, G and B")
+    return LatLong(np.stack([channels[name] for name in "RGB"], axis=-1), header)
+
+
+def read_spectral_exr(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """Wavelengths [nm] (W,) increasing, values (height, width, W) and the attributes of a spectral EXR.
+
+    Raises TwilightError where the file is not a complete EXR or has no channel of the layout.
+    """
+    header, channels = _read(path)
+    planes = {
+        float(found.group(1).replace(",", ".")): pixels
+        for name, pixels in channels.items()
+        if (found := _SPECTRAL_CHANNEL.match(name))
+    }
+    if not planes:
+        raise TwilightError(f"{path}: has no channel like S0.550,0nm (Fichet et al. 2021)")
+    wavelength = np.array(sorted(planes))
+    return wavelength, np.stack([planes[w] for w in wavelength], axis=-1), header

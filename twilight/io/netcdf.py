@@ -1,0 +1,250 @@
+"""``sky.h5``: a Sky as HDF5 that is netCDF-4 with CF attributes, written and read through xarray."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twilight.errors import TwilightError
+from twilight.io.provenance import provenance_fields, provenance_from_fields
+from twilight.io.whole import whole_file
+from twilight.sky import Sky
+from twilight.spectrum import wavelength_bounds
+
+if TYPE_CHECKING:
+    import xarray
+
+CONVENTIONS = "CF-1.11"
+_DIRECTIONS = ("elevation", "azimuth")
+_GRID = (*_DIRECTIONS, "wavelength")
+_ATTRIBUTE_LIMIT = 60_000
+"""HDF5 keeps an attribute in the object header, at most 64 KiB; longer texts become scalar variables."""
+
+
+def sky_to_dataset(sky: Sky) -> xarray.Dataset:
+    """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``."""
+    import xarray
+
+    scalars = {
+        "solar_elevation_angle": (
+            sky.sun_elevation_deg,
+            {
+                "standard_name": "solar_elevation_angle",
+                "long_name": "true (unrefracted) elevation of the centre of the sun's disc",
+                "units": "degree",
+            },
+        ),
+        "apparent_solar_elevation_angle": (
+            sky.apparent_sun_elevation_deg,
+            {"long_name": "refracted elevation of the centre of the sun's disc", "units": "degree"},
+        ),
+        "solar_azimuth_angle": (
+            sky.sun_azimuth_deg,
+            {
+                "standard_name": "solar_azimuth_angle",
+                "long_name": "azimuth of the sun, clockwise from north",
+                "units": "degree",
+            },
+        ),
+        "earth_sun_distance": (
+            sky.distance_au,
+            {"long_name": "distance between the Earth and the sun", "units": "astronomical_unit"},
+        ),
+        "observer_altitude": (
+            sky.observer_altitude_km,
+            {"standard_name": "altitude", "long_name": "altitude of the observer", "units": "km", "positive": "up"},
+        ),
+        "latitude": (sky.latitude_deg, {"standard_name": "latitude", "units": "degrees_north"}),
+        "longitude": (sky.longitude_deg, {"standard_name": "longitude", "units": "degrees_east"}),
+        "time": (
+            None if sky.time is None else sky.time.timestamp(),
+            {
+                "standard_name": "time",
+                "units": "seconds since 1970-01-01 00:00:00",
+                "calendar": "standard",
+                "units_metadata": "leap_seconds: none",
+                "axis": "T",
+            },
+        ),
+    }
+    coords: dict = {
+        "wavelength": (
+            "wavelength",
+            sky.wavelength_nm,
+            {
+                "standard_name": "radiation_wavelength",
+                "long_name": "wavelength in vacuum",
+                "units": "nm",
+                "bounds": "wavelength_bnds",
+            },
+        ),
+        "elevation": (
+            "elevation",
+            sky.elevation_deg,
+            {
+                "long_name": "elevation of the line of sight above the geometric horizon",
+                "units": "degree",
+                "bounds": "elevation_bnds",
+            },
+        ),
+        "azimuth": (
+            "azimuth",
+            sky.azimuth_deg,
+            {
+                "long_name": "azimuth of the line of sight relative to the sun, clockwise seen from above",
+                "units": "degree",
+            },
+        ),
+    }
+    coords.update({name: ((), value, attrs) for name, (value, attrs) in scalars.items() if value is not None})
+    edges = sky.elevation_edges_deg
+    radiance_attrs = {
+        "units": "sr-1",
+        "long_name": "spectral radiance divided by the solar irradiance on top of the air",
+    }
+    variables: dict = {
+        "wavelength_bnds": (("wavelength", "nv"), wavelength_bounds(sky.wavelength_nm, sky.solar_spectrum)),
+        "elevation_bnds": (("elevation", "nv"), np.stack([edges[:-1], edges[1:]], axis=1)),
+        "radiance": (
+            _GRID,
+            sky.radiance,
+            {
+                "standard_name": "downwelling_radiance_per_unit_wavelength_in_air",
+                "long_name": "spectral radiance of the sky without the sun's disc",
+                "units": "W m-2 nm-1 sr-1",
+                "comment": "sun_normalised_radiance times solar_irradiance",
+            },
+        ),
+        "sun_normalised_radiance": (_GRID, sky.sun_normalised_radiance, radiance_attrs),
+        "luminance": (
+            _DIRECTIONS,
+            sky.luminance(),
+            {"long_name": "luminance, V(lambda) of the CIE 1931 observer, integrated at 1 nm", "units": "cd m-2"},
+        ),
+        "solar_irradiance": (
+            "wavelength",
+            sky.solar_irradiance,
+            {
+                "standard_name": "solar_irradiance_per_unit_wavelength",
+                "long_name": "solar irradiance on top of the atmosphere, mean over wavelength_bnds",
+                "units": "W m-2 nm-1",
+                "source": sky.solar_spectrum,
+            },
+        ),
+        "surface_albedo": (
+            "wavelength",
+            sky.ground_albedo,
+            {"standard_name": "surface_albedo", "long_name": "Lambertian albedo of the ground", "units": "1"},
+        ),
+    }
+    if sky.standard_error is not None:
+        radiance_attrs["ancillary_variables"] = "standard_error"
+        variables["standard_error"] = (
+            _GRID,
+            sky.standard_error,
+            {"long_name": "standard error of sun_normalised_radiance", "units": "sr-1"},
+        )
+    if sky.direct_irradiance is not None:
+        variables["direct_irradiance_factor"] = (
+            "wavelength",
+            sky.direct_irradiance,
+            {
+                "long_name": "irradiance of the sun's beam at the observer, normal to it, divided by that on top "
+                "of the atmosphere",
+                "units": "1",
+            },
+        )
+    fields = provenance_fields(sky.provenance)
+    attributes: dict = {
+        "Conventions": CONVENTIONS,
+        "title": f"Radiance of the sky, sun at {sky.sun_elevation_deg:g} degrees elevation",
+        "source": f"twilight {fields['twilight_version']}",
+        "history": f"written by twilight {fields['twilight_version']}",
+        "references": "Haber, Magnor, Seidel 2005, Physically-based simulation of twilight phenomena",
+        "solar_spectrum": sky.solar_spectrum,
+    }
+    if sky.time is not None:
+        attributes["time_iso8601"] = sky.time.isoformat()
+    for name, value in fields.items():
+        if isinstance(value, str) and len(value.encode()) > _ATTRIBUTE_LIMIT:
+            variables[name] = ((), np.array(value, dtype=object), {"long_name": f"{name}, JSON"})
+        else:
+            attributes[name] = value
+    return xarray.Dataset(variables, coords, attributes)
+
+
+def write_sky(sky: Sky, path: str | Path) -> Path:
+    """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path."""
+    dataset = sky_to_dataset(sky)
+    encoding: dict = {}
+    for name, variable in dataset.variables.items():
+        encoding[name] = {"_FillValue": None} if variable.dtype.kind == "f" else {}
+        if variable.dims == _GRID:
+            encoding[name] |= {
+                "chunksizes": (sky.elevation_deg.size, sky.azimuth_deg.size, 1),
+                "zlib": True,
+                "complevel": 4,
+                "shuffle": True,
+            }
+    with whole_file(path) as temporary:
+        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    return Path(path)
+
+
+def read_sky(path: str | Path) -> Sky:
+    """Read what ``write_sky`` wrote; every array comes back bit for bit.
+
+    Raises TwilightError where the file is missing, not complete, or not a sky.
+    """
+    import xarray
+
+    path = Path(path)
+    if not path.is_file():
+        raise TwilightError(f"{path}: no such file")
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
+            dataset = opened.load()
+    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError ... depending on where a file is cut
+        raise TwilightError(f"{path}: is not a complete HDF5 file ({str(error).splitlines()[0]})") from error
+    for name in (*_GRID, "sun_normalised_radiance", "solar_elevation_angle"):
+        if name not in dataset.variables:
+            raise TwilightError(f"{path}: has no variable '{name}', so it is not a sky written by twilight")
+    if set(dataset["sun_normalised_radiance"].dims) != set(_GRID):
+        raise TwilightError(f"{path}: sun_normalised_radiance must have the dimensions {', '.join(_GRID)}")
+
+    def array(name: str) -> np.ndarray | None:
+        if name not in dataset.variables:
+            return None
+        variable = dataset[name]
+        return (variable.transpose(*_GRID) if variable.ndim == 3 else variable).values
+
+    def scalar(name: str, default: float | None = None) -> float | None:
+        return float(dataset[name]) if name in dataset.variables else default
+
+    fields = dict(dataset.attrs)
+    for name in ("configuration", "provenance"):
+        if name in dataset.variables:
+            fields[name] = str(dataset[name].values[()])
+    time = dataset.attrs.get("time_iso8601")
+    return Sky(
+        wavelength_nm=dataset["wavelength"].values,
+        elevation_deg=dataset["elevation"].values,
+        azimuth_deg=dataset["azimuth"].values,
+        sun_normalised_radiance=array("sun_normalised_radiance"),  # type: ignore[arg-type]
+        sun_elevation_deg=float(dataset["solar_elevation_angle"]),
+        sun_azimuth_deg=scalar("solar_azimuth_angle"),
+        distance_au=scalar("earth_sun_distance", 1.0),  # type: ignore[arg-type]
+        observer_altitude_km=scalar("observer_altitude", 0.0),  # type: ignore[arg-type]
+        latitude_deg=scalar("latitude"),
+        longitude_deg=scalar("longitude"),
+        time=None if time is None else datetime.fromisoformat(time),
+        ground_albedo=array("surface_albedo"),
+        standard_error=array("standard_error"),
+        direct_irradiance=array("direct_irradiance_factor"),
+        apparent_sun_elevation_deg=scalar("apparent_solar_elevation_angle"),
+        solar_spectrum=str(dataset.attrs.get("solar_spectrum", "astm_g173_etr")),
+        provenance=provenance_from_fields(fields),
+    )
