@@ -157,7 +157,8 @@ def _aerosol_regions(
         factor = aerosols.tropospheric_factor(
             aerosol.optical_depth_550nm, tropospheric(at_550), stratospheric(at_550), top_km
         )
-    regions = [region.scaled(factor) for region in tropospheric(wavelength)] + stratospheric(wavelength)
+    scaled = [region.scaled(factor) for region in tropospheric(wavelength)] if factor > 0.0 else []
+    regions = scaled + stratospheric(wavelength)
     return [region for region in regions if region.bottom_km < top_km], factor
 
 

@@ -15,12 +15,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.optics_cache import ArrayCache
 from twilight.phase import TABLE, PhaseFunction, table_angles_rad
+
+METHOD_VERSION = 1
+"""Part of every cache key; to be raised with any change of this file that moves a number."""
 
 N_ANGLES = 513
 """Nodes of the tabulated phase functions, dense in the forward peak."""
@@ -157,7 +159,7 @@ def compute_optics(
         scattering = extinction
     log_phase = np.log(intensity / (4.0 * math.pi * scattering))
     moments = PhaseFunction(TABLE, np.zeros(1), log_phase[None, :]).legendre_moments(0)
-    log_phase -= math.log(moments[0, 0])
+    log_phase = (log_phase - math.log(moments[0, 0])).astype(np.float32).astype(float)  # as it ships: 2e-7
     to_per_km = 2.0 * math.pi / wavenumber**2 * 1e-3  # um^2 cm^-3 = 1e-8 cm^-1 = 1e-3 km^-1
     return np.concatenate([[extinction * to_per_km, scattering * to_per_km, 2.0 * forward / scattering], log_phase])
 
@@ -169,8 +171,11 @@ def particle_optics(
     wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
     cache = ArrayCache(cache_dir, 3 + N_ANGLES)
-    keys = [_key(size, m, w) for m, w in zip(indices, wavelengths, strict=True)]
-    found = [cache.load(key) for key in keys]
+    keys = [cache_key(size, m, w, installed_miepython()) for m, w in zip(indices, wavelengths, strict=True)]
+    found = [
+        cache.load(key) if shipped is None else shipped
+        for key, shipped in zip(keys, _shipped(size, indices, wavelengths), strict=True)
+    ]
     missing = [i for i, row in enumerate(found) if row is None]
     mie_coefficients = (
         _mie_coefficients(sum(_seconds(size, indices[i], wavelengths[i]) for i in missing)) if missing else None
@@ -184,25 +189,35 @@ def particle_optics(
     return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
 
 
+def _shipped(size: LogNormal, indices: Sequence[complex], wavelengths: np.ndarray) -> list[np.ndarray | None]:
+    """Rows that come with the package, None for the others."""
+    from twilight.atmosphere import shipped_optics
+
+    table = shipped_optics.load()
+    return [
+        table.rows.get(cache_key(size, m, w, table.miepython_version))
+        for m, w in zip(indices, wavelengths, strict=True)
+    ]
+
+
 @lru_cache(maxsize=1)
-def _code_version() -> str:
-    """Changes with this file and with miepython: an entry of the cache is never older than the code."""
-    source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    return f"{source} miepython {metadata.version('miepython')}"
+def installed_miepython() -> str:
+    return metadata.version("miepython")
 
 
-def _key(size: LogNormal, index: complex, wavelength_nm: float) -> str:
+def cache_key(size: LogNormal, index: complex, wavelength_nm: float, miepython_version: str) -> str:
+    """Hash of everything that enters one row of results; numbers count to 12 digits."""
     numbers = (
         size.median_radius_um,
         size.sigma,
         size.min_radius_um,
         size.max_radius_um,
         index.real,
-        index.imag,
-        float(wavelength_nm),
-        N_ANGLES,
+        abs(index.imag),
+        wavelength_nm,
     )
-    text = " ".join(float(x).hex() for x in numbers) + " " + _code_version()
+    method = (METHOD_VERSION, N_ANGLES, _NEGLIGIBLE, _NODES_PER_PANEL, _PANELS_ABSORBING, _PANELS_CLEAR, _CLEAR_BELOW)
+    text = " ".join(f"{x:.12e}" for x in numbers) + f" {method} miepython {miepython_version}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 
