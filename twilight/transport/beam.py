@@ -61,8 +61,9 @@ class Beam(NamedTuple):
     up_bending: np.ndarray
     limb_bending: np.ndarray
     log_down: np.ndarray
-    edge_p_km: np.ndarray
-    edge_width_km: float
+    shift_km: np.ndarray
+    dispersion: np.ndarray
+    dispersing: bool
     far_km: float
     overhead: np.ndarray
 
@@ -212,14 +213,28 @@ def prepare_beam(
     )
     t = np.arange(distance_nodes + 1) / distance_nodes * (_MAX_DISTANCE_KM / (_MAX_DISTANCE_KM + _NEAR_KM))
     distances = _NEAR_KM * t / (1.0 - t)
-    log_down = np.empty((lowest.size, distance_nodes + 1, n_w))
-    edge = np.empty((distance_nodes + 1, n_w))
+    shift = np.zeros((lowest.size, distance_nodes + 1))
+    other = int(np.argmin(scale))
+    dispersing = bool(refraction and scale[other] < 1.0 - 1e-9)
+    if dispersing:
+        beam_tables.shift_table(profile, reference, other, lowest, invariant[reference], distances, slope, shift)
+        shift /= 1.0 - scale[other]
+    log_down = np.empty((n_w, lowest.size, distance_nodes + 1))
     far = _FAR_KM if spreading and refraction else 1e300
     beam_tables.down_table(
-        profile, reference, lowest, distances, scale, slope, spreading and refraction, far, log_down, edge
+        profile,
+        reference,
+        lowest,
+        invariant[reference],
+        distances,
+        scale,
+        shift,
+        slope,
+        spreading and refraction,
+        far,
+        log_down,
     )
     bottoms, tops = limb_x[:-1], limb_x[1:]
-    edge = np.maximum(edge, invariant[reference, int(np.argmax(free[reference]))])
     return Beam(
         radius_km=float(medium.earth_radius_km),
         top_km=medium.top_km,
@@ -242,8 +257,9 @@ def prepare_beam(
         up_bending=up_bending,
         limb_bending=np.ascontiguousarray(bending[reference]),
         log_down=log_down,
-        edge_p_km=edge,
-        edge_width_km=float(edge.max() - edge.min()),
+        shift_km=shift,
+        dispersion=1.0 - scale,
+        dispersing=dispersing,
         far_km=far,
         overhead=np.ascontiguousarray(medium.overhead_absorption_optical_depth, dtype=float),
     )
@@ -255,7 +271,9 @@ def _weights(f):
     a = f - 1.0
     b = f - 2.0
     c = f - 3.0
-    return -a * b * c / 6.0, 0.5 * f * b * c, -0.5 * f * a * c, f * a * b / 6.0
+    bc = b * c
+    fa = f * a
+    return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
 
 
 @njit(cache=True, inline="always")
@@ -282,39 +300,45 @@ def _uniform(position, n):
 
 
 @njit(cache=True, inline="always")
-def _blend(table, first, a, b, c, d):
-    return a * table[first] + b * table[first + 1] + c * table[first + 2] + d * table[first + 3]
+def _blend(table, first, w):
+    return w[0] * table[first] + w[1] * table[first + 1] + w[2] * table[first + 2] + w[3] * table[first + 3]
+
+
+@njit(cache=True, inline="always")
+def _blend2(table, row, rows, first, w):
+    """Bicubic value of table[row.., first..]."""
+    value = 0.0
+    for i in range(4):
+        k = row + i
+        value += rows[i] * (
+            w[0] * table[k, first]
+            + w[1] * table[k, first + 1]
+            + w[2] * table[k, first + 2]
+            + w[3] * table[k, first + 3]
+        )
+    return value
 
 
 @njit(cache=True)
-def _ray(beam, altitude_km, cos_sun_zenith):
-    """Where to look: (lit, from above, bending, p, u, altitude node, its position, limb node, its position)."""
-    c = min(1.0, max(-1.0, cos_sun_zenith))
-    s = math.sqrt((1.0 - c) * (1.0 + c))
-    z = max(altitude_km, beam.segment_bottom_km[0])
+def _ray(beam, z, c):
+    """The ray of the reference wavelength at a point inside the air.
+
+    Returns (lit, bending, invariant p, u = n r cos i, first altitude node, position behind it).
+    """
     jz, fz = _locate(
-        z,
-        beam.segment_hash,
-        beam.segment_bottom_km,
-        beam.segment_top_km,
-        beam.segment_size,
-        beam.segment_start,
+        z, beam.segment_hash, beam.segment_bottom_km, beam.segment_top_km, beam.segment_size, beam.segment_start
     )
     r = beam.radius_km + z
+    s = math.sqrt((1.0 - c) * (1.0 + c))
+    p_ground = beam.limb_bottom_km[0]
     if not beam.refracting:
-        p = r * s
-        if c >= 0.0:
-            return True, True, 0.0, p, r * c, jz, fz, 0, 0.0
-        if p < beam.limb_bottom_km[0]:
-            return False, False, 0.0, p, -r * c, jz, fz, 0, 0.0
-        ky, fy = _locate(p, beam.limb_hash, beam.limb_bottom_km, beam.limb_top_km, beam.limb_size, beam.limb_start)
-        return True, False, 0.0, p, -r * c, jz, fz, ky, fy
-    w0, w1, w2, w3 = _weights(fz)
-    edge = _blend(beam.edge_chi, jz, w0, w1, w2, w3)
+        return c >= 0.0 or r * s >= p_ground, 0.0, r * s, r * c, jz, fz
+    rows = _weights(fz)
+    edge = _blend(beam.edge_chi, jz, rows)
     chi = math.acos(c)
     depth = (edge - chi) / edge
     if depth < -1e-5:
-        return False, False, 0.0, 0.0, 0.0, jz, fz, 0, 0.0
+        return False, 0.0, 0.0, 0.0, jz, fz
     depth = max(0.0, depth)
     n_g = beam.guess.shape[1] - 1
     g = depth * (1.0 + _DEPTH) / (depth + _DEPTH) * n_g
@@ -322,93 +346,60 @@ def _ray(beam, altitude_km, cos_sun_zenith):
     g -= k
     j = jz + min(2, int(fz))
     f = fz - (j - jz)
-    guess = (1.0 - f) * ((1.0 - g) * beam.guess[j, k, 0] + g * beam.guess[j, k + 1, 0]) + f * (
-        (1.0 - g) * beam.guess[j + 1, k, 0] + g * beam.guess[j + 1, k + 1, 0]
-    )
-    slope = (1.0 - f) * ((1.0 - g) * beam.guess[j, k, 1] + g * beam.guess[j, k + 1, 1]) + f * (
-        (1.0 - g) * beam.guess[j + 1, k, 1] + g * beam.guess[j + 1, k + 1, 1]
-    )
-    x = r * (1.0 + _blend(beam.refractivity, jz, w0, w1, w2, w3))
-    bending = guess
+    w00 = (1.0 - f) * (1.0 - g)
+    w01 = (1.0 - f) * g
+    w10 = f * (1.0 - g)
+    w11 = f * g
+    t = beam.guess
+    bending = w00 * t[j, k, 0] + w01 * t[j, k + 1, 0] + w10 * t[j + 1, k, 0] + w11 * t[j + 1, k + 1, 0]
+    slope = w00 * t[j, k, 1] + w01 * t[j, k + 1, 1] + w10 * t[j + 1, k, 1] + w11 * t[j + 1, k + 1, 1]
+    x = r * (1.0 + _blend(beam.refractivity, jz, rows))
+    # one Newton step from the guess with the finer tables
+    sb = math.sin(bending)
+    cb = math.cos(bending)
+    cos_i = c * cb + s * sb
+    a = abs(cos_i)
     n_c = beam.up_bending.shape[1] - 1
-    p = 0.0
-    cos_i = 0.0
-    ky = 0
-    fy = 0.0
-    for step in range(2):
-        sb = math.sin(bending)
-        cb = math.cos(bending)
-        cos_i = c * cb + s * sb
-        p = x * abs(s * cb - c * sb)
-        ky = 0
-        fy = 0.0
-        if cos_i < 0.0:
-            if p < beam.limb_bottom_km[0] - 1e-9 * x:
-                if step == 1 or p < beam.limb_bottom_km[0] - 1e-4 * x:
-                    return False, False, bending, p, -x * cos_i, jz, fz, ky, fy
-            ky, fy = _locate(p, beam.limb_hash, beam.limb_bottom_km, beam.limb_top_km, beam.limb_size, beam.limb_start)
-        if step == 1:
-            break
-        a = abs(cos_i)
-        m, fm = _uniform(a * (1.0 + _COSINE) / (a + _COSINE) * n_c, n_c)
-        v0, v1, v2, v3 = _weights(fm)
-        up = (
-            w0 * _blend(beam.up_bending[jz], m, v0, v1, v2, v3)
-            + w1 * _blend(beam.up_bending[jz + 1], m, v0, v1, v2, v3)
-            + w2 * _blend(beam.up_bending[jz + 2], m, v0, v1, v2, v3)
-            + w3 * _blend(beam.up_bending[jz + 3], m, v0, v1, v2, v3)
-        )
-        value = up
-        if cos_i < 0.0:
-            y0, y1, y2, y3 = _weights(fy)
-            value = _blend(beam.limb_bending, ky, y0, y1, y2, y3) - up
-        bending = max(0.0, bending + (value - bending) / (1.0 + slope))
-    return True, cos_i >= 0.0, bending, p, abs(x * cos_i), jz, fz, ky, fy
+    m, fm = _uniform(a * (1.0 + _COSINE) / (a + _COSINE) * n_c, n_c)
+    value = _blend2(beam.up_bending, jz, rows, m, _weights(fm))
+    if cos_i < 0.0:
+        p = x * (s * cb - c * sb)
+        if p < p_ground - 1e-4 * x:
+            return False, bending, p, x * cos_i, jz, fz
+        ky, fy = _locate(p, beam.limb_hash, beam.limb_bottom_km, beam.limb_top_km, beam.limb_size, beam.limb_start)
+        value = _blend(beam.limb_bending, ky, _weights(fy)) - value
+    bending = max(0.0, bending + (value - bending) / (1.0 + slope))
+    sb = math.sin(bending)
+    cb = math.cos(bending)
+    cos_i = c * cb + s * sb
+    p = x * abs(s * cb - c * sb)
+    return cos_i >= 0.0 or p >= p_ground * (1.0 - 1e-13), bending, p, x * cos_i, jz, fz
 
 
 @njit(cache=True)
-def _ray_from_space(beam, altitude_km, cos_sun_zenith):
-    """The same for a point above the top of the air."""
-    c = min(1.0, max(-1.0, cos_sun_zenith))
+def _ray_from_space(beam, altitude_km, c):
+    """(lit, bending, p, u) of the reference ray at a point above the top of the air."""
     r = beam.radius_km + altitude_km
-    n = beam.limb_top_km.size
-    p_top = beam.limb_top_km[n - 1]
+    p_top = beam.limb_top_km[beam.limb_top_km.size - 1]
     s = math.sqrt((1.0 - c) * (1.0 + c))
     if c >= 0.0 or r * s >= p_top:
-        return True, True, 0.0, r * s, r * c, 0, 0.0
+        return True, 0.0, r * s, abs(r * c)
     chi = math.acos(c)
     lo = beam.limb_bottom_km[0]
     hi = p_top
     p = lo
     bending = beam.limb_bending[0]
     if math.pi - math.asin(lo / r) + bending < chi:
-        return False, False, 0.0, 0.0, 0.0, 0, 0.0
-    ky = 0
-    fy = 0.0
+        return False, 0.0, 0.0, 0.0
     for _ in range(48):
         p = 0.5 * (lo + hi)
         ky, fy = _locate(p, beam.limb_hash, beam.limb_bottom_km, beam.limb_top_km, beam.limb_size, beam.limb_start)
-        y0, y1, y2, y3 = _weights(fy)
-        bending = _blend(beam.limb_bending, ky, y0, y1, y2, y3) if beam.refracting else 0.0
+        bending = _blend(beam.limb_bending, ky, _weights(fy)) if beam.refracting else 0.0
         if math.pi - math.asin(p / r) + bending > chi:
             lo = p
         else:
             hi = p
-    return True, False, bending, p, math.sqrt((r - p) * (r + p)), ky, fy
-
-
-@njit(cache=True, inline="always")
-def _distance(beam, u):
-    n = beam.edge_p_km.shape[0] - 1
-    position = u / (u + _NEAR_KM) * ((_MAX_DISTANCE_KM + _NEAR_KM) / _MAX_DISTANCE_KM) * n
-    return _uniform(min(position, float(n)), n)
-
-
-@njit(cache=True, inline="always")
-def _cosine(beam, altitude_km, u, p):
-    n = beam.up_bending.shape[1] - 1
-    a = u / math.sqrt(u * u + p * p)
-    return _uniform(a * (1.0 + _COSINE) / (a + _COSINE) * n, n)
+    return True, bending, p, -math.sqrt((r - p) * (r + p))
 
 
 @njit(cache=True)
@@ -420,89 +411,90 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     out (W,): filled; exactly 0 in the shadow of the refracted limb.
     Returns the bending [rad] >= 0: true minus apparent zenith angle of the sun.
     """
-    n_w = beam.n_wavelengths
-    space = altitude_km > beam.top_km
-    jz = 0
-    fz = 0.0
-    if space:
-        lit, above, bending, p, u, ky, fy = _ray_from_space(beam, altitude_km, cos_sun_zenith)
-    else:
-        lit, above, bending, p, u, jz, fz, ky, fy = _ray(beam, altitude_km, cos_sun_zenith)
-    if not lit:
-        out[:n_w] = 0.0
-        return bending
-    for w in range(n_w):
-        out[w] = -beam.overhead[w]
-    factor = 1.0
-    if not space:
-        sign = 1.0 if above else -1.0
-        m, fm = _cosine(beam, altitude_km, u, p)
-        b = _weights(fz)
-        a = _weights(fm)
-        for i in range(4):
-            for k in range(4):
-                weight = sign * b[i] * a[k]
-                row = beam.log_up[jz + i, m + k]
-                for w in range(n_w):
-                    out[w] += weight * row[w]
-    d = 0
-    fd = 0.0
-    if not above:
-        d, fd = _distance(beam, u)
-        b = _weights(fy)
-        a = _weights(fd)
-        for i in range(4):
-            for k in range(4):
-                weight = b[i] * a[k]
-                row = beam.log_down[ky + i, d + k]
-                for w in range(n_w):
-                    out[w] += weight * row[w]
-        factor = 1.0 / (1.0 + u / beam.far_km)
-    for w in range(n_w):
-        out[w] = factor * math.exp(min(out[w], 3.0))
-    if not above and p < beam.limb_bottom_km[0] + beam.edge_width_km:
-        a = _weights(fd)
-        for w in range(n_w):
-            limit = 0.0
-            for k in range(4):
-                limit += a[k] * beam.edge_p_km[d + k, w]
-            if p < limit:
-                out[w] = 0.0
-    return bending
+    return _look_up(beam, altitude_km, cos_sun_zenith, 0, beam.n_wavelengths, out)
 
 
 @njit(cache=True)
 def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""
-    space = altitude_km > beam.top_km
+    out = np.empty(1)
+    bending = _look_up(beam, altitude_km, cos_sun_zenith, w, w + 1, out)
+    return out[0], bending
+
+
+@njit(cache=True)
+def _look_up(beam, altitude_km, cos_sun_zenith, w_first, w_end, out):
+    c = min(1.0, max(-1.0, cos_sun_zenith))
+    z = max(altitude_km, beam.segment_bottom_km[0])
+    n_w = w_end - w_first
+    space = z > beam.top_km
     jz = 0
     fz = 0.0
     if space:
-        lit, above, bending, p, u, ky, fy = _ray_from_space(beam, altitude_km, cos_sun_zenith)
+        lit, bending, p, u = _ray_from_space(beam, z, c)
+        if lit and u >= 0.0:
+            for w in range(n_w):
+                out[w] = math.exp(-beam.overhead[w_first + w])
+            return bending
     else:
-        lit, above, bending, p, u, jz, fz, ky, fy = _ray(beam, altitude_km, cos_sun_zenith)
+        lit, bending, p, u, jz, fz = _ray(beam, z, c)
     if not lit:
-        return 0.0, bending
-    value = -beam.overhead[w]
-    factor = 1.0
+        for w in range(n_w):
+            out[w] = 0.0
+        return bending
+    for w in range(n_w):
+        out[w] = -beam.overhead[w_first + w]
     if not space:
-        sign = 1.0 if above else -1.0
-        m, fm = _cosine(beam, altitude_km, u, p)
-        b = _weights(fz)
-        a = _weights(fm)
+        n_c = beam.up_bending.shape[1] - 1
+        a = abs(u) / math.sqrt(u * u + p * p)
+        m, fm = _uniform(a * (1.0 + _COSINE) / (a + _COSINE) * n_c, n_c)
+        rows = _weights(fz)
+        columns = _weights(fm)
+        sign = 1.0 if u >= 0.0 else -1.0
+        table = beam.log_up
         for i in range(4):
-            for k in range(4):
-                value += sign * b[i] * a[k] * beam.log_up[jz + i, m + k, w]
-    if not above:
-        d, fd = _distance(beam, u)
-        b = _weights(fy)
-        a = _weights(fd)
-        limit = 0.0
-        for k in range(4):
-            limit += a[k] * beam.edge_p_km[d + k, w]
-            for i in range(4):
-                value += b[i] * a[k] * beam.log_down[ky + i, d + k, w]
-        if p < limit and p < beam.limb_bottom_km[0] + beam.edge_width_km:
-            return 0.0, bending
-        factor = 1.0 / (1.0 + u / beam.far_km)
-    return factor * math.exp(min(value, 3.0)), bending
+            w0 = sign * rows[i] * columns[0]
+            w1 = sign * rows[i] * columns[1]
+            w2 = sign * rows[i] * columns[2]
+            w3 = sign * rows[i] * columns[3]
+            k = jz + i
+            for w in range(n_w):
+                v = w_first + w
+                out[w] += (
+                    w0 * table[k, m, v] + w1 * table[k, m + 1, v] + w2 * table[k, m + 2, v] + w3 * table[k, m + 3, v]
+                )
+    if u >= 0.0:
+        for w in range(n_w):
+            out[w] = math.exp(out[w])
+        return bending
+    u = -u
+    n_d = beam.shift_km.shape[1] - 1
+    d, fd = _uniform(min(1.0, u / (u + _NEAR_KM) * ((_MAX_DISTANCE_KM + _NEAR_KM) / _MAX_DISTANCE_KM)) * n_d, n_d)
+    columns = _weights(fd)
+    ky, fy = _locate(p, beam.limb_hash, beam.limb_bottom_km, beam.limb_top_km, beam.limb_size, beam.limb_start)
+    rows = _weights(fy)
+    shift = _blend2(beam.shift_km, ky, rows, d, columns) if beam.dispersing else 0.0
+    factor = 1.0 / (1.0 + u / beam.far_km)
+    down = beam.log_down
+    for w in range(n_w):
+        v = w_first + w
+        if beam.dispersing:
+            own = p + beam.dispersion[v] * shift
+            if own < beam.limb_bottom_km[0] and beam.dispersion[v] > 0.0:
+                out[w] = 0.0
+                continue
+            ky, fy = _locate(
+                own, beam.limb_hash, beam.limb_bottom_km, beam.limb_top_km, beam.limb_size, beam.limb_start
+            )
+            rows = _weights(fy)
+        value = out[w]
+        for i in range(4):
+            k = ky + i
+            value += rows[i] * (
+                columns[0] * down[v, k, d]
+                + columns[1] * down[v, k, d + 1]
+                + columns[2] * down[v, k, d + 2]
+                + columns[3] * down[v, k, d + 3]
+            )
+        out[w] = factor * math.exp(value)
+    return bending

@@ -125,7 +125,7 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, up_widening
 
 
 @njit(cache=True)
-def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, lowest_km, slope, spreading, out):
+def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, lowest_km, slope, spreading, out, first):
     """`log_irradiance` at every wavelength for the direction that is apparent at n r cos i = `u_km` >= 0 at `reference`.
 
     `scale` (W,): n-1 relative to that of the reference.  Returns (bending, d bending/d i, free) at the reference.
@@ -141,7 +141,7 @@ def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, lowe
         beta_w = beta * scale[w]
         guess = apparent + bending * (1.0 - scale[w])
         out[w], ok_w = log_irradiance(
-            profile, w, altitude_km, chi, guess, 1.0 + beta_w, 1.0 + beta_w, lowest_km, slope[w], spreading
+            profile, first + w, altitude_km, chi, guess, 1.0 + beta_w, 1.0 + beta_w, lowest_km, slope[w], spreading
         )
         if not ok_w:
             out[w] = np.nan
@@ -156,7 +156,7 @@ def up_table(profile, reference, altitudes, cosines, scale, lowest_km, slope, sp
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
             bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, lowest_km, slope, spreading, log_up[j, m]
+                profile, reference, altitudes[j], x * cosines[m], scale, lowest_km, slope, spreading, log_up[j, m], 0
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
@@ -167,54 +167,89 @@ def up_table(profile, reference, altitudes, cosines, scale, lowest_km, slope, sp
 
 
 @njit(cache=True)
-def down_table(profile, reference, lowest_km, distances, scale, slope, spreading, far, log_down, edge):
-    """Table over (lowest point Y, u = distance from it D): log irradiance + that of the mirrored ray + log(1 + u/far).
+def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
+    """Apparent zenith angle [rad] of a sun whose true one is `chi`: two Newton steps from a near guess."""
+    x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
+    for _ in range(2):
+        bending, _, status = sun_ray(profile, w, altitude_km, x * math.cos(apparent), True)
+        if status == TRAPPED:
+            break
+        residual = apparent + bending - chi
+        apparent = max(0.0, apparent - residual / widening)
+        if abs(residual) < 1e-9:
+            break
+    return apparent
 
-    edge (D, W): invariant of the reference ray at which wavelength w begins to graze the ground, found linearly.
+
+@njit(cache=True)
+def shift_table(profile, reference, other, lowest_km, invariant, distances, slope, shift):
+    """How far the lowest point of a ray of `other` lies from that of the reference ray with the same true direction.
+
+    shift (Y, D): difference of the reference's n r at the two lowest points [km], by the lowest point of the reference
+    ray and the distance u from it.
     """
-    n_w = scale.size
-    mirror = np.empty(n_w)
     for m in range(lowest_km.size):
         p, whole, free = full_bending(profile, reference, lowest_km[m])
         for d in range(distances.size):
-            u = distances[d]
+            shift[m, d] = shift[m - 1, d] if m > 0 else 0.0
             if not free:
-                for w in range(n_w):
-                    log_down[m, d, w] = log_down[m - 1, d, w] if m > 0 else 0.0
                 continue
+            u = distances[d]
             z = altitude_along(profile, reference, lowest_km[m], u)
-            up, beta, _ = log_irradiance_from_above(
-                profile, reference, z, u, scale, lowest_km, slope, spreading, mirror
-            )
+            up, _, _, _, ok = outward(profile, reference, z, u, 1e9)
+            if not ok:
+                continue
             apparent = math.atan2(p, -u)
-            bending = whole - up
-            chi = apparent + bending
-            d_up = 1.0 + beta
-            for w in range(n_w):
-                beta_w = beta * scale[w]
-                widening = max(0.2, 1.0 + beta_w - slope[w, m] * u)
-                guess = apparent + bending * (1.0 - scale[w])
-                value, ok = log_irradiance(
-                    profile, w, z, chi, guess, widening, 1.0 + beta_w, lowest_km, slope[w], spreading
+            chi = apparent + whole - up
+            widening = max(0.2, 1.0 + up_slope(profile, reference, z, u) - slope[reference, m] * u)
+            own = apparent_angle(profile, other, z, chi, apparent, widening)
+            x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, other, z))
+            lowest, _ = lowest_point(profile, other, z, max(0.0, -x * math.cos(own)), True)
+            p_own = (profile.radius_km + lowest) * (1.0 + refractivity_at(profile, reference, lowest))
+            shift[m, d] = min(0.0, p_own - p)
+
+
+@njit(cache=True)
+def down_table(profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, log_down):
+    """Table over (wavelength W, lowest point of its own ray Y, u of the reference ray D): log irradiance + that of the
+    mirrored ray + log(1 + u/far)."""
+    mirror = np.empty(1)
+    for w in range(scale.size):
+        for m in range(lowest_km.size):
+            half, half_tau, _, _, free = outward(profile, w, lowest_km[m], 0.0, 1e9)
+            p_own = (profile.radius_km + lowest_km[m]) * (1.0 + refractivity_at(profile, w, lowest_km[m]))
+            for d in range(distances.size):
+                log_down[w, m, d] = log_down[w, m - 1, d] if m > 0 else 0.0
+                if not free:
+                    continue
+                u = distances[d]
+                # the reference ray with the same true direction has its lowest point a little higher
+                p = invariant[m] - (1.0 - scale[w]) * shift[m, d]
+                y = lowest_km[m]
+                if p > invariant[m]:
+                    y = altitude_along(
+                        profile, reference, lowest_km[m], math.sqrt((p - invariant[m]) * (p + invariant[m]))
+                    )
+                z = altitude_along(profile, reference, y, u)
+                x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, w, z))
+                u_own = math.sqrt(max(0.0, (x - p_own) * (x + p_own)))
+                up, up_tau, _, _, ok = outward(profile, w, z, u_own, 1e9)
+                if not ok:
+                    continue
+                apparent = math.atan2(p_own, -u_own)
+                chi = apparent + 2.0 * half - up
+                beta = up_slope(profile, reference, z, u)
+                value = up_tau - 2.0 * half_tau
+                widening = max(_SMALLEST_WIDENING, 1.0 + beta * scale[w] - slope[w, m] * u_own)
+                if spreading:
+                    n = 1.0 + refractivity_at(profile, w, z)
+                    value += math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
+                # the mirrored ray as the table of rays from above holds it
+                log_irradiance_from_above(
+                    profile, reference, z, u, scale[w : w + 1], lowest_km, slope[w : w + 1], spreading, mirror, w
                 )
-                if not ok or math.isnan(mirror[w]):
-                    log_down[m, d, w] = log_down[m - 1, d, w] if m > 0 else 0.0
-                else:
-                    log_down[m, d, w] = value + mirror[w] + math.log1p(u / far)
-                if m == 0:
-                    # p_w changes with chi like cos(i) n r / widening; the reference p like its own
-                    n_ref = 1.0 + refractivity_at(profile, reference, z)
-                    n_w_here = 1.0 + refractivity_at(profile, w, z)
-                    r = profile.radius_km + z
-                    ground = profile.radius_km + lowest_km[0]
-                    p_graze = ground * (1.0 + refractivity_at(profile, w, lowest_km[0]))
-                    i_graze = math.pi - math.asin(min(1.0, p_graze / (r * n_w_here)))
-                    _, whole_w, _ = full_bending(profile, w, lowest_km[0])
-                    up_w, _, _, _, _ = outward(profile, w, z, -r * n_w_here * math.cos(i_graze), 1e9)
-                    chi_graze = i_graze + whole_w - up_w
-                    own = max(0.2, d_up - slope[reference, m] * u)
-                    i_ref = apparent - (chi - chi_graze) / own
-                    edge[d, w] = r * n_ref * math.sin(i_ref) if u > 0.0 else p
+                if not math.isnan(mirror[0]):
+                    log_down[w, m, d] = value + mirror[0] + math.log1p(u / far)
 
 
 @njit(cache=True)
