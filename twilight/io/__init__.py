@@ -1,1 +1,24 @@
+"""Files: what a sky is written to and read from, each whole or not at all, each saying where it comes from."""
 
+from twilight.io.exr import LatLong, read_latlong_exr, read_spectral_exr, write_rgb_exr, write_spectral_exr
+from twilight.io.netcdf import read_sky, sky_to_dataset, write_sky
+from twilight.io.outputs import FILES, write_outputs
+from twilight.io.picture import render_view, sky_exposure_ev100, write_png
+from twilight.io.whole import whole_file
+
+__all__ = [
+    "FILES",
+    "LatLong",
+    "read_latlong_exr",
+    "read_sky",
+    "read_spectral_exr",
+    "render_view",
+    "sky_exposure_ev100",
+    "sky_to_dataset",
+    "whole_file",
+    "write_outputs",
+    "write_png",
+    "write_rgb_exr",
+    "write_sky",
+    "write_spectral_exr",
+]

@@ -41,7 +41,7 @@ def check_target(target: str) -> None:
 def environment_directions(target: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Elevation and azimuth (clockwise from north) of every pixel centre [deg], which broadcast to (height, width').
 
-    Latitude-longitude: (height, 1) and (1, width), the height half the width; ``pbrt``: squares with sides of width / 2.
+    Latitude-longitude: (height, 1) and (1, width), half as high; ``pbrt``: squares with sides of width / 2.
     Raises TwilightError for an unknown target or a width that is not a positive multiple of 4.
     """
     check_target(target)

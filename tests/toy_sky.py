@@ -1,0 +1,31 @@
+"""Skies with a closed form, for tests of pictures and files."""
+
+import numpy as np
+
+from twilight.sky import Sky, texture_grid
+
+
+def unit_vector(elevation_deg, azimuth_deg):
+    """East, north, up."""
+    e, a = np.radians(elevation_deg), np.radians(azimuth_deg)
+    return np.stack(np.broadcast_arrays(np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
+
+
+def glow_sky(
+    *,
+    glow_elevation_deg=15.0,
+    glow_azimuth_deg=0.0,
+    width_deg=6.0,
+    floor=1e-3,
+    step_deg=3.0,
+    wavelength_nm=(400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0),
+    **fields,
+):
+    """A blue gradient with one round glow at an elevation and an azimuth relative to the sun."""
+    wavelength = np.asarray(wavelength_nm, float)
+    elevation, azimuth = texture_grid(step_deg)
+    directions = unit_vector(elevation[:, None], azimuth[None, :])
+    cosine = directions @ unit_vector(glow_elevation_deg, glow_azimuth_deg)
+    glow = np.exp((cosine - 1.0) / np.radians(width_deg) ** 2)
+    blue = floor * (1.0 + directions[..., 2:3]) * (wavelength / 550.0) ** -4
+    return Sky(wavelength, elevation, azimuth, blue + glow[..., None], fields.pop("sun_elevation_deg", 5.0), **fields)
