@@ -38,7 +38,8 @@ LOWTRAN_UPPER_KM = 30.0
 
 SAGE_WAVELENGTH_NM = np.array([384.0, 448.0, 520.0, 601.0, 676.0, 756.0, 869.0, 1021.0, 1543.0])
 SAGE_MODE_WIDTH = 1.6
-_SAGE_RADIUS_NODES = 5
+_SAGE_RADII_UM = np.geomspace(0.045, 0.225, 6)
+"""Median radii at which the droplets' optics are computed; all retrieved ones lie between."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +195,7 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     """A measured profile; above it the extinction falls with the scenario's scale height.
 
     Droplets of 75 % sulphuric acid (OPAC's index), log-normal with mode width 1.6 and the retrieved median radius.
-    Phase functions are computed at five radii and mixed, linearly in the logarithm of the radius.
+    Phase functions are computed at fixed radii and mixed, linearly in the logarithm of the radius.
     """
     rows = _sage()[scenario]
     z, radius_um = rows[:, 0], rows[:, 1] * 1e-3
@@ -203,12 +204,13 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     z = np.append(z, PROFILE_TOP_KM)
     radius_um = np.append(radius_um, radius_um[-1])
     extinction = np.vstack([extinction, extinction[-1] * decay])
-    nodes = np.geomspace(radius_um.min(), radius_um.max(), _SAGE_RADIUS_NODES)
-    position = np.interp(np.log(radius_um), np.log(nodes), np.arange(nodes.size))
-    weight = np.maximum(0.0, 1.0 - np.abs(position[None, :] - np.arange(nodes.size)[:, None]))
+    position = np.interp(np.log(radius_um), np.log(_SAGE_RADII_UM), np.arange(_SAGE_RADII_UM.size))
+    weight = np.maximum(0.0, 1.0 - np.abs(position[None, :] - np.arange(_SAGE_RADII_UM.size)[:, None]))
+    used = np.any(weight > 0.0, axis=1)
+    weight = weight[used]
     phases, albedos = [], []
     _, index = opac.particles("suso", 0.0, wavelength)
-    for radius in nodes:
+    for radius in _SAGE_RADII_UM[used]:
         size = LogNormal(float(radius), SAGE_MODE_WIDTH, float(radius) / 50.0, float(radius) * 50.0)
         optics = particle_optics(size, index, wavelength, cache_dir)
         phases.append(table_phase_function(np.exp(optics.log_phase), f"sulphate {1e3 * radius:.0f} nm"))
