@@ -133,7 +133,7 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
 
 
 def _write(frame: Any, config: Any, folder: Path) -> list[Path]:
-    from twilight.io import write_outputs
+    from twilight.io.outputs import write_outputs
 
     o = config.output
     return write_outputs(

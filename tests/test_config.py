@@ -1,0 +1,327 @@
+"""Climates and configurations: what is accepted, and that every error names the file, the key and what is allowed."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Union, get_args, get_origin
+
+import pytest
+from pydantic import BaseModel
+
+from twilight.config import Climate, Config, load, load_climate, load_series
+from twilight.config.document import parse_yaml
+from twilight.config.library import shipped
+from twilight.config.load import parse_setting
+from twilight.config.validate import Origins, validate
+from twilight.errors import TwilightError
+
+OPAC_TYPES = (
+    "continental-clean continental-average continental-polluted urban desert "
+    "maritime-clean maritime-polluted maritime-tropical arctic antarctic"
+).split()
+
+
+def models(annotation, seen=None):
+    """All models that a model is made of."""
+    seen = {} if seen is None else seen
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        if annotation not in seen:
+            seen[annotation] = annotation
+            for field in annotation.model_fields.values():
+                models(field.annotation, seen)
+    elif get_origin(annotation) in (Union, UnionType, Annotated, tuple, dict):
+        for part in get_args(annotation):
+            models(part, seen)
+    return list(seen)
+
+
+def refused(tmp_path: Path, text: str, *, settings=None) -> str:
+    """The sentence with which a document is refused; it must be one sentence that names the file or setting."""
+    path = tmp_path / "document.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(TwilightError) as error:
+        load(path, settings)
+    sentence = str(error.value)
+    assert "\n" not in sentence
+    assert "pydantic" not in sentence and "[type=" not in sentence
+    assert str(path) in sentence or any(f"setting {key}" in sentence for key in settings or ())
+    return sentence
+
+
+CLIMATE = "version: 1\nname: x\n"
+
+
+def test_the_climate_of_the_issue_is_complete(tmp_path):
+    path = tmp_path / "T1.yaml"
+    path.write_text("version: 1\nname: T1\nmedium: {table: t1.csv}\nground: {albedo: 0.0}\n")
+    climate = load_climate(path)
+    assert climate.name == "T1"
+    assert climate.medium is not None and Path(climate.medium.table) == tmp_path / "t1.csv"
+
+
+def test_a_table_lies_beside_the_climate_also_when_a_configuration_elsewhere_names_it(tmp_path):
+    (tmp_path / "air").mkdir()
+    (tmp_path / "air" / "t.yaml").write_text("version: 1\nmedium: {table: t.csv}\n")
+    (tmp_path / "config.yaml").write_text("version: 1\nclimate: air/t.yaml\nsolver: {name: cells}\n")
+    config = load(tmp_path / "config.yaml")
+    assert config.climate.medium is not None
+    assert Path(config.climate.medium.table) == tmp_path / "air" / "t.csv"
+
+
+def test_all_shipped_documents_load_and_are_named_like_their_files():
+    climates, configs = shipped("climates"), shipped("configs")
+    assert set(OPAC_TYPES) | {"pure-air", "volcanic-stratosphere", "haber2005"} <= set(climates)
+    for name, path in climates.items():
+        climate = load_climate(path)
+        assert climate.name == name and climate.description
+    for name, path in configs.items():
+        cases = load_series(path)
+        assert cases and all(case.config.title == name for case in cases)
+    for name in OPAC_TYPES:
+        aerosol = load_climate(name).aerosol
+        assert aerosol is not None and aerosol.type == name.replace("-", "_")
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (
+            "aerosol: {type: urban, relative_humidty_percent: 3}",
+            ["aerosol.relative_humidty_percent is not a key; did you mean relative_humidity_percent?"],
+        ),
+        (
+            "aerosol: {type: urban, relative_humidity_percent: 300}",
+            ["aerosol.relative_humidity_percent", "from 0 to 99 (%)", "300"],
+        ),
+        ("aerosol: {type: urbn}", ["aerosol.type", "urban", "'urbn'"]),
+        ("aerosol: {}", ["aerosol", "type", "components"]),
+        ("aerosol: {components: {wasso: 3}}", ["aerosol.components.wasso is not a key; did you mean waso?"]),
+        ("aerosol: {components: {waso: -3}}", ["aerosol.components.waso", "from 0", "-3"]),
+        ("atmosphere: {profle: tropical}", ["atmosphere.profle is not a key; did you mean profile?"]),
+        (
+            "atmosphere: {layers: {equal_air_mas: 3}}",
+            ["atmosphere.layers.equal_air_mas is not a key; did you mean equal_air_mass?"],
+        ),
+        ("atmosphere: {layers: {boundaries_km: [0, 5, 5]}}", ["atmosphere.layers", "increase"]),
+        ("atmosphere: {layers: {boundaries_km: [0, 5, 50]}}", ["atmosphere", "top_km", "100"]),
+        ("atmosphere: {top_km: tall}", ["atmosphere.top_km", "a number from 10 to 120 (km)", "'tall'"]),
+        ("gases: {ozone: {column_du: 300, day_of_year: 5}}", ["gases.ozone", "column_du", "day_of_year"]),
+        ("gases: {ozone: {colum_du: 300}}", ["gases.ozone.colum_du is not a key; did you mean column_du?"]),
+        ("gases: {no2: 1}", ["gases.no2", "true or false"]),
+        ("gases: {o3: true}", ["gases.o3 is not a key", "ozone"]),
+        ("refraction: {modl: ciddor}", ["refraction.modl is not a key; did you mean model?"]),
+        ("refraction: none", ["refraction", "mapping with the keys model, co2_ppm"]),
+        ("ground: {albedo: 1.5}", ["ground.albedo", "0 to 1", "1.5"]),
+        ("ground: {albedo: bright}", ["ground.albedo", "0 to 1", "'bright'"]),
+        (
+            "ground: {albedo: {wavelength_nm: [400, 500], albedo: [0.1]}}",
+            ["ground.albedo", "2 wavelength_nm", "1 albedo"],
+        ),
+        (
+            "ground: {albedo: {wavelength: [400, 500]}}",
+            ["ground.albedo.wavelength is not a key; did you mean wavelength_nm?"],
+        ),
+        ("stratosphere: {kind: volcanic}", ["stratosphere.kind", "moderate_volcanic", "'volcanic'"]),
+        ("stratosphere: {kind: tropical_low, season: fall_winter}", ["stratosphere", "season", "tropical_low"]),
+        ("medium: {table: a.csv}\ngases: {no2: false}", ["medium", "gases"]),
+        ("medium: {tabel: a.csv}", ["medium.tabel is not a key; did you mean table?"]),
+        ("medium: {}", ["medium.table"]),
+        ("sky: blue", ["sky is not a key", "allowed are"]),
+    ],
+)
+def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
+    sentence = refused(tmp_path, CLIMATE + text)
+    for part in parts:
+        assert part in sentence
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("sun: {elevation: 3}", ["sun.elevation is not a key; did you mean elevation_deg?"]),
+        ("sun: {elevation_deg: 91}", ["sun.elevation_deg", "from -90 to 90 (deg)", "91"]),
+        ("sun: {elevations_deg: [3, 100]}", ["sun.elevations_deg[1]", "from -90 to 90 (deg)", "100"]),
+        ("sun: {elevations_deg: []}", ["sun.elevations_deg"]),
+        ("sun: {at: 2003-12-08T16:00, latitude_deg: 49, longitude_deg: 7}", ["sun", "time_zone"]),
+        ("sun: {at: 2003-12-08T16:00+01:00, latitude_deg: 49}", ["sun.longitude_deg is missing"]),
+        ("sun: {at: noon, latitude_deg: 49, longitude_deg: 7}", ["sun.at", "2003-12-08T16:00"]),
+        (
+            "sun: {at: 2003-12-08T16:00, latitude_deg: 49, longitude_deg: 7, time_zone: Europe/Berln}",
+            ["sun.time_zone", "Europe/Berlin", "Europe/Berln"],
+        ),
+        (
+            "sun: {start: 2003-12-08T16:00Z, stop: 2003-12-08T15:00Z, latitude_deg: 49, longitude_deg: 7}",
+            ["sun", "stop", "start"],
+        ),
+        (
+            "sun: {start: 2003-12-08T16:00Z, step_minute: 4, latitude_deg: 49, longitude_deg: 7}",
+            ["sun.step_minute is not a key; did you mean step_minutes?"],
+        ),
+        ("sun: up", ["sun", "elevation_deg"]),
+        ("observer: {altitud_km: 3}", ["observer.altitud_km is not a key; did you mean altitude_km?"]),
+        ("observer: {altitude_km: -1}", ["observer.altitude_km", "0 to 40000 (km)"]),
+        ("wavelengths: {list_nm: [500, 400]}", ["wavelengths", "increase"]),
+        ("wavelengths: {list_nm: [100, 400]}", ["wavelengths.list_nm[0]", "300 to 1000 (nm)"]),
+        ("wavelengths: {list_nm: [400], count: 3}", ["wavelengths", "list_nm", "count"]),
+        ("wavelengths: {cont: 3}", ["wavelengths.cont is not a key; did you mean count?"]),
+        ("texture: {resolution_deg: 7}", ["texture", "resolution_deg", "7"]),
+        ("texture: {latlong_width: 510}", ["texture", "latlong_width", "510"]),
+        ("output: {targt: mitsuba}", ["output.targt is not a key; did you mean target?"]),
+        ("output: {target: maya}", ["output.target", "mitsuba", "'maya'"]),
+        ("solver: {name: cels}", ["cels is not a solver; did you mean cells?"]),
+        ("solver: {name: cells, quality: drft}", ["drft is not a quality of cells; did you mean draft?"]),
+        (
+            "solver: {name: cells, azimuth_cell: 72}",
+            ["solver.azimuth_cell is not a key of cells; did you mean azimuth_cells?"],
+        ),
+        ("solver: {name: cells, azimuth_cells: many}", ["solver.azimuth_cells", "a whole number", "'many'"]),
+        ("solver: {name: cells, azimuth_cells: 3000}", ["solver.azimuth_cells", "3000", "allowed"]),
+        ("solver: cells", ["solver", "mapping"]),
+        ("vary: {aerosol.type: []}", ["vary", "lists"]),
+        ("vary: [1]", ["vary", "dotted keys"]),
+        ("vary: {aersol.type: [urban]}", ["aersol is not a key; did you mean aerosol?"]),
+        ("aerosol: {type: urban}", ["aerosol is not a key"]),
+    ],
+)
+def test_a_wrong_configuration_is_refused_in_one_sentence(tmp_path, text, parts):
+    sentence = refused(tmp_path, "version: 1\nclimate: pure-air\n" + text)
+    for part in parts:
+        assert part in sentence
+
+
+SECTIONS = [pytest.param(model, id=model.__name__) for model in models(Config)]
+
+
+@pytest.mark.parametrize("model", SECTIONS)
+def test_at_every_level_a_slip_in_a_key_names_its_neighbour(model):
+    for name in model.model_fields:
+        if len(name) < 4:
+            continue
+        slip = name[:-2] + name[-1]
+        if slip in model.model_fields:
+            continue
+        with pytest.raises(TwilightError) as error:
+            validate(model, {slip: 1}, Origins({(): "a.yaml"}))
+        assert f"a.yaml: {slip} is not a key; did you mean" in str(error.value)
+        assert name in str(error.value)
+
+
+@pytest.mark.parametrize("model", SECTIONS)
+def test_every_key_has_a_line_of_help_and_every_number_a_unit(model):
+    def has_number(annotation):
+        bare = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+        if get_origin(bare) in (Union, UnionType, tuple):
+            return any(has_number(a) for a in get_args(bare))
+        return bare in (int, float)
+
+    assert model.model_config["extra"] == "forbid" and model.model_config["frozen"]
+    for name, field in model.model_fields.items():
+        assert field.description, name
+        if has_number(field.annotation):
+            assert isinstance(field.json_schema_extra, dict) and field.json_schema_extra.get("unit"), name
+
+
+def test_the_json_schema_describes_every_key():
+    for model in (Climate, Config):
+        schema = model.model_json_schema()
+        for part in (schema, *schema["$defs"].values()):
+            assert part["additionalProperties"] is False
+            assert all("description" in key or "$ref" in key for key in part["properties"].values())
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("version: 1\nname: [a", ":2:"),
+        ("version: 1\nversion: 1", ":2:1: not valid YAML: key version is given twice (first on line 1)"),
+        ("a: &x 1\nb: *x", "aliases"),
+        ("ground: {albedo: .nan}", "ground.albedo must be a finite number"),
+        ("ground: {albedo: -.inf}", "ground.albedo must be a finite number"),
+        ("1: 2", "must be text"),
+        ("a: !!python/object/apply:os.getcwd []", "not valid YAML"),
+        ("[" * 3000, "nested too deeply"),
+        ("just text", "keys and values"),
+        ("", "keys and values"),
+        ("name: x", "version is missing"),
+        ("version: 2\nname: x", "version must be 1, got 2"),
+        ("version: '1'\nname: x", "version must be 1, got '1'"),
+    ],
+)
+def test_yaml_that_is_not_a_document_is_refused_with_its_place(tmp_path, text, part):
+    assert part in refused(tmp_path, text)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    (tmp_path / "long.yaml").write_text("a: " + "x" * 2_000_000)
+    (tmp_path / "latin.yaml").write_bytes(b"name: \xff\xfe")
+    for name, part in (
+        ("long.yaml", "larger than"),
+        ("latin.yaml", "UTF-8"),
+        ("none.yaml", "no such file"),
+        (".", "folder"),
+    ):
+        with pytest.raises(TwilightError, match=part):
+            load(tmp_path / name)
+
+
+def test_unknown_names_of_climates_name_the_nearest():
+    with pytest.raises(TwilightError, match=r"continetal-average is not .*did you mean continental-average\?"):
+        load("continetal-average")
+
+
+def test_scalars_are_those_of_yaml_1_2():
+    text = "a: 1e-3\nb: 16:00\nc: 2003-12-08\nd: no\ne: -4\nf: .5\ng: ~\nh: true\n"
+    assert parse_yaml(text, "x") == {
+        "a": 1e-3, "b": "16:00", "c": "2003-12-08", "d": "no", "e": -4, "f": 0.5, "g": None, "h": True,
+    }  # fmt: skip
+
+
+def test_settings_reach_climate_and_configuration_and_are_named_in_errors(tmp_path):
+    config = load(
+        "urban", {"aerosol.relative_humidity_percent": 95, "observer.altitude_km": 2, "sun": {"elevation_deg": -4}}
+    )
+    assert config.climate.aerosol is not None
+    assert config.climate.aerosol.relative_humidity_percent == 95
+    assert config.observer.altitude_km == 2 and config.sun.elevation_deg == -4
+    assert load("urban").climate.aerosol.relative_humidity_percent == 80
+    sentence = refused(tmp_path, CLIMATE, settings={"ground.albedo": 7})
+    assert "setting ground.albedo: ground.albedo must be" in sentence
+    assert refused(tmp_path, CLIMATE, settings={"grund.albedo": 0.7}).endswith("wavelengths")
+
+
+def test_a_setting_of_the_command_line_is_yaml():
+    assert parse_setting("sun={elevation_deg: -4}") == ("sun", {"elevation_deg": -4})
+    assert parse_setting("a.b=c=d") == ("a.b", "c=d")
+    for text in ("albedo", "=3", "a=[1"):
+        with pytest.raises(TwilightError, match="--set"):
+            parse_setting(text)
+
+
+def test_series_are_products_and_each_member_has_its_own_name(tmp_path):
+    path = tmp_path / "series.yaml"
+    path.write_text(
+        "version: 1\nclimate: urban\n"
+        "vary:\n  climate: [urban, desert]\n  aerosol.relative_humidity_percent: [50, 80, 95]\n"
+    )
+    cases = load_series(path)
+    found = [(c.config.climate.name, c.config.climate.aerosol.relative_humidity_percent) for c in cases]
+    assert found == list(itertools.product(["urban", "desert"], [50, 80, 95]))
+    assert len({case.name for case in cases}) == 6
+    assert cases[1].name == "urban_relative_humidity_percent=80"
+    with pytest.raises(TwilightError, match="6 cases"):
+        load(path)
+    path.write_text("version: 1\nclimate: urban\nvary: {observer.altitude_km: [1, 1]}\n")
+    with pytest.raises(TwilightError, match="twice"):
+        load_series(path)
+
+
+def test_a_number_is_not_text_and_not_a_switch(tmp_path):
+    assert "got True" in refused(tmp_path, CLIMATE + "ground: {albedo: true}")
+    assert "got '80'" in refused(tmp_path, CLIMATE + "aerosol: {type: urban, relative_humidity_percent: '80'}")
+
+
+def test_models_are_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        load("urban").climate.ground.albedo = 0.5
