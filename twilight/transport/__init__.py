@@ -1,1 +1,1 @@
-
+"""Light along one line: optical depth, bent rays and the direct beam of the sun."""

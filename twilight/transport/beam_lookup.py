@@ -1,0 +1,324 @@
+"""Looking up the direct sun beam: the inner loop of every solver.
+
+All tables of a beam lie in one array and their sizes and offsets in another, because a kernel that takes a dozen arrays
+spends more time on passing them than on the look-up.  :mod:`twilight.transport.beam` says what the tables mean.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+COSINE_SCALE = 0.05
+"""Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
+DEPTH_SCALE = 0.05
+"""The same for the distance from the edge of the shadow in the first guess of the bending."""
+NEAR_KM = 300.0
+"""Nodes of the distance u from the lowest point of a ray are uniform in u/(u + 300 km)."""
+MAX_DISTANCE_KM = 5.0e4
+
+# places in Beam.index
+(
+    N_W,
+    REFRACTING,
+    DISPERSING,
+    N_SEGMENT,
+    N_LIMB,
+    N_COSINE,
+    N_DISTANCE,
+    N_GUESS,
+    N_LIMB_NODE,
+    AT_SEGMENT,
+    AT_LIMB,
+    AT_ALTITUDE,
+    AT_GUESS,
+    AT_UP_BENDING,
+    AT_LIMB_BENDING,
+    AT_SHIFT,
+    AT_OVERHEAD,
+    AT_DISPERSION,
+    AT_UP,
+    AT_DOWN,
+    AT_SEGMENT_HASH,
+    AT_LIMB_HASH,
+    N_HASH,
+    N_INDEX,
+) = range(24)
+
+# places in Beam.pool
+RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(9)
+RECORD = 5
+"""A segment: bottom, top, 1/(top - bottom), number of intervals, first node."""
+
+
+class Beam(NamedTuple):
+    """The direct sun beam in a medium, for kernels; made by :func:`twilight.transport.beam.prepare_beam`.
+
+    pool: every table, float64; index: sizes, offsets into `pool`, and the hashes of the two segment lists, int64.
+    """
+
+    pool: np.ndarray
+    index: np.ndarray
+
+    @property
+    def n_wavelengths(self) -> int:
+        return int(self.index[N_W])
+
+    @property
+    def n_bytes(self) -> int:
+        return int(self.pool.nbytes + self.index.nbytes)
+
+
+@njit(cache=True, inline="always")
+def _weights(f):
+    """Cubic Lagrange weights for nodes 0, 1, 2, 3 at f."""
+    a = f - 1.0
+    b = f - 2.0
+    c = f - 3.0
+    bc = b * c
+    fa = f * a
+    return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
+
+
+@njit(cache=True, inline="always")
+def _locate(pool, index, value, low, bins, at, n, at_hash):
+    """First of four nodes and the position behind it (0..3) for a coordinate that is cut in segments."""
+    h = int((value - low) * bins)
+    h = min(index[N_HASH], max(0, h))
+    s = index[at_hash + h]
+    k = at + RECORD * s
+    while s > 0 and value < pool[k]:
+        s -= 1
+        k -= RECORD
+    while s < n - 1 and value > pool[k + 1]:
+        s += 1
+        k += RECORD
+    size = int(pool[k + 3])
+    t = 1.0 - math.sqrt(min(1.0, max(0.0, (pool[k + 1] - value) * pool[k + 2])))
+    position = t * size
+    first = min(size - 3, max(0, int(position) - 1))
+    return int(pool[k + 4]) + first, position - first
+
+
+@njit(cache=True, inline="always")
+def _uniform(position, n):
+    """First of four nodes of n + 1 and the position behind it."""
+    first = min(n - 3, max(0, int(position) - 1))
+    return first, position - first
+
+
+@njit(cache=True, inline="always")
+def _cubic(pool, at, w0, w1, w2, w3):
+    return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
+
+
+@njit(cache=True, inline="always")
+def _ray(pool, index, z, c):
+    """The ray of the reference wavelength at a point inside the air.
+
+    Returns (lit, bending, invariant p, u = n r cos i, first altitude node, position behind it).
+    """
+    jz, fz = _locate(
+        pool, index, z, pool[GROUND], pool[SEGMENT_BINS], index[AT_SEGMENT], index[N_SEGMENT], index[AT_SEGMENT_HASH]
+    )
+    r = pool[RADIUS] + z
+    s = math.sqrt((1.0 - c) * (1.0 + c))
+    p_ground = pool[P_GROUND]
+    bending = 0.0
+    p = r * s
+    u = r * c
+    lit = c >= 0.0 or p >= p_ground
+    if index[REFRACTING] == 1:
+        w0, w1, w2, w3 = _weights(fz)
+        k = index[AT_ALTITUDE] + 2 * jz
+        edge = w0 * pool[k + 1] + w1 * pool[k + 3] + w2 * pool[k + 5] + w3 * pool[k + 7]
+        depth = 1.0 - math.acos(c) / edge
+        lit = depth >= -1e-5
+        if lit:
+            x = r * (1.0 + w0 * pool[k] + w1 * pool[k + 2] + w2 * pool[k + 4] + w3 * pool[k + 6])
+            # the guess: bilinear in altitude and in the distance from the edge of the shadow
+            depth = max(0.0, depth)
+            n_g = index[N_GUESS]
+            g = depth * (1.0 + DEPTH_SCALE) / (depth + DEPTH_SCALE) * n_g
+            m = min(n_g - 1, int(g))
+            g -= m
+            step = min(2, int(fz))
+            f = fz - step
+            k = index[AT_GUESS] + 2 * ((jz + step) * (n_g + 1) + m)
+            above = k + 2 * (n_g + 1)
+            f0 = (1.0 - f) * (1.0 - g)
+            f1 = (1.0 - f) * g
+            f2 = f * (1.0 - g)
+            f3 = f * g
+            bending = f0 * pool[k] + f1 * pool[k + 2] + f2 * pool[above] + f3 * pool[above + 2]
+            slope = f0 * pool[k + 1] + f1 * pool[k + 3] + f2 * pool[above + 1] + f3 * pool[above + 3]
+            # one Newton step with the finer tables
+            sb = math.sin(bending)
+            cb = math.cos(bending)
+            cos_i = c * cb + s * sb
+            a = abs(cos_i)
+            n_c = index[N_COSINE]
+            m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
+            v0, v1, v2, v3 = _weights(fm)
+            row = n_c + 1
+            k = index[AT_UP_BENDING] + jz * row + m
+            value = w0 * _cubic(pool, k, v0, v1, v2, v3)
+            value += w1 * _cubic(pool, k + row, v0, v1, v2, v3)
+            value += w2 * _cubic(pool, k + 2 * row, v0, v1, v2, v3)
+            value += w3 * _cubic(pool, k + 3 * row, v0, v1, v2, v3)
+            if cos_i < 0.0:
+                p = x * (s * cb - c * sb)
+                ky, fy = _locate(
+                    pool, index, p, p_ground, pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
+                )
+                v0, v1, v2, v3 = _weights(fy)
+                value = _cubic(pool, index[AT_LIMB_BENDING] + ky, v0, v1, v2, v3) - value
+            bending = max(0.0, bending + (value - bending) / (1.0 + slope))
+            sb = math.sin(bending)
+            cb = math.cos(bending)
+            p = x * abs(s * cb - c * sb)
+            u = x * (c * cb + s * sb)
+            lit = u >= 0.0 or p >= p_ground * (1.0 - 1e-13)
+    return lit, bending, p, u, jz, fz
+
+
+@njit(cache=True)
+def _ray_from_space(pool, index, z, c):
+    """(lit, bending, p, u) of the reference ray at a point above the top of the air."""
+    r = pool[RADIUS] + z
+    s = math.sqrt((1.0 - c) * (1.0 + c))
+    if c >= 0.0 or r * s >= pool[P_TOP]:
+        return True, 0.0, r * s, abs(r * c)
+    chi = math.acos(c)
+    lo = pool[P_GROUND]
+    hi = pool[P_TOP]
+    p = lo
+    bending = pool[index[AT_LIMB_BENDING]]
+    if math.pi - math.asin(lo / r) + bending < chi:
+        return False, 0.0, 0.0, 0.0
+    for _ in range(48):
+        p = 0.5 * (lo + hi)
+        ky, fy = _locate(
+            pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
+        )
+        w0, w1, w2, w3 = _weights(fy)
+        bending = _cubic(pool, index[AT_LIMB_BENDING] + ky, w0, w1, w2, w3)
+        if math.pi - math.asin(p / r) + bending > chi:
+            lo = p
+        else:
+            hi = p
+    return True, bending, p, -math.sqrt((r - p) * (r + p))
+
+
+@njit(cache=True)
+def _look_up(pool, index, altitude_km, cos_sun_zenith, w_first, n_w, out):
+    c = min(1.0, max(-1.0, cos_sun_zenith))
+    z = max(altitude_km, pool[GROUND])
+    space = z > pool[TOP]
+    jz = 0
+    fz = 0.0
+    if space:
+        lit, bending, p, u = _ray_from_space(pool, index, z, c)
+    else:
+        lit, bending, p, u, jz, fz = _ray(pool, index, z, c)
+    if not lit:
+        for w in range(n_w):
+            out[w] = 0.0
+        return bending
+    k = index[AT_OVERHEAD] + w_first
+    for w in range(n_w):
+        out[w] = -pool[k + w]
+    all_w = index[N_W]
+    if not space:
+        n_c = index[N_COSINE]
+        a = abs(u) / math.sqrt(u * u + p * p)
+        m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
+        w0, w1, w2, w3 = _weights(fz)
+        v0, v1, v2, v3 = _weights(fm)
+        if u < 0.0:
+            v0 = -v0
+            v1 = -v1
+            v2 = -v2
+            v3 = -v3
+        row = (n_c + 1) * all_w
+        a0 = index[AT_UP] + jz * row + m * all_w + w_first
+        span = 3 * all_w + n_w
+        r0 = pool[a0 : a0 + span]
+        r1 = pool[a0 + row : a0 + row + span]
+        r2 = pool[a0 + 2 * row : a0 + 2 * row + span]
+        r3 = pool[a0 + 3 * row : a0 + 3 * row + span]
+        for w in range(n_w):
+            i1 = w + all_w
+            i2 = i1 + all_w
+            i3 = i2 + all_w
+            out[w] += (
+                w0 * (v0 * r0[w] + v1 * r0[i1] + v2 * r0[i2] + v3 * r0[i3])
+                + w1 * (v0 * r1[w] + v1 * r1[i1] + v2 * r1[i2] + v3 * r1[i3])
+                + w2 * (v0 * r2[w] + v1 * r2[i1] + v2 * r2[i2] + v3 * r2[i3])
+                + w3 * (v0 * r3[w] + v1 * r3[i1] + v2 * r3[i2] + v3 * r3[i3])
+            )
+    if u >= 0.0:
+        for w in range(n_w):
+            out[w] = math.exp(out[w])
+        return bending
+    n_d = index[N_DISTANCE]
+    a = u / (u - NEAR_KM) * ((MAX_DISTANCE_KM + NEAR_KM) / MAX_DISTANCE_KM)
+    d, fd = _uniform(min(1.0, a) * n_d, n_d)
+    v0, v1, v2, v3 = _weights(fd)
+    row = n_d + 1
+    ky, fy = _locate(
+        pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
+    )
+    w0, w1, w2, w3 = _weights(fy)
+    dispersing = index[DISPERSING] == 1
+    shift = 0.0
+    if dispersing:
+        k = index[AT_SHIFT] + ky * row + d
+        shift = w0 * _cubic(pool, k, v0, v1, v2, v3)
+        shift += w1 * _cubic(pool, k + row, v0, v1, v2, v3)
+        shift += w2 * _cubic(pool, k + 2 * row, v0, v1, v2, v3)
+        shift += w3 * _cubic(pool, k + 3 * row, v0, v1, v2, v3)
+    factor = 1.0 / (1.0 - u / pool[FAR])
+    for w in range(n_w):
+        v = w_first + w
+        if dispersing:
+            dispersion = pool[index[AT_DISPERSION] + v]
+            own = p + dispersion * shift
+            if own < pool[P_GROUND] and dispersion > 0.0:
+                out[w] = 0.0
+                continue
+            ky, fy = _locate(
+                pool, index, own, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
+            )
+            w0, w1, w2, w3 = _weights(fy)
+        k = index[AT_DOWN] + (v * index[N_LIMB_NODE] + ky) * row + d
+        value = w0 * _cubic(pool, k, v0, v1, v2, v3)
+        value += w1 * _cubic(pool, k + row, v0, v1, v2, v3)
+        value += w2 * _cubic(pool, k + 2 * row, v0, v1, v2, v3)
+        value += w3 * _cubic(pool, k + 3 * row, v0, v1, v2, v3)
+        out[w] = factor * math.exp(out[w] + value)
+    return bending
+
+
+@njit(cache=True)
+def beam_at(beam, altitude_km, cos_sun_zenith, out):
+    """Irradiance of the sun beam on a surface normal to it, over F0, at one point and every wavelength.
+
+    beam: from :func:`twilight.transport.beam.prepare_beam`.
+    altitude_km: of the point; below the ground counts as the ground, above the top is vacuum.
+    cos_sun_zenith: cosine of the true zenith angle of the sun at the point.
+    out (W,): filled with transmittance x spreading of the refracted beam; exactly 0 in the shadow of the refracted limb.
+    Returns the bending [rad] >= 0: true minus apparent zenith angle of the sun.
+    """
+    return _look_up(beam.pool, beam.index, altitude_km, cos_sun_zenith, 0, beam.index[0], out)
+
+
+@njit(cache=True)
+def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
+    """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""
+    out = np.empty(1)
+    bending = _look_up(beam.pool, beam.index, altitude_km, cos_sun_zenith, w, 1, out)
+    return out[0], bending
