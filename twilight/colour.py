@@ -28,6 +28,14 @@ _COLOUR_NEEDS_NM = (480.0, 600.0)
 """A colour is reported only if the samples reach at least from the first to the second wavelength."""
 
 
+def check_names(tone_mapping: str, observer: str) -> None:
+    """Raise TwilightError for a tone mapping or an observer that does not exist."""
+    if tone_mapping not in TONE_MAPPINGS:
+        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(TONE_MAPPINGS)}")
+    if observer not in spectrum.OBSERVERS:
+        raise TwilightError(f"observer: '{observer}' is not known, choose one of {', '.join(spectrum.OBSERVERS)}")
+
+
 def colour_is_defined(wavelength_nm: np.ndarray) -> bool:
     """Whether the sampled wavelengths reach from blue (480 nm) to red (600 nm), so that a colour means something."""
     wavelength = np.asarray(wavelength_nm)
@@ -70,8 +78,7 @@ def xyz_to_rgb_matrix(observer: str = DEFAULT_OBSERVER) -> np.ndarray:
     For the 10 deg observer a Bradford adaptation takes its D65 white to that of Rec. 709 (defined for 2 deg), so that
     D65 is neutral with either observer.
     """
-    if observer not in spectrum.OBSERVERS:
-        raise TwilightError(f"observer: '{observer}' is not known, choose one of {', '.join(spectrum.OBSERVERS)}")
+    check_names(TONE_MAPPINGS[0], observer)
     import colour  # heavy (seconds): only where a colour is asked for
 
     space = colour.RGB_COLOURSPACES["ITU-R BT.709"].copy()
@@ -83,17 +90,18 @@ def xyz_to_rgb_matrix(observer: str = DEFAULT_OBSERVER) -> np.ndarray:
     return matrix
 
 
-def xyz_to_linear_rgb(xyz: np.ndarray, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
+def xyz_to_linear_rgb(xyz: np.ndarray, observer: str = "cie1931_2deg") -> np.ndarray:
     """Linear Rec. 709 (D65) in the units of Y, (..., 3).  Colours outside the gamut keep their negative values."""
     return np.asarray(xyz) @ xyz_to_rgb_matrix(observer).T
 
 
 def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
-    """XYZ whose Y is the luminance [cd m^-2] and whose chromaticity is that of the observer, (..., 3).
+    """XYZ as Rec. 709 means them: Y is the luminance [cd m^-2], the chromaticity is as the observer sees it, (..., 3).
 
-    For ``factor`` (..., W) with the wavelengths and the sun of the sky; None = its sun_normalised_radiance.  The 10 deg
-    observer's own Y is some 10 % above the luminance (V(lambda) belongs to 2 deg), so its XYZ is scaled to it.  Where
-    ``colour_is_defined`` says no, the chromaticity is that of D65, grey.
+    For ``factor`` (..., W) with the wavelengths and the sun of the sky; None = its sun_normalised_radiance.  The XYZ of
+    the 10 deg observer are adapted to the white of the 2 deg observer (``xyz_to_rgb_matrix``) and scaled: its own Y is
+    some 10 % above the luminance, for V(lambda) belongs to 2 deg.  Where ``colour_is_defined`` says no, the
+    chromaticity is that of D65, grey.  ``xyz_to_linear_rgb`` with its default takes the result.
     """
     factor = sky.sun_normalised_radiance if factor is None else factor
     two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
@@ -101,15 +109,17 @@ def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAU
     sun = spectrum.solar_at_visible(sky.solar_spectrum, sky.distance_au)[:, None]
     xyzv = spectrum.integrate(factor, sky.wavelength_nm, spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun)
     luminance = np.maximum(xyzv[..., 3:4], 0.0)
+    to_xyz = np.linalg.inv(xyz_to_rgb_matrix("cie1931_2deg"))
     if not colour_is_defined(sky.wavelength_nm):
-        return luminance * (np.linalg.inv(xyz_to_rgb_matrix(observer)) @ np.ones(3))
+        return luminance * (to_xyz @ np.ones(3))
+    xyz = np.maximum(xyzv[..., :3] @ (to_xyz @ xyz_to_rgb_matrix(observer)).T, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(xyzv[..., 1:2] > 0, xyzv[..., :3] * (luminance / xyzv[..., 1:2]), 0.0)
+        return np.where(xyz[..., 1:2] > 0, xyz * (luminance / xyz[..., 1:2]), 0.0)
 
 
 def sky_to_linear_rgb(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
     """Linear Rec. 709 of ``sky_to_xyz`` [cd m^-2], (..., 3)."""
-    return xyz_to_linear_rgb(sky_to_xyz(sky, factor, observer), observer)
+    return xyz_to_linear_rgb(sky_to_xyz(sky, factor, observer))
 
 
 # Exposure and tone mapping --------------------------------------------------------------------------------------
@@ -143,11 +153,18 @@ def expose(rgb: np.ndarray, ev100: float) -> np.ndarray:
 def into_gamut(rgb: np.ndarray) -> np.ndarray:
     """Move colours with a negative channel towards the grey of the same luminance until no channel is negative."""
     rgb = np.asarray(rgb, float)
+    outside = rgb.min(axis=-1) < 0
+    if not outside.any():
+        return rgb
+    mapped = rgb.copy()
+    mapped[outside] = _towards_grey(rgb[outside])
+    return mapped
+
+
+def _towards_grey(rgb: np.ndarray) -> np.ndarray:
     grey = np.maximum(rgb @ REC709_LUMINANCE, 0.0)[..., None]
     lowest = rgb.min(axis=-1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(lowest < 0, grey / (grey - lowest), 1.0)
-    return np.maximum(grey + share * (rgb - grey), 0.0)
+    return np.maximum(grey + grey / (grey - lowest) * (rgb - grey), 0.0)
 
 
 def filmic(linear: np.ndarray) -> np.ndarray:
@@ -171,7 +188,6 @@ def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = "filmic") -> np.
 
     ``gamma`` has no curve: what exceeds 1 after exposure is clipped.  Raises TwilightError for another name.
     """
-    if tone_mapping not in TONE_MAPPINGS:
-        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(TONE_MAPPINGS)}")
+    check_names(tone_mapping, DEFAULT_OBSERVER)
     linear = into_gamut(expose(rgb, ev100))
     return srgb_encode(filmic(linear) if tone_mapping == "filmic" else linear)

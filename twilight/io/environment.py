@@ -32,19 +32,14 @@ _LATLONG = {"openexr": (0.0, 360.0), "mitsuba": (0.0, 360.0), "blender": (90.0, 
 """Azimuth in the middle of the picture [deg] and its change over the picture's width [deg]."""
 
 
-def check_target(target: str) -> None:
-    """Raise TwilightError for a target that is not in ``TARGETS``."""
-    if target not in TARGETS:
-        raise TwilightError(f"target: '{target}' is not known, choose one of {', '.join(TARGETS)}")
-
-
 def environment_directions(target: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Elevation and azimuth (clockwise from north) of every pixel centre [deg], which broadcast to (height, width').
 
     Latitude-longitude: (height, 1) and (1, width), half as high; ``pbrt``: squares with sides of width / 2.
     Raises TwilightError for an unknown target or a width that is not a positive multiple of 4.
     """
-    check_target(target)
+    if target not in TARGETS:
+        raise TwilightError(f"target: '{target}' is not known, choose one of {', '.join(TARGETS)}")
     if width < 4 or width % 4:
         raise TwilightError(f"width: {width} must be a positive multiple of 4")
     if target == "pbrt":

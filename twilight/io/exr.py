@@ -85,7 +85,7 @@ def _environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.nda
     xyz = colour.sky_to_xyz(sky, observer=observer)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
     picture = environment(sky, xyz, ground, target, width)
-    return colour.xyz_to_linear_rgb(picture, observer) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    return colour.xyz_to_linear_rgb(picture) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
 
 
 def write_rgb_exr(

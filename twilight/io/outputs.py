@@ -8,10 +8,10 @@ from typing import Literal
 
 from twilight import colour
 from twilight.errors import TwilightError
-from twilight.io.environment import check_target
+from twilight.io.environment import environment_directions
 from twilight.io.exr import write_rgb_exr, write_spectral_exr
 from twilight.io.netcdf import write_sky
-from twilight.io.picture import write_png
+from twilight.io.picture import DEFAULT_WIDTH, check_options, view_directions, write_png
 from twilight.sky import Sky
 
 FILES: tuple[str, ...] = ("sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5")
@@ -43,7 +43,11 @@ def write_outputs(
     unknown = [name for name in files if name not in FILES]
     if unknown:
         raise TwilightError(f"files: '{unknown[0]}' is not known, choose from {', '.join(FILES)}")
-    check_target(target)
+    check_options(exposure, tone_mapping, observer)
+    for view in views:
+        view_directions(view, DEFAULT_WIDTH.get(view, 4))
+    for size in (width, spectral_width):
+        environment_directions(target, size)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

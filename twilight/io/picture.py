@@ -45,6 +45,13 @@ def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     return 90.0 * (1.0 - np.hypot(right, down)), np.degrees(np.arctan2(right, down))
 
 
+def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer: str) -> None:
+    """Raise TwilightError for an exposure, a tone mapping or an observer that cannot be."""
+    if exposure != "auto" and not np.isfinite(float(exposure)):
+        raise TwilightError(f"exposure: {exposure} must be 'auto' or a finite exposure value at ISO 100")
+    colour.check_names(tone_mapping, observer)
+
+
 def render_view(
     sky: Sky,
     *,
@@ -59,12 +66,11 @@ def render_view(
     The colours of the sky's grid are interpolated smoothly (``Sky.smooth``), then exposed and tone mapped.
     """
     elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
+    check_options(exposure, tone_mapping, observer)
     ev100 = sky_exposure_ev100(sky) if exposure == "auto" else float(exposure)
-    if not np.isfinite(ev100):
-        raise TwilightError(f"exposure: {exposure} must be 'auto' or a finite exposure value at ISO 100")
     xyz = colour.sky_to_xyz(sky, observer=observer)
     picture = sky.smooth(xyz, np.maximum(elevation, 0.0), azimuth)
-    picture = colour.tone_map(colour.xyz_to_linear_rgb(picture, observer), ev100, tone_mapping)
+    picture = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, tone_mapping)
     if view == "fisheye":
         picture[elevation < 0] = np.nan
     return picture, ev100

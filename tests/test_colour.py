@@ -1,0 +1,143 @@
+import colour as science
+import numpy as np
+import pytest
+
+from twilight import colour, spectrum
+from twilight.errors import TwilightError
+from twilight.sky import Sky, texture_grid
+
+
+def chromaticity_uv(xyz):
+    return np.stack([4 * xyz[..., 0], 9 * xyz[..., 1]], -1) / (xyz @ np.array([1.0, 15.0, 3.0]))[..., None]
+
+
+def one_colour_sky(factor, wavelength):
+    elevation, azimuth = texture_grid(45.0)
+    return Sky(wavelength, elevation, azimuth, np.broadcast_to(factor, (2, 8, len(wavelength))), 10.0)
+
+
+@pytest.mark.parametrize("observer", list(spectrum.OBSERVERS))
+def test_a_spectrum_at_one_nm_has_the_xyz_of_colour_science(observer):
+    # The factor is a black body divided by the sun, so that the light is the black body.
+    black_body = science.sd_blackbody(5000, science.SpectralShape(360, 830, 1))
+    factor = black_body.values / spectrum.solar_at_visible()
+    xyz = colour.spectrum_to_xyz(factor, spectrum.VISIBLE_NM, observer=observer)
+    cmfs = science.MSDS_CMFS[spectrum.OBSERVERS[observer]]
+    reference = science.sd_to_XYZ(black_body, cmfs=cmfs, k=683.002, method="Integration")
+    np.testing.assert_allclose(xyz, reference, rtol=1e-9)
+
+
+def test_unit_factor_has_the_chromaticity_of_the_sun():
+    xyz = colour.spectrum_to_xyz(np.ones(3), np.array([450.0, 550.0, 650.0]), observer="cie1931_2deg")
+    np.testing.assert_allclose(xyz[:2] / xyz.sum(), [0.3234, 0.3327], atol=3e-4)
+
+
+@pytest.mark.parametrize("observer", list(spectrum.OBSERVERS))
+def test_d65_is_neutral_with_either_observer(observer):
+    d65 = science.SDS_ILLUMINANTS["D65"]
+    xyz = np.interp(spectrum.VISIBLE_NM, d65.wavelengths, d65.values, right=0.0) @ spectrum.colour_matching_functions(
+        observer
+    )
+    rgb = colour.xyz_to_linear_rgb(xyz / xyz[1], observer)
+    np.testing.assert_allclose(rgb, 1.0, atol=3e-4)
+
+
+def test_rgb_matrix_of_the_two_degree_observer_is_that_of_rec709():
+    matrix = np.linalg.inv(colour.xyz_to_rgb_matrix("cie1931_2deg"))
+    np.testing.assert_allclose(matrix[1], colour.REC709_LUMINANCE, atol=1e-8)
+    primaries = matrix / matrix.sum(axis=0)
+    np.testing.assert_allclose(primaries[:2].T, [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]], atol=1e-12)
+
+
+@pytest.mark.parametrize("observer", list(spectrum.OBSERVERS))
+def test_luminance_of_the_colours_is_the_luminance_of_the_sky(observer):
+    wavelength = np.linspace(380, 720, 18)
+    sky = one_colour_sky(0.02 * (wavelength / 550) ** -4, wavelength)
+    rgb = colour.sky_to_linear_rgb(sky, observer=observer)
+    np.testing.assert_allclose(rgb @ colour.REC709_LUMINANCE, sky.luminance(), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("samples", "limit"), [(8, 2e-3), (16, 1e-3), (35, 1e-4)])
+def test_colour_of_coarse_samples_is_near_that_of_one_nm(samples, limit):
+    def spectrum_of(w):
+        band = np.exp(-(((w - 600) / 55) ** 2))
+        return (w / 550) ** -4 * np.exp(-1.0 * (w / 550) ** -4 - 0.5 * band)
+
+    wavelength = np.linspace(380, 720, samples)
+    coarse = colour.spectrum_to_xyz(spectrum_of(wavelength), wavelength)
+    fine = colour.spectrum_to_xyz(spectrum_of(spectrum.VISIBLE_NM), spectrum.VISIBLE_NM)
+    assert np.linalg.norm(chromaticity_uv(coarse) - chromaticity_uv(fine)) < limit
+    assert coarse[1] == pytest.approx(fine[1], rel=5 * limit)
+
+
+def test_interpolating_the_product_would_be_wrong():
+    # The reason for the rule: eight samples of the spectrum itself miss the Fraunhofer lines by percents.
+    wavelength = np.linspace(380, 720, 8)
+    grid, sun = spectrum.solar_spectrum()
+    product = np.interp(spectrum.VISIBLE_NM, wavelength, np.interp(wavelength, grid, sun))
+    wrong = 683.002 * product @ spectrum.colour_matching_functions()
+    right = colour.spectrum_to_xyz(np.ones(8), wavelength)
+    assert np.abs(wrong / right - 1).max() > 0.02
+
+
+def test_without_blue_or_red_there_is_brightness_but_no_colour():
+    sky = one_colour_sky(np.array([0.01]), np.array([550.0]))
+    rgb = colour.sky_to_linear_rgb(sky)
+    np.testing.assert_allclose(rgb, sky.luminance()[..., None] * np.ones(3), rtol=1e-9)
+    assert colour.colour_note(sky).startswith("grey: 550 to 550 nm")
+    assert colour.colour_is_defined(np.array([450.0, 550.0, 650.0]))
+
+
+def test_black_is_black():
+    sky = one_colour_sky(np.zeros(3), np.array([450.0, 550.0, 650.0]))
+    rgb = colour.sky_to_linear_rgb(sky)
+    assert (rgb == 0).all()
+    ev = colour.auto_exposure_ev100(sky.luminance())
+    assert np.isfinite(ev)
+    for name in colour.TONE_MAPPINGS:
+        assert (colour.tone_map(rgb, ev, name) == 0).all()
+
+
+def test_auto_exposure_follows_the_light_one_to_one_and_ignores_zeros():
+    rng = np.random.default_rng(2)
+    light = rng.lognormal(size=500)
+    ev = colour.auto_exposure_ev100(light)
+    assert colour.auto_exposure_ev100(light * 2.0**-20) == pytest.approx(ev - 20)
+    assert colour.auto_exposure_ev100(np.append(light, np.zeros(300))) == pytest.approx(ev)
+    # An evenly lit sky lands on middle grey.
+    flat = colour.expose(np.full(3, 7.0), colour.auto_exposure_ev100(np.full(9, 7.0)))
+    np.testing.assert_allclose(flat, colour.MIDDLE_GREY)
+
+
+def test_gamut_mapping_keeps_luminance_and_removes_negatives():
+    rng = np.random.default_rng(4)
+    rgb = rng.normal(size=(1000, 3))
+    rgb = rgb[rgb @ colour.REC709_LUMINANCE > 0.01]
+    mapped = colour.into_gamut(rgb)
+    assert (mapped >= 0).all()
+    np.testing.assert_allclose(mapped @ colour.REC709_LUMINANCE, rgb @ colour.REC709_LUMINANCE, rtol=1e-9)
+    inside = rgb[(rgb >= 0).all(axis=1)]
+    np.testing.assert_array_equal(colour.into_gamut(inside), inside)
+
+
+def test_tone_curves_rise_and_end_at_white():
+    x = np.geomspace(1e-6, 1e6, 400)
+    y = colour.filmic(x)
+    assert (np.diff(y) >= 0).all() and y[0] == pytest.approx(x[0], rel=1e-4) and y[-1] == pytest.approx(1.0)
+    encoded = colour.srgb_encode(np.linspace(0, 1, 101))
+    np.testing.assert_allclose(encoded, science.cctf_encoding(np.linspace(0, 1, 101), "sRGB"), atol=1e-7)
+    assert colour.tone_map(np.full(3, 1e30), 0.0).max() == pytest.approx(1.0)
+
+
+def test_one_stop_of_exposure_is_a_factor_of_two():
+    np.testing.assert_allclose(colour.expose(np.ones(3), 3.0), 2 * colour.expose(np.ones(3), 4.0))
+    np.testing.assert_allclose(colour.expose(np.ones(3), 3.0), 0.18)  # 1 cd/m^2 is metered at EV100 = 3
+
+
+def test_unknown_names_are_refused_with_the_choices():
+    with pytest.raises(TwilightError, match="filmic, gamma"):
+        colour.tone_map(np.ones(3), 0.0, "aces")
+    with pytest.raises(TwilightError, match="cie1964_10deg"):
+        colour.xyz_to_rgb_matrix("cat")
+    with pytest.raises(TwilightError, match="cie1964_10deg"):
+        spectrum.colour_matching_functions("cat")

@@ -1,0 +1,193 @@
+import subprocess
+import sys
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from shutil import copyfile
+
+import numpy as np
+import pytest
+import xarray
+from toy_sky import glow_sky
+
+from twilight import __version__
+from twilight.errors import TwilightError
+from twilight.io import read_sky, whole_file, write_outputs, write_sky
+from twilight.io.provenance import configuration_hash, provenance_fields, provenance_from_fields
+from twilight.sky import Sky, latlong_grid
+
+
+def full_sky():
+    sky = glow_sky(
+        sun_elevation_deg=-4.25,
+        sun_azimuth_deg=231.7,
+        apparent_sun_elevation_deg=-3.9,
+        distance_au=0.985,
+        observer_altitude_km=0.23,
+        latitude_deg=49.23,
+        longitude_deg=7.0,
+        time=datetime(2003, 12, 8, 16, 50, 1, tzinfo=timezone(timedelta(hours=1))),
+        ground_albedo=np.linspace(0.1, 0.3, 7),
+        direct_irradiance=np.linspace(0.0, 0.2, 7),
+        provenance={
+            "configuration": {"version": 1, "name": "T1", "medium": {"table": "t1.csv"}, "ü": [1.5, None]},
+            "version": __version__,
+            "hash": "ab" * 32,
+            "run_time_s": 12.25,
+            "solver": "toy",
+        },
+    )
+    return replace(sky, standard_error=0.01 * sky.sun_normalised_radiance)
+
+
+def test_h5_comes_back_bit_for_bit(tmp_path):
+    sky = full_sky()
+    back = read_sky(write_sky(sky, tmp_path / "sky.h5"))
+    for key in Sky.__dataclass_fields__:
+        before, after = getattr(sky, key), getattr(back, key)
+        if isinstance(before, np.ndarray):
+            assert before.dtype == after.dtype, key
+            np.testing.assert_array_equal(before, after, err_msg=key)
+        else:
+            assert before == after, key
+
+
+def test_h5_of_the_least_sky_comes_back(tmp_path):
+    sky = Sky([550.0], [45.0], [0.0], np.full((1, 1, 1), 1e-9, dtype=np.float32), -12.0)
+    back = read_sky(write_sky(sky, tmp_path / "sky.h5"))
+    assert back.sun_normalised_radiance.dtype == np.float32
+    assert back.sun_azimuth_deg is None and back.time is None and back.standard_error is None
+    np.testing.assert_array_equal(back.sun_normalised_radiance, sky.sun_normalised_radiance)
+
+
+def test_h5_opens_in_xarray_with_names_units_and_chunks(tmp_path):
+    sky = full_sky()
+    path = write_sky(sky, tmp_path / "sky.h5")
+    with xarray.open_dataset(path, engine="h5netcdf") as data:
+        assert data["radiance"].dims == ("elevation", "azimuth", "wavelength")
+        assert data["radiance"].attrs["units"] == "W m-2 nm-1 sr-1"
+        assert data["sun_normalised_radiance"].attrs["units"] == "sr-1"
+        assert data["sun_normalised_radiance"].attrs["ancillary_variables"] == "standard_error"
+        assert data["luminance"].attrs["units"] == "cd m-2"
+        assert data["wavelength"].attrs["standard_name"] == "radiation_wavelength"
+        assert float(data["solar_elevation_angle"]) == -4.25
+        assert data["radiance"].encoding["chunksizes"] == (30, 120, 1)
+        assert data["radiance"].encoding["zlib"]
+        product = data["sun_normalised_radiance"] * data["solar_irradiance"]
+        np.testing.assert_array_equal(product.transpose(*data["radiance"].dims), data["radiance"])
+        assert data.attrs["run_time_s"] == 12.25 and data.attrs["twilight_version"] == __version__
+        assert data.attrs["configuration_hash"] == "ab" * 32
+        assert '"name": "T1"' in data.attrs["configuration"]
+        assert data["time"].values == np.datetime64("2003-12-08T15:50:01")
+
+
+def test_h5_takes_a_configuration_longer_than_an_hdf5_attribute_may_be(tmp_path):
+    provenance = {"configuration": {"table": list(range(30_000))}}
+    sky = glow_sky(provenance=provenance)
+    back = read_sky(write_sky(sky, tmp_path / "sky.h5"))
+    assert back.provenance["configuration"] == provenance["configuration"]
+
+
+def test_h5_follows_the_cf_conventions(tmp_path):
+    # The checker insists on the suffix; the content is the same file.
+    for name, sky in (("full", full_sky()), ("small", glow_sky(wavelength_nm=(550.0,)))):
+        copyfile(write_sky(sky, tmp_path / "sky.h5"), tmp_path / f"{name}.nc")
+    names = [str(tmp_path / f"{name}.nc") for name in ("full", "small")]
+    command = [sys.executable, str(Path(sys.executable).with_name("compliance-checker")), "--test=cf:1.11"]
+    done = subprocess.run([*command, "--criteria=strict", *names], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("All tests passed!") == 2, done.stdout
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.01, 0.5, 0.999])
+def test_a_truncated_h5_is_refused_in_one_sentence(tmp_path, keep):
+    path = write_sky(full_sky(), tmp_path / "sky.h5")
+    data = path.read_bytes()
+    path.write_bytes(data[: int(keep * len(data))])
+    with pytest.raises(TwilightError, match=r"sky\.h5: is not a complete HDF5 file") as caught:
+        read_sky(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_files_are_refused_by_name(tmp_path):
+    with pytest.raises(TwilightError, match="no such file"):
+        read_sky(tmp_path / "none.h5")
+    other = tmp_path / "other.h5"
+    xarray.Dataset({"x": ("y", [1.0])}).to_netcdf(other, engine="h5netcdf")
+    with pytest.raises(TwilightError, match="has no variable 'elevation'"):
+        read_sky(other)
+
+
+def test_a_file_is_whole_or_what_it_was(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("before")
+    with pytest.raises(RuntimeError), whole_file(path) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "before"
+    with whole_file(path) as temporary:
+        temporary.write_text("after")
+        assert path.read_text() == "before" and temporary.suffix == ".txt"
+    assert path.read_text() == "after"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    with pytest.raises(TwilightError, match="folder does not exist"), whole_file(tmp_path / "no" / "a.txt"):
+        pass
+
+
+def test_an_interrupted_h5_leaves_nothing(tmp_path, monkeypatch):
+    def interrupted(self, path, **options):
+        path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(xarray.Dataset, "to_netcdf", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_sky(glow_sky(), tmp_path / "sky.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_provenance_fields_come_back_and_default_to_the_configuration_hash():
+    provenance = {"configuration": {"b": 1, "a": np.float64(2.5)}, "solver": "x", "run_time_s": 3}
+    fields = provenance_fields(provenance)
+    assert fields["configuration_hash"] == configuration_hash({"a": 2.5, "b": 1})
+    assert fields["twilight_version"] == __version__
+    back = provenance_from_fields(fields)
+    assert back["configuration"] == {"a": 2.5, "b": 1} and back["solver"] == "x" and back["run_time_s"] == 3.0
+    with pytest.raises(TwilightError, match="JSON"):
+        provenance_fields({"x": object()})
+
+
+def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
+    sky = full_sky()
+    fine = replace(sky, standard_error=None).resample(*latlong_grid(64, sky.sun_azimuth_deg))
+    brighter = replace(fine, sun_normalised_radiance=2 * fine.sun_normalised_radiance)
+    paths = write_outputs(
+        sky, tmp_path / "new" / "folder", panorama=brighter, width=64, spectral_width=32, views=("panorama", "fisheye")
+    )
+    names = [p.name for p in paths]
+    assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"]
+    assert sorted(names) == sorted(p.name for p in (tmp_path / "new" / "folder").iterdir())
+    from twilight import colour
+    from twilight.io import read_latlong_exr
+
+    found = read_latlong_exr(paths[2])
+    luminance = found.rgb @ colour.REC709_LUMINANCE * found.white_luminance
+    np.testing.assert_allclose(luminance[:16].max(), brighter.luminance().max(), rtol=1e-4)
+
+
+def test_output_options_are_checked_before_anything_is_written(tmp_path):
+    for options, message in (
+        ({"files": ("sky.jpg",)}, "sky.png"),
+        ({"target": "maya"}, "mitsuba"),
+        ({"width": 30}, "multiple of 4"),
+        ({"spectral_width": 0}, "multiple of 4"),
+        ({"views": ("side",)}, "fisheye"),
+        ({"exposure": float("nan")}, "exposure"),
+        ({"tone_mapping": "aces"}, "filmic"),
+        ({"observer": "cat"}, "cie1931_2deg"),
+    ):
+        with pytest.raises(TwilightError, match=message):
+            write_outputs(glow_sky(), tmp_path / "out", **options)
+        assert not (tmp_path / "out").exists(), options
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(TwilightError, match="folder cannot be made"):
+        write_outputs(glow_sky(), tmp_path / "file" / "out")

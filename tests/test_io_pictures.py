@@ -1,0 +1,354 @@
+"""Where things stand in pictures and environment maps, and what else is in the files."""
+
+import json
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from toy_sky import glow_sky, unit_vector
+
+from twilight import colour
+from twilight.errors import TwilightError
+from twilight.io import (
+    read_latlong_exr,
+    read_spectral_exr,
+    render_view,
+    sky_exposure_ev100,
+    write_png,
+    write_rgb_exr,
+    write_spectral_exr,
+)
+from twilight.io.environment import TARGETS, environment_directions
+from twilight.sky import Sky, latlong_grid
+
+SUN_AZIMUTH = 235.0
+GLOW_ELEVATION = 25.0
+DARK = 1e-12
+
+
+def spot(**fields):
+    """One round glow on a black sky, 25 deg high at the sun's azimuth (south-west)."""
+    return glow_sky(glow_elevation_deg=GLOW_ELEVATION, floor=DARK, sun_azimuth_deg=SUN_AZIMUTH, **fields)
+
+
+def brightest_uv(picture):
+    """Centroid of the brightest tenth in units of the picture, from its upper left."""
+    light = picture.sum(axis=-1)
+    light = np.where(light > 0.9 * light.max(), light, 0.0)
+    v, u = np.indices(light.shape)
+    return (
+        ((u + 0.5) * light).sum() / light.sum() / light.shape[1],
+        ((v + 0.5) * light).sum() / light.sum() / light.shape[0],
+    )
+
+
+# What each renderer does with a direction (its own axes), from its documentation or source.
+
+
+def openexr_uv(east, north, up):
+    x, y, z = -east, up, north  # +Y up, +Z north, so +X is west
+    return 0.5 - np.arctan2(x, z) / (2 * np.pi), 0.5 - np.arcsin(y) / np.pi  # ImfEnvmap: LatLongMap::pixelPosition
+
+
+def blender_uv(east, north, up):
+    x, y, z = east, north, up
+    # Cycles: direction_to_equirectangular, v from below.
+    return 0.5 - np.arctan2(y, x) / (2 * np.pi), 1 - (np.arctan2(z, np.hypot(x, y)) / np.pi + 0.5)
+
+
+def radiance_uv(east, north, up):
+    dx, dy, dz = east, north, up
+    # genssky: u = Atan2(Dy,Dx)/PI+1 over a picture of width 2, v = 1-Acos(Dz)/PI from below.
+    return (np.arctan2(dy, dx) / np.pi + 1) / 2, np.arccos(dz) / np.pi
+
+
+def pbrt_uv(east, north, up):
+    # Clarberg's equal-area map from the sphere to the square.
+    x, y, z = abs(east), abs(north), abs(up)
+    r = np.sqrt(1 - z)
+    phi = np.arctan2(min(x, y), max(x, y)) * 2 / np.pi
+    if x < y:
+        phi = 1 - phi
+    v = phi * r
+    u = r - v
+    if up < 0:
+        u, v = 1 - v, 1 - u
+    return (np.copysign(u, east) + 1) / 2, (np.copysign(v, north) + 1) / 2
+
+
+RENDERERS = {
+    "openexr": openexr_uv,
+    "mitsuba": openexr_uv,
+    "blender": blender_uv,
+    "radiance": radiance_uv,
+    "pbrt": pbrt_uv,
+}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("azimuth", [10.0, 100.0, 190.0, 300.0])
+def test_a_spot_is_where_the_renderer_looks_for_it(tmp_path, target, azimuth):
+    sky = replace(spot(), sun_azimuth_deg=azimuth)
+    found = brightest_uv(read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", target=target, width=256)).rgb)
+    expected = RENDERERS[target](*unit_vector(GLOW_ELEVATION, azimuth))
+    np.testing.assert_allclose(found, expected, atol=1.0 / 128)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_every_pixel_centre_goes_back_to_itself(target):
+    elevation, azimuth = np.broadcast_arrays(*environment_directions(target, 32))
+    height, width = elevation.shape
+    for row in range(height):
+        for column in range(width):
+            direction = unit_vector(elevation[row, column], azimuth[row, column])
+            u, v = RENDERERS[target](*direction)
+            np.testing.assert_allclose([u * width, v * height], [column + 0.5, row + 0.5], atol=1e-6)
+
+
+def test_octahedral_pixels_have_equal_solid_angles():
+    elevation, azimuth = environment_directions("pbrt", 256)
+    up = np.sin(np.radians(elevation))
+    assert up.mean() == pytest.approx(0.0, abs=1e-12)
+    assert np.maximum(up, 0).mean() == pytest.approx(0.25, rel=1e-3)
+    assert (np.cos(np.radians(elevation)) * np.cos(np.radians(azimuth))).mean() == pytest.approx(0.0, abs=1e-12)
+    assert np.mean(up**2) == pytest.approx(1 / 3, rel=1e-3)
+
+
+def test_middle_right_and_top_of_the_default_map():
+    elevation, azimuth = environment_directions("openexr", 360)
+    assert azimuth[0, 180] == pytest.approx(0.5) and azimuth[0, 270] == pytest.approx(90.5)  # north, east to the right
+    assert elevation[0, 0] == pytest.approx(89.5) and elevation[-1, 0] == pytest.approx(-89.5)
+
+
+def test_rgb_exr_is_upright_in_mitsuba(tmp_path):
+    """A mirror ball under the map shows the glow at its azimuth and height, the sky above, the ground below."""
+    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba.set_variant("scalar_rgb")
+    sky = glow_sky(glow_elevation_deg=GLOW_ELEVATION, sun_azimuth_deg=SUN_AZIMUTH, ground_albedo=np.full(7, 0.0))
+    path = write_rgb_exr(sky, tmp_path / "sky.rgb.exr", target="mitsuba")
+    sun = unit_vector(GLOW_ELEVATION, SUN_AZIMUTH)
+    sun = np.array([-sun[0], sun[2], sun[1]])  # +X west, +Y up, +Z north
+    for origin in ([0, 0, 4], [0, 0, -4], [4, 0, 0]):
+        scene = mitsuba.load_dict(
+            {
+                "type": "scene",
+                "integrator": {"type": "aov", "aovs": "n:sh_normal", "image": {"type": "path", "max_depth": 3}},
+                "sky": {"type": "envmap", "filename": str(path)},
+                "ball": {"type": "sphere", "bsdf": {"type": "conductor", "material": "none"}},
+                "sensor": {
+                    "type": "orthographic",
+                    "to_world": mitsuba.ScalarTransform4f().look_at(origin, [0, 0, 0], [0, 1, 0]),
+                    "film": {"type": "hdrfilm", "width": 96, "height": 96, "rfilter": {"type": "box"}},
+                    "sampler": {"type": "independent", "sample_count": 2},
+                },
+            }
+        )
+        image = np.array(mitsuba.render(scene))
+        light, normal = image[..., :3].sum(axis=-1), image[..., 3:6]
+        ball = np.linalg.norm(normal, axis=-1) > 0.9
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+        forward = -np.array(origin) / 4.0
+        mirrored = forward - 2 * (normal @ forward)[..., None] * normal
+        # Where the ball turns away one pixel covers much sky; look at the rest.
+        ball &= normal @ forward < -0.3
+        seen = mirrored[ball][light[ball].argmax()]
+        assert np.degrees(np.arccos(np.clip(seen @ sun, -1, 1))) < 3.0
+        away = mirrored @ sun < 0.5
+        assert light[ball & away & (mirrored[..., 1] > 0.1)].min() > 0
+        assert light[ball & (mirrored[..., 1] < -0.1)].max() == 0
+
+
+def test_rgb_exr_has_three_channels_and_says_what_it_is(tmp_path):
+    sky = spot(
+        latitude_deg=49.25,
+        longitude_deg=7.0,
+        observer_altitude_km=0.25,
+        time=datetime(2003, 12, 8, 16, 30, tzinfo=timezone(timedelta(hours=1))),
+        provenance={"configuration": {"name": "T1"}, "hash": "cd" * 32, "run_time_s": 2.5, "version": "9.9"},
+    )
+    path = write_rgb_exr(sky, tmp_path / "sky.rgb.exr", width=64)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header, channels = file.header(), file.channels()
+        assert sorted(channels) == ["B", "G", "R"]
+        assert channels["R"].pixels.dtype == np.float32 and channels["R"].pixels.shape == (32, 64)
+        assert header["compression"] == OpenEXR.ZIP_COMPRESSION and header["envmap"] == OpenEXR.ENVMAP_LATLONG
+        assert header["whiteLuminance"] == pytest.approx(683.002)
+        np.testing.assert_allclose(header["chromaticities"][:2], [0.64, 0.33], rtol=1e-6)
+        assert (header["latitude"], header["longitude"], header["altitude"]) == (49.25, 7.0, 250.0)
+        assert header["capDate"] == "2003:12:08 16:30:00" and header["utcOffset"] == -3600.0
+        assert json.loads(header["twilightConfiguration"]) == {"name": "T1"}
+        assert header["twilightConfigurationHash"] == "cd" * 32 and header["twilightVersion"] == "9.9"
+        assert header["twilightRunTimeS"] == 2.5
+
+
+def test_rgb_exr_holds_the_luminance_and_a_latlong_sky_pixel_by_pixel(tmp_path):
+    sky = glow_sky().resample(*latlong_grid(64, None))
+    found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=64))
+    rgb = colour.sky_to_linear_rgb(sky) / 683.002
+    # Azimuth 0 is in the middle; Sky's rows go up.
+    np.testing.assert_allclose(found.rgb[:16], np.roll(rgb[::-1], 32, axis=1), rtol=1e-5, atol=1e-9)
+    luminance = found.rgb[:16] @ colour.REC709_LUMINANCE * found.white_luminance
+    np.testing.assert_allclose(luminance, np.roll(sky.luminance()[::-1], 32, axis=1), rtol=1e-5)
+
+
+def test_colours_outside_the_gamut_stay_negative(tmp_path):
+    sky = glow_sky(floor=1e-3, glow_elevation_deg=60)
+    deep_blue = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance * (sky.wavelength_nm / 450) ** -16)
+    assert read_latlong_exr(write_rgb_exr(deep_blue, tmp_path / "a.exr", width=64)).rgb.min() < -1e-6
+
+
+def test_ground_is_lambertian_and_black_without_albedo(tmp_path):
+    sky = replace(glow_sky(), ground_albedo=np.full(7, 0.4), direct_irradiance=np.full(7, 0.5))
+    found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=64))
+    expected = 0.4 / np.pi * sky.illuminance_lux(direct=True)
+    np.testing.assert_allclose(found.rgb[16:] @ colour.REC709_LUMINANCE * 683.002, expected, rtol=1e-5)
+    dark = read_latlong_exr(write_rgb_exr(replace(sky, ground_albedo=None), tmp_path / "b.exr", width=64))
+    assert (dark.rgb[16:] == 0).all() and (dark.rgb[:16].sum(axis=-1) > 0).all()
+
+
+def test_an_observer_high_up_sees_sky_below_the_horizon(tmp_path):
+    elevation, azimuth = np.linspace(-10.0, 88.0, 50), np.arange(40) * 9.0
+    sky = Sky([450.0, 550.0, 650.0], elevation, azimuth, np.full((50, 40, 3), 0.01), 5.0)
+    rows = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=360)).rgb[:, 0, 1]
+    assert (rows[:101] > 0).all() and (rows[101:] == 0).all()  # the lowest row reaches down to -11 deg
+
+
+def test_unknown_sun_azimuth_puts_the_sun_in_the_north(tmp_path):
+    sky = replace(spot(), sun_azimuth_deg=None)
+    found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=128))
+    assert brightest_uv(found.rgb)[0] == pytest.approx(0.5, abs=0.01)
+    assert "not known" in found.attributes["twilightSunAzimuth"]
+
+
+def test_spectral_exr_follows_the_layout_and_reads_elsewhere(tmp_path):
+    sky = glow_sky(wavelength_nm=(400.0, 455.25, 550.0, 700.0), sun_azimuth_deg=SUN_AZIMUTH)
+    path = write_spectral_exr(sky, tmp_path / "sky.spectral.exr", width=64)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        assert set(file.channels()) == {
+            *"RGB",
+            "S0.400,000000nm",
+            "S0.455,250000nm",
+            "S0.550,000000nm",
+            "S0.700,000000nm",
+        }
+        header = file.header()
+        assert header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W.m^-2.sr^-1"
+        assert header["twilightRadianceUnits"] == "W.m^-2.sr^-1.nm^-1"
+        assert "polarisationHandedness" not in header
+        assert header["twilightWavelengthBoundsNm"].split(";")[0] == "372.375:427.625"
+    wavelength, values, _ = read_spectral_exr(path)
+    np.testing.assert_array_equal(wavelength, sky.wavelength_nm)
+    elevation, azimuth = environment_directions("openexr", 64)
+    expected = sky.smooth(sky.radiance, elevation[:16], azimuth - SUN_AZIMUTH)
+    np.testing.assert_allclose(values[:16], expected, rtol=1e-5)
+    pytest.importorskip("OpenImageIO")
+    import colour as science
+
+    components, specification = science.read_spectral_image_Fichet2021(path, additional_data=True)
+    assert specification.is_emissive and not specification.is_polarised
+    np.testing.assert_array_equal(components["S0"][0], sky.wavelength_nm)
+    np.testing.assert_array_equal(components["S0"][1], values)
+
+
+def test_spectral_exr_keeps_the_night_and_holds_a_thousand_wavelengths(tmp_path):
+    wavelength = np.linspace(301.0, 999.0, 1000)
+    elevation, azimuth = np.array([15.0, 45.0, 75.0]), np.arange(4) * 90.0
+    sky = Sky(wavelength, elevation, azimuth, np.full((3, 4, 1000), 1e-14), -18.0)
+    found, values, _ = read_spectral_exr(write_spectral_exr(sky, tmp_path / "a.exr", width=8))
+    np.testing.assert_allclose(found, wavelength, atol=1e-6)
+    np.testing.assert_allclose(values[:2], np.broadcast_to(sky.radiance[0, 0], (2, 8, 1000)), rtol=1e-5)
+
+
+@pytest.mark.parametrize("reader", [read_latlong_exr, read_spectral_exr])
+def test_a_bad_exr_is_refused_in_one_sentence(tmp_path, reader):
+    path = write_spectral_exr(glow_sky(), tmp_path / "a.exr", width=64)
+    path.write_bytes(path.read_bytes()[:-500])
+    with pytest.raises(TwilightError, match=r"a\.exr: is not a complete OpenEXR file") as caught:
+        reader(path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(TwilightError, match="no such file"):
+        reader(tmp_path / "none.exr")
+
+
+def test_rgb_file_is_not_taken_for_a_spectral_one(tmp_path):
+    with pytest.raises(TwilightError, match="Fichet"):
+        read_spectral_exr(write_rgb_exr(glow_sky(), tmp_path / "a.exr", width=64))
+
+
+# The picture ----------------------------------------------------------------------------------------------------
+
+
+def test_panorama_has_the_sun_in_the_middle_and_the_horizon_below(tmp_path):
+    picture, _ = render_view(spot(), width=360)
+    assert picture.shape == (90, 360, 3)
+    u, v = brightest_uv(picture)
+    assert u == pytest.approx(0.5, abs=0.005) and v == pytest.approx(1 - GLOW_ELEVATION / 90, abs=0.02)
+    right = glow_sky(glow_elevation_deg=GLOW_ELEVATION, glow_azimuth_deg=60.0, floor=DARK)
+    assert brightest_uv(render_view(right, width=360)[0])[0] == pytest.approx(0.5 + 60 / 360, abs=0.005)
+
+
+def test_fisheye_has_the_sun_at_the_bottom_and_clockwise_to_the_right():
+    picture, _ = render_view(spot(), view="fisheye", width=200)
+    assert np.isnan(picture[0, 0]).all() and np.isfinite(picture[100, 100]).all()
+    u, v = brightest_uv(np.nan_to_num(picture))
+    assert u == pytest.approx(0.5, abs=0.01) and v == pytest.approx(0.5 + 0.5 * (90 - GLOW_ELEVATION) / 90, abs=0.02)
+    right = glow_sky(glow_elevation_deg=GLOW_ELEVATION, glow_azimuth_deg=90.0, floor=DARK)
+    assert brightest_uv(np.nan_to_num(render_view(right, view="fisheye", width=200)[0]))[0] > 0.8
+
+
+def test_png_carries_the_provenance_and_the_exposure(tmp_path):
+    sky = spot(provenance={"configuration": {"name": "ü" * 2000}, "run_time_s": 2.5})
+    image = Image.open(write_png(sky, tmp_path / "sky.png", width=64))
+    assert image.size == (64, 16) and image.mode == "RGB"
+    assert json.loads(image.text["configuration"]) == {"name": "ü" * 2000}
+    assert float(image.text["exposure_ev100"]) == pytest.approx(sky_exposure_ev100(sky), rel=1e-5)
+    assert image.text["run_time_s"] == "2.5" and len(image.text["configuration_hash"]) == 64
+    assert Image.open(write_png(sky, tmp_path / "eye.png", view="fisheye", width=64)).mode == "RGBA"
+
+
+def test_given_exposure_holds_through_a_sequence(tmp_path):
+    sky = glow_sky()
+    ev = sky_exposure_ev100(sky)
+    same, used = render_view(sky, width=64, exposure=ev)
+    assert used == ev
+    np.testing.assert_array_equal(same, render_view(sky, width=64)[0])
+    darker = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance / 16)
+    assert render_view(darker, width=64, exposure=ev)[0].mean() < 0.5 * same.mean()
+    np.testing.assert_allclose(render_view(darker, width=64)[0], same, atol=1e-9)
+
+
+def test_dither_keeps_the_mean_within_a_fraction_of_a_step(tmp_path):
+    flat = replace(glow_sky(), sun_normalised_radiance=np.full((30, 120, 7), 1e-4))
+    picture, _ = render_view(flat, width=256)
+    pixels = np.asarray(Image.open(write_png(flat, tmp_path / "a.png", width=256)), float)
+    np.testing.assert_allclose(pixels.mean(axis=(0, 1)), picture.mean(axis=(0, 1)) * 255, atol=0.05)
+    assert np.ptp(pixels[..., 0]) <= 1
+
+
+@pytest.mark.parametrize(
+    "value", [0.0, 1e-30, 1e30], ids=["black", "beyond half floats below", "beyond float32 when scaled"]
+)
+def test_extreme_skies_make_finite_files(tmp_path, value):
+    sky = replace(glow_sky(), sun_normalised_radiance=np.full((30, 120, 7), value))
+    picture, ev = render_view(sky, width=64)
+    assert np.isfinite(picture).all() and np.isfinite(ev)
+    assert (picture == 0).all() if value == 0 else picture.mean() == pytest.approx(0.44, abs=0.03)
+    rgb = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=64)).rgb
+    assert np.isfinite(rgb).all() and (rgb.max() > 0) == (value > 0)
+    values = read_spectral_exr(write_spectral_exr(sky, tmp_path / "b.exr", width=64))[1]
+    assert np.isfinite(values).all()
+
+
+def test_partly_black_and_single_wavelength_skies_make_finite_grey_pictures(tmp_path):
+    half = glow_sky(wavelength_nm=(550.0,))
+    values = half.sun_normalised_radiance.copy()
+    values[:, 40:80] = 0.0
+    picture, _ = render_view(replace(half, sun_normalised_radiance=values), width=64)
+    assert np.isfinite(picture).all()
+    np.testing.assert_allclose(picture[..., 0], picture[..., 2], atol=1e-6)
+    found = read_latlong_exr(write_rgb_exr(half, tmp_path / "a.exr", width=64))
+    assert found.attributes["twilightColour"].startswith("grey")
+    np.testing.assert_allclose(found.rgb[..., 0], found.rgb[..., 1], rtol=1e-5)
