@@ -48,9 +48,7 @@ def facts(medium: Medium) -> list[tuple[str, str]]:
     for part in ("air", "aerosol"):
         height = scale_height_km(medium, part)
         if np.isfinite(height):
-            rows.append(
-                (f"scale height of the {part} (optical depth over coefficient at the ground)", f"{height:.2f} km")
-            )
+            rows.append((f"scale height of the {part}", f"{height:.2f} km"))
     if "ozone_column_du" in medium.notes:
         rows.append(("ozone column", f"{medium.notes['ozone_column_du']:.0f} DU"))
     for name, bottom, top in medium.notes.get("regions", ()):

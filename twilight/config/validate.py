@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from difflib import get_close_matches
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -83,7 +84,13 @@ def allowed(annotation: Any, metadata: Iterable[Any] = (), unit: str = "") -> st
         return f"a mapping with keys {allowed(keys)} and values {allowed(values, (), unit)}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return f"a mapping with the keys {', '.join(annotation.model_fields)}"
-    nouns = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+    nouns = {
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        str: "text",
+        datetime: "a date and time such as 2003-12-08T16:00",
+    }
     noun = nouns.get(annotation, "a value" if annotation is Any else getattr(annotation, "__name__", str(annotation)))
     return noun + _limits(metadata) + (f" ({unit})" if unit and unit != "1" else "")
 

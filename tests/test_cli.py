@@ -1,0 +1,345 @@
+"""The command line from end to end, with a solver that is cheap enough to run often."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import types
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from twilight import solvers
+from twilight.cli import app
+from twilight.errors import TwilightError
+from twilight.io.netcdf import read_sky
+
+FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}
+TABLE = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
+TABLE += "aerosol_asymmetry,absorption_per_km,refractivity\n"
+TABLE_NM = (420, 500, 580, 660)
+
+
+@dataclass(frozen=True)
+class PlainSettings:
+    """brightness: of the sky above the horizon towards the sun [sr^-1]; fail_at_deg: a sun that cannot be computed"""
+
+    brightness: float = 0.01
+    fail_at_deg: float = 99.0
+
+
+class PlainField:
+    """A sky that falls off with the angle from the sun's azimuth; its level is the medium's air at the ground."""
+
+    def __init__(self, medium, settings, altitude_km):
+        self.medium, self.settings, self.altitude_km = medium, settings, altitude_km
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        if sun_elevation_deg == self.settings.fail_at_deg:
+            raise TwilightError(f"plain: a sun at {sun_elevation_deg} deg cannot be computed")
+        level = self.settings.brightness * 10 ** (sun_elevation_deg / 10.0) * self.medium.air_scattering_per_km[0]
+        shape = (2.0 + np.cos(np.radians(azimuth_deg))) * (1.0 + np.cos(np.radians(elevation_deg)))
+        return shape[..., None] * level
+
+    def direct_irradiance(self, sun_elevation_deg):
+        return np.exp(-self.medium.optical_depth("total")) * (sun_elevation_deg > 0)
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """A registered solver `plain`; `calls` lists what `prepare` was asked for."""
+    module = types.ModuleType("plain_solver")
+    module.calls = []
+
+    def prepare(medium, settings, *, observer_altitude_km=0.0, progress=None):
+        module.calls.append((medium.wavelength_nm.tolist(), observer_altitude_km))
+        if progress is not None:
+            progress("half", 0.5)
+        return PlainField(medium, settings, observer_altitude_km)
+
+    module.prepare = prepare
+    module.QUALITIES = {"standard": PlainSettings(), "bright": PlainSettings(brightness=0.1)}
+    monkeypatch.setitem(sys.modules, "plain_solver", module)
+    monkeypatch.setitem(solvers.SOLVERS, "plain", "plain_solver")
+    monkeypatch.setattr(solvers, "DEFAULT", "plain")
+    return module
+
+
+@pytest.fixture
+def table(tmp_path):
+    """The tabulated climate of the interface between programs, two levels."""
+    rows = [
+        f"{z},{w},{1e-2 * s * (500 / w) ** 4},{5e-2 * s},0.9,0.7,0,0\n"
+        for z, s in ((0, 1), (60, 1e-3))
+        for w in TABLE_NM
+    ]
+    (tmp_path / "t1.csv").write_text(TABLE + "".join(rows))
+    path = tmp_path / "T1.yaml"
+    path.write_text("version: 1\nname: T1\nmedium: {table: t1.csv}\nground: {albedo: 0.0}\n")
+    return path
+
+
+def call(*arguments):
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_a_render_writes_all_files_and_says_where(plain, table, tmp_path):
+    out = tmp_path / "sky"
+    result = call("render", table, "--sun-elevation", -4, "--output", out)
+    assert result.exit_code == 0, result.stderr
+    assert {p.name for p in out.iterdir()} == FILES
+    assert str(out) in result.stdout and "cd/m^2" in result.stdout and "lx" in result.stdout
+    sky = read_sky(out / "sky.h5")
+    assert sky.wavelength_nm.tolist() == list(TABLE_NM)
+    assert sky.sun_elevation_deg == -4
+    assert sky.sun_normalised_radiance.shape == (30, 120, 4)
+
+
+def test_the_radiance_lies_where_the_solver_was_asked_for_it(plain, table, tmp_path):
+    call("render", table, "--sun-elevation", 5, "--output", tmp_path, "--set", "texture.resolution_deg=10")
+    sky = read_sky(tmp_path / "sky.h5")
+    assert sky.elevation_deg.tolist() == list(range(5, 90, 10))
+    assert sky.azimuth_deg.tolist() == list(range(0, 360, 10))
+    e, a = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
+    level = 0.01 * 10**0.5 * 1e-2 * (500 / sky.wavelength_nm) ** 4
+    expected = ((2 + np.cos(np.radians(a))) * (1 + np.cos(np.radians(e))))[..., None] * level
+    assert sky.sun_normalised_radiance == pytest.approx(expected, rel=1e-6)
+
+
+def test_every_file_holds_a_configuration_that_renders_the_same_again(plain, table, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert call("render", table, "--sun-elevation", -4, "--altitude-km", 2, "--output", first).exit_code == 0
+    record = read_sky(first / "sky.h5").provenance
+    again = tmp_path / "again.yaml"
+    again.write_text(json.dumps(record["configuration"]))
+    result = call("render", again, "--output", second)
+    assert result.exit_code == 0, result.stderr
+    other = read_sky(second / "sky.h5")
+    assert other.provenance["hash"] == record["hash"]
+    assert other.provenance["configuration"] == record["configuration"]
+    assert np.array_equal(other.sun_normalised_radiance, read_sky(first / "sky.h5").sun_normalised_radiance)
+    assert record["version"] and record["run_time_s"] > 0 and record["solver"] == "plain"
+    text = (tmp_path / "t1.csv").read_text().replace("0.9", "0.8")
+    (tmp_path / "t1.csv").write_text(text)
+    changed = call("render", again, "--output", second)
+    assert changed.exit_code == 2 and "sha256" in changed.stderr
+    assert call("render", table, "--sun-elevation", -4, "--altitude-km", 2, "--output", second).exit_code == 0
+    assert read_sky(second / "sky.h5").provenance["hash"] != record["hash"]
+
+
+def test_many_suns_prepare_once_and_each_frame_has_its_folder(plain, table, tmp_path):
+    out = tmp_path / "evening"
+    suns = "sun={elevations_deg: [5, 0, -5]}"
+    result = call("render", table, "--set", suns, "--output", out)
+    assert result.exit_code == 0, result.stderr
+    assert len(plain.calls) == 1
+    folders = {p.name for p in out.iterdir()}
+    assert folders == {"sun+05.00", "sun+00.00", "sun-05.00", "contact-sheet.png"}
+    assert all({p.name for p in (out / f).iterdir()} == FILES for f in folders if f.startswith("sun"))
+    means = [
+        read_sky(out / f / "sky.h5").sun_normalised_radiance.mean() for f in ("sun+05.00", "sun+00.00", "sun-05.00")
+    ]
+    assert means[1] / means[0] == pytest.approx(10**-0.5, rel=1e-5) == means[2] / means[1]
+    assert read_sky(out / "sun-05.00" / "sky.h5").provenance["configuration"]["sun"]["elevation_deg"] == -5
+
+
+def test_what_is_finished_stays_when_a_later_frame_fails(plain, table, tmp_path):
+    out = tmp_path / "evening"
+    settings = ["--set", "sun={elevations_deg: [5, 0, -5]}", "--set", "solver.fail_at_deg=0"]
+    result = call("render", table, *settings, "--output", out)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("twilight: plain: a sun at 0")
+    assert {p.name for p in out.iterdir()} == {"sun+05.00"}
+    assert {p.name for p in (out / "sun+05.00").iterdir()} == FILES
+
+
+def test_a_series_of_a_key_has_one_folder_for_each_value(plain, table, tmp_path):
+    out = tmp_path / "series"
+    result = call("render", table, "--sun-elevation", 3, "--set", "vary={ground.albedo: [0, 0.5]}", "--output", out)
+    assert result.exit_code == 0, result.stderr
+    assert {p.name for p in out.iterdir()} == {"albedo=0", "albedo=0.5", "contact-sheet.png"}
+    assert read_sky(out / "albedo=0.5" / "sky.h5").ground_albedo.tolist() == [0.5] * 4
+
+
+def test_many_wavelengths_go_in_blocks_and_give_the_same(plain, table, tmp_path, monkeypatch):
+    from twilight import run
+
+    call("render", table, "--output", tmp_path / "whole")
+    monkeypatch.setattr(run, "WAVELENGTH_BLOCK", 3)
+    call("render", table, "--output", tmp_path / "blocks")
+    assert [len(w) for w, _ in plain.calls] == [4, 3, 1]
+    whole, blocks = (read_sky(tmp_path / name / "sky.h5") for name in ("whole", "blocks"))
+    assert np.array_equal(whole.sun_normalised_radiance, blocks.sun_normalised_radiance)
+    assert np.array_equal(whole.direct_irradiance, blocks.direct_irradiance)
+
+
+def test_a_latitude_longitude_width_is_computed_direction_by_direction(plain, table):
+    from twilight.config import load
+    from twilight.run import frames
+
+    frame = next(iter(frames(load(table, {"texture.latlong_width": 16, "sun.elevation_deg": 5}))))
+    assert frame.panorama is not None
+    assert frame.panorama.sun_normalised_radiance.shape == (4, 16, 4)
+    assert frame.panorama.elevation_deg.tolist() == [11.25, 33.75, 56.25, 78.75]
+    e, a = np.meshgrid(frame.panorama.elevation_deg, frame.panorama.azimuth_deg, indexing="ij")
+    expected = (2 + np.cos(np.radians(a))) * (1 + np.cos(np.radians(e)))
+    ratio = frame.panorama.sun_normalised_radiance[..., 0] / expected
+    assert ratio == pytest.approx(np.full_like(ratio, ratio[0, 0]))
+
+
+def test_options_take_the_place_of_keys(plain, table, tmp_path):
+    options = ["--quality", "bright", "--solver", "plain", "--altitude-km", "1.5", "--target", "blender"]
+    result = call("render", table, *options, "--set", "solver.brightness=0.2", "--output", tmp_path)
+    assert result.exit_code == 0, result.stderr
+    configuration = read_sky(tmp_path / "sky.h5").provenance["configuration"]
+    assert configuration["solver"] == {"name": "plain", "quality": "bright", "brightness": 0.2, "fail_at_deg": 99.0}
+    assert configuration["observer"]["altitude_km"] == 1.5 and configuration["output"]["target"] == "blender"
+    assert plain.calls[0][1] == 1.5
+
+
+def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(plain, table, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = call("render", "T1.yaml", "--sun-elevation", -4)
+    assert result.exit_code == 0, result.stderr
+    assert (tmp_path / "out" / "T1_sun-04.00" / "sky.h5").is_file()
+    assert "out/T1_sun-04.00" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["nowhere.yaml"], ["nowhere.yaml", "no such file"]),
+        (["continetal-average"], ["did you mean continental-average?"]),
+        (["{table}", "--sun-elevation", "95"], ["--sun-elevation", "sun.elevation_deg", "-90 to 90", "95"]),
+        (["{table}", "--sun-elevation", "nan"], ["--sun-elevation", "sun.elevation_deg"]),
+        (["{table}", "--at", "2003-12-08T16:00"], ["--at", "--latitude", "--longitude"]),
+        (["{table}", "--latitude", "3"], ["--at"]),
+        (["{table}", "--sun-elevation", "3", "--at", "2003-12-08T16:00"], ["--sun-elevation", "--at"]),
+        (["{table}", "--at", "16:00", "--latitude", "3", "--longitude", "4"], ["--at", "sun.at", "2003-12-08T16:00"]),
+        (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "0 to 40000"]),
+        (["{table}", "--solver", "cels"], ["--solver", "cells"]),
+        (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
+        (["{table}", "--target", "maya"], ["--target", "output.target", "mitsuba"]),
+        (["{table}", "--set", "albedo"], ["--set albedo", "key=value"]),
+        (["{table}", "--set", "ground.albdo=1"], ["--set ground.albdo", "did you mean albedo?"]),
+        (["{table}", "--set", "solver.brightness=much"], ["--set solver.brightness", "a number", "'much'"]),
+        (["{table}", "--set", "wavelengths={list_nm: [300, 400]}"], ["t1.csv", "420"]),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(plain, table, tmp_path, arguments, parts):
+    out = tmp_path / "sky"
+    result = call("render", *(str(table) if a == "{table}" else a for a in arguments), "--output", out)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("twilight: ") and len(result.stderr.strip().splitlines()) == 1
+    for part in parts:
+        assert part in result.stderr
+    assert not out.exists()
+
+
+def test_a_table_that_is_missing_or_broken_is_named(plain, table, tmp_path):
+    (tmp_path / "t1.csv").write_text("altitude_km,wavelength_nm\n0,500\n")
+    result = call("render", table, "--output", tmp_path / "sky")
+    assert result.exit_code == 2 and "t1.csv" in result.stderr
+    (tmp_path / "t1.csv").unlink()
+    result = call("render", table, "--output", tmp_path / "sky")
+    assert result.exit_code == 2 and "t1.csv" in result.stderr and "cannot be read" in result.stderr
+
+
+def test_an_output_that_cannot_be_a_folder_is_named(plain, table, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = call("render", table, "--output", tmp_path / "file")
+    assert result.exit_code == 2 and str(tmp_path / "file") in result.stderr
+
+
+def test_an_interrupt_leaves_with_130_and_no_half_files(plain, table, tmp_path, monkeypatch):
+    def interrupted(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PlainField, "radiance", interrupted)
+    result = call("render", table, "--output", tmp_path / "sky")
+    assert result.exit_code == 130 and "Traceback" not in result.stderr
+    assert not (tmp_path / "sky").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
+    program = (
+        "import os, sys\n"
+        "import types\n"
+        "from twilight import run, solvers\n"
+        "from twilight.cli import app\n"
+        "from dataclasses import make_dataclass\n"
+        "plain = types.SimpleNamespace(QUALITIES={'standard': make_dataclass('Settings', [])()})\n"
+        "solvers.load = lambda name: plain\n"
+        "def frames(config, progress=None):\n"
+        f"    os.kill(os.getpid(), {int(number)})\n"
+        "    for _ in range(10**9): pass\n"
+        "    yield\n"
+        "run.frames = frames\n"
+        "app(['render', *sys.argv[1:]])\n"
+    )
+    command = [sys.executable, "-c", program, str(table), "--output", str(tmp_path / "sky")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert result.returncode == code
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "sky").exists()
+
+
+def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):
+    result = call("render", table, "--plan", "--output", tmp_path / "sky")
+    assert result.exit_code == 0 and not (tmp_path / "sky").exists()
+    assert "refraction" in result.stdout and "aerosol" not in result.stdout
+    assert not plain.calls
+
+
+def test_lists_and_descriptions():
+    result = call("configs")
+    assert result.exit_code == 0
+    assert "saarbruecken-2003-12-08\t31\t" in result.stdout
+    assert "humidity\t3\t" in result.stdout and "three-climates\t3\t" in result.stdout
+    for document in ("climate", "config"):
+        assert json.loads(call("schema", document).stdout)["additionalProperties"] is False
+    assert call("schema", "sky").exit_code == 2
+
+
+def test_solvers_are_listed_with_their_options(plain):
+    result = call("solvers")
+    assert "plain\tbrightness\t0.01" in result.stdout and "plain (default)\tquality\tstandard, bright" in result.stdout
+    assert "cells\tazimuth_cells\t" in result.stdout
+
+
+def test_describe_prints_depths_and_draws_the_profile(table, tmp_path):
+    result = call("describe", table, "--output", tmp_path / "profile.png")
+    assert result.exit_code == 0, result.stderr
+    lines = dict(line.split("\t", 1) for line in result.stdout.splitlines() if "\t" in line)
+    depth = 1e-2 * 60 * (1 - 1e-3) / np.log(1e3)
+    assert float(lines["air"].split("\t")[1]) == pytest.approx(depth, abs=6e-5)
+    assert float(lines["aerosol"].split("\t")[1]) == pytest.approx(5 * depth, abs=6e-5)
+    assert lines["scale height of the air"] == f"{60 / np.log(1e3) * (1 - 1e-3):.2f} km"
+    assert (tmp_path / "profile.png").read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.glob(".*")) == []
+
+
+def test_version_and_help():
+    from twilight import __version__
+
+    assert __version__ in call("--version").stdout
+    assert "render" in call("--help").stdout
+
+
+def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):
+    from twilight.plotting import contact_sheet
+
+    with pytest.raises(TwilightError, match=r"sheet.png"):
+        contact_sheet([("a", Path(tmp_path / "none.png"))], tmp_path / "sheet.png")
+    assert list(tmp_path.iterdir()) == []
