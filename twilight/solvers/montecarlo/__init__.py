@@ -1,0 +1,7 @@
+"""Backward Monte-Carlo in the exact spherical atmosphere: the referee of every other solver."""
+
+from twilight.solvers.montecarlo.field import Field, prepare
+from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
+from twilight.solvers.montecarlo.tally import MonteCarloResult
+
+__all__ = ["QUALITIES", "Field", "MonteCarloResult", "MonteCarloSettings", "prepare"]

@@ -1,0 +1,223 @@
+"""The medium as the random walk sees it: fine levels to look up, coarse shells to step through, phase tables to sample.
+
+Between the refined levels coefficients go linearly; `medium.refined` places them so that this departs from the medium's
+exponential rule by less than LEVEL_TOLERANCE of a coefficient.  A shell is a run of levels over which Simpson's rule
+integrates the extinction to SHELL_TOLERANCE; no shell contains a jump.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.atmosphere.medium import Medium
+
+LEVEL_TOLERANCE = 5e-5
+SHELL_TOLERANCE = 2e-4
+N_BINS = 2048
+N_SAMPLING = 1024
+N_SMOOTH = 64
+SMOOTHING_RAD = 0.2
+EXTINCTION = 0
+EVENT = 1
+SPECIES = 2
+
+
+class Air(NamedTuple):
+    """N refined levels, M shells, W wavelengths, C = 1 + K species (air first).
+
+    level_km (N,), bin_start (N_BINS + 1,): a level at or below the start of each of the equal bins of altitude.
+    table (W, N, 2 + C) [km^-1]: extinction of diffuse light; scattering at an event of order two and above; scattering
+        of the direct beam by each species.
+    shell_km (M + 1,); shell_first, shell_last (M,): levels at the two ends of a shell.
+    sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant stand-ins for the phase functions, to draw from.
+    smooth (W, C, N_SMOOTH): phase functions blurred by SMOOTHING_RAD, over the cosine.
+    """
+
+    level_km: np.ndarray
+    bin_start: np.ndarray
+    bins_per_km: float
+    table: np.ndarray
+    shell_km: np.ndarray
+    shell_first: np.ndarray
+    shell_last: np.ndarray
+    phase_kind: np.ndarray
+    phase_asymmetry: np.ndarray
+    phase_log_table: np.ndarray
+    depolarisation: np.ndarray
+    sample_cdf: np.ndarray
+    sample_density: np.ndarray
+    smooth: np.ndarray
+    ground_albedo: np.ndarray
+    isotropic_events: bool
+    earth_radius_km: float
+
+
+def prepare_air(medium: Medium, isotropic_after_first: bool = False) -> Air:
+    """Tables of one medium.
+
+    With `isotropic_after_first`, diffuse light meets an aerosol with scattering (1 - g) beta_s and extinction
+    beta_e - g beta_s (similarity: what is scattered forwards counts as not scattered), and scatters isotropically; the
+    beam keeps the true extinction, scattering and phase functions (Haber 2005 sec. 4.5.3).
+    """
+    fine = medium.refined(tolerance=LEVEL_TOLERANCE)
+    z = fine.altitude_km
+    aerosol = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
+    species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_share])
+    extinction = fine.extinction_per_km
+    event = species.sum(axis=0)
+    if isotropic_after_first:
+        for k, phase in enumerate(medium.phase_functions):
+            forward = species[1 + k] * phase.asymmetry[None, :]
+            extinction = extinction - forward
+            event = event - forward
+    table = np.stack([extinction, event, *species], axis=-1).transpose(1, 0, 2)
+    arrays = medium.arrays()
+    bins_per_km = N_BINS / (z[-1] - z[0])
+    starts = z[0] + np.arange(N_BINS + 1) / bins_per_km
+    first, last = shells(z, table[:, :, EXTINCTION], event > 0)
+    cdf, density = _sampling_tables(medium)
+    return Air(
+        np.ascontiguousarray(z),
+        np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2).astype(np.int64),
+        float(bins_per_km),
+        np.ascontiguousarray(table),
+        np.ascontiguousarray(np.append(z[first], z[-1])),
+        first,
+        last,
+        arrays.phase_kind,
+        arrays.phase_asymmetry,
+        arrays.phase_log_table,
+        arrays.depolarisation,
+        cdf,
+        density,
+        _smooth_tables(medium),
+        arrays.ground_albedo,
+        bool(isotropic_after_first),
+        float(medium.earth_radius_km),
+    )
+
+
+def shells(altitude_km, extinction, scatters, tolerance: float = SHELL_TOLERANCE):
+    """First and last level of each shell: as thick as Simpson's rule allows.
+
+    altitude_km (N,), extinction (W, N), scatters (N, W) tells where there is scattering at all: a shell holds either
+    scattering throughout or nowhere, so that no piece of a line gets zero weight where light may come from.
+    """
+    z = altitude_km
+    dz = np.diff(z)
+    depth = np.concatenate(
+        [np.zeros((extinction.shape[0], 1)), np.cumsum(0.5 * (extinction[:, 1:] + extinction[:, :-1]) * dz, axis=1)],
+        axis=1,
+    )
+    pattern = scatters[:-1] | scatters[1:]
+    span = z[-1] - z[0]
+
+    def fits(a: int, b: int) -> bool:
+        if b == a + 1:
+            return True
+        if np.any(dz[a:b] <= 0) or np.any(pattern[a:b] != pattern[a]):
+            return False
+        width = z[b] - z[a]
+        if width > max(0.05 * span, 0.15 * (z[a] - z[0])):
+            return False
+        middle = 0.5 * (z[a] + z[b])
+        i = int(np.clip(np.searchsorted(z, middle) - 1, a, b - 1))
+        f = (middle - z[i]) / dz[i]
+        lower, upper = extinction[:, a], extinction[:, b]
+        centre = extinction[:, i] * (1 - f) + extinction[:, i + 1] * f
+        half = depth[:, i] + (middle - z[i]) * 0.5 * (extinction[:, i] + centre)
+        total = depth[:, b] - depth[:, a]
+        limit = tolerance * total + 1e-9
+        whole_ok = np.abs(width * (lower + 4 * centre + upper) / 6 - total) <= limit
+        half_ok = np.abs(width * (5 * lower + 8 * centre - upper) / 24 - (half - depth[:, a])) <= limit
+        return bool(np.all(whole_ok & half_ok))
+
+    first, last = [], []
+    a = 0
+    while a < z.size - 1:
+        if dz[a] <= 0:
+            a += 1
+            continue
+        b = a + 1
+        while b < z.size - 1 and fits(a, b + 1):
+            b += 1
+        first.append(a)
+        last.append(b)
+        a = b
+    return np.array(first, dtype=np.int64), np.array(last, dtype=np.int64)
+
+
+def sampling_cosines() -> np.ndarray:
+    """Cosines that bound the cells of the sampling tables: cos = 1 - 2 x^4, x uniform; dense in the forward peak."""
+    return 1.0 - 2.0 * np.linspace(0.0, 1.0, N_SAMPLING + 1) ** 4
+
+
+def _phase_at(medium: Medium, cosine: np.ndarray) -> np.ndarray:
+    """Phase functions (W, C, *cosine.shape), air first."""
+    rho = medium.depolarisation.reshape(-1, *([1] * cosine.ndim))
+    air = 3.0 / (8.0 * np.pi * (2.0 + rho)) * ((1.0 + rho) + (1.0 - rho) * cosine**2)
+    return np.stack([air, *(p(cosine) for p in medium.phase_functions)], axis=1)
+
+
+def _sampling_tables(medium: Medium):
+    edges = sampling_cosines()
+    x = np.linspace(0.0, 1.0, N_SAMPLING + 1)
+    offsets = (np.arange(4) + 0.5) / 4
+    inner = 1.0 - 2.0 * (x[:-1, None] + offsets[None, :] * np.diff(x)[:, None]) ** 4
+    mass = _phase_at(medium, inner).mean(axis=-1) * -np.diff(edges)
+    mass /= mass.sum(axis=-1, keepdims=True)
+    density = mass / (2.0 * np.pi * -np.diff(edges))
+    return np.ascontiguousarray(np.cumsum(mass, axis=-1)), np.ascontiguousarray(density)
+
+
+def _smooth_tables(medium: Medium) -> np.ndarray:
+    """Phase functions after diffusion on the sphere: moment l is damped by exp(-l (l + 1) sigma^2 / 2)."""
+    degree = 40
+    cosine = -1.0 + 2.0 * (np.arange(N_SMOOTH) + 0.5) / N_SMOOTH
+    out = np.empty((medium.n_wavelengths, 1 + len(medium.phase_functions), N_SMOOTH))
+    order = np.arange(degree + 1)
+    legendre = np.polynomial.legendre.legvander(cosine, degree)
+    damping = np.exp(-0.5 * order * (order + 1) * SMOOTHING_RAD**2) * (2 * order + 1) / (4 * np.pi)
+    rho = medium.depolarisation
+    air = np.zeros((medium.n_wavelengths, degree + 1))
+    air[:, 0] = 1.0
+    air[:, 2] = 0.2 * (1.0 - rho) / (2.0 + rho)
+    for c, moments in enumerate([air, *(p.legendre_moments(degree) for p in medium.phase_functions)]):
+        out[:, c] = np.maximum((moments * damping) @ legendre.T, 1e-3 / (4 * np.pi))
+    return out
+
+
+@njit(cache=True, inline="always")
+def locate(air, z, first, last):
+    """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`."""
+    levels = air.level_km
+    b = int((z - levels[0]) * air.bins_per_km)
+    b = min(max(b, 0), air.bin_start.size - 1)
+    i = min(max(air.bin_start[b], first), last - 1)
+    while i < last - 1 and levels[i + 1] < z:
+        i += 1
+    f = (z - levels[i]) / (levels[i + 1] - levels[i])
+    return i, min(1.0, max(0.0, f))
+
+
+@njit(cache=True, inline="always")
+def interpolate(air, w, i, f, column):
+    """One coefficient of the table [km^-1]."""
+    return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
+
+
+@njit(cache=True)
+def shell_of(air, z):
+    """Index of the shell that holds an altitude."""
+    lo = 0
+    hi = air.shell_km.size - 1
+    while hi - lo > 1:
+        mid = (lo + hi) // 2
+        if air.shell_km[mid] <= z:
+            lo = mid
+        else:
+            hi = mid
+    return lo

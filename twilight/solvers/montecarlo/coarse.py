@@ -1,0 +1,162 @@
+"""Fill the steering tables: a coarse, isotropically rescattering field over altitude and local solar zenith angle.
+
+The mean light M at the nodes obeys M = S + K M (S: sunlight scattered once, K: one more isotropic event, the ground
+included), a small dense system that is solved at once, so that thick and bright air needs no more than thin air.  K
+interpolates linearly, which is too bright in the deep shadow, where the field falls by e per degree; sweeps that
+interpolate the logarithm follow and also give the light by direction.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from twilight.solvers.montecarlo.air import Air
+from twilight.solvers.montecarlo.leg import (
+    BUFFER_PIECES,
+    BUFFER_ROWS,
+    LENGTH,
+    PLAIN,
+    START,
+    STEERED,
+    altitude_at,
+    trace,
+)
+from twilight.solvers.montecarlo.steering import (
+    DARK,
+    N_AZIMUTHS,
+    Steering,
+    altitude_index,
+    altitudes,
+    empty_steering,
+    sun_index,
+)
+
+MAX_LENGTH_KM = 80.0
+MAX_DEPTH = 1.0
+
+
+def solve_steering(air: Air, beam, sweeps: int = 2) -> Steering:
+    """Steering tables: the linear solution and then some logarithmic sweeps (0: no steering at all)."""
+    steering = empty_steering(air)
+    if sweeps == 0:
+        return steering
+    z = altitudes(steering)
+    n_sun = steering.cos_sun.size
+    for w in range(air.table.shape[0]):
+        n = z.size * n_sun
+        # unknowns: mean light at the nodes, then diffuse irradiance on the ground
+        source = np.zeros(n + n_sun)
+        kernel = np.zeros((n + n_sun, n + n_sun))
+        _system(air, beam, steering, w, z, source, kernel)
+        light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
+        floor = math.exp(DARK)
+        steering.log_light[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun)
+        steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
+        for _ in range(sweeps):
+            radiance = np.zeros((z.size, n_sun, steering.solid_angle.size))
+            _sweep(air, beam, steering, w, z, radiance)
+            _store(steering, w, radiance)
+    return steering
+
+
+def _store(steering: Steering, w: int, radiance: np.ndarray) -> None:
+    weighted = radiance * steering.solid_angle
+    total = weighted.sum(axis=-1)
+    floor = math.exp(DARK)
+    steering.log_light[w] = np.log(np.maximum(total / (4 * np.pi), floor))
+    down = (weighted[0] * np.maximum(steering.centre[:, 2], 0.0)).sum(axis=-1)
+    steering.log_ground[w] = np.log(np.maximum(down, floor))
+    steering.log_radiance[w] = np.log(np.maximum(radiance, floor))
+    lit = total > 1e3 * floor
+    uniform_share = steering.solid_angle / (4 * np.pi)
+    steering.share[w] = np.where(lit[..., None], weighted / np.where(lit, total, 1.0)[..., None], uniform_share)
+
+
+@njit(cache=True)
+def _leg_from_node(air, beam, steering, w, r, sx, sz, d, stream, pieces, out):
+    """Trace from a node at the radius r towards the centre of the cell d, without randomness."""
+    return trace(
+        air, beam, steering, w, 0.0, 0.0, r,
+        steering.centre[d, 0], steering.centre[d, 1], steering.centre[d, 2],
+        sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, False, stream, pieces, out,
+    )  # fmt: skip
+
+
+@njit(cache=True, parallel=True)
+def _system(air, beam, steering, w, altitude_km, source, kernel):
+    """S and K of the module's equation; a row belongs to one node and is written by one thread."""
+    n_sun = steering.cos_sun.size
+    n_nodes = altitude_km.size * n_sun
+    for node in prange(n_nodes):
+        pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+        out = np.empty(5)
+        stream = np.zeros(1, dtype=np.uint64)
+        i = node // n_sun
+        j = node % n_sun
+        sz = steering.cos_sun[j]
+        sx = math.sqrt(max(0.0, 1.0 - sz * sz))
+        r = air.earth_radius_km + altitude_km[i]
+        for d in range(steering.solid_angle.size):
+            azimuth = d % N_AZIMUTHS
+            if azimuth >= N_AZIMUTHS // 2:
+                continue
+            n = _leg_from_node(air, beam, steering, w, r, sx, sz, d, stream, pieces, out)
+            up = steering.centre[d, 2]
+            share = 2.0 * steering.solid_angle[d]
+            mean = share / (4.0 * math.pi)
+            down = share * up if i == 0 and up > 0.0 else 0.0
+            source[node] += mean * (out[0] + out[1])
+            if i == 0:
+                source[n_nodes + j] += down * (out[0] + out[1])
+            before = 0.0
+            for k in range(n):
+                weight = pieces[PLAIN, k] - before
+                before = pieces[PLAIN, k]
+                s = pieces[START, k] + 0.5 * pieces[LENGTH, k]
+                z = altitude_at(altitude_km[i], r, up, s)
+                cos_sun = (r * sz + s * (steering.centre[d, 0] * sx + up * sz)) / (air.earth_radius_km + z)
+                cos_sun = min(1.0, max(-1.0, cos_sun))
+                ia, fa = altitude_index(steering, z)
+                ja, ga = sun_index(steering, cos_sun)
+                for a in range(2):
+                    for b in range(2):
+                        share_of_node = (fa if a else 1.0 - fa) * (ga if b else 1.0 - ga)
+                        column = (ia + a) * n_sun + ja + b
+                        kernel[node, column] += mean * weight * share_of_node
+                        if i == 0:
+                            kernel[n_nodes + j, column] += down * weight * share_of_node
+            if out[2] >= 0.0 and air.ground_albedo[w] > 0.0:
+                s = out[2]
+                cos_sun = (r * sz + s * (steering.centre[d, 0] * sx + up * sz)) / (air.earth_radius_km + altitude_km[0])
+                ja, ga = sun_index(steering, min(1.0, max(-1.0, cos_sun)))
+                reflected = mean * out[3] * air.ground_albedo[w] / math.pi
+                kernel[node, n_nodes + ja] += reflected * (1.0 - ga)
+                kernel[node, n_nodes + ja + 1] += reflected * ga
+
+
+@njit(cache=True, parallel=True)
+def _sweep(air, beam, steering, w, altitude_km, radiance):
+    """Diffuse radiance at every node from every cell's centre: sunlight plus the light of the tables."""
+    n_sun = steering.cos_sun.size
+    for node in prange(altitude_km.size * n_sun):
+        pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+        out = np.empty(5)
+        stream = np.zeros(1, dtype=np.uint64)
+        i = node // n_sun
+        j = node % n_sun
+        sz = steering.cos_sun[j]
+        sx = math.sqrt(max(0.0, 1.0 - sz * sz))
+        r = air.earth_radius_km + altitude_km[i]
+        for d in range(steering.solid_angle.size):
+            azimuth = d % N_AZIMUTHS
+            if azimuth >= N_AZIMUTHS // 2:
+                radiance[i, j, d] = radiance[i, j, d - 2 * azimuth + N_AZIMUTHS - 1]
+                continue
+            n = _leg_from_node(air, beam, steering, w, r, sx, sz, d, stream, pieces, out)
+            light = out[0] + out[1] + out[4]
+            if n > 0:
+                light += pieces[STEERED, n - 1]
+            radiance[i, j, d] = light

@@ -1,0 +1,247 @@
+"""The prepared solver: air, beam and steering of one medium, asked for any sun and any direction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.montecarlo.air import Air, prepare_air
+from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
+from twilight.solvers.montecarlo.coarse import solve_steering
+from twilight.solvers.montecarlo.paths import N_ORDERS, run_chunks
+from twilight.solvers.montecarlo.settings import MonteCarloSettings
+from twilight.solvers.montecarlo.steering import Steering
+from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, Tally
+from twilight.transport.beam import Beam, prepare_beam
+
+Progress = Callable[[float, str], None]
+BATCH_SAMPLES = 4096
+ADAPTIVE_ROUNDS = 2
+
+
+def prepare(
+    medium: Medium,
+    settings: MonteCarloSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """Everything that depends on the medium alone; `progress(fraction, text)` is called now and then.
+
+    Raises TwilightError for an observer below the ground.
+    """
+    settings = settings or MonteCarloSettings()
+    if not observer_altitude_km >= medium.bottom_km:
+        raise TwilightError(
+            f"the observer's altitude must be at or above the ground ({medium.bottom_km:g} km), not {observer_altitude_km}"
+        )
+    if progress:
+        progress(0.0, "montecarlo: beam and coarse field")
+    air = prepare_air(medium, settings.approximation == "isotropic_after_first")
+    beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
+    steering = solve_steering(air, beam, settings.steering_sweeps)
+    return Field(medium, settings, air, beam, steering, float(observer_altitude_km), progress)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A medium ready for random walks; made by :func:`prepare`."""
+
+    medium: Medium
+    settings: MonteCarloSettings
+    air: Air
+    beam: Beam
+    steering: Steering
+    observer_altitude_km: float
+    progress: Progress | None = None
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance L/F0 [sr^-1], shape (..., W); arguments [deg] are broadcast, azimuth is from the sun."""
+        return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).radiance
+
+    def radiance_with_error(
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
+    ) -> MonteCarloResult:
+        """Radiance with standard errors and orders kept apart.
+
+        Arguments [deg] are broadcast; elevation below 0 looks down.  With `checkpoint` (a file), the state is saved
+        every few seconds and when interrupted, and a later call with the same question goes on from there.
+        `batch_order` maps a number of batches to a permutation of them; the answer does not depend on it.
+        """
+        sun, elevation, azimuth = np.broadcast_arrays(
+            *(np.asarray(a, dtype=float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg))
+        )
+        for name, a, limit in (("sun_elevation_deg", sun, 90.0), ("elevation_deg", elevation, 90.0)):
+            if not np.all(np.abs(a) <= limit):
+                raise TwilightError(f"{name} must be between -{limit:g} and {limit:g}")
+        if not np.all(np.isfinite(azimuth)):
+            raise TwilightError("azimuth_deg must be finite")
+        pixels = Pixels.of(sun.ravel(), elevation.ravel(), azimuth.ravel(), self.observer_altitude_km)
+        run = _Run(self, pixels, checkpoint, batch_order)
+        complete = run.all_rounds()
+        return run.tally.result(sun.shape, complete)
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Flat lists of suns and directions [rad] with a key each, which names the pixel's random streams."""
+
+    sun_elevation: np.ndarray
+    elevation: np.ndarray
+    azimuth: np.ndarray
+    key: np.ndarray
+
+    @staticmethod
+    def of(sun_deg, elevation_deg, azimuth_deg, altitude_km: float) -> Pixels:
+        """The key is a hash of the geometry, so a pixel's answer does not depend on its neighbours in the call."""
+        key = np.zeros(sun_deg.size, dtype=np.uint64)
+        for part in (sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)):
+            bits = np.ascontiguousarray(part + 0.0).view(np.uint64)
+            key = _mix(key ^ bits)
+        return Pixels(np.radians(sun_deg), np.radians(elevation_deg), np.radians(azimuth_deg), key)
+
+
+def _mix(z: np.ndarray) -> np.ndarray:
+    z = z + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+class _Run:
+    """One question on its way: rounds of jobs, batches of a round, sums in a fixed order."""
+
+    def __init__(self, field: Field, pixels: Pixels, checkpoint, batch_order):
+        self.field = field
+        self.pixels = pixels
+        self.settings = field.settings
+        self.batch_order = batch_order
+        self.started = time.monotonic()
+        n_wavelengths = field.medium.n_wavelengths
+        self.tally = Tally(pixels.key.size, n_wavelengths)
+        self.chunks_used = np.zeros_like(self.tally.count)
+        self.checkpoint = None
+        self.skip_rounds, self.skip_batches = 0, 0
+        if checkpoint is not None:
+            self.checkpoint = Checkpoint(Path(checkpoint), fingerprint(field.medium, field.settings, pixels))
+            state = self.checkpoint.load()
+            if state is not None:
+                self.tally.count, self.tally.sums, self.tally.squares = state.count, state.sums, state.squares
+                self.tally.limited = state.limited
+                self.chunks_used = state.chunks_used
+                self.round_plan = state.round_plan
+                self.skip_rounds, self.skip_batches = state.round_index, state.batch_index
+
+    def all_rounds(self) -> bool:
+        settings = self.settings
+        n_rounds = 1 if settings.target_stderr is None else 1 + ADAPTIVE_ROUNDS
+        for index in range(self.skip_rounds, n_rounds):
+            resumed = index == self.skip_rounds and self.skip_batches > 0
+            if resumed:
+                extra = self.round_plan
+            elif settings.target_stderr is None:
+                extra = np.full(self.tally.count.shape, -(-settings.samples // N_ARMS), dtype=np.int64)
+            elif index == 0:
+                extra = np.full(self.tally.count.shape, settings.pilot_samples, dtype=np.int64)
+            else:
+                extra = self.tally.wanted(settings.target_stderr, settings.max_samples) - self.tally.count
+            extra = np.maximum(extra, 0)
+            if not self.one_round(index, n_rounds, extra, self.skip_batches if resumed else 0):
+                return False
+        if self.checkpoint:
+            self.checkpoint.remove()
+        return True
+
+    def one_round(self, index: int, n_rounds: int, extra: np.ndarray, first_batch: int) -> bool:
+        """Take `extra` samples; False if time ran out (never in the first round)."""
+        jobs = self._jobs(extra)
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(np.cumsum(jobs[4]) // BATCH_SAMPLES)) + 1, [jobs[0].size]])
+        edges = np.unique(edges)
+        n_batches = edges.size - 1
+        todo = list(range(first_batch, n_batches))
+        if self.batch_order is not None:
+            todo = [first_batch + int(b) for b in self.batch_order(len(todo))]
+        waiting: dict[int, tuple] = {}
+        next_batch = first_batch
+        try:
+            for number, b in enumerate(todo):
+                part = [a[edges[b] : edges[b + 1]] for a in jobs]
+                waiting[b] = (part, self._walk(part))
+                while next_batch in waiting:
+                    (pixel, wavelength, arm, _, samples), rows = waiting.pop(next_batch)
+                    self.tally.add(pixel, wavelength, arm, samples, *rows)
+                    next_batch += 1
+                self._report(index, n_rounds, (number + 1) / len(todo))
+                if self.checkpoint:
+                    self.checkpoint.save_if_due(self._state(index, next_batch, extra))
+                limit = self.settings.time_limit_s
+                if (
+                    index > 0
+                    and limit is not None
+                    and time.monotonic() - self.started > limit
+                    and number + 1 < len(todo)
+                ):
+                    return False
+        except KeyboardInterrupt:
+            if self.checkpoint:
+                self.checkpoint.save(self._state(index, next_batch, extra))
+            raise
+        self.chunks_used += -(-extra // self.settings.chunk_samples)
+        return True
+
+    def _jobs(self, extra: np.ndarray):
+        """Arrays pixel, wavelength, arm, chunk number, samples; all first chunks come before all second ones."""
+        size = self.settings.chunk_samples
+        parts = []
+        left = extra.copy()
+        step = 0
+        while np.any(left > 0):
+            pixel, wavelength, arm = np.nonzero(left > 0)
+            samples = np.minimum(left[pixel, wavelength, arm], size)
+            chunk = (self.chunks_used[pixel, wavelength, arm] + step) * N_ARMS + arm
+            parts.append((pixel, wavelength, arm, chunk, samples))
+            left[pixel, wavelength, arm] -= samples
+            step += 1
+        if not parts:
+            return [np.zeros(0, dtype=np.int64) for _ in range(5)]
+        return [np.concatenate(column) for column in zip(*parts, strict=True)]
+
+    def _walk(self, part):
+        pixel, wavelength, _, chunk, samples = part
+        field, pixels = self.field, self.pixels
+        sums = np.zeros((pixel.size, N_ORDERS + 1))
+        squares = np.zeros_like(sums)
+        limits = np.zeros(pixel.size, dtype=np.int64)
+        run_chunks(
+            field.air, field.beam, field.steering, self.settings.walk, np.uint64(self.settings.seed), pixels.key,
+            pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
+            pixel, wavelength, chunk, samples, sums, squares, limits,
+        )  # fmt: skip
+        return sums, squares, limits
+
+    def _state(self, index: int, next_batch: int, extra: np.ndarray) -> dict:
+        return {
+            "count": self.tally.count,
+            "sums": self.tally.sums,
+            "squares": self.tally.squares,
+            "limited": self.tally.limited,
+            "chunks_used": self.chunks_used,
+            "round_plan": extra,
+            "round_index": index,
+            "batch_index": next_batch,
+        }
+
+    def _report(self, index: int, n_rounds: int, fraction: float) -> None:
+        if self.field.progress:
+            with np.errstate(all="ignore"):
+                error = np.nanmedian(self.tally.relative_error())
+            self.field.progress(
+                (index + fraction) / n_rounds,
+                f"montecarlo: round {index + 1}, median standard error {100 * error:.2g} %",
+            )

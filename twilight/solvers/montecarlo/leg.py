@@ -1,0 +1,250 @@
+"""One straight leg of a path: cut into pieces, single scattering gathered on the way, weights for the next event.
+
+A leg starts at a point and runs against the light until it leaves the air or meets the ground.  Every piece lies in one
+shell, so its extinction is a parabola in the distance (Simpson).  One point per piece, drawn uniformly, carries the
+sunlight scattered there towards the start of the leg, so the estimate is unbiased whatever the length of the pieces.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from twilight.phase import aerosol_phase, rayleigh_phase
+from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate, shell_of
+from twilight.solvers.montecarlo.random import uniform
+from twilight.solvers.montecarlo.steering import log_ground_light, log_mean_light
+from twilight.transport.beam import beam_at_one
+
+# rows of the buffer that holds the pieces of a leg
+START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, FIRST, LAST, STEERED, PLAIN = range(10)
+BUFFER_ROWS = 10
+BUFFER_PIECES = 4096
+OPAQUE_DEPTH = 60.0
+REFERENCE_RADIUS_KM = 6371.0
+
+
+@njit(cache=True, inline="always")
+def altitude_at(z, r, mu, s):
+    """Altitude [km] at the distance s of a line that starts at altitude z, radius r with the cosine mu; no cancellation."""
+    q = s * (s + 2.0 * r * mu)
+    return z + q / (r + math.sqrt(max(0.0, r * r + q)))
+
+
+@njit(cache=True, inline="always")
+def distance_up(z, r, mu, z_shell):
+    """Distance [km] to a sphere above along a line that climbs or has mu < 0 and passes its lowest point first."""
+    c = (z_shell - z) * (z_shell - z + 2.0 * r)
+    b = r * mu
+    d = math.sqrt(max(0.0, c + b * b))
+    if b > 0.0:
+        return c / (b + d) if c > 0.0 else 0.0
+    return d - b
+
+
+@njit(cache=True, inline="always")
+def distance_down(z, r, mu, z_shell):
+    """Distance [km] to a sphere below along a falling line (mu < 0), or -1 if the line does not reach it."""
+    c = (z - z_shell) * (2.0 * r + z_shell - z)
+    b = -r * mu
+    d2 = b * b - c
+    if d2 < 0.0:
+        return -1.0
+    return c / (b + math.sqrt(d2))
+
+
+@njit(cache=True, inline="always")
+def depth_within(lower, middle, upper, length, f):
+    """Optical depth from the start of a piece to its fraction f."""
+    return (
+        length
+        * f
+        * (lower + f * (0.5 * (4.0 * middle - 3.0 * lower - upper) + f * (2.0 / 3.0) * (lower + upper - 2.0 * middle)))
+    )
+
+
+@njit(cache=True, inline="always")
+def extinction_within(lower, middle, upper, f):
+    """Extinction [km^-1] at the fraction f of a piece."""
+    return lower + f * (4.0 * middle - 3.0 * lower - upper + 2.0 * f * (lower + upper - 2.0 * middle))
+
+
+@njit(cache=True)
+def sunlight(air, beam, w, z, mu_sun, ex, ey, ez, px, py, pz, sx, sy, sz, i, f):
+    """Sunlight scattered at a point against the unit vector e: sum over species of beta_s p E / F0 [sr^-1 km^-1].
+
+    p is the point (its length is the radius), s the unit vector to the true sun, (i, f) from `locate`.
+    """
+    irradiance, bending = beam_at_one(beam, z, mu_sun, w)
+    if irradiance <= 0.0:
+        return 0.0
+    cosine = ex * sx + ey * sy + ez * sz
+    if bending > 0.0:
+        # turn the sun towards the vertical, in the plane of both
+        r = math.sqrt(px * px + py * py + pz * pz)
+        up = (ex * px + ey * py + ez * pz) / r
+        sine = math.sqrt(max(1e-300, 1.0 - mu_sun * mu_sun))
+        level = (cosine - mu_sun * up) / sine
+        cb = math.cos(bending)
+        sb = math.sin(bending)
+        cosine = up * (mu_sun * cb + sine * sb) + level * (sine * cb - mu_sun * sb)
+    cosine = min(1.0, max(-1.0, cosine))
+    total = 0.0
+    for c in range(air.table.shape[2] - SPECIES):
+        beta = interpolate(air, w, i, f, SPECIES + c)
+        if beta > 0.0:
+            if c == 0:
+                total += beta * rayleigh_phase(cosine, air.depolarisation[w])
+            else:
+                total += beta * aerosol_phase(
+                    air.phase_kind[c - 1],
+                    air.phase_asymmetry[c - 1, w],
+                    air.phase_log_table[c - 1, w],
+                    cosine,
+                )
+    return total * irradiance
+
+
+@njit(cache=True)
+def ground_sunlight(air, beam, w, mu_sun):
+    """Sunlight on the ground: irradiance / F0 on the horizontal."""
+    irradiance, bending = beam_at_one(beam, air.shell_km[0], mu_sun, w)
+    if irradiance <= 0.0:
+        return 0.0
+    apparent = math.acos(min(1.0, max(-1.0, mu_sun))) - bending
+    return irradiance * max(0.0, math.cos(apparent))
+
+
+@njit(cache=True)
+def trace(
+    air, beam, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz, max_length, max_depth, jitter, stream, pieces, out
+):
+    """Walk one leg from the point p along d; returns the number of pieces, or -1 if the buffer is too short.
+
+    `pieces` is filled (rows START..PLAIN; STEERED and PLAIN are running sums of the two weights for the next event).
+    out[0]: sunlight scattered once along the leg, seen from its start [sr^-1]; out[1]: the same from the ground;
+    out[2]: distance to the ground or -1; out[3]: transmittance of the whole leg;
+    out[4]: steering's estimate of the light scattered again at the ground [sr^-1].
+    With `jitter` False the middle of each piece is used.
+    """
+    r = math.sqrt(px * px + py * py + pz * pz)
+    z = r - air.earth_radius_km
+    mu = (px * dx + py * dy + pz * dz) / r
+    out[0] = 0.0
+    out[1] = 0.0
+    out[2] = -1.0
+    out[3] = 1.0
+    out[4] = 0.0
+    n_shells = air.shell_first.size
+    top = air.shell_km[n_shells]
+    s = 0.0
+    if z >= top:
+        if mu >= 0.0:
+            return 0
+        k = n_shells - 1
+        if z > top:
+            s = distance_down(z, r, mu, top)
+            if s < 0.0:
+                return 0
+    else:
+        z = max(z, air.shell_km[0])
+        k = shell_of(air, z)
+        if mu < 0.0 and z <= air.shell_km[k] and k > 0:
+            k -= 1
+    longest = max_length * air.earth_radius_km / REFERENCE_RADIUS_KM
+    cos_sun_start = px * sx + py * sy + pz * sz
+    cos_sun_slope = dx * sx + dy * sy + dz * sz
+    s_lowest = -r * mu
+    falling = mu < 0.0
+    n = 0
+    depth = 0.0
+    steered = 0.0
+    plain = 0.0
+    while True:
+        # end of the stretch inside shell k
+        lands = False
+        if falling:
+            end = distance_down(z, r, mu, air.shell_km[k])
+            if end < 0.0:
+                end = s_lowest
+                next_k = k
+                still_falling = False
+            else:
+                next_k = k - 1
+                still_falling = True
+                lands = next_k < 0
+        else:
+            end = distance_up(z, r, mu, air.shell_km[k + 1])
+            next_k = k + 1
+            still_falling = False
+        if end > s:
+            first = air.shell_first[k]
+            last = air.shell_last[k]
+            stretch = end - s
+            i, f = locate(air, altitude_at(z, r, mu, s), first, last)
+            upper = interpolate(air, w, i, f, EXTINCTION)
+            i, f = locate(air, altitude_at(z, r, mu, s + 0.5 * stretch), first, last)
+            middle = interpolate(air, w, i, f, EXTINCTION)
+            parts = int(math.ceil(max(stretch / longest, stretch * max(upper, middle) / max_depth)))
+            parts = max(1, min(parts, 100000))
+            length = stretch / parts
+            for part in range(parts):
+                if n >= pieces.shape[1]:
+                    return -1
+                lower = upper
+                start = s + part * length
+                if parts > 1:
+                    i, f = locate(air, altitude_at(z, r, mu, start + 0.5 * length), first, last)
+                    middle = interpolate(air, w, i, f, EXTINCTION)
+                i, f = locate(air, altitude_at(z, r, mu, start + length), first, last)
+                upper = interpolate(air, w, i, f, EXTINCTION)
+                t = uniform(stream) if jitter else 0.5
+                here = start + t * length
+                zp = altitude_at(z, r, mu, here)
+                radius = air.earth_radius_km + zp
+                mu_sun = min(1.0, max(-1.0, (cos_sun_start + here * cos_sun_slope) / radius))
+                i, f = locate(air, zp, first, last)
+                depth_here = depth + depth_within(lower, middle, upper, length, t)
+                weight = length * math.exp(-depth_here)
+                scattering = interpolate(air, w, i, f, EVENT)
+                if scattering > 0.0:
+                    out[0] += weight * sunlight(
+                        air, beam, w, zp, mu_sun, dx, dy, dz,
+                        px + here * dx, py + here * dy, pz + here * dz, sx, sy, sz, i, f,
+                    )  # fmt: skip
+                    plain += weight * scattering
+                    steered += weight * scattering * math.exp(log_mean_light(steering, w, zp, mu_sun))
+                pieces[START, n] = start
+                pieces[LENGTH, n] = length
+                pieces[DEPTH, n] = depth
+                pieces[LOWER, n] = lower
+                pieces[MIDDLE, n] = middle
+                pieces[UPPER, n] = upper
+                pieces[FIRST, n] = first
+                pieces[LAST, n] = last
+                pieces[STEERED, n] = steered
+                pieces[PLAIN, n] = plain
+                depth += length * (lower + 4.0 * middle + upper) / 6.0
+                n += 1
+                if depth > OPAQUE_DEPTH:
+                    out[3] = 0.0
+                    return n
+            s = end
+        if lands:
+            transmittance = math.exp(-depth)
+            out[2] = end
+            out[3] = transmittance
+            albedo = air.ground_albedo[w]
+            if albedo > 0.0:
+                mu_sun = (cos_sun_start + end * cos_sun_slope) / (air.earth_radius_km + air.shell_km[0])
+                mu_sun = min(1.0, max(-1.0, mu_sun))
+                reflected = transmittance * albedo / math.pi
+                out[1] = reflected * ground_sunlight(air, beam, w, mu_sun)
+                out[4] = reflected * math.exp(log_ground_light(steering, w, mu_sun))
+            return n
+        k = next_k
+        falling = still_falling
+        if k >= n_shells:
+            out[3] = math.exp(-depth)
+            return n

@@ -1,0 +1,105 @@
+"""Settings of the Monte-Carlo solver and its quality ladder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from twilight.errors import TwilightError
+from twilight.solvers.montecarlo.paths import Walk
+
+NO_CUT = 1_000_000_000
+APPROXIMATIONS = ("none", "isotropic_after_first")
+
+
+@dataclass(frozen=True)
+class MonteCarloSettings:
+    """What to compute, when to stop, and how to steer; the last group changes the noise and never the mean.
+
+    target_stderr: relative standard error of each pixel and wavelength; None: `samples` alone decides.
+    samples: samples per pixel and wavelength when there is no target; one sample is one first leg with `sub_paths`
+        continuations.
+    max_samples: most samples spent on one pixel and wavelength.
+    time_limit_s: stop after about this long with what there is; None: no limit.
+    max_orders: highest scattering order (a ground reflection counts as one); None: all of them.
+    approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3).
+    refraction, spreading: bend the direct beam; let bending thin it out.
+    seed: any integer; chunk_samples: samples per random stream; both change the noise.
+    pilot_samples: samples of each of two arms from which the other arm's count is set.
+    """
+
+    target_stderr: float | None = 0.01
+    samples: int = 64
+    max_samples: int = 1_000_000
+    time_limit_s: float | None = None
+    max_orders: int | None = None
+    approximation: str = "none"
+    refraction: bool = True
+    spreading: bool = True
+    seed: int = 1
+    chunk_samples: int = 256
+    pilot_samples: int = 8
+    # steering
+    sub_paths: int = 8
+    steering_sweeps: int = 2
+    steered_fraction: float = 0.8
+    table_fraction: float = 0.6
+    roulette: float = 0.3
+    first_length_km: float = 15.0
+    first_depth: float = 0.2
+    later_length_km: float = 40.0
+    later_depth: float = 0.7
+
+    def __post_init__(self):
+        limits = {
+            "target_stderr": (1e-6, 1.0),
+            "samples": (2, 10**12),
+            "max_samples": (2, 10**12),
+            "time_limit_s": (0.0, 1e12),
+            "max_orders": (1, NO_CUT),
+            "seed": (0, 2**63 - 1),
+            "chunk_samples": (1, 2**31),
+            "pilot_samples": (2, 2**31),
+            "sub_paths": (1, 4096),
+            "steering_sweeps": (0, 50),
+            "steered_fraction": (0.0, 0.99),
+            "table_fraction": (0.0, 0.99),
+            "roulette": (0.0, 100.0),
+            "first_length_km": (0.1, 1000.0),
+            "first_depth": (0.01, 1.0),
+            "later_length_km": (0.1, 1000.0),
+            "later_depth": (0.01, 1.0),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise TwilightError(f"montecarlo setting {name} must be between {low:g} and {high:g}, not {value}")
+        if self.approximation not in APPROXIMATIONS:
+            raise TwilightError(
+                f"montecarlo setting approximation must be one of {', '.join(APPROXIMATIONS)}, not {self.approximation}"
+            )
+
+    @property
+    def walk(self) -> Walk:
+        """The part that kernels take."""
+        return Walk(
+            self.first_length_km,
+            self.first_depth,
+            self.later_length_km,
+            self.later_depth,
+            self.sub_paths,
+            self.steered_fraction,
+            self.table_fraction,
+            self.roulette,
+            NO_CUT if self.max_orders is None else self.max_orders,
+        )
+
+    def as_dict(self) -> dict:
+        """Plain values, for provenance."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+QUALITIES = {
+    "draft": MonteCarloSettings(target_stderr=0.05),
+    "standard": MonteCarloSettings(target_stderr=0.01),
+    "reference": MonteCarloSettings(target_stderr=0.003),
+}
