@@ -213,94 +213,66 @@ def _ray_from_space(pool, index, z, c):
     return True, bending, p, -math.sqrt((r - p) * (r + p))
 
 
-@njit(cache=True)
-def _look_up(pool, index, altitude_km, cos_sun_zenith, w_first, n_w, out):
+@njit(cache=True, inline="always")
+def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
+    """Sixteen values at `at` + i row + k step; unsigned offsets save the test for negative indices in the inner loop."""
+    k0 = np.uint64(at)
+    s1 = np.uint64(step)
+    s2 = s1 + s1
+    s3 = s2 + s1
+    k1 = k0 + np.uint64(row)
+    k2 = k1 + np.uint64(row)
+    k3 = k2 + np.uint64(row)
+    return (
+        w0 * (v0 * pool[k0] + v1 * pool[k0 + s1] + v2 * pool[k0 + s2] + v3 * pool[k0 + s3])
+        + w1 * (v0 * pool[k1] + v1 * pool[k1 + s1] + v2 * pool[k1 + s2] + v3 * pool[k1 + s3])
+        + w2 * (v0 * pool[k2] + v1 * pool[k2 + s1] + v2 * pool[k2 + s2] + v3 * pool[k2 + s3])
+        + w3 * (v0 * pool[k3] + v1 * pool[k3 + s1] + v2 * pool[k3 + s2] + v3 * pool[k3 + s3])
+    )
+
+
+@njit(cache=True, inline="always")
+def _place(pool, index, altitude_km, cos_sun_zenith):
+    """(lit, bending, p, u, first altitude node, position behind it); altitude node -1 above the top of the air."""
     c = min(1.0, max(-1.0, cos_sun_zenith))
     z = max(altitude_km, pool[GROUND])
-    space = z > pool[TOP]
-    jz = 0
-    fz = 0.0
-    if space:
+    if z > pool[TOP]:
         lit, bending, p, u = _ray_from_space(pool, index, z, c)
+        jz = -1
+        fz = 0.0
     else:
         lit, bending, p, u, jz, fz = _ray(pool, index, z, c)
-    if not lit:
-        for w in range(n_w):
-            out[w] = 0.0
-        return bending
-    k = index[AT_OVERHEAD] + w_first
-    for w in range(n_w):
-        out[w] = -pool[k + w]
-    all_w = index[N_W]
-    if not space:
-        n_c = index[N_COSINE]
-        a = abs(u) / math.sqrt(u * u + p * p)
-        m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
-        w0, w1, w2, w3 = _weights(fz)
-        v0, v1, v2, v3 = _weights(fm)
-        if u < 0.0:
-            v0 = -v0
-            v1 = -v1
-            v2 = -v2
-            v3 = -v3
-        row = (n_c + 1) * all_w
-        a0 = index[AT_UP] + jz * row + m * all_w + w_first
-        span = 3 * all_w + n_w
-        r0 = pool[a0 : a0 + span]
-        r1 = pool[a0 + row : a0 + row + span]
-        r2 = pool[a0 + 2 * row : a0 + 2 * row + span]
-        r3 = pool[a0 + 3 * row : a0 + 3 * row + span]
-        for w in range(n_w):
-            i1 = w + all_w
-            i2 = i1 + all_w
-            i3 = i2 + all_w
-            out[w] += (
-                w0 * (v0 * r0[w] + v1 * r0[i1] + v2 * r0[i2] + v3 * r0[i3])
-                + w1 * (v0 * r1[w] + v1 * r1[i1] + v2 * r1[i2] + v3 * r1[i3])
-                + w2 * (v0 * r2[w] + v1 * r2[i1] + v2 * r2[i2] + v3 * r2[i3])
-                + w3 * (v0 * r3[w] + v1 * r3[i1] + v2 * r3[i2] + v3 * r3[i3])
-            )
-    if u >= 0.0:
-        for w in range(n_w):
-            out[w] = math.exp(out[w])
-        return bending
+    return lit, bending, p, u, jz, fz
+
+
+@njit(cache=True, inline="always")
+def _place_up(index, p, u, jz):
+    """Offset of the first of the sixteen values from above at wavelength 0, and the position behind its cosine node."""
+    n_c = index[N_COSINE]
+    a = abs(u) / math.sqrt(u * u + p * p)
+    m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
+    return index[AT_UP] + (jz * (n_c + 1) + m) * index[N_W], fm
+
+
+@njit(cache=True, inline="always")
+def _limb_node(pool, index, p):
+    return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
+
+
+@njit(cache=True, inline="always")
+def _place_down(pool, index, p, u):
+    """(first distance node, position behind it, shift of the lowest point per unit of dispersion [km])."""
     n_d = index[N_DISTANCE]
     a = u / (u - NEAR_KM) * ((MAX_DISTANCE_KM + NEAR_KM) / MAX_DISTANCE_KM)
     d, fd = _uniform(min(1.0, a) * n_d, n_d)
-    v0, v1, v2, v3 = _weights(fd)
-    row = n_d + 1
-    ky, fy = _locate(
-        pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
-    )
-    w0, w1, w2, w3 = _weights(fy)
-    dispersing = index[DISPERSING] == 1
     shift = 0.0
-    if dispersing:
-        k = index[AT_SHIFT] + ky * row + d
-        shift = w0 * _cubic(pool, k, v0, v1, v2, v3)
-        shift += w1 * _cubic(pool, k + row, v0, v1, v2, v3)
-        shift += w2 * _cubic(pool, k + 2 * row, v0, v1, v2, v3)
-        shift += w3 * _cubic(pool, k + 3 * row, v0, v1, v2, v3)
-    factor = 1.0 / (1.0 - u / pool[FAR])
-    for w in range(n_w):
-        v = w_first + w
-        if dispersing:
-            dispersion = pool[index[AT_DISPERSION] + v]
-            own = p + dispersion * shift
-            if own < pool[P_GROUND] and dispersion > 0.0:
-                out[w] = 0.0
-                continue
-            ky, fy = _locate(
-                pool, index, own, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
-            )
-            w0, w1, w2, w3 = _weights(fy)
-        k = index[AT_DOWN] + (v * index[N_LIMB_NODE] + ky) * row + d
-        value = w0 * _cubic(pool, k, v0, v1, v2, v3)
-        value += w1 * _cubic(pool, k + row, v0, v1, v2, v3)
-        value += w2 * _cubic(pool, k + 2 * row, v0, v1, v2, v3)
-        value += w3 * _cubic(pool, k + 3 * row, v0, v1, v2, v3)
-        out[w] = factor * math.exp(out[w] + value)
-    return bending
+    if index[DISPERSING] == 1:
+        ky, fy = _limb_node(pool, index, p)
+        w0, w1, w2, w3 = _weights(fy)
+        v0, v1, v2, v3 = _weights(fd)
+        row = n_d + 1
+        shift = _bicubic(pool, index[AT_SHIFT] + ky * row + d, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    return d, fd, shift
 
 
 @njit(cache=True)
@@ -313,12 +285,76 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     out (W,): filled with transmittance x spreading of the refracted beam; exactly 0 in the shadow of the refracted limb.
     Returns the bending [rad] >= 0: true minus apparent zenith angle of the sun.
     """
-    return _look_up(beam.pool, beam.index, altitude_km, cos_sun_zenith, 0, beam.index[0], out)
+    pool = beam.pool
+    index = beam.index
+    n_w = index[N_W]
+    lit, bending, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
+    if not lit:
+        for w in range(n_w):
+            out[w] = 0.0
+        return bending
+    k = index[AT_OVERHEAD]
+    for w in range(n_w):
+        out[w] = -pool[k + w]
+    if jz >= 0:
+        at, fm = _place_up(index, p, u, jz)
+        w0, w1, w2, w3 = _weights(fz)
+        v0, v1, v2, v3 = _weights(fm)
+        sign = 1.0 if u >= 0.0 else -1.0
+        row = (index[N_COSINE] + 1) * n_w
+        for w in range(n_w):
+            out[w] += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    if u >= 0.0:
+        for w in range(n_w):
+            out[w] = math.exp(out[w])
+        return bending
+    d, fd, shift = _place_down(pool, index, p, u)
+    v0, v1, v2, v3 = _weights(fd)
+    row = index[N_DISTANCE] + 1
+    ky, fy = _limb_node(pool, index, p)
+    w0, w1, w2, w3 = _weights(fy)
+    factor = 1.0 / (1.0 - u / pool[FAR])
+    for w in range(n_w):
+        dispersion = pool[index[AT_DISPERSION] + w]
+        if dispersion > 0.0:
+            own = p + dispersion * shift
+            if own < pool[P_GROUND]:
+                out[w] = 0.0
+                continue
+            ky, fy = _limb_node(pool, index, own)
+            w0, w1, w2, w3 = _weights(fy)
+        k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
+        out[w] = factor * math.exp(out[w] + _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3))
+    return bending
 
 
 @njit(cache=True)
 def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""
-    out = np.empty(1)
-    bending = _look_up(beam.pool, beam.index, altitude_km, cos_sun_zenith, w, 1, out)
-    return out[0], bending
+    pool = beam.pool
+    index = beam.index
+    n_w = index[N_W]
+    lit, bending, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
+    if not lit:
+        return 0.0, bending
+    value = -pool[index[AT_OVERHEAD] + w]
+    if jz >= 0:
+        at, fm = _place_up(index, p, u, jz)
+        w0, w1, w2, w3 = _weights(fz)
+        v0, v1, v2, v3 = _weights(fm)
+        sign = 1.0 if u >= 0.0 else -1.0
+        row = (index[N_COSINE] + 1) * n_w
+        value += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    if u >= 0.0:
+        return math.exp(value), bending
+    d, fd, shift = _place_down(pool, index, p, u)
+    own = p + pool[index[AT_DISPERSION] + w] * shift
+    if own < pool[P_GROUND] * (1.0 - 1e-13):
+        return 0.0, bending
+    v0, v1, v2, v3 = _weights(fd)
+    ky, fy = _limb_node(pool, index, own)
+    w0, w1, w2, w3 = _weights(fy)
+    row = index[N_DISTANCE] + 1
+    k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
+    value += _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    return math.exp(value) / (1.0 - u / pool[FAR]), bending
