@@ -101,12 +101,12 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, up_widening
     x = (profile.radius_km + altitude_km) * n
     tau = 0.0
     status = OUTSIDE
-    for k in range(3):
+    for k in range(2):
         bending, tau, status = sun_ray(profile, w, altitude_km, x * math.cos(apparent), True)
         if status == TRAPPED:
             return 0.0, False
         residual = apparent + bending - chi
-        if k == 2 or abs(residual) < 1e-9:
+        if k == 1 or abs(residual) < 1e-9:
             break
         apparent -= residual / widening
         apparent = max(0.0, apparent)

@@ -31,7 +31,7 @@ GROUND = 1
 TRAPPED = 2
 """The ray cannot leave a duct."""
 
-_NODE, _WEIGHT = np.polynomial.legendre.leggauss(5)
+_NODE, _WEIGHT = np.polynomial.legendre.leggauss(4)
 _GAUSS_NODE = 0.5 * (_NODE + 1.0)
 _GAUSS_WEIGHT = 0.5 * _WEIGHT
 
@@ -167,7 +167,7 @@ def outward(profile, w, altitude_km, u_km, stop_km):
         m = profile.panels[i]
         dv = (v_b - v_a) / m
         for k in range(m):
-            for g in range(5):
+            for g in range(4):
                 v = v_a + (k + _GAUSS_NODE[g]) * dv
                 dz = v * v - h
                 f = (z + dz - bottom) / thickness
