@@ -104,9 +104,12 @@ def test_auto_exposure_follows_the_light_one_to_one_and_ignores_zeros():
     ev = colour.auto_exposure_ev100(light)
     assert colour.auto_exposure_ev100(light * 2.0**-20) == pytest.approx(ev - 20)
     assert colour.auto_exposure_ev100(np.append(light, np.zeros(300))) == pytest.approx(ev)
-    # An evenly lit sky lands on middle grey.
+    # An evenly lit sky lands at 1.5 times middle grey; one bright spot in a dark sky is held at 24 times.
     flat = colour.expose(np.full(3, 7.0), colour.auto_exposure_ev100(np.full(9, 7.0)))
-    np.testing.assert_allclose(flat, colour.MIDDLE_GREY)
+    np.testing.assert_allclose(flat, 1.5 * colour.MIDDLE_GREY)
+    spot = np.append(np.full(99, 1e-6), 1.0)
+    held = colour.expose(np.ones(3), colour.auto_exposure_ev100(spot))
+    np.testing.assert_allclose(held, 24 * colour.MIDDLE_GREY)
 
 
 def test_gamut_mapping_keeps_luminance_and_removes_negatives():
@@ -122,11 +125,17 @@ def test_gamut_mapping_keeps_luminance_and_removes_negatives():
 
 def test_tone_curves_rise_and_end_at_white():
     x = np.geomspace(1e-6, 1e6, 400)
-    y = colour.filmic(x)
+    y = colour.filmic(x[:, None] * np.ones(3))[:, 1]
     assert (np.diff(y) >= 0).all() and y[0] == pytest.approx(x[0], rel=1e-4) and y[-1] == pytest.approx(1.0)
     encoded = colour.srgb_encode(np.linspace(0, 1, 101))
     np.testing.assert_allclose(encoded, science.cctf_encoding(np.linspace(0, 1, 101), "sRGB"), atol=1e-7)
     assert colour.tone_map(np.full(3, 1e30), 0.0).max() == pytest.approx(1.0)
+
+
+def test_filmic_keeps_the_order_of_the_channels_and_their_hue_in_part():
+    bright = colour.filmic(np.array([8.0, 4.0, 0.5]))
+    assert 1 > bright[0] > bright[1] > bright[2] > 0
+    assert colour.filmic(np.zeros((2, 3))).max() == 0
 
 
 def test_one_stop_of_exposure_is_a_factor_of_two():

@@ -126,23 +126,23 @@ def sky_to_linear_rgb(sky: Sky, factor: np.ndarray | None = None, observer: str 
 
 
 def auto_exposure_ev100(luminance: np.ndarray, solid_angle: np.ndarray | None = None) -> float:
-    """Exposure value at ISO 100 that suits a sky: its log-mean luminance on middle grey, but a highlight held.
+    """Exposure value at ISO 100 that suits a sky: its log-mean luminance at 1.5 times middle grey, highlights held.
 
     luminance [cd m^-2] and weights of one shape; zeros are left out; an all black sky gives the exposure of 1e-6
-    cd m^-2.  The brightest 0.5 % by weight may exceed the log-mean by 16 before the exposure is reduced.
+    cd m^-2.  Where the brightest 0.5 % by weight exceed 16 times the log-mean the exposure is reduced, by as much as
+    they do: the colours of the twilight arch are kept before the dark of the rest.
     """
     light = np.asarray(luminance, float).ravel()
     weight = np.ones(light.shape) if solid_angle is None else np.asarray(solid_angle, float).ravel()
     keep = (light > 0) & (weight > 0) & np.isfinite(light)
-    if not keep.any():
-        return float(np.log2(1e-6 / GREY_LUMINANCE_AT_EV100_0))
-    light, weight = light[keep], weight[keep]
-    key = np.exp(np.average(np.log(light), weights=weight))
-    order = np.argsort(light)
-    share = np.cumsum(weight[order]) / weight.sum()
-    bright = light[order][min(np.searchsorted(share, 0.995), light.size - 1)]
-    key = max(key, bright / 16.0)
-    return float(np.log2(key / GREY_LUMINANCE_AT_EV100_0))
+    key = 1e-6
+    if keep.any():
+        light, weight = light[keep], weight[keep]
+        order = np.argsort(light)
+        share = np.cumsum(weight[order]) / weight.sum()
+        bright = light[order][min(np.searchsorted(share, 0.995), light.size - 1)]
+        key = max(float(np.exp(np.average(np.log(light), weights=weight))), bright / 16.0)
+    return float(np.log2(key / (1.5 * GREY_LUMINANCE_AT_EV100_0)))
 
 
 def expose(rgb: np.ndarray, ev100: float) -> np.ndarray:
@@ -168,12 +168,18 @@ def _towards_grey(rgb: np.ndarray) -> np.ndarray:
 
 
 def filmic(linear: np.ndarray) -> np.ndarray:
-    """A film-like curve on every channel, linear in and linear out: y = 1 - 1 / (1 + x + x^2 / 2).
+    """A film-like curve, linear RGB (..., 3) in and out: y = 1 - 1 / (1 + x + x^2 / 2).
 
-    Slope 1 in the shadows, middle grey nearly kept (0.18 -> 0.164), a long shoulder (x = 1 -> 0.6, 4 -> 0.92).
-    Channels saturate one by one, so highlights go to white as on film.
+    Slope 1 in the shadows, middle grey nearly kept (0.18 -> 0.164), a long shoulder (1 -> 0.6, 4 -> 0.92).  The mean of
+    the curve on every channel, which takes highlights to white as film does, and of the curve on the largest channel
+    with the ratios kept, which keeps their hue: the twilight arch stays coloured.
     """
     x = np.maximum(np.asarray(linear, float), 0.0)
+    largest = x.max(axis=-1, keepdims=True)
+    return 0.5 * _shoulder(x) + 0.5 * x * (_shoulder(largest) / np.maximum(largest, 1e-300))
+
+
+def _shoulder(x: np.ndarray) -> np.ndarray:
     return 1.0 - 1.0 / (1.0 + x + 0.5 * x * x)
 
 
