@@ -174,6 +174,11 @@ def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
     np.testing.assert_allclose(luminance[:16].max(), brighter.luminance().max(), rtol=1e-4)
 
 
+def test_the_radiance_target_adds_a_picture_that_radiance_reads(tmp_path):
+    paths = write_outputs(glow_sky(), tmp_path, files=("sky.rgb.exr",), target="radiance", width=16)
+    assert [p.name for p in paths] == ["sky.rgb.exr", "sky.rgb.hdr"]
+
+
 def test_output_options_are_checked_before_anything_is_written(tmp_path):
     for options, message in (
         ({"files": ("sky.jpg",)}, "sky.png"),

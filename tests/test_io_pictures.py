@@ -17,11 +17,13 @@ from twilight.io import (
     read_spectral_exr,
     render_view,
     sky_exposure_ev100,
+    write_hdr,
     write_png,
     write_rgb_exr,
     write_spectral_exr,
 )
 from twilight.io.environment import TARGETS, environment_directions
+from twilight.io.rgbe import to_rgbe
 from twilight.sky import Sky, latlong_grid
 
 SUN_AZIMUTH = 235.0
@@ -271,6 +273,27 @@ def test_a_bad_exr_is_refused_in_one_sentence(tmp_path, reader):
     assert "\n" not in str(caught.value)
     with pytest.raises(TwilightError, match="no such file"):
         reader(tmp_path / "none.exr")
+
+
+@pytest.mark.parametrize("width", [16, 128, 300])
+def test_radiance_picture_is_the_same_map_to_the_precision_of_the_format(tmp_path, width):
+    reader = pytest.importorskip("OpenImageIO")
+    sky = spot(provenance={"configuration": {"name": "T1"}})
+    image = reader.ImageBuf(str(write_hdr(sky, tmp_path / "sky.rgb.hdr", width=width)))
+    found = image.get_pixels(reader.FLOAT)
+    exact = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", target="radiance", width=width)).rgb
+    exact = colour.into_gamut(exact) * (683.002 / 179.0)
+    assert found.shape == exact.shape
+    assert (np.abs(found - exact) <= exact.max(axis=-1, keepdims=True) / 127).all()
+    assert b'TWILIGHT_CONFIGURATION= {"name": "T1"}' in (tmp_path / "sky.rgb.hdr").read_bytes()
+
+
+def test_rgbe_keeps_night_and_day_and_black():
+    values = np.array([[1e-12, 5e-13, 0.0], [1.0, 0.5, 0.25], [3e4, 1.0, 0.0], [0.0, 0.0, 0.0], [255.9, 255.9, 255.9]])
+    bytes_ = to_rgbe(values).astype(float)
+    back = np.where(bytes_[:, 3:] > 0, (bytes_[:, :3] + 0.5) * 2.0 ** (bytes_[:, 3:] - 136), 0.0)
+    assert (np.abs(back - values) <= values.max(axis=1, keepdims=True) / 250).all()
+    assert (bytes_[3] == 0).all()
 
 
 def test_rgb_file_is_not_taken_for_a_spectral_one(tmp_path):

@@ -4,6 +4,7 @@ from twilight.io.exr import LatLong, read_latlong_exr, read_spectral_exr, write_
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_sky
 from twilight.io.outputs import FILES, write_outputs
 from twilight.io.picture import render_view, sky_exposure_ev100, write_png
+from twilight.io.rgbe import write_hdr
 from twilight.io.whole import whole_file
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "sky_exposure_ev100",
     "sky_to_dataset",
     "whole_file",
+    "write_hdr",
     "write_outputs",
     "write_png",
     "write_rgb_exr",

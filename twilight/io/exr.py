@@ -80,7 +80,7 @@ def _write(path: str | Path, header: dict[str, Any], channels: dict[str, np.ndar
     return Path(path)
 
 
-def _environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.ndarray:
+def environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.ndarray:
     """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3)."""
     xyz = colour.sky_to_xyz(sky, observer=observer)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
@@ -103,7 +103,7 @@ def write_rgb_exr(
     the observer, the luminance that of V(lambda).  Orientation and width: ``io.environment``.  The lower hemisphere is
     the Lambertian ground.  The sun's disc is not in the picture.  Raises TwilightError for an unknown target.
     """
-    rgb = _environment_rgb(sky, target, width, observer)
+    rgb = environment_rgb(sky, target, width, observer)
     return _write(path, _header(sky, target, observer), {name: rgb[..., i] for i, name in enumerate("RGB")})
 
 
@@ -123,7 +123,7 @@ def write_spectral_exr(
     """
     sun = sky.solar_irradiance
     spectra = environment(sky, sky.sun_normalised_radiance, ground_factor(sky), target, width) * sun
-    rgb = _environment_rgb(sky, target, width, observer)
+    rgb = environment_rgb(sky, target, width, observer)
     channels = {name: rgb[..., i] for i, name in enumerate("RGB")}
     for i, wavelength in enumerate(sky.wavelength_nm):
         channels[f"S0.{wavelength:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)] = spectra[..., i]

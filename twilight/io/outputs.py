@@ -12,6 +12,7 @@ from twilight.io.environment import environment_directions
 from twilight.io.exr import write_rgb_exr, write_spectral_exr
 from twilight.io.netcdf import write_sky
 from twilight.io.picture import DEFAULT_WIDTH, check_options, view_directions, write_png
+from twilight.io.rgbe import write_hdr
 from twilight.sky import Sky
 
 FILES: tuple[str, ...] = ("sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5")
@@ -36,7 +37,8 @@ def write_outputs(
     ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR
     pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5`` always holds
     ``sky``.  ``views``: ``panorama`` is ``sky.png``, ``fisheye`` is ``sky.fisheye.png``.  ``target``, ``width``,
-    ``spectral_width``: of the environment maps (``io.environment``).  ``exposure``, ``tone_mapping``: of the pictures.
+    ``spectral_width``: of the environment maps (``io.environment``); the target ``radiance`` adds ``sky.rgb.hdr``.
+    ``exposure``, ``tone_mapping``: of the pictures.
     Each file is whole or absent.  Raises TwilightError for an unknown option or where the folder cannot be written.
     """
     folder = Path(folder)
@@ -61,6 +63,8 @@ def write_outputs(
             written.append(write_png(fine, folder / name, view=view, **options))  # type: ignore[arg-type]
     if "sky.rgb.exr" in files:
         written.append(write_rgb_exr(fine, folder / "sky.rgb.exr", target=target, width=width, observer=observer))
+        if target == "radiance":  # whose tools read no EXR
+            written.append(write_hdr(fine, folder / "sky.rgb.hdr", target=target, width=width, observer=observer))
     if "sky.spectral.exr" in files:
         path = folder / "sky.spectral.exr"
         written.append(write_spectral_exr(fine, path, target=target, width=spectral_width, observer=observer))

@@ -1,0 +1,81 @@
+"""``sky.rgb.hdr``: an environment map as a Radiance picture, for the target ``radiance``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from twilight import colour, spectrum
+from twilight.errors import TwilightError
+from twilight.io.exr import REC709_CHROMATICITIES, environment_rgb
+from twilight.io.provenance import provenance_fields
+from twilight.io.whole import whole_file
+from twilight.sky import Sky
+
+RADIANCE_EFFICACY_LM_PER_W = 179.0
+"""Luminous efficacy that Radiance's tools multiply with (Ward, Shakespeare: Rendering with Radiance)."""
+
+
+def to_rgbe(rgb: np.ndarray) -> np.ndarray:
+    """Four bytes per pixel (..., 4): mantissas of red, green, blue, and the exponent of the largest plus 128.
+
+    Values must not be negative; they are kept to 1/256 of the largest channel, between 1e-38 and 1e38.
+    """
+    largest = rgb.max(axis=-1)
+    _, exponent = np.frexp(largest)
+    exponent = np.clip(exponent, -127, 127)
+    mantissa = np.floor(rgb * np.exp2(8.0 - exponent)[..., None])
+    out = np.empty((*largest.shape, 4), dtype=np.uint8)
+    out[..., :3] = np.clip(mantissa, 0, 255)
+    out[..., 3] = exponent + 128
+    out[largest < 2.0**-127] = 0
+    return out
+
+
+def _scanline(pixels: np.ndarray) -> bytes:
+    """One scanline (width, 4) in the run-length format, without runs: a reader takes 2 2 for its start."""
+    width = pixels.shape[0]
+    parts = [bytes([2, 2, width >> 8, width & 255])]
+    for channel in pixels.T:
+        data = channel.tobytes()
+        for start in range(0, width, 128):
+            piece = data[start : start + 128]
+            parts += [bytes([len(piece)]), piece]
+    return b"".join(parts)
+
+
+def write_hdr(
+    sky: Sky,
+    path: str | Path,
+    *,
+    target: str = "radiance",
+    width: int = 1024,
+    observer: str = colour.DEFAULT_OBSERVER,
+) -> Path:
+    """Write the environment map of ``write_rgb_exr`` in Radiance's RGBE format (8 bit mantissa), whole or not at all.
+
+    The values are scaled so that 179 lm/W times the Rec. 709 luminance of a pixel is its luminance, as Radiance's tools
+    expect; colours outside the gamut are moved into it.  In a scene:
+    ``void colorpict sky 7 red green blue sky.rgb.hdr . 'Atan2(Dy,Dx)/PI+1' '1-Acos(Dz)/PI'``, +X east, +Y north.
+    """
+    if not 8 <= width < 32768:
+        raise TwilightError(f"width: {width} must be between 8 and 32767 for a Radiance picture")
+    rgb = environment_rgb(sky, target, width, observer)
+    rgb = colour.into_gamut(rgb) * (spectrum.LUMINOUS_EFFICACY_LM_PER_W / RADIANCE_EFFICACY_LM_PER_W)
+    height = rgb.shape[0]
+    fields = {name: str(value).replace("\n", " ") for name, value in provenance_fields(sky.provenance).items()}
+    header = [
+        "#?RADIANCE",
+        "SOFTWARE= twilight",
+        *(f"TWILIGHT_{name.removeprefix('twilight_').upper()}= {value}" for name, value in fields.items()),
+        f"PRIMARIES= {' '.join(f'{x:g}' for x in REC709_CHROMATICITIES)}",
+        "FORMAT=32-bit_rle_rgbe",
+        "",
+        f"-Y {height} +X {rgb.shape[1]}",
+        "",
+    ]
+    body = b"".join(_scanline(row) for row in to_rgbe(rgb))
+    with whole_file(path) as temporary:
+        temporary.write_bytes("\n".join(header).encode() + body)
+    return Path(path)
