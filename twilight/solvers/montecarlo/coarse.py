@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from twilight.solvers.montecarlo.air import Air
 from twilight.solvers.montecarlo.leg import (
@@ -21,6 +21,7 @@ from twilight.solvers.montecarlo.leg import (
     PLAIN,
     START,
     STEERED,
+    Sun,
     altitude_at,
     trace,
 )
@@ -33,12 +34,13 @@ from twilight.solvers.montecarlo.steering import (
     empty_steering,
     sun_index,
 )
+from twilight.solvers.montecarlo.threads import in_slices
 
 MAX_LENGTH_KM = 80.0
 MAX_DEPTH = 1.0
 
 
-def solve_steering(air: Air, beam, sweeps: int = 2) -> Steering:
+def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
     """Steering tables: the linear solution and then some logarithmic sweeps (0: no steering at all)."""
     steering = empty_steering(air)
     if sweeps == 0:
@@ -50,14 +52,14 @@ def solve_steering(air: Air, beam, sweeps: int = 2) -> Steering:
         # unknowns: mean light at the nodes, then diffuse irradiance on the ground
         source = np.zeros(n + n_sun)
         kernel = np.zeros((n + n_sun, n + n_sun))
-        _system(air, beam, steering, w, z, source, kernel)
+        in_slices(lambda a, b, w=w: _system(air, sun, steering, w, z, a, b, source, kernel), n)
         light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
         floor = math.exp(DARK)
         steering.log_light[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun)
         steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
         for _ in range(sweeps):
             radiance = np.zeros((z.size, n_sun, steering.solid_angle.size))
-            _sweep(air, beam, steering, w, z, radiance)
+            in_slices(lambda a, b, w=w, out=radiance: _sweep(air, sun, steering, w, z, a, b, out), n)
             _store(steering, w, radiance)
     return steering
 
@@ -76,24 +78,25 @@ def _store(steering: Steering, w: int, radiance: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def _leg_from_node(air, beam, steering, w, r, sx, sz, d, stream, pieces, out):
+def _leg_from_node(air, sun, steering, w, r, sx, sz, d, stream, pieces, phases, out):
     """Trace from a node at the radius r towards the centre of the cell d, without randomness."""
     return trace(
-        air, beam, steering, w, 0.0, 0.0, r,
+        air, sun, steering, w, 0.0, 0.0, r,
         steering.centre[d, 0], steering.centre[d, 1], steering.centre[d, 2],
-        sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, False, stream, pieces, out,
+        sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, False, stream, pieces, phases, out,
     )  # fmt: skip
 
 
-@njit(cache=True, parallel=True)
-def _system(air, beam, steering, w, altitude_km, source, kernel):
-    """S and K of the module's equation; a row belongs to one node and is written by one thread."""
+@njit(cache=True, nogil=True)
+def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
+    """S and K of the module's equation; rows of the nodes first..end."""
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
-    for node in prange(n_nodes):
-        pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
-        out = np.empty(5)
-        stream = np.zeros(1, dtype=np.uint64)
+    pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    out = np.empty(5)
+    phases = np.empty((air.table.shape[2], 2))
+    stream = np.zeros(1, dtype=np.uint64)
+    for node in range(first, end):
         i = node // n_sun
         j = node % n_sun
         sz = steering.cos_sun[j]
@@ -103,7 +106,7 @@ def _system(air, beam, steering, w, altitude_km, source, kernel):
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 continue
-            n = _leg_from_node(air, beam, steering, w, r, sx, sz, d, stream, pieces, out)
+            n = _leg_from_node(air, sun, steering, w, r, sx, sz, d, stream, pieces, phases, out)
             up = steering.centre[d, 2]
             share = 2.0 * steering.solid_angle[d]
             mean = share / (4.0 * math.pi)
@@ -137,14 +140,15 @@ def _system(air, beam, steering, w, altitude_km, source, kernel):
                 kernel[node, n_nodes + ja + 1] += reflected * ga
 
 
-@njit(cache=True, parallel=True)
-def _sweep(air, beam, steering, w, altitude_km, radiance):
-    """Diffuse radiance at every node from every cell's centre: sunlight plus the light of the tables."""
+@njit(cache=True, nogil=True)
+def _sweep(air, sun, steering, w, altitude_km, first, end, radiance):
+    """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables."""
     n_sun = steering.cos_sun.size
-    for node in prange(altitude_km.size * n_sun):
-        pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
-        out = np.empty(5)
-        stream = np.zeros(1, dtype=np.uint64)
+    pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    out = np.empty(5)
+    phases = np.empty((air.table.shape[2], 2))
+    stream = np.zeros(1, dtype=np.uint64)
+    for node in range(first, end):
         i = node // n_sun
         j = node % n_sun
         sz = steering.cos_sun[j]
@@ -155,7 +159,7 @@ def _sweep(air, beam, steering, w, altitude_km, radiance):
             if azimuth >= N_AZIMUTHS // 2:
                 radiance[i, j, d] = radiance[i, j, d - 2 * azimuth + N_AZIMUTHS - 1]
                 continue
-            n = _leg_from_node(air, beam, steering, w, r, sx, sz, d, stream, pieces, out)
+            n = _leg_from_node(air, sun, steering, w, r, sx, sz, d, stream, pieces, phases, out)
             light = out[0] + out[1] + out[4]
             if n > 0:
                 light += pieces[STEERED, n - 1]

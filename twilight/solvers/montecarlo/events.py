@@ -71,7 +71,7 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
 
 @njit(cache=True)
 def event_weight(air, w, pieces, k, t, z, i, f):
-    """Transmittance x scattering x length of a piece, at its fraction t: the weight before division by the probability."""
+    """Transmittance x scattering x length of a piece, at its fraction t: the weight but for the probability."""
     length = pieces[LENGTH, k]
     depth = pieces[DEPTH, k] + depth_within(pieces[LOWER, k], pieces[MIDDLE, k], pieces[UPPER, k], length, t)
     return length * math.exp(-depth) * interpolate(air, w, i, f, EVENT)
@@ -164,7 +164,7 @@ def turn(dx, dy, dz, cosine, psi, out):
 
 @njit(cache=True)
 def local_frame(px, py, pz, sx, sy, sz, frame):
-    """Rows of `frame`: towards the sun along the horizon, sideways, up; returns the cosine of the solar zenith angle."""
+    """Rows of `frame`: towards the sun along the horizon, sideways, up; returns cos(solar zenith angle)."""
     r = math.sqrt(px * px + py * py + pz * pz)
     ux, uy, uz = px / r, py / r, pz / r
     cos_sun = min(1.0, max(-1.0, ux * sx + uy * sy + uz * sz))

@@ -14,11 +14,14 @@ from twilight.errors import TwilightError
 from twilight.solvers.montecarlo.air import Air, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
 from twilight.solvers.montecarlo.coarse import solve_steering
+from twilight.solvers.montecarlo.leg import Sun
 from twilight.solvers.montecarlo.paths import N_ORDERS, run_chunks
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.steering import Steering
+from twilight.solvers.montecarlo.suntable import prepare_sun_table
 from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, Tally
-from twilight.transport.beam import Beam, prepare_beam
+from twilight.solvers.montecarlo.threads import in_slices
+from twilight.transport.beam import prepare_beam
 
 Progress = Callable[[float, str], None]
 BATCH_SAMPLES = 4096
@@ -39,14 +42,15 @@ def prepare(
     settings = settings or MonteCarloSettings()
     if not observer_altitude_km >= medium.bottom_km:
         raise TwilightError(
-            f"the observer's altitude must be at or above the ground ({medium.bottom_km:g} km), not {observer_altitude_km}"
+            f"the observer's altitude must be at or above the ground, {medium.bottom_km:g} km, not {observer_altitude_km}"
         )
     if progress:
         progress(0.0, "montecarlo: beam and coarse field")
     air = prepare_air(medium, settings.approximation == "isotropic_after_first")
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
-    steering = solve_steering(air, beam, settings.steering_sweeps)
-    return Field(medium, settings, air, beam, steering, float(observer_altitude_km), progress)
+    sun = Sun(beam, prepare_sun_table(air, beam), settings.check_rate)
+    steering = solve_steering(air, sun, settings.steering_sweeps)
+    return Field(medium, settings, air, sun, steering, float(observer_altitude_km), progress)
 
 
 @dataclass(frozen=True)
@@ -56,13 +60,13 @@ class Field:
     medium: Medium
     settings: MonteCarloSettings
     air: Air
-    beam: Beam
+    sun: Sun
     steering: Steering
     observer_altitude_km: float
     progress: Progress | None = None
 
     def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
-        """Sun-normalised radiance L/F0 [sr^-1], shape (..., W); arguments [deg] are broadcast, azimuth is from the sun."""
+        """Sun-normalised radiance L/F0 [sr^-1], shape (..., W); azimuths are from the sun."""
         return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).radiance
 
     def radiance_with_error(
@@ -218,11 +222,15 @@ class _Run:
         sums = np.zeros((pixel.size, N_ORDERS + 1))
         squares = np.zeros_like(sums)
         limits = np.zeros(pixel.size, dtype=np.int64)
-        run_chunks(
-            field.air, field.beam, field.steering, self.settings.walk, np.uint64(self.settings.seed), pixels.key,
-            pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
-            pixel, wavelength, chunk, samples, sums, squares, limits,
-        )  # fmt: skip
+
+        def work(first: int, end: int) -> None:
+            run_chunks(
+                field.air, field.sun, field.steering, self.settings.walk, np.uint64(self.settings.seed), pixels.key,
+                pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
+                pixel, wavelength, chunk, samples, first, end, sums, squares, limits,
+            )  # fmt: skip
+
+        in_slices(work, pixel.size)
         return sums, squares, limits
 
     def _state(self, index: int, next_batch: int, extra: np.ndarray) -> dict:

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import math
 
+from typing import NamedTuple
+
 from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
 from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate, shell_of
 from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import log_ground_light, log_mean_light
-from twilight.transport.beam import beam_at_one
+from twilight.solvers.montecarlo.suntable import BLACK, SunTable, quick_sun
+from twilight.transport.beam import Beam, beam_at_one
 
 # rows of the buffer that holds the pieces of a leg
 START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, FIRST, LAST, STEERED, PLAIN = range(10)
@@ -23,11 +26,12 @@ BUFFER_ROWS = 10
 BUFFER_PIECES = 4096
 OPAQUE_DEPTH = 60.0
 REFERENCE_RADIUS_KM = 6371.0
+BENDING_STEP_RAD = 0.01
 
 
 @njit(cache=True, inline="always")
 def altitude_at(z, r, mu, s):
-    """Altitude [km] at the distance s of a line that starts at altitude z, radius r with the cosine mu; no cancellation."""
+    """Altitude [km] at the distance s of a line that starts at altitude z, radius r with the cosine mu."""
     q = s * (s + 2.0 * r * mu)
     return z + q / (r + math.sqrt(max(0.0, r * r + q)))
 
@@ -70,6 +74,34 @@ def extinction_within(lower, middle, upper, f):
     return lower + f * (4.0 * middle - 3.0 * lower - upper + 2.0 * f * (lower + upper - 2.0 * middle))
 
 
+class Sun(NamedTuple):
+    """The direct beam twice: exact (slow) and quick (rough); check_rate: how often the difference is asked for."""
+
+    beam: Beam
+    table: SunTable
+    check_rate: float
+
+
+@njit(cache=True)
+def species_phase(air, w, c, cosine):
+    """Phase function [sr^-1] of species c, 0 being air."""
+    if c == 0:
+        return rayleigh_phase(cosine, air.depolarisation[w])
+    return aerosol_phase(air.phase_kind[c - 1], air.phase_asymmetry[c - 1, w], air.phase_log_table[c - 1, w], cosine)
+
+
+@njit(cache=True, inline="always")
+def cosine_to_sun(ex, ey, ez, ux, uy, uz, sx, sy, sz, mu_sun, bending):
+    """Cosine between the unit vector e and the sun s as seen through `bending` [rad], where u is up."""
+    cosine = ex * sx + ey * sy + ez * sz
+    if bending > 0.0:
+        # the sun is lifted in the plane of s and u
+        sine = math.sqrt(max(1e-300, 1.0 - mu_sun * mu_sun))
+        across = (ex * ux + ey * uy + ez * uz - mu_sun * cosine) / sine
+        cosine = cosine * math.cos(bending) + across * math.sin(bending)
+    return min(1.0, max(-1.0, cosine))
+
+
 @njit(cache=True)
 def sunlight(air, beam, w, z, mu_sun, ex, ey, ez, px, py, pz, sx, sy, sz, i, f):
     """Sunlight scattered at a point against the unit vector e: sum over species of beta_s p E / F0 [sr^-1 km^-1].
@@ -79,30 +111,13 @@ def sunlight(air, beam, w, z, mu_sun, ex, ey, ez, px, py, pz, sx, sy, sz, i, f):
     irradiance, bending = beam_at_one(beam, z, mu_sun, w)
     if irradiance <= 0.0:
         return 0.0
-    cosine = ex * sx + ey * sy + ez * sz
-    if bending > 0.0:
-        # turn the sun towards the vertical, in the plane of both
-        r = math.sqrt(px * px + py * py + pz * pz)
-        up = (ex * px + ey * py + ez * pz) / r
-        sine = math.sqrt(max(1e-300, 1.0 - mu_sun * mu_sun))
-        level = (cosine - mu_sun * up) / sine
-        cb = math.cos(bending)
-        sb = math.sin(bending)
-        cosine = up * (mu_sun * cb + sine * sb) + level * (sine * cb - mu_sun * sb)
-    cosine = min(1.0, max(-1.0, cosine))
+    r = math.sqrt(px * px + py * py + pz * pz)
+    cosine = cosine_to_sun(ex, ey, ez, px / r, py / r, pz / r, sx, sy, sz, mu_sun, bending)
     total = 0.0
     for c in range(air.table.shape[2] - SPECIES):
         beta = interpolate(air, w, i, f, SPECIES + c)
         if beta > 0.0:
-            if c == 0:
-                total += beta * rayleigh_phase(cosine, air.depolarisation[w])
-            else:
-                total += beta * aerosol_phase(
-                    air.phase_kind[c - 1],
-                    air.phase_asymmetry[c - 1, w],
-                    air.phase_log_table[c - 1, w],
-                    cosine,
-                )
+            total += beta * species_phase(air, w, c, cosine)
     return total * irradiance
 
 
@@ -118,15 +133,20 @@ def ground_sunlight(air, beam, w, mu_sun):
 
 @njit(cache=True)
 def trace(
-    air, beam, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz, max_length, max_depth, jitter, stream, pieces, out
-):
+    air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz, max_length, max_depth, jitter, stream, pieces, phases, out
+):  # fmt: skip
     """Walk one leg from the point p along d; returns the number of pieces, or -1 if the buffer is too short.
 
     `pieces` is filled (rows START..PLAIN; STEERED and PLAIN are running sums of the two weights for the next event).
     out[0]: sunlight scattered once along the leg, seen from its start [sr^-1]; out[1]: the same from the ground;
     out[2]: distance to the ground or -1; out[3]: transmittance of the whole leg;
     out[4]: steering's estimate of the light scattered again at the ground [sr^-1].
-    With `jitter` False the middle of each piece is used.
+    With `jitter` False the middle of each piece is used, and the quick look-up of the sun alone.
+    phases (C, 2) is work space.
+
+    The sun is looked up roughly at every piece (quick table; phase functions linear in the bending).  With the
+    probability check_rate the exact value is asked for too, and the difference, divided by that probability, is added:
+    the mean is the exact one, whatever the table.
     """
     r = math.sqrt(px * px + py * py + pz * pz)
     z = r - air.earth_radius_km
@@ -157,6 +177,14 @@ def trace(
     cos_sun_slope = dx * sx + dy * sy + dz * sz
     s_lowest = -r * mu
     falling = mu < 0.0
+    n_species = air.table.shape[2] - SPECIES
+    for c in range(n_species):
+        for m in range(2):
+            cosine = cosine_to_sun(
+                dx, dy, dz, px / r, py / r, pz / r, sx, sy, sz, cos_sun_start / r, m * BENDING_STEP_RAD
+            )
+            phases[c, m] = species_phase(air, w, c, cosine)
+        phases[c, 1] = (phases[c, 1] - phases[c, 0]) / BENDING_STEP_RAD
     n = 0
     depth = 0.0
     steered = 0.0
@@ -186,7 +214,7 @@ def trace(
             upper = interpolate(air, w, i, f, EXTINCTION)
             i, f = locate(air, altitude_at(z, r, mu, s + 0.5 * stretch), first, last)
             middle = interpolate(air, w, i, f, EXTINCTION)
-            parts = int(math.ceil(max(stretch / longest, stretch * max(upper, middle) / max_depth)))
+            parts = math.ceil(max(stretch / longest, stretch * max(upper, middle) / max_depth))
             parts = max(1, min(parts, 100000))
             length = stretch / parts
             for part in range(parts):
@@ -209,10 +237,21 @@ def trace(
                 weight = length * math.exp(-depth_here)
                 scattering = interpolate(air, w, i, f, EVENT)
                 if scattering > 0.0:
-                    out[0] += weight * sunlight(
-                        air, beam, w, zp, mu_sun, dx, dy, dz,
-                        px + here * dx, py + here * dy, pz + here * dz, sx, sy, sz, i, f,
-                    )  # fmt: skip
+                    light, bending = quick_sun(sun.table, zp, mu_sun, w)
+                    quick = 0.0
+                    if light > BLACK:
+                        for c in range(n_species):
+                            quick += interpolate(air, w, i, f, SPECIES + c) * max(
+                                0.0, phases[c, 0] + bending * phases[c, 1]
+                            )
+                        quick *= math.exp(light)
+                    if jitter and uniform(stream) < sun.check_rate:
+                        exact = sunlight(
+                            air, sun.beam, w, zp, mu_sun, dx, dy, dz,
+                            px + here * dx, py + here * dy, pz + here * dz, sx, sy, sz, i, f,
+                        )  # fmt: skip
+                        quick += (exact - quick) / sun.check_rate
+                    out[0] += weight * quick
                     plain += weight * scattering
                     steered += weight * scattering * math.exp(log_mean_light(steering, w, zp, mu_sun))
                 pieces[START, n] = start
@@ -240,7 +279,7 @@ def trace(
                 mu_sun = (cos_sun_start + end * cos_sun_slope) / (air.earth_radius_km + air.shell_km[0])
                 mu_sun = min(1.0, max(-1.0, mu_sun))
                 reflected = transmittance * albedo / math.pi
-                out[1] = reflected * ground_sunlight(air, beam, w, mu_sun)
+                out[1] = reflected * ground_sunlight(air, sun.beam, w, mu_sun)
                 out[4] = reflected * math.exp(log_ground_light(steering, w, mu_sun))
             return n
         k = next_k

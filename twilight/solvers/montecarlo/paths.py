@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from twilight.solvers.montecarlo.events import (
     choose_direction,
@@ -47,26 +47,26 @@ class Walk(NamedTuple):
 
 
 @njit(cache=True)
-def observer_frame(sun_elevation, elevation, azimuth, altitude, radius, point, direction, sun):
+def observer_frame(sun_elevation, elevation, azimuth, altitude, radius, point, direction, to_sun):
     """Observer, line of sight and sun [rad, km] in the observer's Cartesian frame."""
     point[0], point[1], point[2] = 0.0, 0.0, radius + altitude
     direction[0] = math.cos(elevation) * math.cos(azimuth)
     direction[1] = math.cos(elevation) * math.sin(azimuth)
     direction[2] = math.sin(elevation)
-    sun[0], sun[1], sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
+    to_sun[0], to_sun[1], to_sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
 
 
 @njit(cache=True)
-def one_sample(air, beam, steering, walk, w, point, direction, sun, stream, work, orders):
+def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders):
     """Add one estimate of the radiance, order by order, to `orders`; returns 0, or 1 if a limit was met.
 
     orders[n] is light with n + 1 events (a reflection by the ground is one); the last entry takes the rest.
     """
-    first, later, out, cumulative, frame, new = work
-    sx, sy, sz = sun[0], sun[1], sun[2]
+    first, later, phases, out, cumulative, frame, new = work
+    sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
     n_first = trace(
-        air, beam, steering, w, point[0], point[1], point[2], direction[0], direction[1], direction[2],
-        sx, sy, sz, walk.first_length, walk.first_depth, True, stream, first, out,
+        air, sun, steering, w, point[0], point[1], point[2], direction[0], direction[1], direction[2],
+        sx, sy, sz, walk.first_length, walk.first_depth, True, stream, first, phases, out,
     )  # fmt: skip
     if n_first < 0:
         return 1
@@ -145,8 +145,8 @@ def one_sample(air, beam, steering, walk, w, point, direction, sun, stream, work
             dx, dy, dz = new[0], new[1], new[2]
             pieces = later
             n = trace(
-                air, beam, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz,
-                walk.later_length, walk.later_depth, True, stream, later, out,
+                air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz,
+                walk.later_length, walk.later_depth, True, stream, later, phases, out,
             )  # fmt: skip
             if n < 0:
                 limit_met = 1
@@ -165,39 +165,47 @@ def one_sample(air, beam, steering, walk, w, point, direction, sun, stream, work
     return limit_met
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def run_chunks(
-    air, beam, steering, walk, seed, keys, sun_elevation, elevation, azimuth, altitude,
-    job_pixel, job_wavelength, job_chunk, job_samples, sums, squares, limits,
+    air, sun, steering, walk, seed, keys, sun_elevation, elevation, azimuth, altitude,
+    job_pixel, job_wavelength, job_chunk, job_samples, first_job, end_job, sums, squares, limits,
 ):  # fmt: skip
-    """Run jobs; row j of `sums` and `squares` gets the sums over its samples of x and x^2 for each order and the total.
+    """Run the jobs first_job..end_job; row j of `sums` and `squares` gets the sums over its samples of x and x^2 for each order and the total.
 
     keys, sun_elevation, elevation, azimuth (P,) [rad] and altitude [km] describe pixels; a job is (pixel, wavelength,
     chunk number, samples).  A row depends on its job alone, so neither threads nor the order of jobs change it.
     sums, squares (J, N_ORDERS + 1); limits (J,) counts samples that met a limit of the walk.
     """
-    for j in prange(job_pixel.size):
-        first = np.empty((BUFFER_ROWS, BUFFER_PIECES))
-        later = np.empty((BUFFER_ROWS, BUFFER_PIECES))
-        out = np.empty(5)
-        cumulative = np.empty(N_DIRECTIONS)
-        frame = np.empty((3, 3))
-        new = np.empty(3)
-        work = (first, later, out, cumulative, frame, new)
-        point = np.empty(3)
-        direction = np.empty(3)
-        sun = np.empty(3)
-        orders = np.empty(N_ORDERS)
-        stream = np.empty(1, dtype=np.uint64)
+    first = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    later = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    out = np.empty(5)
+    phases = np.empty((air.table.shape[2], 2))
+    cumulative = np.empty(N_DIRECTIONS)
+    frame = np.empty((3, 3))
+    new = np.empty(3)
+    work = (first, later, phases, out, cumulative, frame, new)
+    point = np.empty(3)
+    direction = np.empty(3)
+    to_sun = np.empty(3)
+    orders = np.empty(N_ORDERS)
+    stream = np.empty(1, dtype=np.uint64)
+    for j in range(first_job, end_job):
         pixel = job_pixel[j]
         w = job_wavelength[j]
         observer_frame(
-            sun_elevation[pixel], elevation[pixel], azimuth[pixel], altitude, air.earth_radius_km, point, direction, sun
+            sun_elevation[pixel],
+            elevation[pixel],
+            azimuth[pixel],
+            altitude,
+            air.earth_radius_km,
+            point,
+            direction,
+            to_sun,
         )
         start(stream, seed, keys[pixel], w, job_chunk[j])
         for _ in range(job_samples[j]):
             orders[:] = 0.0
-            limits[j] += one_sample(air, beam, steering, walk, w, point, direction, sun, stream, work, orders)
+            limits[j] += one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders)
             total = 0.0
             for n in range(N_ORDERS):
                 sums[j, n] += orders[n]

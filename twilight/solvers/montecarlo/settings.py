@@ -48,6 +48,7 @@ class MonteCarloSettings:
     first_depth: float = 0.2
     later_length_km: float = 40.0
     later_depth: float = 0.7
+    check_rate: float = 0.0625
 
     def __post_init__(self):
         limits = {
@@ -68,6 +69,7 @@ class MonteCarloSettings:
             "first_depth": (0.01, 1.0),
             "later_length_km": (0.1, 1000.0),
             "later_depth": (0.01, 1.0),
+            "check_rate": (0.001, 1.0),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)

@@ -18,7 +18,7 @@ N_ARMS = 2
 
 @dataclass(frozen=True)
 class MonteCarloResult:
-    """Sun-normalised radiance L/F0 [sr^-1] with its noise; all arrays end in (..., W), orders have (N_ORDERS,) in front.
+    """Sun-normalised radiance L/F0 [sr^-1] with its noise; arrays (..., W), orders (N_ORDERS, ..., W).
 
     order_radiance[n]: light with n + 1 events, a reflection by the ground being one; the last entry holds the rest.
     standard_error, order_standard_error: one standard deviation of the means; nan where fewer than 2 samples an arm.
