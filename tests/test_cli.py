@@ -47,9 +47,6 @@ class PlainField:
         shape = (2.0 + np.cos(np.radians(azimuth_deg))) * (1.0 + np.cos(np.radians(elevation_deg)))
         return shape[..., None] * level
 
-    def direct_irradiance(self, sun_elevation_deg):
-        return np.exp(-self.medium.optical_depth("total")) * (sun_elevation_deg > 0)
-
 
 @pytest.fixture
 def plain(monkeypatch):
@@ -85,8 +82,17 @@ def table(tmp_path):
     return path
 
 
-def call(*arguments):
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
+SMALL = ["texture={azimuth_count: 36, elevation_count: 9}", "output.width=64", "output.spectral_width=32"]
+
+
+def call(command, *arguments):
+    """Run a command; renders are small unless a test says otherwise."""
+    small = (
+        [word for key in SMALL for word in ("--set", key)]
+        if command == "render" and "texture={}" not in arguments
+        else []
+    )
+    result = CliRunner().invoke(app, [command, *(str(a) for a in arguments), *small])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result
@@ -94,7 +100,7 @@ def call(*arguments):
 
 def test_a_render_writes_all_files_and_says_where(plain, table, tmp_path):
     out = tmp_path / "sky"
-    result = call("render", table, "--sun-elevation", -4, "--output", out)
+    result = call("render", table, "--sun-elevation", -4, "--output", out, "--set", "texture={}")
     assert result.exit_code == 0, result.stderr
     assert {p.name for p in out.iterdir()} == FILES
     assert str(out) in result.stdout and "cd/m^2" in result.stdout and "lx" in result.stdout
@@ -105,7 +111,7 @@ def test_a_render_writes_all_files_and_says_where(plain, table, tmp_path):
 
 
 def test_the_radiance_lies_where_the_solver_was_asked_for_it(plain, table, tmp_path):
-    call("render", table, "--sun-elevation", 5, "--output", tmp_path, "--set", "texture.resolution_deg=10")
+    call("render", table, "--sun-elevation", 5, "--output", tmp_path)
     sky = read_sky(tmp_path / "sky.h5")
     assert sky.elevation_deg.tolist() == list(range(5, 90, 10))
     assert sky.azimuth_deg.tolist() == list(range(0, 360, 10))

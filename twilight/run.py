@@ -60,6 +60,7 @@ class _Radiance:
     texture_error: list[np.ndarray] = field(default_factory=list)
     panorama_error: list[np.ndarray] = field(default_factory=list)
     direct: list[np.ndarray] = field(default_factory=list)
+    bending_deg: float = 0.0
     seconds: float = 0.0
 
 
@@ -103,26 +104,42 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     blocks = [slice(i, i + WAVELENGTH_BLOCK) for i in range(0, medium.n_wavelengths, WAVELENGTH_BLOCK)]
     results = [_Radiance() for _ in suns]
     elevation, azimuth = _texture(config)
+    meter = _Meter(tell)
+    phase = 1.0 / (len(blocks) * (1 + len(suns)))
     for b, block in enumerate(blocks):
-        first, share = b / len(blocks), 1.0 / len(blocks)
-        prepared = 0.5 if len(suns) == 1 else 1.0 / (1.0 + len(suns))
-
-        def preparing(doing: str, done: float, first: float = first, share: float = share * prepared) -> None:
-            tell(doing, first + share * min(max(done, 0.0), 1.0))
-
+        start = b * (1 + len(suns)) * phase
         begin = time.perf_counter()
         part = medium if len(blocks) == 1 else medium.select(block)
-        made = solver.prepare(part, settings, observer_altitude_km=config.observer.altitude_km, progress=preparing)
+        meter.phase(name, start, phase)
+        made = solver.prepare(part, settings, observer_altitude_km=config.observer.altitude_km, progress=meter)
+        beam = _Sunbeam(part, config.observer.altitude_km)
         set_up_s += time.perf_counter() - begin
         for s, (sun, result) in enumerate(zip(suns, results, strict=True)):
-            tell(sun.name, first + share * (prepared + (1.0 - prepared) * s / len(suns)))
             begin = time.perf_counter()
+            meter.phase(sun.name, start + (1 + s) * phase, phase)
             _evaluate(made, sun, elevation, azimuth, config.texture.latlong_width, result)
+            _direct(beam, sun, result)
             result.seconds += time.perf_counter() - begin
             if b == len(blocks) - 1:
                 yield _frame(config, plan, medium, sun, result, (name, quality), set_up_s)
                 results[s] = _Radiance()
     tell("done", 1.0)
+
+
+class _Meter:
+    """Turns a solver's progress within one phase of the work into progress of the whole; it never goes back."""
+
+    def __init__(self, tell: Progress):
+        self.tell = tell
+        self.done = self.start = self.span = 0.0
+
+    def phase(self, doing: str, start: float, span: float) -> None:
+        self.start, self.span = start, span
+        self(doing, 0.0)
+
+    def __call__(self, doing: str, share: float) -> None:
+        self.done = max(self.done, self.start + self.span * min(max(share, 0.0), 1.0))
+        self.tell(doing, self.done)
 
 
 def resolve_solver_of(config: Config) -> tuple[str, str, Any]:
@@ -191,7 +208,8 @@ def _frame(
             time=sun.time,
             ground_albedo=medium.ground_albedo,
             standard_error=np.concatenate(error, axis=-1) if error else None,
-            direct_irradiance=np.concatenate(result.direct) if result.direct else None,
+            direct_irradiance=np.concatenate(result.direct),
+            apparent_sun_elevation_deg=sun.elevation_deg + result.bending_deg,
             solar_spectrum=config.solar_spectrum,
             provenance=provenance,
         )
@@ -220,8 +238,6 @@ def _evaluate(
         values.append(value)
         if error is not None:
             errors.append(error)
-    if hasattr(made, "direct_irradiance"):
-        result.direct.append(made.direct_irradiance(sun.elevation_deg))
 
 
 def _on_grid(
@@ -243,6 +259,36 @@ def _on_grid(
     return made.radiance(sun_elevation_deg, *grid)[:, back], None
 
 
+class _Sunbeam:
+    """Direct sunlight at the observer; its tables are made for the first sun that can reach it."""
+
+    DARK_BELOW_HORIZON_DEG = 2.0
+    """Refraction lifts the sun by 1.2 deg at most at the horizon, down and up again (Haber 2005 sec. 4.4: below 2)."""
+
+    def __init__(self, medium: Medium, altitude_km: float):
+        self.medium, self.altitude_km = medium, altitude_km
+        radius = medium.earth_radius_km
+        self.dip_deg = float(np.degrees(np.arccos(radius / (radius + max(altitude_km, 0.0)))))
+        self.made: Any = None
+
+    def at(self, sun_elevation_deg: float) -> tuple[np.ndarray, float]:
+        """(irradiance at normal incidence over F0 (W,), bending [deg])."""
+        out = np.zeros(self.medium.n_wavelengths)
+        if sun_elevation_deg < -self.dip_deg - self.DARK_BELOW_HORIZON_DEG:
+            return out, 0.0
+        from twilight.transport.beam import beam_at, prepare_beam
+
+        if self.made is None:
+            self.made = prepare_beam(self.medium)
+        bending = beam_at(self.made, self.altitude_km, np.sin(np.radians(sun_elevation_deg)), out)
+        return out, float(np.degrees(bending)) if out.any() else 0.0
+
+
+def _direct(beam: _Sunbeam, sun: _SunPosition, result: _Radiance) -> None:
+    direct, result.bending_deg = beam.at(sun.elevation_deg)
+    result.direct.append(direct)
+
+
 def _suns(config: Config) -> Iterator[_SunPosition]:
     sun = config.sun
     if isinstance(sun, SunElevation):
@@ -259,7 +305,9 @@ def _suns(config: Config) -> Iterator[_SunPosition]:
             one_at = SunAt(at=moment, **place)
             at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
             name = moment.strftime("%Y-%m-%dT%H%M%S" if moment.second else "%Y-%m-%dT%H%M")
-            yield _SunPosition(name, one_at, at.elevation_deg, at.azimuth_deg, at.distance_au, moment)
+            yield _SunPosition(
+                name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment
+            )
 
 
 def _elevation_name(elevation_deg: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
@@ -73,6 +73,13 @@ class _Place(Section):
     def _needs_zone(self, *moments: datetime) -> None:
         if self.time_zone is None and any(m.tzinfo is None for m in moments):
             raise ValueError("needs time_zone (e.g. Europe/Berlin) or a time with its offset (e.g. 16:00+01:00)")
+        for moment in moments:
+            try:
+                there = self.aware(moment).astimezone(UTC).astimezone(self.aware(moment).tzinfo)
+            except OverflowError:
+                raise ValueError(f"holds a time beyond the years 1 to 9999: {moment}") from None
+            if there.replace(tzinfo=None) != moment.replace(tzinfo=None):
+                raise ValueError(f"holds a time that the clocks of {self.time_zone} skip: {moment}")
 
 
 class SunAt(_Place):

@@ -1,0 +1,85 @@
+"""README shows what works: its commands, its documents, its Python, and the commands of the continuous integration."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import struct
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from twilight.cli import app
+from twilight.config import load_climate, load_series
+from twilight.config.library import shipped
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_two_commands_do_all_set_up_and_the_integration_runs_them():
+    set_up = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("python3 -m venv")]
+    assert len(set_up) == 2
+    assert "pip install ." in set_up[0] and "render climates/continental-average.yaml --sun-elevation -4" in set_up[0]
+    assert "[test]" in set_up[1] and set_up[1].endswith("pytest")
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    pattern = re.search(r"grep '([^']+)' README\.md", script)
+    assert pattern is not None
+    assert [line for line in README.splitlines() if re.match(pattern[1].replace("\\.", "[.]"), line)] == set_up
+
+
+COMMANDS = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("twilight ")]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_commands_shown_are_understood(command, monkeypatch, tmp_path):
+    """Renders are only planned; `climates` and `describe` compute Mie optics and have tests of their own."""
+    monkeypatch.chdir(ROOT)
+    words = shlex.split(command)[1:]
+    if words[0] == "render":
+        words += [] if "--plan" in words else ["--plan"]
+    elif words[0] in ("climates", "describe"):
+        words.append("--help")
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("text", blocks("yaml"))
+def test_the_documents_shown_are_valid(text, tmp_path):
+    path = tmp_path / "document.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert load_series(path)
+
+
+def test_the_python_shown_uses_what_exists():
+    (text,) = blocks("python")
+    namespace: dict = {}
+    tree = ast.parse(text)
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    exec(compile(ast.Module(imports, []), "README", "exec"), namespace)
+    load = next(node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "config")
+    exec(compile(ast.Module([load], []), "README", "exec"), namespace)
+    assert namespace["config"].sun.elevation_deg == -4
+    from twilight.sky import Sky
+
+    for name in re.findall(r"^sky\.(\w+)", text, flags=re.MULTILINE):
+        assert hasattr(Sky, name)
+
+
+def test_the_picture_exists_and_is_a_png():
+    match = re.search(r"!\[[^\]]+\]\(([^)]+)\)", README)
+    assert match is not None
+    data = (ROOT / match[1]).read_bytes()
+    assert data.startswith(b"\x89PNG") and struct.unpack(">II", data[16:24])[0] >= 400
+
+
+def test_folders_hold_what_the_package_ships():
+    for kind in ("climates", "configs"):
+        assert {path.name for path in (ROOT / kind).glob("*.yaml")} == {path.name for path in shipped(kind).values()}
+    assert load_climate("continental-average") == load_climate(ROOT / "climates" / "continental-average.yaml")
