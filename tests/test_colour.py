@@ -43,7 +43,7 @@ def test_d65_is_neutral_with_either_observer(observer):
 
 
 def test_rgb_matrix_of_the_two_degree_observer_is_that_of_rec709():
-    matrix = np.linalg.inv(colour.xyz_to_rgb_matrix("cie1931_2deg"))
+    matrix = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
     np.testing.assert_allclose(matrix[1], colour.REC709_LUMINANCE, atol=1e-8)
     primaries = matrix / matrix.sum(axis=0)
     np.testing.assert_allclose(primaries[:2].T, [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]], atol=1e-12)
@@ -147,6 +147,6 @@ def test_unknown_names_are_refused_with_the_choices():
     with pytest.raises(TwilightError, match="filmic, gamma"):
         colour.tone_map(np.ones(3), 0.0, "aces")
     with pytest.raises(TwilightError, match="cie1964_10deg"):
-        colour.xyz_to_rgb_matrix("cat")
+        spectrum.xyz_to_rgb_matrix("cat")
     with pytest.raises(TwilightError, match="cie1964_10deg"):
         spectrum.colour_matching_functions("cat")

@@ -98,5 +98,48 @@ def test_integrate_is_the_sum_of_the_expansion_in_float32_too():
     weight = rng.random((471, 3))
     out = spectrum.integrate(factor, wavelength, weight)
     some = slice(0, None, 9973)
-    np.testing.assert_allclose(out[some], spectrum.expand(factor[some], wavelength) @ weight, rtol=5e-6)
+    np.testing.assert_allclose(out[some], spectrum.integrate(factor[some], wavelength, weight), rtol=5e-6)
     np.testing.assert_allclose(spectrum.integrate(factor[0], wavelength, weight[:, 0]), out[0, 0], rtol=5e-6)
+    fine = np.arange(400.0, 700.0, 2.0)
+    factor = rng.lognormal(sigma=0.2, size=(5, 150))
+    expected = spectrum.expand(factor, fine) @ weight
+    np.testing.assert_allclose(spectrum.integrate(factor, fine, weight), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [1, 3, 8, 35, 60])
+def test_integrate_by_five_nm_is_the_sum_over_one_nm(samples):
+    wavelength = np.linspace(380, 720, samples) if samples > 1 else np.array([550.0])
+    factor = (wavelength / 550) ** -4 * np.exp(
+        -2 * (wavelength / 550) ** -4 - np.exp(-(((wavelength - 600) / 40) ** 2))
+    )
+    weight = spectrum.colour_matching_functions() * spectrum.solar_at_visible()[:, None]
+    expected = spectrum.expand(factor, wavelength) @ weight
+    np.testing.assert_allclose(spectrum.integrate(factor, wavelength, weight), expected, rtol=2e-5)
+
+
+def test_observers_are_kept_on_disk_and_made_again_when_damaged(tmp_path, monkeypatch):
+    import colour as science
+
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(spectrum, "_observer_tables", spectrum._observer_tables.__wrapped__)
+    first = spectrum.colour_matching_functions("cie1931_2deg")
+    np.testing.assert_array_equal(first, science.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].values)
+    (path,) = tmp_path.rglob("*.f8")
+    assert science.__version__ in path.name
+    whole = path.read_bytes()
+    monkeypatch.setattr(spectrum, "_observer_from_colour_science", None)  # a second import would fail
+    np.testing.assert_array_equal(spectrum.colour_matching_functions("cie1931_2deg"), first)
+    monkeypatch.undo()
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(spectrum, "_observer_tables", spectrum._observer_tables.__wrapped__)
+    path.write_bytes(whole[:100] + b"x" + whole[101:])
+    np.testing.assert_array_equal(spectrum.colour_matching_functions("cie1931_2deg"), first)
+    assert path.read_bytes() == whole
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_a_cache_folder_that_cannot_be_made_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "file"))
+    monkeypatch.setattr(spectrum, "_observer_tables", spectrum._observer_tables.__wrapped__)
+    assert spectrum.colour_matching_functions().shape == (471, 3)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +23,9 @@ GREY_LUMINANCE_AT_EV100_0 = 0.125
 
 REC709_LUMINANCE = np.array([0.2126390059, 0.7151686788, 0.0721923154])
 """Y of the Rec. 709 primaries with a D65 white (ITU-R BT.709, full precision)."""
+
+_KEPT: WeakKeyDictionary[Sky, dict[str, np.ndarray]] = WeakKeyDictionary()
+"""XYZ of a sky's grid by observer: several files are made from the same."""
 
 _COLOUR_NEEDS_NM = (480.0, 600.0)
 """A colour is reported only if the samples reach at least from the first to the second wavelength."""
@@ -71,48 +74,35 @@ def spectrum_to_xyz(
     return spectrum.integrate(factor, wavelength_nm, weight)
 
 
-@lru_cache(maxsize=4)
-def xyz_to_rgb_matrix(observer: str = DEFAULT_OBSERVER) -> np.ndarray:
-    """Matrix (3, 3) from XYZ of an observer to linear Rec. 709.
-
-    For the 10 deg observer a Bradford adaptation takes its D65 white to that of Rec. 709 (defined for 2 deg), so that
-    D65 is neutral with either observer.
-    """
-    check_names(TONE_MAPPINGS[0], observer)
-    import colour  # heavy (seconds): only where a colour is asked for
-
-    space = colour.RGB_COLOURSPACES["ITU-R BT.709"].copy()
-    space.use_derived_transformation_matrices(True)
-    white = colour.CCS_ILLUMINANTS[spectrum.OBSERVERS[observer]]["D65"]
-    rows = colour.XYZ_to_RGB(np.eye(3), space, illuminant=white, chromatic_adaptation_transform="Bradford")
-    matrix = np.array(rows.T)
-    matrix.flags.writeable = False
-    return matrix
-
-
 def xyz_to_linear_rgb(xyz: np.ndarray, observer: str = "cie1931_2deg") -> np.ndarray:
     """Linear Rec. 709 (D65) in the units of Y, (..., 3).  Colours outside the gamut keep their negative values."""
-    return np.asarray(xyz) @ xyz_to_rgb_matrix(observer).T
+    return np.asarray(xyz) @ spectrum.xyz_to_rgb_matrix(observer).T
 
 
 def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
     """XYZ as Rec. 709 means them: Y is the luminance [cd m^-2], the chromaticity is as the observer sees it, (..., 3).
 
     For ``factor`` (..., W) with the wavelengths and the sun of the sky; None = its sun_normalised_radiance.  The XYZ of
-    the 10 deg observer are adapted to the white of the 2 deg observer (``xyz_to_rgb_matrix``) and scaled: its own Y is
-    some 10 % above the luminance, for V(lambda) belongs to 2 deg.  Where ``colour_is_defined`` says no, the
-    chromaticity is that of D65, grey.  ``xyz_to_linear_rgb`` with its default takes the result.
+    the 10 deg observer are adapted to the white of the 2 deg observer (``spectrum.xyz_to_rgb_matrix``) and scaled: its
+    own Y is some 10 % above the luminance, for V(lambda) belongs to 2 deg.  Where ``colour_is_defined`` says no, the
+    chromaticity is that of D65, grey.  ``xyz_to_linear_rgb`` with its default takes the result.  The XYZ of a sky's own
+    grid are kept as long as the sky is, and must not be written to.
     """
-    factor = sky.sun_normalised_radiance if factor is None else factor
+    if factor is None:
+        kept = _KEPT.setdefault(sky, {})
+        if observer not in kept:
+            kept[observer] = sky_to_xyz(sky, sky.sun_normalised_radiance, observer)
+            kept[observer].flags.writeable = False
+        return kept[observer]
     two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
     functions = np.concatenate([spectrum.colour_matching_functions(observer), two_deg], axis=1)
     sun = spectrum.solar_at_visible(sky.solar_spectrum, sky.distance_au)[:, None]
     xyzv = spectrum.integrate(factor, sky.wavelength_nm, spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun)
     luminance = np.maximum(xyzv[..., 3:4], 0.0)
-    to_xyz = np.linalg.inv(xyz_to_rgb_matrix("cie1931_2deg"))
+    to_xyz = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
     if not colour_is_defined(sky.wavelength_nm):
         return luminance * (to_xyz @ np.ones(3))
-    xyz = np.maximum(xyzv[..., :3] @ (to_xyz @ xyz_to_rgb_matrix(observer)).T, 0.0)
+    xyz = np.maximum(xyzv[..., :3] @ (to_xyz @ spectrum.xyz_to_rgb_matrix(observer)).T, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(xyz[..., 1:2] > 0, xyz * (luminance / xyz[..., 1:2]), 0.0)
 

@@ -43,7 +43,7 @@ def latlong_grid(width: int, sun_azimuth_deg: float | None = None) -> tuple[np.n
     return elevation, azimuth
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sky:
     """Radiance of the sky over directions and wavelengths, E x A x W.
 

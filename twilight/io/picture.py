@@ -18,9 +18,9 @@ VIEWS: tuple[str, ...] = ("panorama", "fisheye")
 DEFAULT_WIDTH = {"panorama": 1440, "fisheye": 720}
 
 
-def sky_exposure_ev100(sky: Sky) -> float:
+def sky_exposure_ev100(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> float:
     """The exposure value that ``exposure="auto"`` takes for a sky (``colour.auto_exposure_ev100``), for sequences."""
-    luminance = sky.luminance()
+    luminance = colour.sky_to_xyz(sky, observer=observer)[..., 1]
     return colour.auto_exposure_ev100(luminance, np.broadcast_to(sky.solid_angle_sr()[:, None], luminance.shape))
 
 
@@ -67,7 +67,7 @@ def render_view(
     """
     elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
     check_options(exposure, tone_mapping, observer)
-    ev100 = sky_exposure_ev100(sky) if exposure == "auto" else float(exposure)
+    ev100 = sky_exposure_ev100(sky, observer) if exposure == "auto" else float(exposure)
     xyz = colour.sky_to_xyz(sky, observer=observer)
     picture = sky.smooth(xyz, np.maximum(elevation, 0.0), azimuth)
     picture = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, tone_mapping)
