@@ -28,8 +28,8 @@ def test_example_of_meeus():
 
 
 def test_calendar_facts():
-    # equinox of March 2024: 20 March 03:06 UTC; solstice of June 2024: 20 June 20:51 UTC; the pole sees the declination,
-    # mean obliquity 23.4361 + nutation 0.0025, less the parallax 0.0022
+    # equinox of March 2024: 20 March 03:06 UTC; solstice of June 2024: 20 June 20:51 UTC;
+    # the pole sees the declination: mean obliquity 23.4361 + nutation 0.0025, less the parallax 0.0022
     assert sun_position("2024-03-20T03:06Z", 90.0, 0.0).elevation_deg == pytest.approx(0.0, abs=0.004)
     assert sun_position("2024-06-20T20:51Z", 90.0, 0.0).elevation_deg == pytest.approx(23.4364, abs=0.001)
     # perihelion of 3 January 2024: 0.983307 au
