@@ -53,7 +53,8 @@ def build_medium(
         ``Medium.overhead_absorption_optical_depth``; `none` leaves ozone out.
     no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
     aerosol, stratosphere: None for none; a StratosphereSpec replaces the stratospheric part of the AerosolSpec.
-    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form), `none`.
+    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form
+        for dry air), `none`.
     ground_albedo: Lambertian, one number or one per wavelength.
     cache_dir: folder of the Mie cache, None for the default.
 
@@ -232,9 +233,9 @@ def _refractivity(model: str, state: Profile, wavelength: np.ndarray, co2_ppm: f
     from twilight.atmosphere import refraction
 
     if model == "haber":
-        return refraction.haber_refractivity(
-            wavelength[None, :], state.altitude_km[:, None], state.relative_humidity[:, None]
-        )
+        # dry: his humidity term weighs vapour at 13 hPa against air at 1013 hPa, so that the profile's own relative
+        # humidity (77 % at the ground) would leave a quarter of the refraction that is observed
+        return refraction.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], 0.0)
     return refraction.ciddor_refractivity(
         wavelength[None, :],
         state.temperature_k[:, None],

@@ -81,7 +81,11 @@ def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[
     ln_sigma = math.log(size.sigma)
     ln_median = math.log(size.median_radius_um)
     wavenumber = 2.0 * math.pi / wavelength_um
-    u = np.linspace(math.log(size.min_radius_um), math.log(size.max_radius_um), 2001)
+    u = np.linspace(
+        max(math.log(size.min_radius_um), ln_median - 12.0 * ln_sigma),
+        min(math.log(size.max_radius_um), ln_median + 12.0 * ln_sigma + 3.0 * ln_sigma**2),
+        2001,
+    )
     importance = 2 * u - 0.5 * ((u - ln_median) / ln_sigma) ** 2 + np.minimum(0.0, u + math.log(wavenumber))
     kept = u[importance >= importance.max() + math.log(_NEGLIGIBLE)]
     lower, last = float(kept[0]), float(kept[-1])
@@ -91,7 +95,7 @@ def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[
         upper = min(last, math.log(up_to / wavenumber)) if math.isfinite(up_to) else last
         if upper <= lower:
             continue
-        edges = np.linspace(lower, upper, math.ceil((upper - lower) / width) + 1)
+        edges = np.linspace(lower, upper, math.ceil((upper - lower) / min(width, ln_sigma)) + 1)
         half = 0.5 * np.diff(edges)[:, None]
         nodes.append((edges[:-1, None] + half * (1 + x)).ravel())
         weights.append((half * w).ravel())

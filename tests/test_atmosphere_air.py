@@ -1,0 +1,132 @@
+"""Air and gases: profiles, Rayleigh scattering, absorption cross sections."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twilight.atmosphere import gases, profiles, rayleigh
+from twilight.errors import TwilightError
+
+OZONE_COLUMNS_DU = {
+    "tropical": 282,
+    "midlatitude_summer": 334,
+    "midlatitude_winter": 378,
+    "subarctic_summer": 348,
+    "subarctic_winter": 375,
+    "us_standard": 344,
+}
+
+
+@pytest.mark.parametrize("name", profiles.PROFILES)
+def test_profile_ozone_column_and_ideal_gas(name):
+    profile = profiles.load_profile(name)
+    assert profile.ozone_column_du == pytest.approx(OZONE_COLUMNS_DU[name], abs=1.0)
+    pressure = profile.air_per_cm3 * 1e6 * profiles.BOLTZMANN_J_PER_K * profile.temperature_k * 1e-2
+    low = profile.altitude_km <= 100
+    np.testing.assert_allclose(pressure[low], profile.pressure_hpa[low], rtol=0.01)
+    # mass of the column carries the pressure at the ground: m g N = p, within humidity and g(z)
+    mass = profile.column_per_cm2(profile.air_per_cm3) * 1e4 * 28.96 * 1.66054e-27
+    assert mass * 9.79 == pytest.approx(profile.pressure_hpa[0] * 100, rel=0.01)
+
+
+def test_profile_between_altitudes():
+    profile = profiles.load_profile("us-standard")
+    between = profile.at(4.5)
+    assert between.air_per_cm3[0] == pytest.approx(np.sqrt(profile.air_per_cm3[4] * profile.air_per_cm3[5]))
+    assert between.temperature_k[0] == pytest.approx(0.5 * (profile.temperature_k[4] + profile.temperature_k[5]))
+    same = profile.at(profile.altitude_km)
+    np.testing.assert_allclose(same.o3_per_cm3, profile.o3_per_cm3, rtol=1e-12)
+    # splitting the levels keeps the column
+    finer = profile.at(np.linspace(0, 120, 2401))
+    assert finer.ozone_column_du == pytest.approx(profile.ozone_column_du, rel=1e-10)
+
+
+def test_profile_humidity():
+    profile = profiles.load_profile("midlatitude_summer")
+    assert profile.water_vapour_pressure_hpa[0] == pytest.approx(19.06, abs=0.05)
+    assert profile.relative_humidity[0] == pytest.approx(0.766, abs=0.01)  # AFGL-TR-86-0110: 75.7 %
+    assert np.all((profile.relative_humidity >= 0) & (profile.relative_humidity <= 1))
+
+
+@pytest.mark.parametrize(
+    "call, text",
+    [
+        (lambda: profiles.load_profile("midlatitude"), "midlatitude_summer"),
+        (lambda: profiles.load_profile("us_standard").at(121.0), "120"),
+    ],
+)
+def test_profile_errors(call, text):
+    with pytest.raises(TwilightError, match=text):
+        call()
+
+
+def bodhaine_fit_cm2(wavelength_nm):
+    """Bodhaine et al. 1999 eq. 29: their own fit to the cross section at 360 ppm CO2, 0.01 % from 250 to 850 nm."""
+    x = (np.asarray(wavelength_nm) * 1e-3) ** 2
+    return 1e-28 * (1.0455996 - 341.29061 / x - 0.90230850 * x) / (1 + 0.0027059889 / x - 85.968563 * x)
+
+
+def test_rayleigh_cross_section_against_published_fit():
+    wavelength = np.arange(300.0, 851.0, 10.0)
+    ratio = rayleigh.cross_section_cm2(wavelength, co2_ppm=360) / bodhaine_fit_cm2(wavelength)
+    np.testing.assert_allclose(ratio, 1.0, atol=1.5e-4)
+
+
+def test_rayleigh_optical_depth_at_sea_level():
+    """0.0971 at 550 nm for 1013.25 hPa, 360 ppm and mean latitude (Bodhaine et al. 1999, eq. 30)."""
+    profile = profiles.load_profile("us_standard")
+    depth = rayleigh.cross_section_cm2(550.0, 360.0) * profile.column_per_cm2(profile.air_per_cm3)
+    assert depth == pytest.approx(0.0971, rel=2e-3)
+
+
+def test_king_factor_and_depolarisation():
+    wavelength = np.array([300.0, 550.0, 1000.0])
+    f, rho = rayleigh.king_factor(wavelength), rayleigh.depolarisation(wavelength)
+    np.testing.assert_allclose((6 + 3 * rho) / (6 - 7 * rho), f, rtol=1e-12)
+    assert f[1] == pytest.approx(1.0487, abs=5e-4)  # Bodhaine et al. 1999 table 2 at 550 nm (360 ppm)
+    assert np.all(np.diff(rho) < 0)
+    assert np.all(np.diff(rayleigh.cross_section_cm2(wavelength)) < 0)
+    # more CO2 scatters more: 0.54 per unit of volume in n - 1, about twice that in the cross section
+    ratio = rayleigh.cross_section_cm2(550.0, 1300) / rayleigh.cross_section_cm2(550.0, 300)
+    assert ratio == pytest.approx(1 + 2 * 0.54e-3, abs=2e-4)
+
+
+def test_cross_sections_are_clean():
+    """No value below 0, and no peak above the literature: O3 3.9e-19 (300 nm), NO2 7.3e-19, O2-O2 1.4e-45."""
+    wavelength = np.arange(300.0, 1000.5, 0.5)
+    temperature = np.arange(180.0, 320.0, 10.0)
+    for gas, peak in (("o3", 3.9e-19), ("no2", 7.3e-19), ("o4", 1.4e-45)):
+        values = gases.cross_section(gas, wavelength, temperature)
+        assert values.shape == (temperature.size, wavelength.size)
+        assert values.min() >= 0.0
+        assert 0.9 * peak < values.max() < peak
+    between_bands = gases.cross_section("o4", [400.0, 420.0, 500.0], 250.0)
+    assert np.all(between_bands == 0)
+
+
+def test_ozone_cross_section_known_values():
+    """Chappuis peak 5.1e-21 at 602 nm (Serdyuchenko et al. 2014); exact at the nodes, linear between temperatures."""
+    assert gases.cross_section("o3", 602.0, 223.0)[0, 0] == pytest.approx(5.15e-21, rel=0.01)
+    node = gases.cross_section("o3", 330.0, [203.0, 208.0, 213.0])[:, 0]
+    assert node[1] == pytest.approx(0.5 * (node[0] + node[2]), rel=1e-12)
+    outside = gases.cross_section("o3", 330.0, [150.0, 193.0, 293.0, 350.0])[:, 0]
+    assert outside[0] == outside[1] and outside[2] == outside[3]
+
+
+@given(st.floats(1, 366.99))
+def test_seasonal_ozone_stays_in_habers_range(day):
+    assert 260.0 <= gases.seasonal_ozone_column_du(day) <= 370.0
+
+
+def test_seasonal_ozone_is_largest_in_spring():
+    assert gases.seasonal_ozone_column_du(95) == pytest.approx(370.0)
+    assert gases.seasonal_ozone_column_du(278) == pytest.approx(260.0, abs=0.01)
+    with pytest.raises(TwilightError, match="1 to 366"):
+        gases.seasonal_ozone_column_du(0)
+
+
+@pytest.mark.parametrize("bad", [[299.0, 500.0], [500.0, 1001.0], [], [500.0, np.nan], [500.0, 400.0]])
+def test_wavelengths_outside_the_data(bad):
+    with pytest.raises(TwilightError, match="wavelength_nm"):
+        gases.check_wavelengths(bad)

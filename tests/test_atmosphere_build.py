@@ -1,0 +1,391 @@
+"""The medium that comes out: columns, jumps, layers, scaling, stratosphere."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twilight.atmosphere import gases, opac, profiles, rayleigh
+from twilight.atmosphere.aerosols import mixture_optics
+from twilight.atmosphere.build import build_medium
+from twilight.atmosphere.layers import Boundaries, EqualAirMass
+from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type, opac_types
+from twilight.atmosphere.stratosphere import (
+    LOWTRAN_KINDS,
+    SAGE_WAVELENGTH_NM,
+    StratosphereSpec,
+    sage_extinction_per_km,
+    sage_scenarios,
+)
+from twilight.errors import TwilightError
+
+DATA = Path(__file__).parent / "data"
+LOWTRAN_FILE = Path(gases.__file__).parents[1] / "data" / "stratosphere" / "lowtran_extinction_550nm.csv"
+
+HESS_1998_COLUMN = {
+    "continental-clean": 0.064,
+    "continental-average": 0.151,
+    "continental-polluted": 0.327,
+    "urban": 0.643,
+    "desert": 0.286,
+    "maritime-clean": 0.096,
+    "maritime-polluted": 0.117,
+    "maritime-tropical": 0.056,
+    "arctic": 0.063,
+    "antarctic": 0.072,
+}
+"""Column optical depth at 550 nm and 80 % humidity (Hess et al. 1998, table 5)."""
+
+W = np.array([380.0, 550.0, 720.0 - 340.0 / 7])
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def average(cache):
+    return build_medium(W, aerosol=opac_type("continental average"), cache_dir=cache)
+
+
+def test_column_optical_depth_of_the_ten_types(cache):
+    assert opac_types() == tuple(HESS_1998_COLUMN)
+    for name, expected in HESS_1998_COLUMN.items():
+        medium = build_medium([550.0], aerosol=opac_type(name), refraction="none", cache_dir=cache)
+        assert medium.optical_depth("aerosol")[0] == pytest.approx(expected, abs=1e-3), name
+
+
+def test_spellings_of_a_type():
+    assert opac_type("Maritime Clean") == opac_type("maritime-clean") == opac_type("maritime_clean")
+
+
+def test_background_extinction_against_opac(cache):
+    """The mixtures for free troposphere, stratosphere and dust have OPAC's tabulated extinction."""
+    with (DATA / "opac_background_extinction.csv").open() as file:
+        row = next(r for r in csv.DictReader(file) if float(r["wavelength_um"]) == 0.55)
+    for numbers, humidity, key in (
+        (opac.FREE_TROPOSPHERE_PER_CM3, opac.FREE_TROPOSPHERE_HUMIDITY_PERCENT, "free_troposphere_ext_per_km"),
+        (opac.STRATOSPHERE_PER_CM3, 0.0, "stratosphere_ext_per_km"),
+        ({"mitr": 1.0}, 0.0, "mineral_transported_ext_per_km"),
+    ):
+        got = mixture_optics(numbers, humidity, [550.0], cache_dir=cache)
+        assert got.extinction_per_km[0] == pytest.approx(float(row[key]), rel=4e-3)
+
+
+def test_pure_air_columns():
+    medium = build_medium(W, profile="us_standard", co2_ppm=360, ozone_column_du=300)
+    profile = profiles.load_profile("us_standard").at(np.linspace(0, 100, 3001))
+    air = rayleigh.cross_section_cm2(W, 360) * profile.column_per_cm2(profile.air_per_cm3)
+    np.testing.assert_allclose(medium.optical_depth("air"), air, rtol=1e-9)
+    depth = medium.notes["optical_depth"]
+    assert set(depth) == {"air", "ozone", "no2", "o4"}
+    parts = np.sum([depth[key] for key in ("ozone", "no2", "o4")], axis=0)
+    # the sum of three gases goes exponentially between levels, each by itself: they differ a little
+    np.testing.assert_allclose(medium.optical_depth("absorption"), parts, rtol=0.01)
+    assert not medium.has_aerosol and medium.phase_functions == ()
+    np.testing.assert_allclose(medium.depolarisation, rayleigh.depolarisation(W, 360))
+
+
+def test_ozone_column_is_what_was_asked_for():
+    own = build_medium([602.0], no2=False, o4=False)
+    twice = build_medium([602.0], no2=False, o4=False, ozone_column_du=2 * own.notes["ozone_column_du"])
+    assert twice.optical_depth("absorption")[0] == pytest.approx(2 * own.optical_depth("absorption")[0], rel=1e-9)
+    assert own.notes["ozone_column_du"] == pytest.approx(334, abs=1)
+    spring = build_medium([602.0], ozone_day_of_year=95)
+    assert spring.notes["ozone_column_du"] == pytest.approx(370.0)
+    # 300 DU x 5.1e-21 cm^2 at the Chappuis peak, by hand
+    three = build_medium([602.0], no2=False, o4=False, ozone_column_du=300)
+    assert three.optical_depth("absorption")[0] == pytest.approx(300 * 2.6868e16 * 5.13e-21, rel=0.01)
+
+
+def test_ozone_treatments():
+    layer = build_medium([602.0], no2=False, o4=False, top_km=120)
+    overhead = build_medium([602.0], no2=False, o4=False, top_km=35, ozone_treatment="overhead_filter")
+    none = build_medium([602.0], no2=False, o4=False, ozone_treatment="none")
+    assert np.all(overhead.absorption_per_km == 0) and np.all(none.absorption_per_km == 0)
+    assert none.overhead_absorption_optical_depth[0] == 0 and none.notes["ozone_column_du"] == 0
+    assert overhead.overhead_absorption_optical_depth[0] == pytest.approx(
+        layer.optical_depth("absorption")[0], rel=1e-9
+    )
+    assert layer.overhead_absorption_optical_depth[0] == 0
+
+
+def test_gases_can_be_left_out():
+    all_gases = build_medium([477.0]).optical_depth("absorption")[0]
+    without_o4 = build_medium([477.0], o4=False).optical_depth("absorption")[0]
+    without_no2 = build_medium([477.0], no2=False).optical_depth("absorption")[0]
+    assert 0 < without_o4 < all_gases and 0 < without_no2 < all_gases
+    # O2-O2 peak at 477 nm, 6.6e-46 (Thalman & Volkamer 2013): the square of the oxygen density over all altitudes
+    fine = profiles.load_profile("midlatitude_summer").at(np.linspace(0, 100, 10001))
+    pairs = np.trapezoid((0.2095 * fine.air_per_cm3) ** 2, fine.altitude_km) * 1e5
+    assert all_gases - without_o4 == pytest.approx(pairs * 6.6e-46, rel=0.05)
+
+
+def test_jumps_are_doubled_levels(average):
+    z = average.altitude_km
+    repeated = z[1:][np.diff(z) == 0]
+    np.testing.assert_array_equal(repeated, [2.0, 12.0, 35.0])
+    i = int(np.flatnonzero(z == 12.0)[0])
+    below, above = average.aerosol_extinction_per_km[i], average.aerosol_extinction_per_km[i + 1]
+    assert np.all(below > above) and np.all(above > 0)
+    np.testing.assert_array_equal(average.air_scattering_per_km[i], average.air_scattering_per_km[i + 1])
+    np.testing.assert_array_equal(average.refractivity[i], average.refractivity[i + 1])
+    top = int(np.flatnonzero(z == 35.0)[1])
+    assert np.all(average.aerosol_extinction_per_km[top:] == 0)
+    np.testing.assert_allclose(average.aerosol_share.sum(axis=0), 1.0, rtol=1e-12)
+    assert [p.name for p in average.phase_functions] == ["boundary layer", "free troposphere", "stratosphere"]
+    inside = (z > 2.0) & (z < 12.0)
+    assert np.all(average.aerosol_share[1][inside] == 1.0)
+
+
+def test_aerosol_falls_with_its_scale_height(cache):
+    medium = build_medium([550.0], aerosol=opac_type("desert"), refraction="none", cache_dir=cache)
+    at = medium.at([0.0, 1.0, 3.7]).aerosol_extinction[:, 0]
+    np.testing.assert_allclose(at / at[0], np.exp(-np.array([0.0, 1.0, 3.7]) / 2.0), rtol=1e-10)
+    arctic = build_medium([550.0], aerosol=opac_type("arctic"), refraction="none", cache_dir=cache)
+    at = arctic.at([0.0, 1.9]).aerosol_extinction[:, 0]
+    assert at[0] == at[1]
+
+
+def test_thin_haze_keeps_its_optical_depth(cache):
+    """A layer of 10 m is resolved by its own two levels."""
+    spec = AerosolSpec({"soot": 1e6}, boundary_layer_top_km=0.01, free_troposphere=False, stratosphere=False)
+    medium = build_medium([550.0], aerosol=spec, refraction="none", cache_dir=cache)
+    one = mixture_optics({"soot": 1e6}, 80.0, [550.0], cache_dir=cache).extinction_per_km[0]
+    assert medium.optical_depth("aerosol")[0] == pytest.approx(one * 0.01, rel=1e-3)
+
+
+def test_mineral_layer_takes_the_place_of_the_free_troposphere(cache):
+    dust = MineralLayer(3.0, 5.0, optical_depth_550nm=0.2)
+    spec = AerosolSpec({"soot": 8300.0}, mineral_transported=dust)
+    medium = build_medium([550.0], aerosol=spec, refraction="none", cache_dir=cache)
+    assert medium.notes["optical_depth"]["mineral transported"][0] == pytest.approx(0.2, rel=1e-9)
+    at = medium.at([2.5, 3.5, 4.9, 5.1]).aerosol_extinction[:, 0]
+    assert at[1] == pytest.approx(0.1, rel=1e-9) and at[2] == pytest.approx(0.1, rel=1e-9)
+    free = mixture_optics(opac.FREE_TROPOSPHERE_PER_CM3, 50.0, [550.0], cache_dir=cache).extinction_per_km[0]
+    np.testing.assert_allclose(at[[0, 3]], free * np.exp(-np.array([2.5, 5.1]) / 8), rtol=1e-9)
+    by_number = MineralLayer(3.0, 5.0, number_density_per_cm3=11.0)
+    spec = AerosolSpec({"soot": 8300.0}, mineral_transported=by_number)
+    medium = build_medium([550.0], aerosol=spec, refraction="none", cache_dir=cache)
+    assert medium.at([4.0]).aerosol_extinction[0, 0] == pytest.approx(11 * 0.00586, rel=5e-3)
+
+
+@pytest.mark.parametrize("target", [0.02, 0.3, 20.0])
+def test_optical_depth_scaling(target, cache):
+    spec = opac_type("continental average")
+    scaled = AerosolSpec(**{**spec.__dict__, "optical_depth_550nm": target})
+    medium = build_medium(W, aerosol=scaled, refraction="none", cache_dir=cache)
+    assert medium.optical_depth("aerosol")[1] == pytest.approx(target, rel=1e-9)
+    plain = build_medium(W, aerosol=spec, refraction="none", cache_dir=cache)
+    factor = medium.notes["aerosol_factor"]
+    for part in ("boundary layer", "free troposphere"):
+        ratio = np.array(medium.notes["optical_depth"][part]) / plain.notes["optical_depth"][part]
+        np.testing.assert_allclose(ratio, factor, rtol=1e-9)
+    assert medium.notes["optical_depth"]["stratosphere"] == plain.notes["optical_depth"]["stratosphere"]
+
+
+def test_optical_depth_that_cannot_be_reached(cache):
+    spec = opac_type("continental average").__dict__
+    with pytest.raises(TwilightError, match=r"0\.001 is less than the stratospheric"):
+        build_medium([550.0], aerosol=AerosolSpec(**{**spec, "optical_depth_550nm": 0.001}), cache_dir=cache)
+    empty = AerosolSpec({}, free_troposphere=False, optical_depth_550nm=0.5)
+    with pytest.raises(TwilightError, match="cannot be reached"):
+        build_medium([550.0], aerosol=empty, cache_dir=cache)
+    nothing = AerosolSpec(**{**spec, "optical_depth_550nm": 0.0, "stratosphere": False})
+    medium = build_medium([550.0], aerosol=nothing, cache_dir=cache)
+    assert not medium.has_aerosol and medium.phase_functions == ()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 500), st.floats(10, 120))
+def test_equal_air_mass_layers(count, top_km):
+    """Every layer holds the same integral of exp(-h/8), and the boundaries follow Haber's recursion."""
+    z = EqualAirMass(count).boundaries_km(top_km)
+    assert z[0] == 0 and z[-1] == top_km and z.size == count + 1 and np.all(np.diff(z) > 0)
+    mass = 8 * (np.exp(-z[:-1] / 8) - np.exp(-z[1:] / 8))
+    total = 8 * (1 - np.exp(-top_km / 8))
+    np.testing.assert_allclose(mass, total / count, rtol=1e-8)
+    following = -8 * np.log(np.exp(-z[:-2] / 8) - total / count / 8)
+    np.testing.assert_allclose(z[1:-1], following, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("layers", [EqualAirMass(1), EqualAirMass(50), Boundaries((0.0, 0.5, 3.0, 50.0, 100.0))])
+def test_layers_keep_every_column(layers, average, cache):
+    medium = build_medium(W, aerosol=opac_type("continental average"), layers=layers, cache_dir=cache)
+    z = medium.altitude_km
+    assert z.size == 2 * (np.unique(z).size - 1)
+    for part in ("air", "absorption", "aerosol"):
+        np.testing.assert_allclose(medium.optical_depth(part), average.optical_depth(part), rtol=1e-10)
+    # constant inside a layer, and scattering kept too
+    np.testing.assert_array_equal(medium.air_scattering_per_km[::2], medium.air_scattering_per_km[1::2])
+    thickness = np.diff(z)[:, None]
+    scattering = (medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo)[:-1] * thickness
+    fine = average.refined(0.02)
+    reference = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
+    reference = 0.5 * (reference[1:] + reference[:-1]) * np.diff(fine.altitude_km)[:, None]
+    np.testing.assert_allclose(scattering.sum(axis=0), reference.sum(axis=0), rtol=1e-3)
+    np.testing.assert_allclose(medium.aerosol_share.sum(axis=0), 1.0, rtol=1e-12)
+    # refractivity has no jumps
+    np.testing.assert_array_equal(medium.refractivity[1:-1:2], medium.refractivity[2::2])
+    np.testing.assert_allclose(medium.refractivity[0], average.refractivity[0], rtol=1e-12)
+    assert medium.notes == average.notes
+
+
+def test_many_layers_tend_to_the_continuous_medium(average, cache):
+    medium = build_medium(
+        W,
+        aerosol=opac_type("continental average"),
+        layers=Boundaries(tuple(np.arange(0, 100.05, 0.1))),
+        cache_dir=cache,
+    )
+    z = np.array([0.55, 1.25, 7.35, 20.05, 34.95, 60.05])
+    a, b = medium.at(z), average.at(z)
+    np.testing.assert_allclose(a.aerosol_extinction, b.aerosol_extinction, rtol=1e-4)
+    np.testing.assert_allclose(a.air_scattering, b.air_scattering, rtol=1e-4)
+    np.testing.assert_allclose(a.aerosol_albedo[:5], b.aerosol_albedo[:5], rtol=1e-9)
+
+
+@pytest.mark.parametrize("top_km", [10.0, 35.0, 61.7, 120.0])
+def test_any_top(top_km, cache):
+    medium = build_medium(W, aerosol=opac_type("continental average"), top_km=top_km, cache_dir=cache)
+    assert medium.top_km == top_km and medium.bottom_km == 0
+    full = build_medium(W, aerosol=opac_type("continental average"), top_km=120.0, cache_dir=cache)
+    z = np.linspace(0, top_km, 57)
+    np.testing.assert_allclose(medium.at(z[:-1]).extinction, full.at(z[:-1]).extinction, rtol=1e-3)
+
+
+def test_refraction_models():
+    ciddor, haber, none = (build_medium([550.0], refraction=r) for r in ("ciddor", "haber", "none"))
+    # dry air, 15 C, 1013.25 hPa: 2.78e-4 at 550 nm; here 21 C and humid
+    assert ciddor.refractivity[0, 0] == pytest.approx(2.72e-4, rel=0.01)
+    assert haber.refractivity[0, 0] == pytest.approx(2.78e-4, rel=0.01)
+    assert not none.has_refraction
+    scale = ciddor.refractivity[:, 0] / ciddor.air_scattering_per_km[:, 0]
+    low = ciddor.altitude_km < 80
+    np.testing.assert_allclose(scale[low], scale[0], rtol=0.02)
+
+
+@pytest.mark.parametrize("kind", LOWTRAN_KINDS)
+@pytest.mark.parametrize("season", ["fall_winter", "spring_summer"])
+def test_lowtran_stratosphere(kind, season, cache):
+    spec = StratosphereSpec(kind, season)
+    medium = build_medium([550.0], aerosol=opac_type("continental clean"), stratosphere=spec, cache_dir=cache)
+    parts = medium.notes["optical_depth"]
+    assert "stratosphere" not in parts  # OPAC's own is replaced
+    column = {"background": "bast", "moderate_volcanic": "vumo", "high_volcanic": "hivu", "extreme_volcanic": "exvu"}
+    published = np.genfromtxt(LOWTRAN_FILE, delimiter=",", names=True)
+    extinction = published[column[kind] + {"fall_winter": "fw", "spring_summer": "ss"}[season]]
+    used = (published["z_km"] >= 11) & (published["z_km"] <= 30)
+    by_hand = np.trapezoid(extinction[used], published["z_km"][used])
+    assert parts[f"stratosphere ({kind})"][0] == pytest.approx(by_hand, rel=0.08)  # there linear, here exponential
+    assert 1e-4 < parts["upper atmosphere"][0] < 1e-3
+    assert medium.notes["regions"][1] == ("free troposphere", 2.0, 11.0)
+    # 30 km: meteoric dust takes over at the same extinction at 550 nm
+    i = int(np.flatnonzero(medium.altitude_km == 30.0)[0])
+    assert medium.aerosol_extinction_per_km[i] == pytest.approx(medium.aerosol_extinction_per_km[i + 1], rel=1e-6)
+    assert medium.at([60.0]).aerosol_extinction[0, 0] > 0
+
+
+def test_lowtran_options(cache):
+    def depth(**options):
+        spec = StratosphereSpec("high_volcanic", **options)
+        return build_medium([400.0, 550.0, 700.0], stratosphere=spec, cache_dir=cache)
+
+    fresh, aged = depth(), depth(optics="aged_volcanic")
+    assert fresh.optical_depth("aerosol")[1] == pytest.approx(aged.optical_depth("aerosol")[1], rel=1e-9)
+    assert aged.optical_depth("aerosol")[0] > fresh.optical_depth("aerosol")[0]
+    i = int(np.flatnonzero(aged.altitude_km == 18.0)[0])
+    albedo = aged.aerosol_single_scattering_albedo[i, 1]
+    assert albedo == pytest.approx(1 - 0.05272, abs=1e-9)
+    extreme = depth(upper_atmosphere="extreme").notes["optical_depth"]["upper atmosphere"][1]
+    assert extreme > 3 * fresh.notes["optical_depth"]["upper atmosphere"][1]
+
+
+def test_measured_stratosphere(cache):
+    assert len(sage_scenarios()) == 12
+    medium = build_medium(
+        [550.0],
+        aerosol=opac_type("continental clean"),
+        stratosphere=StratosphereSpec("nh_midlat_typical"),
+        cache_dir=cache,
+    )
+    name = "stratosphere (nh_midlat_typical)"
+    assert medium.notes["optical_depth"][name][0] == pytest.approx(0.0055, abs=0.0005)
+    assert ("free troposphere", 2.0, 16.5) in medium.notes["regions"]
+    np.testing.assert_allclose(medium.aerosol_share.sum(axis=0), 1.0, rtol=1e-12)
+    # above the observed top it falls with the scenario's scale height, 2.8 km
+    at = medium.at([31.0, 33.8]).aerosol_extinction[:, 0]
+    assert at[0] / at[1] == pytest.approx(np.e, rel=1e-6)
+
+
+def test_measured_spectrum_interpolation():
+    wavelength = np.array([300.0, 384.0, 500.0, 1021.0, 1000.0])
+    power_law = (SAGE_WAVELENGTH_NM / 550.0) ** -1.7
+    got = sage_extinction_per_km(power_law[None, :], wavelength)[0]
+    np.testing.assert_allclose(got, (wavelength / 550.0) ** -1.7, rtol=1e-9)
+    holes = power_law.copy()
+    holes[[0, 3]] = np.nan, -1e-5
+    got = sage_extinction_per_km(holes[None, :], wavelength)[0]
+    np.testing.assert_allclose(got, (wavelength / 550.0) ** -1.7, rtol=1e-9)
+
+
+def test_stratosphere_without_troposphere(cache):
+    medium = build_medium([550.0], stratosphere=StratosphereSpec("background"), cache_dir=cache)
+    assert medium.at([5.0]).aerosol_extinction[0, 0] == 0
+    assert medium.at([15.0]).aerosol_extinction[0, 0] > 0
+
+
+def test_henyey_greenstein_instead_of_mie(average, cache):
+    spec = AerosolSpec(**{**opac_type("continental average").__dict__, "phase_function": "henyey_greenstein"})
+    medium = build_medium(W, aerosol=spec, cache_dir=cache)
+    assert all(p.kind == 0 for p in medium.phase_functions)
+    for a, b in zip(medium.phase_functions, average.phase_functions, strict=True):
+        np.testing.assert_allclose(a.asymmetry, b.asymmetry, atol=1e-4)
+    medium.arrays()
+
+
+def test_ground_albedo():
+    assert np.all(build_medium(W, ground_albedo=0.3).ground_albedo == 0.3)
+    np.testing.assert_array_equal(build_medium(W, ground_albedo=[0.1, 0.2, 0.3]).ground_albedo, [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    "options, text",
+    [
+        ({"profile": "venus"}, "us_standard"),
+        ({"top_km": 9.0}, "10 to 120"),
+        ({"top_km": float("nan")}, "10 to 120"),
+        ({"ozone_column_du": -1.0}, "ozone_column_du"),
+        ({"ozone_column_du": 300, "ozone_day_of_year": 10}, "not both"),
+        ({"ozone_treatment": "mixed"}, "overhead_filter"),
+        ({"refraction": "snell"}, "ciddor"),
+        ({"ground_albedo": 1.2}, "between 0 and 1"),
+        ({"ground_albedo": [0.1, 0.2]}, "2 values"),
+        ({"layers": EqualAirMass(0)}, "layers.count"),
+        ({"layers": Boundaries((0.0, 50.0))}, "100 km"),
+        ({"layers": Boundaries((0.0, 50.0, 40.0, 100.0))}, "each above"),
+        ({"co2_ppm": -3.0}, "co2_ppm"),
+    ],
+)
+def test_errors_name_what_is_allowed(options, text):
+    with pytest.raises(TwilightError, match=text):
+        build_medium([550.0, 600.0, 650.0], **options)
+
+
+@pytest.mark.parametrize(
+    "call, text",
+    [
+        (lambda: StratosphereSpec("volcanic"), "extreme_volcanic"),
+        (lambda: StratosphereSpec("background", season="summer"), "spring_summer"),
+        (lambda: StratosphereSpec("nh_midlat_low", season="fall_winter"), "no meaning"),
+        (lambda: StratosphereSpec("background", optics="meteoric_dust"), "aged_volcanic"),
+        (lambda: gases.ozone_factor(profiles.load_profile("tropical"), 3000.0), "0 to 2000"),
+    ],
+)
+def test_stratosphere_errors(call, text):
+    with pytest.raises(TwilightError, match=text):
+        call()
