@@ -5,7 +5,7 @@ All maps hold directions of the world: azimuth clockwise from north.  With u, v 
 =========  =====================================================================================================
 openexr    latitude-longitude, OpenEXR ENVMAP_LATLONG, UsdLux: +Y up, +Z north, -X east; u = 1/2 + azimuth / 360,
            so north is in the middle of the picture and east to its right.
-mitsuba    the same (Mitsuba ``envmap``, +Y up).
+mitsuba    the same (Mitsuba ``envmap``, +Y up), without negative values, as for all that follow.
 blender    latitude-longitude, +Z up, +X east, +Y north (Blender's own sun position add-on); Cycles has u = 1/2 at
            +X and u = 1/4 at +Y, so u = 1/2 + (azimuth - 90) / 360: east is in the middle, south to its right.
 radiance   latitude-longitude, +Z up, +X east, +Y north; genssky maps with u = 1/2 + atan2(Dy, Dx) / 360, so

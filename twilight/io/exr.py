@@ -81,11 +81,15 @@ def _write(path: str | Path, header: dict[str, Any], channels: dict[str, np.ndar
 
 
 def environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.ndarray:
-    """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3)."""
+    """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3).
+
+    Colours outside the gamut keep their negative values for the target ``openexr``; for a renderer they are moved into
+    it (``colour.into_gamut``): negative light makes Mitsuba warn at every sample.
+    """
     xyz = colour.sky_to_xyz(sky, observer=observer)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
-    picture = environment(sky, xyz, ground, target, width)
-    return colour.xyz_to_linear_rgb(picture) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    rgb = colour.xyz_to_linear_rgb(environment(sky, xyz, ground, target, width)) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    return rgb if target == "openexr" else colour.into_gamut(rgb)
 
 
 def write_rgb_exr(
@@ -99,9 +103,10 @@ def write_rgb_exr(
     """Write the environment map as linear Rec. 709 (D65), float32, channels R, G, B and nothing else.
 
     1 stands for 683 cd m^-2 (header ``whiteLuminance``), so that the values are radiances weighted with V(lambda),
-    W m^-2 sr^-1, a handful by day; colours outside the gamut keep their negative values.  The chromaticity is that of
-    the observer, the luminance that of V(lambda).  Orientation and width: ``io.environment``.  The lower hemisphere is
-    the Lambertian ground.  The sun's disc is not in the picture.  Raises TwilightError for an unknown target.
+    W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values for the target ``openexr``
+    and are moved into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).
+    Orientation and width: ``io.environment``.  The lower hemisphere is the Lambertian ground.  The sun's disc is not in
+    the picture.  Raises TwilightError for an unknown target.
     """
     rgb = environment_rgb(sky, target, width, observer)
     return _write(path, _header(sky, target, observer), {name: rgb[..., i] for i, name in enumerate("RGB")})
