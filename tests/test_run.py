@@ -1,0 +1,159 @@
+"""What a run makes of a configuration: the air, the suns, what is left out, and the record."""
+
+from __future__ import annotations
+
+import itertools
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from twilight.air import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
+from twilight.config import load, load_climate, load_series
+from twilight.config.library import shipped
+from twilight.describe import horizontal_refraction_arcmin, scale_height_km
+from twilight.errors import TwilightError
+from twilight.plan import GAS_TOLERANCE, make_plan
+from twilight.run import _suns, count_frames, resolved_configuration, run
+
+SMALL = {
+    "solver": {"name": "cells", "multiple_scattering": "none"},
+    "texture": {"azimuth_count": 8, "elevation_count": 6},
+    "sun.elevation_deg": -3,
+}
+
+
+@pytest.mark.parametrize(
+    ("climate", "settings", "left_out", "tolerance"),
+    [
+        ("pure-air", {"gases.ozone.column_du": 0.15, "wavelengths.list_nm": [450]}, "ozone", GAS_TOLERANCE),
+        ("pure-air", {"wavelengths": {"list_nm": [800]}}, "no2", 0.0),
+        ("pure-air", {"wavelengths": {"list_nm": [500]}}, "o4", 0.0),
+        ("urban", {"aerosol.optical_depth_550nm": 0, "wavelengths": {"list_nm": [550]}}, "aerosol", 0.0),
+        (
+            "pure-air",
+            {
+                "wavelengths.list_nm": [550],
+                "aerosol": {"components": {"waso": 0}, "free_troposphere": False, "stratosphere": False},
+            },
+            "aerosol",
+            0.0,
+        ),
+    ],
+)
+def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, left_out, tolerance):
+    planned = load(climate, SMALL | settings)
+    plan = make_plan(planned)
+    assert left_out in [item.part for item in plan.left_out]
+    assert plan.climate != planned.climate
+    everything = load(climate, SMALL | settings | {"leave_out": False})
+    assert make_plan(everything).climate == everything.climate
+    short, full = (run(config).sun_normalised_radiance for config in (planned, everything))
+    moved = np.abs(short / full - 1.0).max()
+    assert moved <= tolerance + 1e-12
+    if tolerance:
+        assert moved > 0.0
+
+
+def test_a_gas_that_matters_stays():
+    plan = make_plan(load("pure-air"))
+    assert plan.climate.gases == load_climate("pure-air").gases
+    assert [item.part for item in plan.left_out] == ["aerosol"]
+    assert make_plan(load("urban")).left_out == ()
+    strong = {"gases.ozone.column_du": 3.0, "wavelengths": {"list_nm": [450]}}
+    assert "ozone" not in [item.part for item in make_plan(load("pure-air", strong)).left_out]
+
+
+def test_a_straight_beam_is_left_out_only_without_refraction():
+    plan = make_plan(load("urban", {"refraction.model": "none"}))
+    assert [item.part for item in plan.left_out] == ["refraction"]
+    assert not climate_medium(plan.climate, np.array([550.0])).has_refraction
+
+
+@pytest.mark.parametrize("name", [*shipped("climates"), *shipped("configs")])
+def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
+    config = load_series(name)[-1].config
+    sun = list(_suns(config))[-1]
+    record = resolved_configuration(config, sun.section)
+    again = load(record)
+    (same,) = _suns(again)
+    assert resolved_configuration(again, same.section) == record
+    assert same.elevation_deg == pytest.approx(sun.elevation_deg, abs=1e-9)
+    assert again.climate == config.climate
+    assert np.array_equal(wavelengths_of(again), wavelengths_of(config))
+    assert again.texture.shape == config.texture.shape
+
+
+def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
+    config = load("saarbruecken-2003-12-08")
+    suns = list(_suns(config))
+    assert len(suns) == count_frames(config) == 31
+    assert suns[0].time == datetime(2003, 12, 8, 15, 0, tzinfo=UTC) and suns[0].name == "2003-12-08T1600"
+    assert suns[-1].time == datetime(2003, 12, 8, 17, 0, tzinfo=UTC)
+    elevations = np.array([sun.elevation_deg for sun in suns])
+    assert np.all(np.diff(elevations) < 0)
+    # Sunset in Saarbruecken on that day was at 16:33 CET, when the true elevation of the centre is -0.83 deg.
+    assert abs(np.interp(0.83, -elevations, np.arange(16 * 60, 18 * 60 + 1, 4)) - (16 * 60 + 33)) < 3
+
+
+def test_steps_of_an_interval_are_even_across_a_change_of_the_clocks():
+    sun = {"start": "2026-03-29T01:00", "stop": "2026-03-29T04:00", "step_minutes": 30}
+    place = {"latitude_deg": 52.5, "longitude_deg": 13.4, "time_zone": "Europe/Berlin"}
+    suns = list(_suns(load("urban", {"sun": sun | place})))
+    moments = [s.time.astimezone(UTC) for s in suns]
+    assert len(suns) == 5 and len({s.name for s in suns}) == 5
+    assert {(b - a).total_seconds() for a, b in itertools.pairwise(moments)} == {1800.0}
+    with pytest.raises(TwilightError, match="clocks of Europe/Berlin skip"):
+        load("urban", {"sun": {"at": "2026-03-29T02:30"} | place})
+
+
+def test_a_run_of_several_suns_is_refused_and_says_what_to_use():
+    with pytest.raises(TwilightError, match=r"3 suns; frames"):
+        run(load("urban", {"sun": {"elevations_deg": [1, 2, 3]}}))
+
+
+def test_keys_of_the_aerosol_reach_the_medium():
+    spec = aerosol_spec(load("desert").climate.aerosol)
+    assert spec.boundary_layer_top_km == 6 and spec.scale_height_km == 2
+    changed = {
+        "aerosol.boundary_layer_top_km": 3,
+        "aerosol.scale_height_km": 1.5,
+        "aerosol.phase_function": "henyey_greenstein",
+        "aerosol.mineral_transported": {"bottom_km": 3, "top_km": 6, "optical_depth_550nm": 0.1},
+    }
+    spec = aerosol_spec(load("desert", changed).climate.aerosol)
+    assert (spec.boundary_layer_top_km, spec.scale_height_km, spec.phase_function) == (3, 1.5, "henyey_greenstein")
+    assert spec.mineral_transported.optical_depth_550nm == 0.1
+    scaled = load("urban", {"aerosol.optical_depth_550nm": 0.25}).climate
+    assert climate_medium(scaled, np.array([550.0])).optical_depth("aerosol") == pytest.approx(0.25, abs=1e-9)
+
+
+def test_keys_of_gases_layers_and_refraction_reach_the_medium():
+    at = np.array([600.0])
+    medium = climate_medium(load_climate("haber2005"), at)
+    assert medium.top_km == 35 and np.unique(medium.altitude_km).size == 51
+    assert medium.overhead_absorption_optical_depth[0] > 0 and medium.absorption_per_km.max() == 0
+    twice = [
+        climate_medium(
+            load("pure-air", {"gases.ozone.column_du": du, "gases.no2": False, "gases.o4": False}).climate, at
+        )
+        for du in (200, 400)
+    ]
+    depths = [m.optical_depth("absorption")[0] for m in twice]
+    assert depths[1] / depths[0] == pytest.approx(2.0)
+    straight = climate_medium(load("pure-air", {"refraction.model": "none"}).climate, at)
+    assert not straight.has_refraction
+    boundaries = {"atmosphere.layers.boundaries_km": [0, 1, 10, 100]}
+    assert np.unique(climate_medium(load("pure-air", boundaries).climate, at).altitude_km).tolist() == [0, 1, 10, 100]
+
+
+def test_a_spectral_albedo_is_linear_between_its_wavelengths_and_constant_outside():
+    ground = load("urban", {"ground.albedo": {"wavelength_nm": [400, 600], "albedo": [0.1, 0.5]}}).climate.ground
+    assert ground_albedo(ground, np.array([350.0, 400.0, 500.0, 700.0])) == pytest.approx([0.1, 0.1, 0.3, 0.5])
+
+
+def test_described_figures_are_in_their_known_ranges():
+    medium = climate_medium(load_climate("pure-air"), np.array([550.0]))
+    assert 29 <= horizontal_refraction_arcmin(medium)[0] <= 35
+    assert 8.0 < scale_height_km(medium, "air") < 9.0
+    assert np.isnan(scale_height_km(medium, "aerosol"))
