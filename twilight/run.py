@@ -137,9 +137,11 @@ class _Meter:
         self.start, self.span = start, span
         self(doing, 0.0)
 
-    def __call__(self, doing: str, share: float) -> None:
-        self.done = max(self.done, self.start + self.span * min(max(share, 0.0), 1.0))
-        self.tell(doing, self.done)
+    def __call__(self, doing: str | float, share: float | str) -> None:
+        if isinstance(share, str):  # montecarlo tells the share first
+            doing, share = share, doing
+        self.done = max(self.done, self.start + self.span * min(max(float(share), 0.0), 1.0))
+        self.tell(str(doing), self.done)
 
 
 def resolve_solver_of(config: Config) -> tuple[str, str, Any]:
