@@ -265,7 +265,7 @@ class Sky:
         rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))
         elevation = np.maximum(elevation, 0.5 * (rows[0] + self.elevation_deg[0]))
         azimuth = self.azimuth_deg[0] + np.mod(azimuth - self.azimuth_deg[0], 360.0)
-        if elevation.ndim == 2 and elevation.shape[1] == 1 and azimuth.shape[0] == 1:
+        if elevation.ndim == azimuth.ndim == 2 and elevation.shape[1] == azimuth.shape[0] == 1:
             along = spectrum.hermite_matrix(rows, elevation[:, 0]) @ table.reshape(rows.size, -1)
             along = np.moveaxis(along.reshape(-1, columns.size, k), 1, 0).reshape(columns.size, -1)
             both = (spectrum.hermite_matrix(columns, azimuth[0]) @ along).reshape(azimuth.size, -1, k)
