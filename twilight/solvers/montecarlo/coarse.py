@@ -28,6 +28,7 @@ from twilight.solvers.montecarlo.leg import (
 from twilight.solvers.montecarlo.steering import (
     DARK,
     N_AZIMUTHS,
+    N_DIRECTIONS,
     Steering,
     altitude_index,
     altitudes,
@@ -58,31 +59,31 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
         steering.log_light[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun)
         steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
         for _ in range(sweeps):
-            radiance = np.zeros((z.size, n_sun, steering.solid_angle.size))
+            radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
             in_slices(lambda a, b, w=w, out=radiance: _sweep(air, sun, steering, w, z, a, b, out), n)
             _store(steering, w, radiance)
     return steering
 
 
 def _store(steering: Steering, w: int, radiance: np.ndarray) -> None:
-    weighted = radiance * steering.solid_angle
+    weighted = radiance * steering.solid_angle[:, None, :]
     total = weighted.sum(axis=-1)
     floor = math.exp(DARK)
     steering.log_light[w] = np.log(np.maximum(total / (4 * np.pi), floor))
-    down = (weighted[0] * np.maximum(steering.centre[:, 2], 0.0)).sum(axis=-1)
+    down = (weighted[0] * np.maximum(steering.centre[0, :, 2], 0.0)).sum(axis=-1)
     steering.log_ground[w] = np.log(np.maximum(down, floor))
     steering.log_radiance[w] = np.log(np.maximum(radiance, floor))
     lit = total > 1e3 * floor
-    uniform_share = steering.solid_angle / (4 * np.pi)
+    uniform_share = (steering.solid_angle / (4 * np.pi))[:, None, :]
     steering.share[w] = np.where(lit[..., None], weighted / np.where(lit, total, 1.0)[..., None], uniform_share)
 
 
 @njit(cache=True)
-def _leg_from_node(air, sun, steering, w, r, sx, sz, d, stream, pieces, phases, out):
-    """Trace from a node at the radius r towards the centre of the cell d, without randomness."""
+def _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out):
+    """Trace from a node at altitude i, radius r, towards the centre of the cell d, without randomness."""
     return trace(
         air, sun, steering, w, 0.0, 0.0, r,
-        steering.centre[d, 0], steering.centre[d, 1], steering.centre[d, 2],
+        steering.centre[i, d, 0], steering.centre[i, d, 1], steering.centre[i, d, 2],
         sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, False, stream, pieces, phases, out,
     )  # fmt: skip
 
@@ -102,13 +103,13 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
         sz = steering.cos_sun[j]
         sx = math.sqrt(max(0.0, 1.0 - sz * sz))
         r = air.earth_radius_km + altitude_km[i]
-        for d in range(steering.solid_angle.size):
+        for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 continue
-            n = _leg_from_node(air, sun, steering, w, r, sx, sz, d, stream, pieces, phases, out)
-            up = steering.centre[d, 2]
-            share = 2.0 * steering.solid_angle[d]
+            n = _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out)
+            up = steering.centre[i, d, 2]
+            share = 2.0 * steering.solid_angle[i, d]
             mean = share / (4.0 * math.pi)
             down = share * up if i == 0 and up > 0.0 else 0.0
             source[node] += mean * (out[0] + out[1])
@@ -120,7 +121,7 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
                 before = pieces[PLAIN, k]
                 s = pieces[START, k] + 0.5 * pieces[LENGTH, k]
                 z = altitude_at(altitude_km[i], r, up, s)
-                cos_sun = (r * sz + s * (steering.centre[d, 0] * sx + up * sz)) / (air.earth_radius_km + z)
+                cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (air.earth_radius_km + z)
                 cos_sun = min(1.0, max(-1.0, cos_sun))
                 ia, fa = altitude_index(steering, z)
                 ja, ga = sun_index(steering, cos_sun)
@@ -133,7 +134,9 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
                             kernel[n_nodes + j, column] += down * weight * share_of_node
             if out[2] >= 0.0 and air.ground_albedo[w] > 0.0:
                 s = out[2]
-                cos_sun = (r * sz + s * (steering.centre[d, 0] * sx + up * sz)) / (air.earth_radius_km + altitude_km[0])
+                cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (
+                    air.earth_radius_km + altitude_km[0]
+                )
                 ja, ga = sun_index(steering, min(1.0, max(-1.0, cos_sun)))
                 reflected = mean * out[3] * air.ground_albedo[w] / math.pi
                 kernel[node, n_nodes + ja] += reflected * (1.0 - ga)
@@ -154,12 +157,12 @@ def _sweep(air, sun, steering, w, altitude_km, first, end, radiance):
         sz = steering.cos_sun[j]
         sx = math.sqrt(max(0.0, 1.0 - sz * sz))
         r = air.earth_radius_km + altitude_km[i]
-        for d in range(steering.solid_angle.size):
+        for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 radiance[i, j, d] = radiance[i, j, d - 2 * azimuth + N_AZIMUTHS - 1]
                 continue
-            n = _leg_from_node(air, sun, steering, w, r, sx, sz, d, stream, pieces, phases, out)
+            n = _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out)
             light = out[0] + out[1] + out[4]
             if n > 0:
                 light += pieces[STEERED, n - 1]

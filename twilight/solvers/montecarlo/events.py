@@ -25,7 +25,9 @@ from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import (
     N_AZIMUTHS,
     cell_of,
+    cell_solid_angle,
     draw_from,
+    horizon_sine,
     pick_node,
     sampling_cell,
     weigh_cells,
@@ -185,26 +187,33 @@ def local_frame(px, py, pz, sx, sy, sz, frame):
 
 @njit(cache=True)
 def choose_direction(
-    air, steering, w, z, cos_sun, i, f, on_ground, frame, dx, dy, dz, table_fraction, cumulative, stream, new
+    air, steering, w, z, cos_sun, i, f, on_ground, frame, dx, dy, dz, table_fraction, cumulative, blurred, stream, new
 ):
     """Draw the next leg's direction into `new`; returns (p / probability density, cell of directions).
 
     The density is table_fraction x (tabulated light x blurred phase function) + the rest x (phase function, or the
     cosine law on the ground).  Both weights stay below 1 / (1 - table_fraction).
     """
+    horizon = horizon_sine(steering, z)
     total = 0.0
     if table_fraction > 0.0:
         ni, nj = pick_node(steering, z, cos_sun, stream)
         vx = frame[0, 0] * dx + frame[0, 1] * dy + frame[0, 2] * dz
         vy = frame[1, 0] * dx + frame[1, 1] * dy + frame[1, 2] * dz
         vz = frame[2, 0] * dx + frame[2, 1] * dy + frame[2, 2] * dz
-        total = weigh_cells(steering, air, w, ni, nj, i, f, vx, vy, vz, on_ground, cumulative)
+        total = weigh_cells(steering, air, w, ni, nj, i, f, horizon, vx, vy, vz, on_ground, cumulative, blurred)
     from_table = table_fraction if total > 0.0 else 0.0
     if uniform(stream) < from_table:
         cell = draw_from(cumulative, uniform(stream) * total)
         row = cell // N_AZIMUTHS
-        up = steering.sine_edges[row] + uniform(stream) * (steering.sine_edges[row + 1] - steering.sine_edges[row])
-        psi = 2.0 * math.pi * (cell % N_AZIMUTHS + uniform(stream)) / N_AZIMUTHS
+        g = steering.row_edges[row]
+        # the two sides of the horizon are scaled apart, and a cell lies on one of them
+        scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
+        g += uniform(stream) * (steering.row_edges[row + 1] - g)
+        up = horizon + scale * g
+        a = cell % N_AZIMUTHS
+        psi = steering.azimuth_edges[a]
+        psi += uniform(stream) * (steering.azimuth_edges[a + 1] - psi)
         level = math.sqrt(max(0.0, 1.0 - up * up))
         for m in range(3):
             new[m] = level * math.cos(psi) * frame[0, m] + level * math.sin(psi) * frame[1, m] + up * frame[2, m]
@@ -217,13 +226,13 @@ def choose_direction(
     lx = frame[0, 0] * new[0] + frame[0, 1] * new[1] + frame[0, 2] * new[2]
     ly = frame[1, 0] * new[0] + frame[1, 1] * new[1] + frame[1, 2] * new[2]
     lz = frame[2, 0] * new[0] + frame[2, 1] * new[1] + frame[2, 2] * new[2]
-    cell = cell_of(steering, lx, ly, lz)
+    cell = cell_of(steering, horizon, lx, ly, lz)
     density = 0.0
     if from_table > 0.0:
         share = cumulative[cell]
         if cell > 0:
             share -= cumulative[cell - 1]
-        density = from_table * share / total / steering.solid_angle[cell]
+        density = from_table * share / total / cell_solid_angle(steering, horizon, cell)
     if on_ground:
         p = max(0.0, lz) / math.pi
         density += (1.0 - from_table) * p

@@ -8,7 +8,6 @@ sunlight scattered there towards the start of the leg, so the estimate is unbias
 from __future__ import annotations
 
 import math
-
 from typing import NamedTuple
 
 from numba import njit
@@ -27,6 +26,7 @@ BUFFER_PIECES = 4096
 OPAQUE_DEPTH = 60.0
 REFERENCE_RADIUS_KM = 6371.0
 BENDING_STEP_RAD = 0.01
+RISE = 0.15
 
 
 @njit(cache=True, inline="always")
@@ -214,7 +214,13 @@ def trace(
             upper = interpolate(air, w, i, f, EXTINCTION)
             i, f = locate(air, altitude_at(z, r, mu, s + 0.5 * stretch), first, last)
             middle = interpolate(air, w, i, f, EXTINCTION)
-            parts = math.ceil(max(stretch / longest, stretch * max(upper, middle) / max_depth))
+            parts = math.ceil(
+                max(
+                    stretch / longest,
+                    stretch * max(upper, middle) / max_depth,
+                    abs(altitude_at(z, r, mu, end) - altitude_at(z, r, mu, s)) / (RISE * longest),
+                )
+            )
             parts = max(1, min(parts, 100000))
             length = stretch / parts
             for part in range(parts):

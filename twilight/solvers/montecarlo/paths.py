@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from twilight.solvers.montecarlo.air import N_SMOOTH
 from twilight.solvers.montecarlo.events import (
     choose_direction,
     choose_point,
@@ -24,6 +25,8 @@ N_ORDERS = 20
 MAX_EVENTS = 5000
 LEAST_SURVIVAL = 0.1
 NEGLIGIBLE = 1e-12
+MOST_COPIES = 16.0
+STACK = 4096
 
 
 class Walk(NamedTuple):
@@ -32,7 +35,8 @@ class Walk(NamedTuple):
     first_length, first_depth, later_length, later_depth: longest piece of a leg in km and in optical depth, on the
     first leg and on later ones.  sub_paths: stratified continuations of one first leg.  steered_fraction and
     table_fraction: share of events and directions drawn with the coarse field.  roulette: a path whose expected
-    contribution falls below this fraction of the pixel's is ended at random; 0 switches it off.
+    contribution falls below this fraction of a continuation's of the first leg may end, and a path worth more than that
+    of one splits; 0 switches both off.
     """
 
     first_length: float
@@ -57,112 +61,145 @@ def observer_frame(sun_elevation, elevation, azimuth, altitude, radius, point, d
 
 
 @njit(cache=True)
+def push_events(
+    air, w, walk, leg, pieces, n, ground, ground_plain, ground_steered, weight, copies, order, stack, size, stream
+):
+    """Draw `copies` stratified events on a leg and put them on the stack; returns its new size.
+
+    leg: start (3) and direction (3) of the leg. A row of the stack: point (3), direction (3), weight, order, altitude,
+    level, fraction, 1 on the ground.
+    """
+    px, py, pz, dx, dy, dz = leg[0], leg[1], leg[2], leg[3], leg[4], leg[5]
+    r = math.sqrt(px * px + py * py + pz * pz)
+    mu = (px * dx + py * dy + pz * dz) / r
+    for copy in range(copies):
+        if size >= stack.shape[0]:
+            return -1
+        number = (copy + uniform(stream)) / copies
+        k, probability, t = choose_point(pieces, n, ground_plain, ground_steered, walk.steered_fraction, number, stream)
+        if probability <= 0.0:
+            continue
+        row = stack[size]
+        if k == n:
+            s = ground
+            z = air.shell_km[0]
+            event = ground_plain
+            row[9] = 0.0
+            row[10] = 0.0
+            row[11] = 1.0
+        else:
+            s = event_distance(pieces, k, t)
+            z = altitude_at(r - air.earth_radius_km, r, mu, s)
+            i, f = event_level(air, pieces, k, z)
+            event = event_weight(air, w, pieces, k, t, z, i, f)
+            row[9] = i
+            row[10] = f
+            row[11] = 0.0
+        if event <= 0.0:
+            continue
+        x = px + s * dx
+        y = py + s * dy
+        h = pz + s * dz
+        # put the point on the sphere of its altitude again, so that rounding does not add up over events
+        scale = (air.earth_radius_km + z) / math.sqrt(x * x + y * y + h * h)
+        row[0] = x * scale
+        row[1] = y * scale
+        row[2] = h * scale
+        row[3] = dx
+        row[4] = dy
+        row[5] = dz
+        row[6] = weight * event / probability
+        row[7] = order
+        row[8] = z
+        size += 1
+    return size
+
+
+@njit(cache=True)
 def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders):
     """Add one estimate of the radiance, order by order, to `orders`; returns 0, or 1 if a limit was met.
 
-    orders[n] is light with n + 1 events (a reflection by the ground is one); the last entry takes the rest.
+    orders[n] is light with n + 1 events (a reflection by the ground is one); the last entry takes the rest.  From every
+    leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none (roulette) or many
+    (splitting), so that the weights of long paths do not drift apart.
     """
-    first, later, phases, out, cumulative, frame, new = work
+    pieces, phases, out, cumulative, blurred, frame, leg, new, stack = work
     sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
-    n_first = trace(
-        air, sun, steering, w, point[0], point[1], point[2], direction[0], direction[1], direction[2],
-        sx, sy, sz, walk.first_length, walk.first_depth, True, stream, first, phases, out,
-    )  # fmt: skip
-    if n_first < 0:
-        return 1
-    orders[0] += out[0] + out[1]
-    if walk.max_orders <= 1:
-        return 0
+    leg[:3] = point
+    leg[3:] = direction
     albedo = air.ground_albedo[w]
-    first_ground = out[2]
-    first_ground_plain = out[3] * albedo if first_ground >= 0.0 else 0.0
-    first_ground_steered = out[4]
-    reference = first_ground_steered
-    if n_first > 0:
-        reference += first[STEERED, n_first - 1]
-    if reference <= 0.0:
-        return 0
+    weight = 1.0
+    order = 0
+    size = 0
+    unit = 0.0
     limit_met = 0
-    for sub in range(walk.sub_paths):
-        pieces = first
-        n = n_first
-        ground = first_ground
-        ground_plain = first_ground_plain
-        ground_steered = first_ground_steered
-        weight = 1.0 / walk.sub_paths
-        number = (sub + uniform(stream)) / walk.sub_paths
-        px, py, pz = point[0], point[1], point[2]
-        dx, dy, dz = direction[0], direction[1], direction[2]
-        order = 1
-        while True:
-            k, probability, t = choose_point(
-                pieces, n, ground_plain, ground_steered, walk.steered_fraction, number, stream
-            )
-            if probability <= 0.0:
-                break
-            on_ground = k == n
-            i = 0
-            f = 0.0
-            if on_ground:
-                s = ground
-                z = air.shell_km[0]
-                weight *= ground_plain / probability
+    while True:
+        first = order == 0
+        n = trace(
+            air, sun, steering, w, leg[0], leg[1], leg[2], leg[3], leg[4], leg[5], sx, sy, sz,
+            walk.first_length if first else walk.later_length, walk.first_depth if first else walk.later_depth,
+            True, stream, pieces, phases, out,
+        )  # fmt: skip
+        if n < 0:
+            limit_met = 1
+            n = 0
+        orders[min(order, N_ORDERS - 1)] += weight * (out[0] + out[1])
+        order += 1
+        ground = out[2]
+        ground_plain = out[3] * albedo if ground >= 0.0 else 0.0
+        remaining = out[4]
+        if n > 0:
+            remaining += pieces[STEERED, n - 1]
+        if order < walk.max_orders and remaining > 0.0:
+            copies = 1
+            if first:
+                unit = remaining / walk.sub_paths
+                copies = walk.sub_paths
+                weight /= copies
             else:
-                s = event_distance(pieces, k, t)
-                r = math.sqrt(px * px + py * py + pz * pz)
-                mu = (px * dx + py * dy + pz * dz) / r
-                z = altitude_at(r - air.earth_radius_km, r, mu, s)
-                i, f = event_level(air, pieces, k, z)
-                weight *= event_weight(air, w, pieces, k, t, z, i, f) / probability
-            if weight <= 0.0:
-                break
-            px += s * dx
-            py += s * dy
-            pz += s * dz
-            # put the point on the sphere of its altitude again, so that rounding does not add up over events
-            scale = (air.earth_radius_km + z) / math.sqrt(px * px + py * py + pz * pz)
-            px *= scale
-            py *= scale
-            pz *= scale
-            cos_sun = local_frame(px, py, pz, sx, sy, sz, frame)
+                worth = weight * remaining / unit
+                if walk.roulette > 0.0:
+                    mean_copies = min(max(worth, LEAST_SURVIVAL), MOST_COPIES)
+                    copies = int(mean_copies + uniform(stream))
+                    weight /= mean_copies
+                elif worth < NEGLIGIBLE:
+                    copies = 0
+            if order >= MAX_EVENTS:
+                limit_met = 1
+            elif copies > 0:
+                full = push_events(
+                    air, w, walk, leg, pieces, n, ground, ground_plain, out[4], weight, copies, order, stack, size, stream
+                )  # fmt: skip
+                if full < 0:
+                    return 1
+                size = full
+        # the next leg, from the top of the stack
+        alive = False
+        while size > 0 and not alive:
+            size -= 1
+            row = stack[size]
+            cos_sun = local_frame(row[0], row[1], row[2], sx, sy, sz, frame)
             ratio, cell = choose_direction(
-                air, steering, w, z, cos_sun, i, f, on_ground, frame, dx, dy, dz,
-                walk.table_fraction, cumulative, stream, new,
+                air, steering, w, row[8], cos_sun, int(row[9]), row[10], row[11] > 0.0, frame, row[3], row[4], row[5],
+                walk.table_fraction, cumulative, blurred, stream, new,
             )  # fmt: skip
-            weight *= ratio
+            weight = row[6] * ratio
             if weight <= 0.0:
-                break
-            expected = walk.sub_paths * weight * math.exp(log_light_from(steering, w, z, cos_sun, cell)) / reference
+                continue
             if walk.roulette > 0.0:
-                survival = expected / walk.roulette
+                worth = weight * math.exp(log_light_from(steering, w, row[8], cos_sun, cell)) / unit
+                survival = worth / walk.roulette
                 if survival < 1.0:
                     survival = max(LEAST_SURVIVAL, survival)
                     if uniform(stream) >= survival:
-                        break
+                        continue
                     weight /= survival
-            elif expected < NEGLIGIBLE:
-                break
-            dx, dy, dz = new[0], new[1], new[2]
-            pieces = later
-            n = trace(
-                air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz,
-                walk.later_length, walk.later_depth, True, stream, later, phases, out,
-            )  # fmt: skip
-            if n < 0:
-                limit_met = 1
-                break
-            orders[min(order, N_ORDERS - 1)] += weight * (out[0] + out[1])
-            order += 1
-            if order >= walk.max_orders:
-                break
-            if order >= MAX_EVENTS:
-                limit_met = 1
-                break
-            ground = out[2]
-            ground_plain = out[3] * albedo if ground >= 0.0 else 0.0
-            ground_steered = out[4]
-            number = uniform(stream)
-    return limit_met
+            alive = True
+            order = int(row[7])
+            leg[0], leg[1], leg[2] = row[0], row[1], row[2]
+            leg[3], leg[4], leg[5] = new[0], new[1], new[2]
+        if not alive:
+            return limit_met
 
 
 @njit(cache=True, nogil=True)
@@ -176,14 +213,16 @@ def run_chunks(
     chunk number, samples).  A row depends on its job alone, so neither threads nor the order of jobs change it.
     sums, squares (J, N_ORDERS + 1); limits (J,) counts samples that met a limit of the walk.
     """
-    first = np.empty((BUFFER_ROWS, BUFFER_PIECES))
-    later = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    stack = np.empty((STACK, 12))
+    leg = np.empty(6)
     out = np.empty(5)
     phases = np.empty((air.table.shape[2], 2))
     cumulative = np.empty(N_DIRECTIONS)
+    blurred = np.empty(N_SMOOTH)
     frame = np.empty((3, 3))
     new = np.empty(3)
-    work = (first, later, phases, out, cumulative, frame, new)
+    work = (pieces, phases, out, cumulative, blurred, frame, leg, new, stack)
     point = np.empty(3)
     direction = np.empty(3)
     to_sun = np.empty(3)

@@ -26,9 +26,13 @@ SUN_ZENITH_DEG = np.concatenate(
         [140.0, 155.0, 180.0],
     ]
 )
-ELEVATION_EDGES_DEG = np.array([-90.0, -40.0, -16.0, -8.0, -3.0, 0.0, 3.0, 8.0, 16.0, 30.0, 52.0, 90.0])
-N_AZIMUTHS = 12
-N_DIRECTIONS = (ELEVATION_EDGES_DEG.size - 1) * N_AZIMUTHS
+ABOVE_HORIZON_DEG = np.array(
+    [-90, -40, -18, -8, -4, -2, -0.8, 0, 0.4, 0.8, 1.3, 1.9, 2.6, 3.5, 4.7, 6.2, 8.5, 12, 17, 25, 36, 54, 90.0]
+)
+_HALF_DEG = np.array([0.0, 10.0, 22.0, 38.0, 60.0, 90.0, 130.0, 180.0])
+AZIMUTH_EDGES_RAD = np.radians(np.concatenate([_HALF_DEG, 360.0 - _HALF_DEG[-2::-1]]))
+N_AZIMUTHS = AZIMUTH_EDGES_RAD.size - 1
+N_DIRECTIONS = (ABOVE_HORIZON_DEG.size - 1) * N_AZIMUTHS
 
 
 class Steering(NamedTuple):
@@ -36,8 +40,10 @@ class Steering(NamedTuple):
 
     log_light (W, A, Z): logarithm of the mean diffuse radiance [sr^-1]; log_ground (W, Z): of the diffuse downward
     irradiance at the ground; log_radiance (W, A, Z, D): of the diffuse radiance; share (W, A, Z, D): radiance times
-    solid angle, sums to 1.  Directions are cells of elevation and azimuth from the sun: centre (D, 3) in the frame
-    (towards the sun, sideways, up), solid_angle (D,).
+    solid angle, sums to 1.  Directions are cells of azimuth from the sun and of height above the horizon of the altitude, which
+    is where the light and the dark ground meet: with h the sine of the horizon's elevation, the sine of a direction's is
+    h + (1 - h) g above and h + (1 + h) g below.  row_edges: of g in [-1, 1]; centre (A, D, 3) in the frame (towards the
+    sun, sideways, up) and solid_angle (A, D) at the altitudes of the tables.
     """
 
     bottom_km: float
@@ -48,7 +54,10 @@ class Steering(NamedTuple):
     log_ground: np.ndarray
     log_radiance: np.ndarray
     share: np.ndarray
-    sine_edges: np.ndarray
+    ground_radius_km: float
+    row_edges: np.ndarray
+    azimuth_edges: np.ndarray
+    azimuth_cos_sin: np.ndarray
     centre: np.ndarray
     solid_angle: np.ndarray
 
@@ -57,31 +66,32 @@ def empty_steering(air: Air) -> Steering:
     """Tables that know of no light: every event is drawn by transmittance and scattering alone."""
     n_wavelengths = air.table.shape[0]
     cos_sun = np.sort(np.cos(np.radians(SUN_ZENITH_DEG)))
-    sine = np.sin(np.radians(ELEVATION_EDGES_DEG))
-    middle = 0.5 * (sine[1:] + sine[:-1])
-    azimuth = 2 * np.pi * (np.arange(N_AZIMUTHS) + 0.5) / N_AZIMUTHS
+    rows = np.sin(np.radians(ABOVE_HORIZON_DEG))
+    bottom, depth = float(air.shell_km[0]), float(air.shell_km[-1] - air.shell_km[0])
+    ground_radius = air.earth_radius_km + bottom
+    ratio = ground_radius / (ground_radius + depth * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2)
+    horizon = -np.sqrt(np.maximum(0.0, 1.0 - ratio**2))[:, None]
+    edges = horizon + np.where(rows < 0, 1 + horizon, 1 - horizon) * rows
+    middle = np.repeat(0.5 * (edges[:, 1:] + edges[:, :-1]), N_AZIMUTHS, axis=1)
+    azimuth = np.tile(0.5 * (AZIMUTH_EDGES_RAD[1:] + AZIMUTH_EDGES_RAD[:-1]), rows.size - 1)
     level = np.sqrt(1 - middle**2)
-    centre = np.stack(
-        [
-            (level[:, None] * np.cos(azimuth)).ravel(),
-            (level[:, None] * np.sin(azimuth)).ravel(),
-            np.repeat(middle, N_AZIMUTHS),
-        ],
-        axis=-1,
-    )
-    solid_angle = np.repeat(np.diff(sine) * 2 * np.pi / N_AZIMUTHS, N_AZIMUTHS)
+    centre = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), middle], axis=-1)
+    solid_angle = (np.diff(edges)[:, :, None] * np.diff(AZIMUTH_EDGES_RAD)).reshape(N_ALTITUDES, -1)
     shape = (n_wavelengths, N_ALTITUDES, cos_sun.size)
     starts = -1 + 2 * np.arange(N_HINTS) / N_HINTS
     return Steering(
-        float(air.shell_km[0]),
-        float(air.shell_km[-1] - air.shell_km[0]),
+        bottom,
+        depth,
         cos_sun,
         np.clip(np.searchsorted(cos_sun, starts, side="right") - 1, 0, cos_sun.size - 2).astype(np.int64),
         np.full(shape, DARK),
         np.full((n_wavelengths, cos_sun.size), DARK),
         np.full((*shape, N_DIRECTIONS), DARK, dtype=np.float32),
-        np.broadcast_to((solid_angle / (4 * np.pi)).astype(np.float32), (*shape, N_DIRECTIONS)).copy(),
-        sine,
+        np.broadcast_to((solid_angle / (4 * np.pi)).astype(np.float32)[:, None], (*shape, N_DIRECTIONS)).copy(),
+        float(ground_radius),
+        rows,
+        AZIMUTH_EDGES_RAD,
+        np.stack([np.cos(azimuth[:N_AZIMUTHS]), np.sin(azimuth[:N_AZIMUTHS])], axis=-1),
         np.ascontiguousarray(centre),
         solid_angle,
     )
@@ -139,17 +149,49 @@ def log_light_from(steering, w, z, cos_sun, cell):
     return lower * (1 - a) + upper * a
 
 
+@njit(cache=True, inline="always")
+def horizon_sine(steering, z):
+    """Sine of the elevation of the geometric horizon at an altitude: 0 or less."""
+    height = max(0.0, z - steering.bottom_km)
+    r = steering.ground_radius_km + height
+    return -math.sqrt(height * (r + steering.ground_radius_km)) / r
+
+
+@njit(cache=True, inline="always")
+def row_sine(g, horizon):
+    """Sine of the elevation at the height g of the cells; see :class:`Steering`."""
+    return horizon + (1.0 - horizon if g >= 0.0 else 1.0 + horizon) * g
+
+
 @njit(cache=True)
-def cell_of(steering, x, y, z):
+def cell_of(steering, horizon, x, y, z):
     """Cell of directions that holds a unit vector of the local frame."""
+    above = z - horizon
+    g = above / (1.0 - horizon if above >= 0.0 else 1.0 + horizon)
     e = 0
-    n = steering.sine_edges.size - 1
-    while e < n - 1 and steering.sine_edges[e + 1] < z:
+    n = steering.row_edges.size - 1
+    while e < n - 1 and steering.row_edges[e + 1] < g:
         e += 1
-    turn = math.atan2(y, x) / (2.0 * math.pi)
+    turn = math.atan2(y, x)
     if turn < 0.0:
-        turn += 1.0
-    return e * N_AZIMUTHS + min(N_AZIMUTHS - 1, int(turn * N_AZIMUTHS))
+        turn += 2.0 * math.pi
+    a = 0
+    while a < N_AZIMUTHS - 1 and steering.azimuth_edges[a + 1] < turn:
+        a += 1
+    return e * N_AZIMUTHS + a
+
+
+@njit(cache=True)
+def cell_solid_angle(steering, horizon, cell):
+    """Solid angle [sr] of a cell at the altitude of a horizon."""
+    e = cell // N_AZIMUTHS
+    a = cell % N_AZIMUTHS
+    lower = row_sine(steering.row_edges[e], horizon)
+    # the two sides of the horizon are scaled apart, and a cell lies on one of them
+    upper = lower + (1.0 - horizon if steering.row_edges[e] >= 0.0 else 1.0 + horizon) * (
+        steering.row_edges[e + 1] - steering.row_edges[e]
+    )
+    return (upper - lower) * (steering.azimuth_edges[a + 1] - steering.azimuth_edges[a])
 
 
 @njit(cache=True)
@@ -165,33 +207,35 @@ def pick_node(steering, z, cos_sun, stream):
 
 
 @njit(cache=True)
-def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, vx, vy, vz, on_ground, cumulative):
+def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy, vz, on_ground, cumulative, blurred):
     """Running sums over the cells of share x blurred phase function (x cosine on the ground); returns the total.
 
-    (vx, vy, vz) is the leg's direction in the local frame, (air_i, air_f) where in the air the event happens.
+    (vx, vy, vz) is the leg's direction in the local frame, (air_i, air_f) where in the air the event happens; blurred
+    (N_SMOOTH,) is work space.
     """
-    total = 0.0
-    if on_ground:
-        for d in range(N_DIRECTIONS):
-            up = steering.centre[d, 2]
-            if up > 0.0:
-                total += steering.share[w, node_i, node_j, d] * up
-            cumulative[d] = total
-        return total
-    n_species = air.table.shape[2] - SPECIES
-    for d in range(N_DIRECTIONS):
-        cosine = vx * steering.centre[d, 0] + vy * steering.centre[d, 1] + vz * steering.centre[d, 2]
-        cell = min(N_SMOOTH - 1, max(0, int((cosine + 1.0) * (0.5 * N_SMOOTH))))
-        p = 0.0
-        if air.isotropic_events:
-            p = 1.0
-        else:
-            for c in range(n_species):
+    if not on_ground:
+        for cell in range(N_SMOOTH):
+            blurred[cell] = 1.0 if air.isotropic_events else 0.0
+        if not air.isotropic_events:
+            for c in range(air.table.shape[2] - SPECIES):
                 beta = interpolate(air, w, air_i, air_f, SPECIES + c)
                 if beta > 0.0:
-                    p += beta * air.smooth[w, c, cell]
-        total += steering.share[w, node_i, node_j, d] * p
-        cumulative[d] = total
+                    for cell in range(N_SMOOTH):
+                        blurred[cell] += beta * air.smooth[w, c, cell]
+    total = 0.0
+    d = 0
+    for e in range(steering.row_edges.size - 1):
+        up = row_sine(0.5 * (steering.row_edges[e] + steering.row_edges[e + 1]), horizon)
+        level = math.sqrt(max(0.0, 1.0 - up * up))
+        for a in range(N_AZIMUTHS):
+            if on_ground:
+                p = max(0.0, up)
+            else:
+                cosine = level * (vx * steering.azimuth_cos_sin[a, 0] + vy * steering.azimuth_cos_sin[a, 1]) + vz * up
+                p = blurred[min(N_SMOOTH - 1, max(0, int((cosine + 1.0) * (0.5 * N_SMOOTH))))]
+            total += steering.share[w, node_i, node_j, d] * p
+            cumulative[d] = total
+            d += 1
     return total
 
 
