@@ -8,7 +8,8 @@ Outside the levels is vacuum above and the ground below.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -170,7 +171,7 @@ class Medium:
                 q = np.where((lo > 0) & (hi > 0), np.abs(np.log(hi / np.where(lo > 0, lo, 1))), 0.0)
                 q = np.where(np.maximum(lo, hi) > 1e-12, q, 0.0)
                 steps = np.maximum(steps, np.nanmax(q, axis=1))
-        for i, (a, b) in enumerate(zip(z[:-1], z[1:], strict=True)):
+        for i, (a, b) in enumerate(pairwise(z)):
             if b <= a:
                 new.append(np.array([b]))
                 continue
@@ -196,7 +197,7 @@ class Medium:
             rows.setdefault("aerosol_single_scattering_albedo", []).append(a[lo] * (1 - f) + a[hi] * f)
             for k, s in enumerate(self.aerosol_share):
                 rows.setdefault(f"share{k}", []).append(s[lo] * (1 - f) + s[hi] * f)
-        made = {key: np.concatenate(value) for key, value in rows.items()}
+        made: dict[str, Any] = {key: np.concatenate(value) for key, value in rows.items()}
         levels = np.concatenate(pieces)
         n_phase = len(self.phase_functions)
         share = (
@@ -207,8 +208,8 @@ class Medium:
         return replace(self, altitude_km=levels, aerosol_share=share, **made)
 
     def optical_depth(self, part: str = "total") -> np.ndarray:
-        """Vertical optical depth (W,) of `air`, `absorption`, `aerosol` or `total`; exact for the interpolation rule."""
-        parts = {
+        """Vertical optical depth (W,) of `air`, `absorption`, `aerosol` or `total`; exact for the levels' rule."""
+        parts: dict[str, tuple[np.ndarray, ...]] = {
             "air": (self.air_scattering_per_km,),
             "absorption": (self.absorption_per_km,),
             "aerosol": (self.aerosol_extinction_per_km,),

@@ -105,7 +105,7 @@ def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[
     return np.exp(ln_r), np.concatenate(weights) * density
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=4)
 def _angular_functions(n_terms: int) -> tuple[np.ndarray, np.ndarray]:
     """pi_n + tau_n and pi_n - tau_n at the table's angles, each (n_terms, N_ANGLES), by upward recurrence."""
     mu = np.cos(table_angles_rad(N_ANGLES))
@@ -139,7 +139,7 @@ def compute_optics(
     mie_coefficients = mie_coefficients or _mie_coefficients(_seconds(size, m, wavelength_nm))
     radii, weights = radius_grid(size, m, wavelength_um)
     n_terms = int(wavenumber * radii[-1] + 4.05 * (wavenumber * radii[-1]) ** (1 / 3) + 4)
-    plus, minus = _angular_functions(64 * math.ceil(n_terms / 64))
+    plus, minus = _angular_functions(128 * 2 ** max(0, math.ceil(math.log2(n_terms / 128))))
     extinction = scattering = forward = 0.0
     intensity = np.zeros(N_ANGLES)
     for group in _groups(radii):
@@ -240,8 +240,9 @@ def _mie_coefficients(seconds: float) -> Callable:
     if seconds >= _JIT_FROM_SECONDS or "miepython.mie_jit" in sys.modules:
         from miepython import mie_jit
 
-        kernel = mie_jit._an_bn_nb
-        return lambda m, x: kernel(m, x, 0)
+        kernel = getattr(mie_jit, "_an_bn_nb", None)  # not part of miepython's public interface
+        if kernel is not None:
+            return lambda m, x: kernel(m, x, 0)
     import miepython
 
     return miepython.coefficients
