@@ -9,9 +9,16 @@ arrives, because these follow the features of the field, which chi does not:
 
 * a ray from above (i <= 90 deg): altitude x apparent cosine.  Only air above the point matters, so nothing is sharper
   than the levels of the medium, and tables end at every jump of a coefficient.
-* a ray that has passed its lowest point: invariant p x distance u from the lowest point.  The table holds the sum of the
-  logarithms of this ray and of its mirror image from above, which is the whole ray through the limb: nearly independent
-  of u.  The sharp features (the limb of an aerosol layer, the ground) lie at fixed p.
+* a ray that has passed its lowest point: invariant p x distance u from the lowest point.  The table holds the sum of
+  the logarithms of this ray and of its mirror image from above, which is the whole ray through the limb: nearly
+  independent of u.  The sharp features (the limb of an aerosol layer, the ground) lie at fixed p.
+
+Dispersion: a point and a true direction of the sun belong to a different ray at every wavelength.  Tables are laid out
+for the most refracted wavelength, the reference; the table of limb rays is entered with each wavelength's own lowest
+point, found from a tabulated shift that is proportional to the difference of the refractivities.
+
+What the table leaves out: several images of the sun (mirages; d chi/d i is kept above 0.05), the gap in direction that
+a duct makes (bridged), and dispersion of the ground's edge for rays from above (0.01 deg in the lowest metre).
 
 In a segment between two jumps a..b the nodes are uniform in sqrt((b - z)/(b - a)): just below a jump optical depths go
 like a square root.  Interpolation is cubic and never crosses a jump.
@@ -20,6 +27,8 @@ like a square root.  Interpolation is cubic and never crosses a jump.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,6 +42,8 @@ __all__ = ["Beam", "beam_at", "beam_at_one", "prepare_beam"]
 
 _FAR_KM = 400.0
 """The table of limb rays holds log(E) + log(1 + u/400 km): finite however far behind the limb."""
+_LIMB_PATH_KM = 600.0
+"""Optical depth of the limb is about extinction x 600 km (sqrt(2 pi R H))."""
 _HASH = 1024
 
 
@@ -41,8 +52,8 @@ def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarra
     z = medium.altitude_km
     k = medium.extinction_per_km + 1e-30
     lower, upper = k[:-1], k[1:]
+    # a jump of k is worth a tenth of its horizontal path over a table step, a bend its air mass x step^2/16
     bends = {}
-    # a bend of tau(z) at a level is worth (jump of k) x (half a table step) x (horizontal air mass ~ 40)
     for i in range(1, z.size - 1):
         if z[i] == z[i - 1] or z[i] <= z[0] or z[i] >= z[-1]:
             continue
@@ -52,8 +63,10 @@ def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarra
         jump = np.max(np.abs(k[j] - k[i]))
         below, above = z[i] - z[i - 1], z[j + 1] - z[j]
         slope_jump = np.max(np.abs((k[i] - lower[i - 1]) / below - (upper[j] - k[j]) / above))
-        step = 0.1
-        bends[float(z[i])] = 40.0 * (jump * step / 4.0 + slope_jump * step**2 / 16.0)
+        step = 0.1 + 0.02 * (z[i] - z[0])
+        bends[float(z[i])] = (
+            3.0 * jump * math.sqrt(2.0 * medium.earth_radius_km * step) / 30.0 + 2.5 * slope_jump * 0.01
+        )
     strong = sorted((zz for zz, b in bends.items() if b > 1e-3), key=lambda zz: -bends[zz])[:max_breaks]
     edges = [float(z[0]), *sorted(strong), float(z[-1])]
     cut = [edges[0]]
@@ -71,23 +84,39 @@ def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarra
 def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: int, largest: int):
     """Numbers of intervals, first node and node altitudes of every segment."""
     size = np.empty(edges.size - 1, dtype=np.int64)
-    for s, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for s, (a, b) in enumerate(pairwise(edges)):
         inside = (profile.top_km > a) & (profile.bottom_km < b)
         share = np.minimum(profile.top_km[inside], b) - np.maximum(profile.bottom_km[inside], a)
-        steep = np.zeros(share.size)
+        folds = 0.0
         for part in range(4, 13, 3):
-            value = profile.coefficient[:, inside, part]
-            q = np.abs(profile.coefficient[:, inside, part + 1])
-            steep = np.maximum(steep, np.where(value > 1e-6, q, 0.0).max(axis=0))
-        folds = float((steep * share / (profile.top_km - profile.bottom_km)[inside]).sum())
-        size[s] = int(np.clip(math.ceil(per_scale * max(folds, 0.2 * (b - a) ** 0.5)), smallest, largest))
+            # an error of interpolation goes like optical depth x step^4
+            weight = (_LIMB_PATH_KM * profile.coefficient[:, inside, part]) ** 0.25
+            q = np.abs(profile.coefficient[:, inside, part + 1]) / (profile.top_km - profile.bottom_km)[inside]
+            folds = max(folds, float((np.minimum(weight, 2.0) * q * share).sum(axis=1).max()))
+        # a thin layer just above is seen from within its thickness: sqrt(b - z) must resolve that
+        above = (edges[s + 2] - b) if s + 2 < edges.size else b - a
+        needed = max(per_scale * max(folds, 0.2 * (b - a) ** 0.5), 2.5 * ((b - a) / above) ** 0.5)
+        size[s] = int(np.clip(math.ceil(needed), smallest, largest))
     start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
     nodes = np.empty(start[-1] + 1)
-    for s, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for s, (a, b) in enumerate(pairwise(edges)):
         t = 1.0 - np.arange(size[s] + 1) / size[s]
         nodes[start[s] : start[s + 1] + 1] = b - (b - a) * t**2
         nodes[start[s]] = a
     return size, start[:-1], nodes
+
+
+def _with_joined_refractivity(medium: Medium) -> Medium:
+    z, n = medium.altitude_km, np.array(medium.refractivity)
+    i = 0
+    while i < z.size:
+        j = i
+        while j + 1 < z.size and z[j + 1] == z[i]:
+            j += 1
+        if j > i:
+            n[i : j + 1] = 0.5 * (n[i] + n[j])
+        i = j + 1
+    return replace(medium, refractivity=n)
 
 
 def _limb_edges(edges: np.ndarray, profile: RayProfile, w: int) -> tuple[np.ndarray, np.ndarray]:
@@ -122,7 +151,7 @@ def prepare_beam(
     refraction: bool = True,
     spreading: bool = True,
     altitude_nodes_per_scale: float = 8.0,
-    limb_nodes_per_scale: float = 16.0,
+    limb_nodes_per_scale: float = 12.0,
     cosine_nodes: int = 40,
     distance_nodes: int = 12,
     guess_nodes: int = 48,
@@ -135,9 +164,13 @@ def prepare_beam(
     spreading: include the dilution of the beam by differential refraction.
     altitude_nodes_per_scale, limb_nodes_per_scale: nodes per factor e of the steepest coefficient.
     cosine_nodes, distance_nodes, guess_nodes: intervals of the other coordinates.
+    A refractivity that jumps between layers is joined at the mean of both sides: at a jump all rays close to the
+    horizontal would be reflected or focused, which is a property of the layers and not of the air.
     spreading_window_km: half-width in altitude over which the bending of limb rays is differentiated.
     """
     refraction = refraction and medium.has_refraction
+    if refraction:
+        medium = _with_joined_refractivity(medium)
     profile = ray_profile(medium, refraction=refraction)
     n_w = medium.n_wavelengths
     edges = _segments(medium, profile, max_breaks)
@@ -159,6 +192,8 @@ def prepare_beam(
 
     edge_chi, edge_cos = np.empty(altitudes.size), np.empty(altitudes.size)
     beam_tables.edge_table(profile, reference, altitudes, lowest_free, edge_chi, edge_cos)
+    # the edge sinks with altitude like a square root
+    dip = (edge_chi - edge_chi[0]) * np.abs(edge_chi - edge_chi[0])
     t = np.arange(guess_nodes + 1) / guess_nodes
     depths = lookup.DEPTH_SCALE * t / (1.0 + lookup.DEPTH_SCALE - t)
     guess = np.zeros((altitudes.size, guess_nodes + 1, 2))
@@ -171,7 +206,7 @@ def prepare_beam(
     log_up = np.empty((altitudes.size, cosine_nodes + 1, n_w))
     up_bending, beta = np.empty(log_up.shape[:2]), np.empty(log_up.shape[:2])
     beam_tables.up_table(
-        profile, reference, altitudes, cosines, scale, lowest, slope, spreading and refraction, log_up, up_bending, beta
+        profile, reference, altitudes, cosines, scale, spreading and refraction, log_up, up_bending, beta
     )
     t = (
         np.arange(distance_nodes + 1)
@@ -200,13 +235,12 @@ def prepare_beam(
         far,
         log_down,
     )
-    bottoms, tops = limb_x[:-1], limb_x[1:]
     return _pack(
-        scalars=(medium.earth_radius_km, edges[0], medium.top_km, far, limb_x[0], limb_x[-1]),
+        scalars=(medium.earth_radius_km, edges[0], medium.top_km, far, limb_x[0], limb_x[-1], edge_chi[0]),
         flags=(n_w, int(refraction), int(dispersing)),
         segments=(edges, size, start),
         limb=(limb_x, limb_size, limb_start),
-        altitude=np.stack([[refractivity_at(profile, reference, z) for z in altitudes], edge_chi], axis=1),
+        altitude=np.stack([[refractivity_at(profile, reference, z) for z in altitudes], dip], axis=1),
         guess=guess,
         up_bending=up_bending,
         limb_bending=bending[reference],
@@ -267,7 +301,7 @@ def _pack(
         index[place] = at
         pieces.append(np.asarray(table, dtype=float).ravel())
         at += pieces[-1].size
-    return Beam(pool=np.concatenate(pieces), index=np.concatenate([index, *hashes]).astype(np.int64))
+    return Beam(pool=np.concatenate(pieces), layout=np.concatenate([index, *hashes]).astype(np.int64))
 
 
 def _records(edges, size, start) -> np.ndarray:

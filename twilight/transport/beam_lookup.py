@@ -19,8 +19,10 @@ DEPTH_SCALE = 0.05
 NEAR_KM = 300.0
 """Nodes of the distance u from the lowest point of a ray are uniform in u/(u + 300 km)."""
 MAX_DISTANCE_KM = 5.0e4
+LARGEST_LOG = 0.2
+"""Bound on log(E/F0): cubic interpolation overshoots next to layers of very large optical depth."""
 
-# places in Beam.index
+# places in Beam.layout
 (
     N_W,
     REFRACTING,
@@ -49,7 +51,7 @@ MAX_DISTANCE_KM = 5.0e4
 ) = range(24)
 
 # places in Beam.pool
-RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(9)
+RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, EDGE, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(10)
 RECORD = 5
 """A segment: bottom, top, 1/(top - bottom), number of intervals, first node."""
 
@@ -57,19 +59,19 @@ RECORD = 5
 class Beam(NamedTuple):
     """The direct sun beam in a medium, for kernels; made by :func:`twilight.transport.beam.prepare_beam`.
 
-    pool: every table, float64; index: sizes, offsets into `pool`, and the hashes of the two segment lists, int64.
+    pool: every table, float64; layout: sizes, offsets into `pool`, and the hashes of the two segment lists, int64.
     """
 
     pool: np.ndarray
-    index: np.ndarray
+    layout: np.ndarray
 
     @property
     def n_wavelengths(self) -> int:
-        return int(self.index[N_W])
+        return int(self.layout[N_W])
 
     @property
     def n_bytes(self) -> int:
-        return int(self.pool.nbytes + self.index.nbytes)
+        return int(self.pool.nbytes + self.layout.nbytes)
 
 
 @njit(cache=True, inline="always")
@@ -135,6 +137,7 @@ def _ray(pool, index, z, c):
         w0, w1, w2, w3 = _weights(fz)
         k = index[AT_ALTITUDE] + 2 * jz
         edge = w0 * pool[k + 1] + w1 * pool[k + 3] + w2 * pool[k + 5] + w3 * pool[k + 7]
+        edge = pool[EDGE] + math.copysign(math.sqrt(abs(edge)), edge)
         depth = 1.0 - math.acos(c) / edge
         lit = depth >= -1e-5
         if lit:
@@ -215,7 +218,7 @@ def _ray_from_space(pool, index, z, c):
 
 @njit(cache=True, inline="always")
 def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
-    """Sixteen values at `at` + i row + k step; unsigned offsets save the test for negative indices in the inner loop."""
+    """Sixteen values at `at` + i row + k step; unsigned offsets save the inner loop a test for negative indices."""
     k0 = np.uint64(at)
     s1 = np.uint64(step)
     s2 = s1 + s1
@@ -282,11 +285,11 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     beam: from :func:`twilight.transport.beam.prepare_beam`.
     altitude_km: of the point; below the ground counts as the ground, above the top is vacuum.
     cos_sun_zenith: cosine of the true zenith angle of the sun at the point.
-    out (W,): filled with transmittance x spreading of the refracted beam; exactly 0 in the shadow of the refracted limb.
+    out (W,): filled with transmittance x spreading of the refracted beam; exactly 0 in the refracted limb's shadow.
     Returns the bending [rad] >= 0: true minus apparent zenith angle of the sun.
     """
     pool = beam.pool
-    index = beam.index
+    index = beam.layout
     n_w = index[N_W]
     lit, bending, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
     if not lit:
@@ -306,7 +309,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
             out[w] += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
     if u >= 0.0:
         for w in range(n_w):
-            out[w] = math.exp(out[w])
+            out[w] = math.exp(min(out[w], LARGEST_LOG))
         return bending
     d, fd, shift = _place_down(pool, index, p, u)
     v0, v1, v2, v3 = _weights(fd)
@@ -314,6 +317,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     ky, fy = _limb_node(pool, index, p)
     w0, w1, w2, w3 = _weights(fy)
     factor = 1.0 / (1.0 - u / pool[FAR])
+    limit = LARGEST_LOG - math.log(factor)
     for w in range(n_w):
         dispersion = pool[index[AT_DISPERSION] + w]
         if dispersion > 0.0:
@@ -324,7 +328,8 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
             ky, fy = _limb_node(pool, index, own)
             w0, w1, w2, w3 = _weights(fy)
         k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
-        out[w] = factor * math.exp(out[w] + _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3))
+        value = out[w] + _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+        out[w] = factor * math.exp(min(value, limit))
     return bending
 
 
@@ -332,7 +337,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
 def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""
     pool = beam.pool
-    index = beam.index
+    index = beam.layout
     n_w = index[N_W]
     lit, bending, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
     if not lit:
@@ -346,7 +351,7 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
         row = (index[N_COSINE] + 1) * n_w
         value += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
     if u >= 0.0:
-        return math.exp(value), bending
+        return math.exp(min(value, LARGEST_LOG)), bending
     d, fd, shift = _place_down(pool, index, p, u)
     own = p + pool[index[AT_DISPERSION] + w] * shift
     if own < pool[P_GROUND] * (1.0 - 1e-13):
@@ -357,4 +362,5 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     row = index[N_DISTANCE] + 1
     k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
     value += _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
-    return math.exp(value) / (1.0 - u / pool[FAR]), bending
+    factor = 1.0 / (1.0 - u / pool[FAR])
+    return factor * math.exp(min(value, LARGEST_LOG - math.log(factor))), bending

@@ -49,7 +49,7 @@ def up_slope(profile, w, altitude_km, u_km):
 
 @njit(cache=True)
 def full_bending(profile, w, lowest_km):
-    """Invariant p [km] and bending [rad] of the whole ray whose lowest point is at `lowest_km`, and whether it is free."""
+    """Invariant p [km] and bending [rad] of the whole ray with its lowest point at `lowest_km`, and if it is free."""
     p = (profile.radius_km + lowest_km) * (1.0 + refractivity_at(profile, w, lowest_km))
     bending, _, _, _, ok = outward(profile, w, lowest_km, 0.0, 1e9)
     return p, 2.0 * bending, ok
@@ -57,7 +57,7 @@ def full_bending(profile, w, lowest_km):
 
 @njit(cache=True)
 def limb_table(profile, w, lowest_km, window_km, invariant, bending, slope, free):
-    """For rays by their lowest point (Y,): invariant, bending of the whole ray, its derivative by p [rad km^-1], free."""
+    """For rays by their lowest point (Y,): invariant, bending of the whole ray, its derivative by p [km^-1], free."""
     n = lowest_km.size
     for m in range(n):
         invariant[m], bending[m], free[m] = full_bending(profile, w, lowest_km[m])
@@ -85,48 +85,46 @@ def interpolate(x, xs, ys):
             lo = mid
         else:
             hi = mid
-    return ys[lo] + (ys[hi] - ys[lo]) * (x - xs[lo]) / (xs[hi] - xs[lo])
+    width = xs[hi] - xs[lo]
+    return ys[lo] + (ys[hi] - ys[lo]) * (x - xs[lo]) / width if width > 0.0 else ys[lo]
 
 
 @njit(cache=True)
-def log_irradiance(profile, w, altitude_km, chi, apparent, widening, up_widening, lowest_km, slope, spreading):
-    """Logarithm of (irradiance at normal incidence)/F0 at a point, for the true zenith angle `chi` of the sun.
+def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
+    """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
 
-    `apparent` is a guess of the apparent zenith angle, `widening` of d(chi)/d(apparent): two Newton steps follow.
     irradiance = T n^2 sin(i)/sin(chi) / (d chi/d i): the flux F0 p dp of the annulus of invariants p..p+dp spread over
-    r^2 sin(chi) d chi cos(i), with p = n r sin i.  `up_widening` is d(chi)/d(i) of the part of the air above the point.
-    Returns also whether the ray is free.
+    r^2 sin(chi) d chi cos(i), with p = n r sin i.  chi is the true zenith angle of the sun, `apparent` a guess of the
+    apparent one, improved by a Newton step with `widening` = d(chi)/d(i).  Where the ray comes from a little below the
+    horizontal, because another wavelength sees the sun there exactly, T is continued linearly from above: what lies
+    below is not part of this table.  Returns also whether the ray is free.
     """
     n = 1.0 + refractivity_at(profile, w, altitude_km)
     x = (profile.radius_km + altitude_km) * n
-    tau = 0.0
-    status = OUTSIDE
-    for k in range(2):
-        bending, tau, status = sun_ray(profile, w, altitude_km, x * math.cos(apparent), True)
-        if status == TRAPPED:
+    bending, tau, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), 1e9)
+    if not ok:
+        return 0.0, False
+    residual = min(0.5 * math.pi, apparent) + bending - chi
+    if apparent <= 0.5 * math.pi:
+        apparent = max(0.0, apparent - residual / widening)
+    u = x * math.cos(apparent)
+    _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), 1e9)
+    if not ok:
+        return 0.0, False
+    if u < 0.0:
+        _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, 1e9)
+        if not ok:
             return 0.0, False
-        residual = apparent + bending - chi
-        if k == 1 or abs(residual) < 1e-9:
-            break
-        apparent -= residual / widening
-        apparent = max(0.0, apparent)
+        tau = 2.0 * level - tau
     if not spreading:
         return -tau, True
-    u = x * math.cos(apparent)
-    ratio = 1.0 / up_widening
-    if math.sin(chi) > 1e-7:
-        ratio = math.sin(apparent) / math.sin(chi)
-    if u < 0.0:
-        lowest, _ = lowest_point(profile, w, altitude_km, -u, True)
-        d = up_widening + interpolate(lowest, lowest_km, slope) * u
-    else:
-        d = up_widening
-    return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, d))), True
+    ratio = math.sin(apparent) / math.sin(chi) if math.sin(chi) > 1e-7 else 1.0 / widening
+    return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening))), True
 
 
 @njit(cache=True)
-def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, lowest_km, slope, spreading, out, first):
-    """`log_irradiance` at every wavelength for the direction that is apparent at n r cos i = `u_km` >= 0 at `reference`.
+def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, first):
+    """`log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
 
     `scale` (W,): n-1 relative to that of the reference.  Returns (bending, d bending/d i, free) at the reference.
     """
@@ -140,23 +138,21 @@ def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, lowe
     for w in range(scale.size):
         beta_w = beta * scale[w]
         guess = apparent + bending * (1.0 - scale[w])
-        out[w], ok_w = log_irradiance(
-            profile, first + w, altitude_km, chi, guess, 1.0 + beta_w, 1.0 + beta_w, lowest_km, slope[w], spreading
-        )
+        out[w], ok_w = log_irradiance(profile, first + w, altitude_km, chi, guess, 1.0 + beta_w, spreading)
         if not ok_w:
             out[w] = np.nan
     return bending, beta, True
 
 
 @njit(cache=True)
-def up_table(profile, reference, altitudes, cosines, scale, lowest_km, slope, spreading, log_up, bending, beta):
+def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, bending, beta):
     """Tables over (altitude J, apparent cosine C): log irradiance (J, C, W), bending and its slope at the reference."""
     n_c = cosines.size
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
             bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, lowest_km, slope, spreading, log_up[j, m], 0
+                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], 0
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
@@ -238,16 +234,13 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
                     continue
                 apparent = math.atan2(p_own, -u_own)
                 chi = apparent + 2.0 * half - up
-                beta = up_slope(profile, reference, z, u)
+                # the mirrored ray as the table of rays from above holds it
+                _, beta, _ = log_irradiance_from_above(profile, reference, z, u, scale[w : w + 1], spreading, mirror, w)
                 value = up_tau - 2.0 * half_tau
                 widening = max(_SMALLEST_WIDENING, 1.0 + beta * scale[w] - slope[w, m] * u_own)
                 if spreading:
                     n = 1.0 + refractivity_at(profile, w, z)
                     value += math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
-                # the mirrored ray as the table of rays from above holds it
-                log_irradiance_from_above(
-                    profile, reference, z, u, scale[w : w + 1], lowest_km, slope[w : w + 1], spreading, mirror, w
-                )
                 if not math.isnan(mirror[0]):
                     log_down[w, m, d] = value + mirror[0] + math.log1p(u / far)
 

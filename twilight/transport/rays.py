@@ -2,13 +2,13 @@
 
 A ray keeps Bouguer's invariant p = n r sin i.  With x = n r the kernels carry u = x cos i, so that u^2 = x^2 - p^2, and
 
-    bending  = integral of (-dn/dr)/n * p/u dr        (chi = i + bending: true = apparent zenith angle of the sun + bending)
+    bending  = integral of (-dn/dr)/n * p/u dr      (true zenith angle of the sun = apparent one + bending)
     length   = integral of x/u dr
     tau      = integral of extinction * x/u dr
 
-from a point outwards to the top.  u vanishes at the lowest point of a ray like a square root; with r - r_s = v^2, r_s the
-linear estimate of that zero seen from the start of each layer, every integrand is smooth and a few Gauss-Legendre nodes
-per layer are enough.  With n = 1 the bending is exactly 0.
+from a point outwards to the top.  u vanishes at the lowest point of a ray like a square root; with r - r_s = v^2, r_s
+the linear estimate of that zero seen from the start of each layer, every integrand is smooth and a few Gauss-Legendre
+nodes per layer are enough.  With n = 1 the bending is exactly 0.
 
 Differences of x are formed from differences of altitude and of n - 1, never by subtracting two numbers near 6371.
 Where n r does not grow with r (a duct) u^2 can become negative: such a ray cannot leave the air and is ``TRAPPED``.
@@ -32,23 +32,30 @@ TRAPPED = 2
 """The ray cannot leave a duct."""
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(4)
-_GAUSS_NODE = 0.5 * (_NODE + 1.0)
-_GAUSS_WEIGHT = 0.5 * _WEIGHT
+_FEW, _FEW_WEIGHT = np.polynomial.legendre.leggauss(2)
+# four nodes on the unit interval, then two for thin layers far from the lowest point of the ray
+_GAUSS_NODE = 0.5 * (np.concatenate([_NODE, _FEW]) + 1.0)
+_GAUSS_WEIGHT = 0.5 * np.concatenate([_WEIGHT, _FEW_WEIGHT])
 
 # columns of RayProfile.coefficient: value a at the bottom, logarithmic slope q and linear slope d of a exp(q f) + d f
-_N, _N_TOP, _PARTS = 0, 3, 4
+_N_TOP, _PARTS = 3, 4
+
+_BELOW_GROUND_KM = 5.0
+"""Thickness of a layer below the ground, which only derivatives at the edge of the Earth's shadow look into."""
 
 
 class RayProfile(NamedTuple):
-    """Layers of a medium for the ray kernels: M layers of positive thickness, W wavelengths.
+    """Layers of a medium for the ray kernels: M layers of positive thickness, W wavelengths; layer 0 is underground.
 
-    bottom_km, top_km (M,); panels (M,): quadrature panels of a layer; coefficient (W, M, 13); radius_km of the Earth.
+    bottom_km, top_km (M,); panels (M,): quadrature panels of a layer; thin (M,): no coefficient changes by
+    more than a factor 1.5; coefficient (W, M, 13); radius_km of the Earth.
     Columns: n-1 (value, log slope, linear slope, value at the top), then three columns for each of air, gases, aerosol.
     """
 
     bottom_km: np.ndarray
     top_km: np.ndarray
     panels: np.ndarray
+    thin: np.ndarray
     coefficient: np.ndarray
     radius_km: float
 
@@ -57,9 +64,10 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
     """Layers of `medium` for the kernels; without `refraction` the index is 1 everywhere."""
     z = medium.altitude_km
     layer = np.flatnonzero(np.diff(z) > 0)
-    bottom, top = z[layer], z[layer + 1]
-    coefficient = np.zeros((medium.n_wavelengths, layer.size, 13))
-    steepest = np.zeros(layer.size)
+    bottom = np.concatenate([[z[0] - _BELOW_GROUND_KM], z[layer]])
+    top = np.concatenate([[z[0]], z[layer + 1]])
+    coefficient = np.zeros((medium.n_wavelengths, layer.size + 1, 13))
+    steepest = np.zeros(layer.size + 1)
     tables = (
         medium.refractivity * (1.0 if refraction else 0.0),
         medium.air_scattering_per_km,
@@ -67,7 +75,12 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
         medium.aerosol_extinction_per_km,
     )
     for k, table in enumerate(tables):
-        lo, hi = table[layer].T, table[layer + 1].T
+        lo = np.concatenate([table[:1], table[layer]]).T
+        hi = np.concatenate([table[:1], table[layer + 1]]).T
+        if k == 0:  # below the ground the index goes on as it falls over the lowest 2 km, within the bounds of calm air
+            n0, n2 = table[0], np.array([np.interp(z[0] + 2.0, z, column) for column in table.T])
+            fall = np.log(np.where(n2 > 0, n0, 1.0) / np.where(n2 > 0, n2, 1.0)) / 2.0
+            lo[:, 0] = n0 * np.exp(_BELOW_GROUND_KM * np.clip(fall, 0.05, 0.2))
         exponential = (lo > 0) & (hi > 0)
         q = np.log(np.where(exponential, hi, 1.0) / np.where(exponential, lo, 1.0))
         column = 0 if k == 0 else _PARTS + 3 * (k - 1)
@@ -81,13 +94,18 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
         steepest = np.maximum(steepest, np.where(matters, np.abs(q), 0.0).max(axis=0))
     panels = np.clip(np.ceil(np.maximum(steepest / 2.0, (top - bottom) / 10.0)), 1, 64).astype(np.int64)
     return RayProfile(
-        np.ascontiguousarray(bottom), np.ascontiguousarray(top), panels, coefficient, float(medium.earth_radius_km)
+        np.ascontiguousarray(bottom),
+        np.ascontiguousarray(top),
+        panels,
+        (steepest < 0.4) & (panels == 1),
+        coefficient,
+        float(medium.earth_radius_km),
     )
 
 
 @njit(cache=True)
 def layer_above(profile, altitude_km):
-    """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 below the ground."""
+    """Index of the layer that a ray going up from `altitude_km` enters: M above the top, 0 underground, 1 on the ground."""
     lo = 0
     hi = profile.top_km.size
     while lo < hi:
@@ -166,8 +184,13 @@ def outward(profile, w, altitude_km, u_km, stop_km):
         v_b = math.sqrt(h + (end - z))
         m = profile.panels[i]
         dv = (v_b - v_a) / m
+        first_node = 0
+        end_node = 4
+        if profile.thin[i] and dv < 0.25 * v_b:
+            first_node = 4
+            end_node = 6
         for k in range(m):
-            for g in range(4):
+            for g in range(first_node, end_node):
                 v = v_a + (k + _GAUSS_NODE[g]) * dv
                 dz = v * v - h
                 f = (z + dz - bottom) / thickness
@@ -219,7 +242,7 @@ def outward(profile, w, altitude_km, u_km, stop_km):
 @njit(cache=True)
 def lowest_point(profile, w, altitude_km, u_km, below_ground):
     """Altitude [km] of the lowest point of a ray that goes down from `altitude_km` with |u| = `u_km`, and GROUND or
-    OUTSIDE; with `below_ground` the lowest layer is continued downwards and the answer may be negative."""
+    OUTSIDE; with `below_ground` the layer below the ground is entered too, and its bottom is the lowest answer."""
     n_layers = profile.top_km.size
     uu = u_km * u_km
     r = profile.radius_km + altitude_km
@@ -241,7 +264,8 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
         i = layer_above(profile, z)
         if z <= profile.bottom_km[i] and i > 0:
             i -= 1
-    while i >= 0:
+    last = 0 if below_ground else 1
+    while i >= last:
         c = profile.coefficient[w, i]
         bottom = profile.bottom_km[i]
         thickness = profile.top_km[i] - bottom
@@ -253,9 +277,9 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
             return z, OUTSIDE
         n_bottom = c[0]
         fall = (z - bottom) * (1.0 + n_bottom) + (n_here - n_bottom) * r
-        if missing <= fall or (i == 0 and below_ground):
+        if missing <= fall or i == 0:
             # Newton for x(z) - x(y) = missing inside the layer
-            y = max(bottom, z - missing) if not (i == 0 and below_ground) else z - missing
+            y = max(bottom, z - missing)
             for _ in range(40):
                 f = (y - bottom) / thickness
                 e = c[0] * math.exp(c[1] * f)
@@ -265,9 +289,7 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
                 if slope < 0.05:
                     slope = 1.0
                 y_new = y + residual / slope
-                if not (i == 0 and below_ground):
-                    y_new = max(bottom, y_new)
-                y_new = min(y_new, z)
+                y_new = min(z, max(bottom, y_new))
                 if abs(y_new - y) < 1e-13:
                     y = y_new
                     break
@@ -282,7 +304,7 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
 
 @njit(cache=True)
 def altitude_along(profile, w, altitude_km, u_km):
-    """Altitude [km] that a ray from its lowest point at `altitude_km` reaches when u = n r cos i has grown to `u_km`."""
+    """Altitude [km] of a ray from its lowest point at `altitude_km` where u = n r cos i has grown to `u_km`."""
     n_layers = profile.top_km.size
     r = profile.radius_km + altitude_km
     n_a = refractivity_at(profile, w, altitude_km)

@@ -1,0 +1,218 @@
+"""The table of the direct sun beam against rays traced one by one, closed forms and the flux it must carry."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.test_refraction import air
+from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
+from twilight.transport.rays import OUTSIDE, ray_profile, refractivity_at, sun_ray
+
+RADIUS = 6371.0
+LEVELS = np.linspace(0.0, 100.0, 51)
+
+
+def hazy(refractivity=2.8e-4):
+    """Air with an aerosol layer that ends at 2 km and a thinner one above: the sharpest thing in an OPAC column."""
+    levels = np.sort(np.append(LEVELS, 2.0))
+    upper = int(np.flatnonzero(levels == 2.0)[1])
+    aerosol = np.where(np.arange(levels.size) < upper, 0.08, 0.004) * np.exp(-levels / 8.0)
+    medium = air(levels, refractivity)
+    return replace(medium, aerosol_extinction_per_km=np.repeat(aerosol[:, None], 3, axis=1))
+
+
+def look_up(beam: Beam, altitude_km, chi_deg):
+    out = np.full(beam.n_wavelengths, np.nan)
+    bending = beam_at(beam, altitude_km, math.cos(math.radians(chi_deg)), out)
+    return out, bending
+
+
+def traced(profile, w, altitude_km, chi):
+    """Irradiance by a bisection for the apparent direction and a finite difference for the spreading."""
+    n = 1.0 + refractivity_at(profile, w, altitude_km)
+    x = (RADIUS + altitude_km) * n
+
+    def true_angle(i):
+        bending, tau, _ = sun_ray(profile, w, altitude_km, x * math.cos(i), True)
+        return i + bending, tau
+
+    low, high = max(0.0, chi - 0.06), chi
+    for _ in range(55):
+        middle = 0.5 * (low + high)
+        if true_angle(middle)[0] > chi:
+            high = middle
+        else:
+            low = middle
+    i = 0.5 * (low + high)
+    if sun_ray(profile, w, altitude_km, x * math.cos(i), False)[2] != OUTSIDE:
+        return 0.0
+    h = 2e-5
+    widening = (true_angle(i + h)[0] - true_angle(i - h)[0]) / (2.0 * h)
+    return math.exp(-true_angle(i)[1]) * n * n * math.sin(i) / math.sin(chi) / widening
+
+
+def random_points(rng, count, refracting):
+    for _ in range(count):
+        z = 100.0 * rng.random() ** 2
+        edge = math.pi / 2 + math.acos(RADIUS / (RADIUS + z)) + (0.022 if refracting else 0.0)
+        yield z, edge - (0.25 * rng.random() ** 2 if rng.random() < 0.6 else (edge - 0.01) * rng.random())
+
+
+@pytest.mark.parametrize("refraction", [True, False])
+def test_table_against_traced_rays(refraction):
+    medium = hazy()
+    beam, profile = prepare_beam(medium, refraction=refraction), ray_profile(medium, refraction=refraction)
+    errors = []
+    for z, chi in random_points(np.random.default_rng(7), 150, refraction):
+        for w in range(3):
+            expected = traced(profile, w, z, chi)
+            beyond = traced(profile, w, z, chi + math.radians(0.02))
+            value, _ = beam_at_one(beam, z, math.cos(chi), w)
+            if expected > 1e-6 and beyond > 0.0:
+                errors.append(abs(value / expected - 1.0))
+    assert len(errors) > 200
+    assert np.median(errors) < 1e-4
+    assert np.percentile(errors, 95) < 1e-3
+    assert np.max(errors) < 1e-2
+
+
+def test_straight_beam_is_the_transmittance_with_no_bending():
+    beam = prepare_beam(air(LEVELS, refractivity=0.0))
+    # above the scale of the air the column is the vertical one times 1/cos
+    out, bending = look_up(beam, 0.0, 0.0)
+    tau = air(LEVELS, refractivity=0.0).optical_depth()
+    assert bending == 0.0
+    assert out == pytest.approx(np.exp(-tau), rel=1e-6)
+    transparent = prepare_beam(air(LEVELS, refractivity=0.0, scattering=0.0))
+    for z, chi in random_points(np.random.default_rng(1), 100, False):
+        out, bending = look_up(transparent, z, math.degrees(chi))
+        assert bending == 0.0
+        assert np.all(out == pytest.approx(1.0, abs=1e-12))
+
+
+def test_flux_through_spheres_inside_transparent_air():
+    """The beam that enters a sphere of radius r inside the air carries F0 pi (n r)^2 (DESIGN fact 7)."""
+    medium = air(LEVELS, scattering=0.0)
+    beam, profile = prepare_beam(medium), ray_profile(medium)
+    reference = 0  # most refracted: its table is the one that is entered directly
+    node, weight = np.polynomial.legendre.leggauss(200)
+    for z in (0.0, 1.0, 10.0, 30.0):
+        x = (RADIUS + z) * (1.0 + refractivity_at(profile, reference, z))
+        edge = math.pi / 2 + sun_ray(profile, reference, z, 0.0, False)[0]
+        chi = 0.5 * edge * (1.0 + node)
+        pairs = [beam_at_one(beam, z, math.cos(c), reference) for c in chi]
+        normal = np.array([e * math.cos(c - b) for (e, b), c in zip(pairs, chi, strict=True)])
+        flux = np.sum(0.5 * edge * weight * normal * np.sin(chi)) * 2.0 * math.pi * (RADIUS + z) ** 2
+        assert flux == pytest.approx(math.pi * x * x, rel=5e-5)
+
+
+def test_spreading_restores_the_thin_zenith():
+    """Zenith of thin air in single scattering, refracted over straight: 1.37 at -4 deg and 1.9 at -6 deg with the
+    spreading of the beam, 2.26 and 4.1 without (DESIGN fact 7)."""
+    medium = air(LEVELS, refractivity=2.78e-4, scattering=1e-5, wavelengths=(550.0,))
+    z = np.linspace(0.0, 100.0, 2001)
+
+    def zenith(elevation, **settings):
+        beam = prepare_beam(medium, **settings)
+        c = math.sin(math.radians(elevation))
+        return np.trapezoid([beam_at_one(beam, h, c, 0)[0] * math.exp(-h / 8.0) for h in z], z)
+
+    for elevation, spread, unspread in ((-4.0, 1.37, 2.26), (-6.0, 1.9, 4.1)):
+        straight = zenith(elevation, refraction=False)
+        assert zenith(elevation) / straight == pytest.approx(spread, rel=0.02)
+        assert zenith(elevation, spreading=False) / straight == pytest.approx(unspread, rel=0.03)
+
+
+def test_bundle_of_rays_carries_the_energy():
+    """Rays at equally spaced invariants, far before the Earth: dE between neighbours on the sphere at 20 km."""
+    medium = air(LEVELS, scattering=0.0, wavelengths=(550.0,))
+    beam, profile = prepare_beam(medium), ray_profile(medium)
+    z = 20.0
+    x = (RADIUS + z) * (1.0 + refractivity_at(profile, 0, z))
+    p = np.linspace(RADIUS * (1.0 + refractivity_at(profile, 0, 0.0)) + 0.5, x - 0.2, 60)
+    apparent = math.pi - np.arcsin(p / x)
+    chi = np.array([i + sun_ray(profile, 0, z, x * math.cos(i), False)[0] for i in apparent])
+    power = np.pi * np.diff(p**2)
+    ring = 2.0 * math.pi * (RADIUS + z) ** 2 * np.abs(np.diff(np.cos(chi)))
+    middle = 0.5 * (chi[1:] + chi[:-1])
+    for k, c in enumerate(middle):
+        value, bending = beam_at_one(beam, z, math.cos(c), 0)
+        assert value * abs(math.cos(c - bending)) * ring[k] == pytest.approx(power[k], rel=2e-3)
+
+
+def test_edge_of_the_shadow():
+    medium = air(LEVELS)
+    beam, profile = prepare_beam(medium), ray_profile(medium)
+    for z in (0.0, 0.5, 3.0, 20.0, 80.0):
+        x = (RADIUS + z) * (1.0 + refractivity_at(profile, 0, z))
+        p = RADIUS * (1.0 + refractivity_at(profile, 0, 0.0))
+        u = -math.sqrt(max(0.0, (x - p) * (x + p)))
+        edge = math.acos(u / x) + sun_ray(profile, 0, z, u, True)[0]
+        lit, _ = look_up(beam, z, math.degrees(edge) - 0.005)
+        dark, _ = look_up(beam, z, math.degrees(edge) + 0.005)
+        assert lit[0] > 0.0
+        assert np.all(dark == 0.0)
+
+
+def test_bending_is_positive_and_largest_for_low_suns():
+    beam = prepare_beam(air(LEVELS))
+    bendings = [look_up(beam, 10.0, chi)[1] for chi in (0.0, 40.0, 80.0, 88.0, 90.0, 92.0, 94.0)]
+    assert bendings[0] == pytest.approx(0.0, abs=1e-8)
+    assert np.all(np.diff(bendings) > 0.0)
+
+
+def test_overhead_filter_dims_every_direction():
+    medium = replace(air(LEVELS), overhead_absorption_optical_depth=np.array([0.0, 0.1, 2.0]))
+    plain, filtered = prepare_beam(air(LEVELS)), prepare_beam(medium)
+    for z, chi in ((0.0, 10.0), (20.0, 92.0), (500.0, 100.0)):
+        a, b = look_up(plain, z, chi)[0], look_up(filtered, z, chi)[0]
+        assert b == pytest.approx(a * np.exp(-np.array([0.0, 0.1, 2.0])), rel=1e-12)
+
+
+def _extreme_media():
+    yield air([0.0, 100.0])
+    yield air(np.linspace(0.0, 100.0, 500))
+    yield air([0.0, 100.0], refractivity=0.0, scattering=0.0)
+    yield air(np.linspace(0.0, 35.0, 36))
+    # 10 m of haze with an optical depth of 20
+    levels = np.sort(np.concatenate([LEVELS, [0.5, 0.5, 0.51, 0.51]]))
+    inside = np.zeros(levels.size)
+    inside[np.flatnonzero((levels >= 0.5) & (levels <= 0.51))[1:3]] = 2000.0
+    base = air(levels)
+    yield replace(base, aerosol_extinction_per_km=np.repeat(inside[:, None], 3, axis=1))
+    # ozone at 300 nm: more than 100 along the beam
+    base = air(LEVELS)
+    ozone = 0.4 * np.exp(-(((LEVELS - 22.0) / 5.0) ** 2))
+    yield replace(base, absorption_per_km=np.repeat(ozone[:, None], 3, axis=1))
+    # ducts: elevated and on the ground
+    levels = np.array([0.0, 0.5, 0.6, 2.0, 10.0, 50.0, 100.0])
+    for values in ([2.8, 2.65, 2.25, 2.0, 0.8, 0.005, 0.0], [2.8, 2.0, 1.95, 1.8, 0.8, 0.005, 0.0]):
+        yield air(levels, lambda z, values=values: np.interp(z, levels, 1e-4 * np.array(values)))
+    # layers of constant coefficients and index
+    edges = -8.0 * np.log(1.0 - np.linspace(0.0, 1.0 - math.exp(-35.0 / 8.0), 51))
+    levels = np.repeat(edges, 2)[1:-1]
+    levels[0] = 0.0
+    middle = np.exp(-np.repeat(0.5 * (edges[1:] + edges[:-1]), 2) / 8.0)[:, None]
+    yield replace(
+        air(levels), air_scattering_per_km=0.0115 * middle * np.ones(3), refractivity=2.8e-4 * middle * np.ones(3)
+    )
+
+
+@pytest.mark.parametrize("medium", list(_extreme_media()))
+def test_extremes_are_finite_and_not_negative(medium):
+    beam = prepare_beam(medium)
+    altitudes = [0.0, -1.0, 1e-6, 0.505, *medium.altitude_km[:20], medium.top_km, medium.top_km + 1e-6, 400.0, 36000.0]
+    out = np.empty(3)
+    for z in altitudes:
+        for chi in (0.0, 1e-6, 60.0, 89.0, 90.0, 90.5, 91.0, 93.0, 96.0, 100.0, 115.0, 179.9999, 180.0):
+            c = math.cos(math.radians(chi))
+            out[:] = np.nan
+            bending = beam_at(beam, z, c, out)
+            assert np.all(np.isfinite(out)) and np.all(out >= 0.0) and np.all(out < 1.5)
+            assert 0.0 <= bending < 0.5
+            assert beam_at_one(beam, z, c, 2) == pytest.approx((out[2], bending), rel=1e-12)
+    assert np.all(look_up(beam, 0.0, 180.0)[0] == 0.0)
+    if medium.top_km == 100.0:
+        assert np.all(look_up(beam, 1000.0, 60.0)[0] == 1.0)
