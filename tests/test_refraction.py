@@ -159,8 +159,8 @@ def test_traced_ray_against_the_ray_equation(altitude, zenith):
     assert np.ptp(invariant) < 1e-10 * invariant[0]
     own = n_of(RADIUS + path.altitude_km) * (RADIUS + path.altitude_km) * np.sin(np.radians(path.zenith_deg))
     assert np.max(np.abs(own - invariant)) < 1e-10 * invariant[0]
-    assert np.hypot(x, y) - RADIUS == pytest.approx(path.altitude_km, abs=1e-5)
-    assert np.degrees(np.arctan2(x, y)) == pytest.approx(path.geocentric_angle_deg, abs=3e-7)
+    assert np.hypot(x, y) - RADIUS == pytest.approx(path.altitude_km, abs=5e-5)
+    assert np.degrees(np.arctan2(x, y)) == pytest.approx(path.geocentric_angle_deg, abs=1e-6)
 
 
 @pytest.mark.parametrize("chi", [0.0, 30.0, 88.0, 90.0, 93.0])

@@ -48,7 +48,7 @@ class RayProfile(NamedTuple):
     """Layers of a medium for the ray kernels: M layers of positive thickness, W wavelengths; layer 0 is underground.
 
     bottom_km, top_km (M,); panels (M,): quadrature panels of a layer; thin (M,): no coefficient changes by
-    more than a factor 1.5; coefficient (W, M, 13); radius_km of the Earth.
+    more than a factor 1.35; coefficient (W, M, 13); radius_km of the Earth.
     Columns: n-1 (value, log slope, linear slope, value at the top), then three columns for each of air, gases, aerosol.
     """
 
@@ -97,7 +97,7 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
         np.ascontiguousarray(bottom),
         np.ascontiguousarray(top),
         panels,
-        (steepest < 0.4) & (panels == 1),
+        (steepest < 0.3) & (panels == 1),
         coefficient,
         float(medium.earth_radius_km),
     )
@@ -105,7 +105,7 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
 
 @njit(cache=True)
 def layer_above(profile, altitude_km):
-    """Index of the layer that a ray going up from `altitude_km` enters: M above the top, 0 underground, 1 on the ground."""
+    """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground."""
     lo = 0
     hi = profile.top_km.size
     while lo < hi:
@@ -186,7 +186,7 @@ def outward(profile, w, altitude_km, u_km, stop_km):
         dv = (v_b - v_a) / m
         first_node = 0
         end_node = 4
-        if profile.thin[i] and dv < 0.25 * v_b:
+        if profile.thin[i] and dv < 0.12 * v_b:
             first_node = 4
             end_node = 6
         for k in range(m):
