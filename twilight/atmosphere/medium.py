@@ -101,9 +101,7 @@ class Medium:
     def select(self, wavelengths: slice | np.ndarray) -> Medium:
         """The same medium at some of its wavelengths."""
         s = wavelengths
-        phases = tuple(
-            PhaseFunction(p.kind, p.asymmetry[s], p.log_table[s], p.name) for p in self.phase_functions
-        )
+        phases = tuple(PhaseFunction(p.kind, p.asymmetry[s], p.log_table[s], p.name) for p in self.phase_functions)
         cut = {
             key: getattr(self, key)[:, s]
             for key in (

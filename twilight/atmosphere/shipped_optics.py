@@ -1,4 +1,4 @@
-"""Mie results that come with the package: the ten OPAC types at the default wavelengths.
+"""Mie results that come with the package: the ten OPAC types at the wavelengths used by default.
 
 They save a fresh machine the compilation of the Mie kernels before its first picture.  They are a filled cache and
 nothing else: an entry is found by the hash of everything that entered it, the file is checked against its own hash, and
@@ -18,7 +18,8 @@ import numpy as np
 
 FILE_NAME = "mie_ten_types.npz"
 
-WAVELENGTHS_NM = (*(380.0 + i * 340.0 / 7.0 for i in range(8)), 550.0)
+WAVELENGTHS_NM = (*(380.0 + i * 340.0 / 7.0 for i in range(8)), 450.0, 500.0, 550.0, 600.0, 650.0)
+"""The default wavelengths of a render, then those of `twilight describe` that are not among them."""
 
 HUMIDITY_PERCENT = 80.0
 
