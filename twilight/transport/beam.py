@@ -166,7 +166,8 @@ def prepare_beam(
     cosine_nodes, distance_nodes, guess_nodes: intervals of the other coordinates.
     A refractivity that jumps between layers is joined at the mean of both sides: at a jump all rays close to the
     horizontal would be reflected or focused, which is a property of the layers and not of the air.
-    spreading_window_km: half-width in altitude over which the bending of limb rays is differentiated.
+    spreading_window_km: least half-width in altitude over which the bending of limb rays is differentiated.  An index
+        that bends at the levels of a profile has a spike of the spreading below every level; this averages over it.
     """
     refraction = refraction and medium.has_refraction
     if refraction:
@@ -183,8 +184,10 @@ def prepare_beam(
     scale = ground / ground[reference] if ground[reference] > 0 else np.ones(n_w)
     invariant, bending = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size))
     slope, free = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size), dtype=np.bool_)
+    # each node stands for the flux up to half-way to its neighbours
+    window = np.clip(0.5 * np.gradient(lowest), spreading_window_km, 1.0)
     for w in range(n_w):
-        beam_tables.limb_table(profile, w, lowest, spreading_window_km, invariant[w], bending[w], slope[w], free[w])
+        beam_tables.limb_table(profile, w, lowest, window, invariant[w], bending[w], slope[w], free[w])
     lowest_free = float(lowest[int(np.argmax(free[reference]))])
     for m in range(1, lowest.size):
         if not free[reference, m]:

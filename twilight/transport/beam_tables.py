@@ -61,8 +61,8 @@ def limb_table(profile, w, lowest_km, window_km, invariant, bending, slope, free
     n = lowest_km.size
     for m in range(n):
         invariant[m], bending[m], free[m] = full_bending(profile, w, lowest_km[m])
-        p_a, a, ok_a = full_bending(profile, w, lowest_km[m] - window_km)
-        p_b, b, ok_b = full_bending(profile, w, lowest_km[m] + window_km)
+        p_a, a, ok_a = full_bending(profile, w, lowest_km[m] - window_km[m])
+        p_b, b, ok_b = full_bending(profile, w, lowest_km[m] + window_km[m])
         slope[m] = (b - a) / (p_b - p_a) if ok_a and ok_b and p_b > p_a else np.nan
     for m in range(n):  # next to a duct: the slope of the nearest ray below, then above
         if math.isnan(slope[m]):

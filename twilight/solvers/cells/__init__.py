@@ -1,0 +1,6 @@
+"""Haber, Magnor & Seidel 2005: cells around the observer that exchange scattered light, and an exact mode beyond it."""
+
+from twilight.solvers.cells.settings import QUALITIES, CellsSettings
+from twilight.solvers.cells.solver import Field, prepare
+
+__all__ = ["QUALITIES", "CellsSettings", "Field", "prepare"]

@@ -1,0 +1,104 @@
+"""Haber's atmosphere cells (section 4.1.3): shells around the observer, cut into equal angles of azimuth and elevation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.errors import TwilightError
+
+
+def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: float) -> np.ndarray:
+    """Radii of the shells' boundaries: r_j = R_min q^j with q = (1 + d/2)/(1 - d/2), d = 2 pi/S.
+
+    A shell is as thick as its mean arc is long.  The number of shells is the whole number that ends nearest to `outer`:
+    with R_min = 100 m and 669 km these are the paper's 101 at S = 72 and 252 at S = 180 (his printed 10 m gives others).
+    """
+    d = 2.0 * math.pi / azimuth_cells
+    log_q = math.log((1.0 + d / 2.0) / (1.0 - d / 2.0))
+    n = max(1, round(math.log(outer_radius_km / inner_radius_km) / log_q))
+    return inner_radius_km * np.exp(log_q * np.arange(n + 1))
+
+
+def outer_radius_km(top_km: float, observer_altitude_km: float, earth_radius_km: float) -> float:
+    """Farthest point of the air that a horizontal line from the observer reaches: sqrt(H^2 + 2 R H) seen from the ground."""
+    h = top_km - observer_altitude_km
+    return math.sqrt(h * (h + 2.0 * (earth_radius_km + observer_altitude_km)))
+
+
+@dataclass(frozen=True)
+class CellGrid:
+    """Cells grouped into rings: all cells of one shell and one elevation are alike but for their azimuth.
+
+    shell_radius_km (J + 1,) boundaries; ring_shell, ring_row (G,): shell of a ring and its elevation row
+    ring_radius_km, ring_elevation, ring_altitude_km (G,): centre of the ring's cells; elevation in radians
+    ring_volume_km3 (G,): of one cell
+    azimuth_cells S; cell k of a ring has its centre at azimuth 2 pi k/S, so that the sun's meridian is a symmetry plane
+    """
+
+    azimuth_cells: int
+    shell_radius_km: np.ndarray
+    ring_shell: np.ndarray
+    ring_row: np.ndarray
+    ring_radius_km: np.ndarray
+    ring_elevation: np.ndarray
+    ring_altitude_km: np.ndarray
+    ring_volume_km3: np.ndarray
+    observer_altitude_km: float
+    earth_radius_km: float
+
+    @property
+    def n_rings(self) -> int:
+        return self.ring_shell.size
+
+    @property
+    def n_shells(self) -> int:
+        return self.shell_radius_km.size - 1
+
+    @property
+    def n_cells(self) -> int:
+        return self.n_rings * self.azimuth_cells
+
+
+def make_grid(
+    azimuth_cells: int,
+    inner_radius_km: float,
+    observer_altitude_km: float,
+    bottom_km: float,
+    top_km: float,
+    earth_radius_km: float,
+) -> CellGrid:
+    """All cells whose centre is above the ground and below the top."""
+    if not bottom_km <= observer_altitude_km < top_km:
+        raise TwilightError(
+            f"the cells solver needs an observer inside the air: observer.altitude_km is {observer_altitude_km:g}, "
+            f"allowed is {bottom_km:g} to below {top_km:g}"
+        )
+    outer = outer_radius_km(top_km, observer_altitude_km, earth_radius_km)
+    edges = shell_radii(azimuth_cells, inner_radius_km, outer)
+    d = 2.0 * math.pi / azimuth_cells
+    rows = azimuth_cells // 2
+    low = -0.5 * math.pi + d * np.arange(rows)
+    elevation = low + 0.5 * d
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    r, e = np.meshgrid(centre, elevation, indexing="ij")
+    radius_observer = earth_radius_km + observer_altitude_km
+    step = r * (r + 2.0 * radius_observer * np.sin(e))
+    altitude = observer_altitude_km + step / (np.sqrt(radius_observer**2 + step) + radius_observer)
+    shell, row = np.nonzero((altitude > bottom_km) & (altitude < top_km))
+    cap = np.sin(low + d) - np.sin(low)
+    volume = (edges[shell + 1] ** 3 - edges[shell] ** 3) / 3.0 * d * cap[row]
+    return CellGrid(
+        azimuth_cells,
+        edges,
+        shell,
+        row,
+        centre[shell],
+        elevation[row],
+        altitude[shell, row],
+        volume,
+        float(observer_altitude_km),
+        float(earth_radius_km),
+    )

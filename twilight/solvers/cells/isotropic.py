@@ -1,0 +1,230 @@
+"""Haber's mode: the first event with its phase function, later ones isotropic in similarity-reduced air."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.cells.grid import make_grid
+from twilight.solvers.cells.nodes import gauss_directions, graded_altitudes
+from twilight.solvers.cells.ordinates import TINY
+from twilight.solvers.cells.pairs import make_rings, pair_pass
+from twilight.solvers.cells.rings import RingOperator, active_rings, make_operator, spread_matrix
+from twilight.solvers.cells.scaling import ScaledMedium
+from twilight.solvers.cells.settings import CellsSettings
+from twilight.solvers.cells.single import single_scattering, species_phase, unit_vectors
+from twilight.solvers.cells.stencils import Mesh
+from twilight.solvers.cells.view import gather_views
+from twilight.transport.beam import Beam, beam_at
+from twilight.transport.profile import Profile
+
+
+class IsotropicCells:
+    """Cells, their operator and everything else that does not depend on the sun."""
+
+    def __init__(
+        self,
+        medium: Medium,
+        scaled: ScaledMedium,
+        profile: Profile,
+        jumps: np.ndarray,
+        beam: Beam,
+        settings: CellsSettings,
+        observer_altitude_km: float,
+    ):
+        self.medium, self.scaled, self.profile, self.jumps, self.beam = medium, scaled, profile, jumps, beam
+        self.settings = settings
+        self.grid = make_grid(
+            settings.azimuth_cells,
+            settings.inner_radius_km,
+            observer_altitude_km,
+            medium.bottom_km,
+            medium.top_km,
+            medium.earth_radius_km,
+        )
+        self.all_rings = make_rings(self.grid, profile, settings.subcells, np.arange(self.grid.n_rings))
+        self.operator: RingOperator | None = None
+        if settings.operator == "fourier":
+            n_modes = settings.azimuth_modes or settings.azimuth_cells // 2 + 1
+            self.n_modes = min(n_modes, settings.azimuth_cells // 2 + 1)
+            self.operator, self.spread = make_operator(
+                self.grid,
+                profile,
+                jumps,
+                settings.active_shell_step,
+                settings.subcells,
+                self.n_modes,
+                settings.close_energy,
+                medium.ground_albedo,
+            )
+            self.active, self.rings = self.operator.ring, self.operator.rings
+        else:
+            if settings.close_energy or np.any(medium.ground_albedo > 0):
+                raise TwilightError(
+                    "solver.operator 'pairs' is Haber's bare loop: it needs solver.close_energy false and ground.albedo 0"
+                )
+            self.active = active_rings(self.grid, settings.active_shell_step)
+            self.rings = make_rings(self.grid, profile, settings.subcells, self.active)
+            self.spread = spread_matrix(self.grid, self.active)
+        self.paths_traced = 0
+        self._make_mesh()
+
+    def _make_mesh(self):
+        """Rings in the order that the line of sight looks them up: by shell, then rising."""
+        g = self.grid
+        order = np.lexsort((g.ring_altitude_km, g.ring_shell))
+        shells, count = np.unique(g.ring_shell[order], return_counts=True)
+        keep = shells[count >= 2]
+        if keep.size < 2:
+            raise TwilightError(
+                f"solver.azimuth_cells = {g.azimuth_cells} leaves no two shells with cells; use more azimuth_cells"
+            )
+        self.order = order[np.isin(g.ring_shell[order], keep)]
+        start = np.concatenate([[0], np.cumsum(count[count >= 2])])
+        middle = np.sqrt(g.shell_radius_km[keep] * g.shell_radius_km[keep + 1])
+        observer = g.earth_radius_km + g.observer_altitude_km
+        self.mesh = Mesh(
+            np.log(middle),
+            start.astype(np.int64),
+            g.ring_altitude_km[self.order],
+            float(g.shell_radius_km[keep[-1] + 1]),
+            observer,
+        )
+
+    def _second_from_table(self, sun_elevation_deg: float) -> np.ndarray:
+        """Mean radiance of light scattered once, at every cell (rings, S, W), from a table over altitude and local solar
+        zenith angle: seen from its own vertical every point of the air has the same sky at the same sun."""
+        g, medium = self.grid, self.medium
+        half = g.azimuth_cells // 2
+        azimuth = 2.0 * np.pi * np.arange(half + 1) / g.azimuth_cells
+        x = g.ring_radius_km * np.cos(g.ring_elevation)
+        z = g.ring_radius_km * np.sin(g.ring_elevation) + g.earth_radius_km + g.observer_altitude_km
+        h = np.radians(sun_elevation_deg)
+        cos_sun = (x[:, None] * np.cos(azimuth) * np.cos(h) + z[:, None] * np.sin(h)) / np.hypot(x, z)[:, None]
+        local_elevation = np.degrees(np.arcsin(np.clip(cos_sun, -1.0, 1.0)))
+        low, high = local_elevation.min(), local_elevation.max()
+        sun_grid = np.linspace(max(low - 0.1, -90.0), min(high + 0.1, 90.0), max(8, int((high - low) / 0.6) + 2))
+        altitude_grid = graded_altitudes(medium.bottom_km, medium.top_km, 1.5)
+        mu, phi, weight = gauss_directions(8, 16)
+        elevation, around = np.degrees(np.arcsin(mu)), np.degrees(phi)
+        directions = unit_vectors(elevation, around)
+        one_side = around <= 180.0
+        fold = np.where((around == 0.0) | (around == 180.0), 1.0, 2.0)[one_side]
+        table = np.empty((altitude_grid.size, sun_grid.size, medium.n_wavelengths))
+        for j, sun in enumerate(sun_grid):
+            e = np.radians(sun)
+            cosine = directions[one_side] @ np.array([np.cos(e), 0.0, np.sin(e)])
+            phase = self._smooth_phase(cosine)
+            for i, altitude in enumerate(altitude_grid):
+                once = single_scattering(
+                    self.profile, self.jumps, self.beam, medium, self.scaled.forward_share, float(altitude), float(sun),
+                    directions[one_side], 1.0, phase,
+                )  # fmt: skip
+                table[i, j] = (once * (weight[one_side] * fold)[:, None]).sum(axis=0) / (4.0 * np.pi)
+        out = np.zeros((g.n_rings, g.azimuth_cells, medium.n_wavelengths))
+        height = np.broadcast_to(g.ring_altitude_km[:, None], local_elevation.shape)
+        for w in range(medium.n_wavelengths):
+            spline = RectBivariateSpline(altitude_grid, sun_grid, np.log(np.maximum(table[:, :, w], TINY)), kx=2, ky=2)
+            out[:, : half + 1, w] = np.exp(spline.ev(height, local_elevation))
+        out[:, half + 1 :] = out[:, half - 1 : 0 : -1]
+        return out
+
+    def _smooth_phase(self, cosine: np.ndarray) -> np.ndarray:
+        """Phase functions cut after degree 12, exact for the mean over the 8 x 16 directions; (D, 1 + K, W)."""
+        legendre = np.polynomial.legendre.legvander(cosine, 12) * (2 * np.arange(13) + 1) / (4.0 * np.pi)
+        air = species_phase(self.medium, self.scaled.forward_share, cosine)[:, :1]
+        rows = [air]
+        for phase, f in zip(self.medium.phase_functions, self.scaled.forward_share, strict=True):
+            rows.append((legendre @ phase.legendre_moments(12).T / (1.0 - f))[:, None])
+        return np.ascontiguousarray(np.concatenate(rows, axis=1))
+
+    def _second_from_pairs(self, sun_elevation_deg: float) -> np.ndarray:
+        """Extinguished power of light scattered once, cell to cell with its phase function (active rings, S, W)."""
+        s, rings, n = self.settings, self.rings, self.settings.azimuth_cells
+        h = np.radians(sun_elevation_deg)
+        azimuth = 2.0 * np.pi * np.arange(n) / n
+        x, z = rings.radius * rings.cos_elevation, rings.radius * rings.sin_elevation + rings.observer_radius
+        cos_sun = (x[:, None] * np.cos(azimuth) * np.cos(h) + z[:, None] * np.sin(h)) / np.hypot(x, z)[:, None]
+        light = np.zeros((*cos_sun.shape, self.medium.n_wavelengths))
+        for i in range(cos_sun.shape[0]):
+            for j in range(n):
+                beam_at(self.beam, rings.altitude[i], cos_sun[i, j], light[i, j])
+        at = self.scaled.medium.at(rings.altitude)
+        species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_share])
+        share = species / np.maximum(species.sum(axis=0), 1e-300)
+        power = (share * rings.scattering * rings.volume[:, None])[:, :, None, :] * light[None]
+        nodes = np.linspace(-1.0, 1.0, 2001)
+        phase = 4.0 * np.pi * species_phase(self.medium, self.scaled.forward_share, nodes).transpose(1, 0, 2)
+        return self._pairs(power, np.ascontiguousarray(phase), np.array([np.cos(h), 0.0, np.sin(h)]))
+
+    def _pairs(self, power, phase, sun) -> np.ndarray:
+        s = self.settings
+        out = np.empty(power.shape[1:])
+        self.paths_traced += pair_pass(
+            self.profile, self.rings, s.azimuth_cells, np.ascontiguousarray(power), phase, sun,
+            s.left_right_symmetry, s.mirrored_pairs, s.ring_reuse, out,
+        )  # fmt: skip
+        return out
+
+    def mean_radiance(self, sun_elevation_deg: float, progress) -> tuple[np.ndarray, list[float]]:
+        """Mean radiance over all directions of light scattered 1, 2, ... times, summed, at every cell (rings, S, W), and
+        the share that each event added (largest over cells and wavelengths)."""
+        s, rings, n = self.settings, self.rings, self.settings.azimuth_cells
+        own = np.maximum(4.0 * np.pi * rings.scattering * rings.volume[:, None], 1e-300)[:, None]
+        albedo = (rings.scattering / np.maximum(rings.extinction, 1e-300))[:, None]
+        if s.second_event == "table":
+            total = self._second_from_table(sun_elevation_deg)
+            power = total[self.active] * own
+        else:
+            power = self._second_from_pairs(sun_elevation_deg) * albedo
+            total = self._spread(power / own)
+        shares = [1.0]
+        for event in range(3, s.max_events + 1):
+            if s.operator == "fourier":
+                power = self._fourier_event(power)
+            else:
+                group = self._energy_ratio(power, own)
+                phase = np.ones((1, 1, self.medium.n_wavelengths))
+                power = self._pairs(power[None] * group, phase, np.zeros(3)) * albedo
+            added = self._spread(power / own)
+            total = total + added
+            shares.append(float((added / np.maximum(total, TINY))[total > 1e-20].max(initial=0.0)))
+            progress(f"scattering event {event}", min(0.9, 0.3 + 0.1 * event))
+            if shares[-1] < s.tolerance:
+                break
+        return total, shares
+
+    def _energy_ratio(self, power: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Haber's rescale: energy of all cells over energy of the active cells, per wavelength."""
+        everyone = (
+            self._spread(power / own)
+            * (4.0 * np.pi * self.all_rings.scattering * self.all_rings.volume[:, None])[:, None]
+        )
+        return everyone.sum(axis=(0, 1)) / np.maximum(power.sum(axis=(0, 1)), 1e-300)
+
+    def _spread(self, values: np.ndarray) -> np.ndarray:
+        """From the active rings to all by linear interpolation along radius."""
+        return np.tensordot(self.spread, values, axes=(1, 0))
+
+    def _fourier_event(self, power: np.ndarray) -> np.ndarray:
+        assert self.operator is not None
+        n = self.settings.azimuth_cells
+        modes = np.fft.rfft(power, axis=1).real[:, : self.n_modes].transpose(1, 0, 2)
+        after = self.operator.event(modes).transpose(1, 0, 2)
+        full = np.zeros((power.shape[0], n // 2 + 1, power.shape[2]))
+        full[:, : self.n_modes] = after
+        # the cut-off series may ring below zero where the field is darkest
+        return np.maximum(np.fft.irfft(full, n=n, axis=1), 0.0)
+
+    def view(self, total: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Radiance (D, W) of all light scattered more than once."""
+        log_source = np.log(np.maximum(total[self.order], TINY)).astype(np.float32)[None]
+        out = np.zeros((directions.shape[0], self.medium.n_wavelengths))
+        ground = np.full((1, *log_source.shape[2:]), np.log(TINY), np.float32)
+        gather_views(
+            self.profile, self.jumps, self.mesh, self.grid.observer_altitude_km, directions, 1.5, log_source, False,
+            np.broadcast_to(ground, log_source.shape[1:]).copy(), out,
+        )  # fmt: skip
+        return out

@@ -1,0 +1,328 @@
+"""The exact mode: the radiance at every node in every direction, order by order, phase functions kept.
+
+One pass follows every ray of every node through the mean scattered source J (radiance per scattering coefficient),
+    L_{n+1}(x, d) = int sigma_s J_n T ds + ground,     J_n(x, d) = sum_lm chi_l(x) Y_lm(d) int Y_lm L_n,
+with J interpolated in its logarithm between nodes: in the shadow it falls by e in a fraction of a degree of solar zenith.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from twilight.geometry import altitude_along
+from twilight.solvers.cells.nodes import Directions, Nodes
+from twilight.solvers.cells.stencils import Mesh, Stencils
+from twilight.transport.beam import beam_at
+from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+
+TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """All light scattered at least once, for one sun.
+
+    moments (n_lm, P, A, W): of the radiance at the nodes; ground (P, A, W): radiance of the ground under each node
+    events: how many scattering events were followed; residual: largest share of the source that the last one added
+    order_share (events,): mean share of each order in the scattered light at the observer's node
+    """
+
+    moments: np.ndarray
+    ground: np.ndarray
+    events: int
+    residual: float
+
+
+@njit(cache=True, parallel=True)
+def once_scattered(
+    profile, jumps, beam, phase, ground_albedo, x, z, altitude, cosine, n_relative, n_azimuth, q, sun, out
+):
+    """Light scattered once (air or ground) that reaches the nodes: out[direction, point, azimuth, wavelength].
+
+    phase (D, 1 + K, W): of each species from the sun into each direction; sun (2,): sine and cosine of its elevation.
+    q: node azimuths per direction azimuth.  Azimuths 0 to 180 deg are computed, the others mirrored.
+    """
+    n_cos = cosine.size
+    n_dir_azimuth = n_azimuth // q
+    n_species = phase.shape[1]
+    n_wavelengths = profile.extinction.shape[1]
+    radius = profile.earth_radius_km
+    for p in prange(x.size):
+        edges = np.empty(MAX_STEPS + 2)
+        depth = np.empty(n_wavelengths)
+        passed = np.empty(n_wavelengths)
+        light = np.empty(n_wavelengths)
+        collected = np.empty(n_wavelengths)
+        coefficient = np.empty((MAX_STEPS, n_species, n_wavelengths))
+        position = np.empty((MAX_STEPS, 4))
+        levels = np.empty(2, np.int64)
+        fractions = np.empty(2)
+        rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
+        for m in range(n_cos):
+            sine = math.sqrt(1.0 - cosine[m] * cosine[m])
+            for a in range(n_relative):
+                phi = 2.0 * math.pi * a / n_azimuth
+                dx, dy, dz = sine * math.cos(phi), sine * math.sin(phi), cosine[m]
+                mu = (x[p] * dx + z[p] * dz) / rho
+                n, hits = march(profile, jumps, altitude[p], mu, 1.0, edges)
+                passed[:] = 0.0
+                collected[:] = 0.0
+                points = 0
+                for k in range(n):
+                    s0 = edges[k]
+                    length = edges[k + 1] - s0
+                    s_low = s0 + GAUSS_LOW * length
+                    s_high = s0 + GAUSS_HIGH * length
+                    z_low = altitude_along(altitude[p], mu, s_low, radius)
+                    z_high = altitude_along(altitude[p], mu, s_high, radius)
+                    step_transmission(profile, z_low, z_high, length, levels, fractions, depth)
+                    total = 0.0
+                    moment = 0.0
+                    useful = False
+                    i0, f0, i1, f1 = levels[0], fractions[0], levels[1], fractions[1]
+                    for w in range(n_wavelengths):
+                        t = 0.5 * length * math.exp(-passed[w])
+                        low = t * math.exp(-GAUSS_LOW * depth[w])
+                        high = t * math.exp(-GAUSS_HIGH * depth[w])
+                        amount = 0.0
+                        for c in range(n_species):
+                            sigma = profile.species_scattering[c]
+                            a_low = low * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
+                            a_high = high * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
+                            coefficient[points, c, w] = a_low + a_high
+                            amount += a_low + a_high
+                            total += a_low + a_high
+                            moment += a_low * s_low + a_high * s_high
+                        if amount > 1e-5 * collected[w] and amount > 1e-10:
+                            useful = True
+                        collected[w] += amount
+                    if useful:
+                        # one point per step, at the middle of what it scatters
+                        s = moment / total
+                        px, py, pz = x[p] + s * dx, s * dy, z[p] + s * dz
+                        r = math.sqrt(px * px + py * py + pz * pz)
+                        position[points, 0] = px / r
+                        position[points, 1] = py / r
+                        position[points, 2] = pz / r
+                        position[points, 3] = altitude_along(altitude[p], mu, s, radius)
+                        points += 1
+                    for w in range(n_wavelengths):
+                        passed[w] += depth[w]
+                gx, gy, gz = 0.0, 0.0, 1.0
+                if hits:
+                    s = edges[n]
+                    gx, gy, gz = x[p] + s * dx, s * dy, z[p] + s * dz
+                    r = math.sqrt(gx * gx + gy * gy + gz * gz)
+                    gx, gy, gz = gx / r, gy / r, gz / r
+                for side in range(2):
+                    if side == 1 and (a == 0 or 2 * a == n_azimuth):
+                        continue
+                    turn = a if side == 0 else n_azimuth - a
+                    sign = 1.0 if side == 0 else -1.0
+                    for j in range(n_azimuth // 2 + 1):
+                        if (j + turn) % q:
+                            continue
+                        d_azimuth = ((j + turn) % n_azimuth) // q
+                        d = m * n_dir_azimuth + d_azimuth
+                        angle = 2.0 * math.pi * j / n_azimuth
+                        # the sun seen in the frame that is turned to the node's azimuth
+                        sx, sy, sz = sun[1] * math.cos(angle), -sun[1] * math.sin(angle), sun[0]
+                        row = out[d, p, j]
+                        for w in range(n_wavelengths):
+                            row[w] = 0.0
+                        for k in range(points):
+                            c_sun = position[k, 0] * sx + sign * position[k, 1] * sy + position[k, 2] * sz
+                            beam_at(beam, position[k, 3], c_sun, light)
+                            for w in range(n_wavelengths):
+                                if light[w] > 0.0:
+                                    source = 0.0
+                                    for c in range(n_species):
+                                        source += coefficient[k, c, w] * phase[d, c, w]
+                                    row[w] += light[w] * source
+                        if hits:
+                            c_sun = gx * sx + sign * gy * sy + gz * sz
+                            bend = beam_at(beam, profile.altitude_km[0], c_sun, light)
+                            c_apparent = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, c_sun))) - bend))
+                            for w in range(n_wavelengths):
+                                row[w] += (
+                                    math.exp(-passed[w]) * ground_albedo[w] / math.pi * light[w] * max(0.0, c_apparent)
+                                )
+    mirror(out, n_cos, n_dir_azimuth)
+
+
+@njit(cache=True)
+def mirror(field, n_cos, n_dir_azimuth):
+    """Fill azimuths beyond 180 deg: left and right of the sun's meridian are alike."""
+    n_azimuth = field.shape[2]
+    for m in range(n_cos):
+        for b in range(n_dir_azimuth):
+            source = field[m * n_dir_azimuth + (n_dir_azimuth - b) % n_dir_azimuth]
+            target = field[m * n_dir_azimuth + b]
+            for p in range(field.shape[1]):
+                for j in range(n_azimuth // 2 + 1, n_azimuth):
+                    for w in range(field.shape[3]):
+                        target[p, j, w] = source[p, n_azimuth - j, w]
+
+
+@njit(cache=True)
+def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out):
+    """Add the source along one ray, entries first..last, at a node of azimuth index `azimuth_cell` (may be fractional)."""
+    corner, corner_weight, azimuth, weight = stencil
+    n_wavelengths = out.size
+    per_cell = n_azimuth / (2.0 * math.pi)
+    one = np.float32(1.0)
+    for e in range(first, last):
+        place = azimuth_cell + sign * azimuth[e] * per_cell
+        base = math.floor(place)
+        f = np.float32(place - base)
+        j0 = int(base) % n_azimuth
+        j1 = (j0 + 1) % n_azimuth
+        inner, outer = corner[e, 0], corner[e, 2]
+        w0, w1, w2, w3 = corner_weight[e, 0], corner_weight[e, 1], corner_weight[e, 2], corner_weight[e, 3]
+        g = one - f
+        for w in range(n_wavelengths):
+            exponent = g * (
+                w0 * log_source[inner, j0, w]
+                + w1 * log_source[inner + 1, j0, w]
+                + w2 * log_source[outer, j0, w]
+                + w3 * log_source[outer + 1, j0, w]
+            ) + f * (
+                w0 * log_source[inner, j1, w]
+                + w1 * log_source[inner + 1, j1, w]
+                + w2 * log_source[outer, j1, w]
+                + w3 * log_source[outer + 1, j1, w]
+            )
+            out[w] += weight[e, w] * math.exp(exponent)
+
+
+@njit(cache=True, parallel=True)
+def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out):
+    """One event: radiance at the nodes from log J[direction, point, azimuth, wavelength] and the ground's radiance."""
+    n_directions, n_points, n_azimuth, n_wavelengths = log_source.shape
+    n_dir_azimuth = n_directions // n_cos
+    entries = (stencils.corner, stencils.corner_weight, stencils.azimuth, stencils.weight)
+    for d in prange(n_directions):
+        m = d // n_dir_azimuth
+        b = d % n_dir_azimuth
+        total = np.empty(n_wavelengths, np.float32)
+        ground = (
+            stencils.ground_corner,
+            stencils.ground_corner_weight,
+            stencils.ground_azimuth,
+            stencils.ground_weight,
+        )
+        for p in range(n_points):
+            for j in range(n_azimuth // 2 + 1):
+                a = (b * q - j) % n_azimuth
+                sign = 1.0
+                if 2 * a > n_azimuth:
+                    a = n_azimuth - a
+                    sign = -1.0
+                ray = (p * n_cos + m) * n_relative + a
+                for w in range(n_wavelengths):
+                    total[w] = np.float32(0.0)
+                gather(
+                    entries,
+                    stencils.first[ray],
+                    stencils.first[ray + 1],
+                    log_source[d],
+                    float(j),
+                    sign,
+                    n_azimuth,
+                    total,
+                )
+                if stencils.ground_weight[ray, 0] > 0.0:
+                    gather(ground, ray, ray + 1, log_ground, float(j), sign, n_azimuth, total)
+                for w in range(n_wavelengths):
+                    out[d, p, j, w] = total[w]
+    mirror(out, n_cos, n_dir_azimuth)
+
+
+class Ordinates:
+    """What the exact mode prepares once per medium and observer: stencils, harmonics and mixed phase moments."""
+
+    def __init__(
+        self, stencils: Stencils, mesh: Mesh, nodes: Nodes, directions: Directions, chi_mixed, albedo, n_azimuth
+    ):
+        self.stencils, self.mesh, self.nodes, self.directions = stencils, mesh, nodes, directions
+        self.chi = chi_mixed[directions.degree_of]  # (n_lm, P, W)
+        self.ground_albedo = albedo
+        self.n_azimuth = n_azimuth
+        self.q = n_azimuth // directions.azimuth.size
+        n_dir_azimuth = directions.azimuth.size
+        weight = np.repeat(directions.weight, n_dir_azimuth)
+        self.synthesis = directions.harmonics.astype(np.float32)
+        self.analysis = (directions.harmonics * weight[:, None]).T.astype(np.float32)
+        # cosine of each direction with the local vertical of each point and azimuth, for the flux on the ground
+        lowest = mesh.shell_start[:-1]
+        rho = np.hypot(nodes.x_km[lowest], nodes.z_km[lowest])
+        tilt_x, tilt_z = nodes.x_km[lowest] / rho, nodes.z_km[lowest] / rho
+        mu = np.repeat(directions.cosine, n_dir_azimuth)
+        phi = np.tile(directions.azimuth, directions.cosine.size)
+        node_phi = 2.0 * np.pi * np.arange(n_azimuth) / n_azimuth
+        cosine = (
+            np.sqrt(1 - mu**2)[:, None, None] * np.cos(phi[:, None, None] - node_phi) * tilt_x[None, :, None]
+            + mu[:, None, None] * tilt_z[None, :, None]
+        )
+        self.lowest = lowest
+        flux_weight = np.maximum(cosine, 0.0) * weight[:, None, None]
+        # a Lambertian dome gives exactly pi
+        self.flux_weight = (flux_weight * (np.pi / flux_weight.sum(axis=0))).astype(np.float32)
+
+    def analyse(self, radiance: np.ndarray) -> np.ndarray:
+        """Moments (n_lm, P, A, W) of radiance (D, P, A, W)."""
+        shape = radiance.shape
+        return (self.analysis @ radiance.reshape(shape[0], -1)).reshape(-1, *shape[1:])
+
+    def source(self, moments: np.ndarray) -> np.ndarray:
+        """log J at the nodes in every direction."""
+        scaled = moments * self.chi[:, :, None, :].astype(np.float32)
+        j = self.synthesis @ scaled.reshape(scaled.shape[0], -1)
+        return np.log(np.maximum(j, TINY, out=j), out=j).reshape(-1, *moments.shape[1:])
+
+    def ground_radiance(self, radiance: np.ndarray) -> np.ndarray:
+        """Radiance (P, A, W) that the Lambertian ground sends back, kept at each shell's lowest point."""
+        out = np.zeros(radiance.shape[1:], np.float32)
+        flux = np.einsum("dpa,dpaw->paw", self.flux_weight, radiance[:, self.lowest])
+        out[self.lowest] = flux * (self.ground_albedo / np.pi).astype(np.float32)
+        return out
+
+    def solve(self, first_radiance: np.ndarray, max_events: int, tolerance: float, progress=None) -> Scattered:
+        """Sum of all orders from the light scattered once, (D, P, A, W)."""
+        radiance = first_radiance
+        moments = self.analyse(radiance)
+        ground = self.ground_radiance(radiance)
+        total, total_ground = moments.copy(), ground.copy()
+        residual, events = 1.0, 1
+        ratio = previous_ratio = None
+        n_cos = self.directions.cosine.size
+        n_relative = self.n_azimuth // 2 + 1
+        while events + 1 < max_events:  # the last event is the one along the line of sight
+            out = np.empty_like(radiance)
+            log_ground = np.log(np.maximum(ground, TINY))
+            scatter_pass(self.stencils, self.source(moments), log_ground, n_cos, n_relative, self.q, out)
+            radiance = out
+            before = moments[0]
+            moments = self.analyse(radiance)
+            ground = self.ground_radiance(radiance)
+            total += moments
+            total_ground += ground
+            events += 1
+            previous_ratio, ratio = ratio, np.clip(moments[0] / np.maximum(before, TINY), 0.0, 0.95)
+            share = moments[0] / np.maximum(total[0], TINY)
+            residual = float(share.max())
+            if previous_ratio is not None:
+                # what the geometric remainder may be wrong by
+                residual = float((share * np.abs(ratio - previous_ratio) / (1.0 - ratio) ** 2).max())
+            if progress is not None:
+                progress(events, residual)
+            if tolerance > 0.0 and residual < tolerance:
+                # what is left behaves like a geometric series at every node
+                total += moments * (ratio / (1.0 - ratio))[None]
+                total_ground += ground * (ratio / (1.0 - ratio))
+                break
+        return Scattered(total, total_ground, events + 1, residual)

@@ -1,0 +1,283 @@
+"""The ring operator: transfer between rings of equal cells depends on the azimuth difference only, so a Fourier transform
+in azimuth turns it into one small matrix per mode.  It is made once per medium and serves every sun."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from twilight.geometry import altitude_along
+from twilight.solvers.cells.grid import CellGrid
+from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture, segment_depth
+from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+from twilight.transport.profile import Profile
+
+
+@njit(cache=True, parallel=True)
+def ring_kernels(profile, rings, n_azimuth, transform, out):
+    """out[mode, wavelength, target, source]: Fourier coefficients of the captured share; transform (modes, S/2 + 1)."""
+    n_rings = rings.radius.size
+    n_modes, n_half = transform.shape
+    n_wavelengths = rings.extinction.shape[1]
+    step = 2.0 * math.pi / n_azimuth
+    # rows i and n - 1 - i together have as many pairs as any other two: threads get equal work
+    for block in prange((n_rings + 1) // 2):
+        depth = np.empty(n_wavelengths)
+        forward = np.empty(n_wavelengths)
+        back = np.empty(n_wavelengths)
+        toward = np.empty(3)
+        sum_forward = np.empty((n_modes, n_wavelengths))
+        sum_back = np.empty((n_modes, n_wavelengths))
+        for side in range(2):
+            row = np.int64(block)
+            target = row if side == 0 else n_rings - 1 - row
+            if side == 1 and target == row:
+                continue
+            for source in range(target + 1):
+                sum_forward[:] = 0.0
+                sum_back[:] = 0.0
+                for d in range(n_half):
+                    seen = pair_capture(profile, rings, target, source, d * step, 0.0, depth, forward, back, toward)
+                    if not seen:
+                        continue
+                    for m in range(n_modes):
+                        c = transform[m, d]
+                        for w in range(n_wavelengths):
+                            sum_forward[m, w] += c * forward[w]
+                            sum_back[m, w] += c * back[w]
+                for m in range(n_modes):
+                    for w in range(n_wavelengths):
+                        out[m, w, target, source] = sum_forward[m, w]
+                        if source != target:
+                            out[m, w, source, target] = sum_back[m, w]
+
+
+@njit(cache=True, parallel=True)
+def ground_kernels(profile, rings, patch_radius, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells):
+    """Shares of light between cells and patches of the ground: to_ground[mode, W, patch, ring], to_cells[.., ring, patch].
+
+    A patch at distance `patch_radius` has patch_position (x, z from the centre of the Earth) and sends Lambertian light.
+    """
+    n_modes, n_half = transform.shape
+    n_wavelengths = rings.extinction.shape[1]
+    step = 2.0 * math.pi / n_azimuth
+    for ring in prange(rings.radius.size):
+        depth = np.empty(n_wavelengths)
+        for patch in range(patch_radius.size):
+            xg, zg = patch_position[patch, 0], patch_position[patch, 1]
+            rho_g = math.sqrt(xg * xg + zg * zg)
+            for d in range(n_half):
+                xc = rings.radius[ring] * rings.cos_elevation[ring] * math.cos(d * step)
+                yc = rings.radius[ring] * rings.cos_elevation[ring] * math.sin(d * step)
+                zc = rings.radius[ring] * rings.sin_elevation[ring] + rings.observer_radius
+                dx, dy, dz = xc - xg, yc, zc - zg
+                distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+                cosine = (dx * xg + dz * zg) / (distance * rho_g)
+                if cosine <= 0.0:
+                    continue
+                segment_depth(profile, profile.altitude_km[0], cosine, distance, depth)
+                size = (rings.volume[ring]) ** (1.0 / 3.0)
+                x_ground = patch_area[patch] * cosine / (math.pi * distance * distance)
+                x_cell = size * size / (math.pi * distance * distance)
+                root = math.sqrt(1.0 + x_ground)
+                share_ground = 0.5 * x_ground / (root * (1.0 + root))
+                root = math.sqrt(1.0 + x_cell)
+                share_cell = 4.0 * cosine * 0.5 * x_cell / (root * (1.0 + root))
+                for w in range(n_wavelengths):
+                    half = 0.5 * size * rings.extinction[ring, w]
+                    arrive = share_ground * math.exp(-depth[w])
+                    caught = share_cell * math.exp(-max(depth[w] - half, 0.0)) * -math.expm1(-2.0 * half)
+                    for m in range(n_modes):
+                        to_ground[m, w, patch, ring] += transform[m, d] * arrive
+                        to_cells[m, w, ring, patch] += transform[m, d] * caught
+
+
+@njit(cache=True, parallel=True)
+def exact_shares(
+    profile, jumps, x, z, altitude, cosine, cosine_weight, n_azimuth, observer_radius, outer, captured, ground
+):
+    """Share of isotropic light from points (x, z) that the air inside `outer` [km around the observer] extinguishes, and
+    that reaches the ground, by rays: captured and ground (P, W); the rest leaves."""
+    n_wavelengths = profile.extinction.shape[1]
+    radius = profile.earth_radius_km
+    for p in prange(x.size):
+        edges = np.empty(MAX_STEPS + 2)
+        depth = np.empty(n_wavelengths)
+        passed = np.empty(n_wavelengths)
+        levels = np.empty(2, np.int64)
+        fractions = np.empty(2)
+        rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
+        for m in range(cosine.size):
+            sine = math.sqrt(1.0 - cosine[m] * cosine[m])
+            for a in range(n_azimuth):
+                phi = math.pi * (a + 0.5) / n_azimuth
+                # directions around the point's own vertical
+                ux, uz = x[p] / rho, z[p] / rho
+                dx = cosine[m] * ux + sine * math.cos(phi) * uz
+                dy = sine * math.sin(phi)
+                dz = cosine[m] * uz - sine * math.cos(phi) * ux
+                n, hits = march(profile, jumps, altitude[p], cosine[m], 0.7, edges)
+                passed[:] = 0.0
+                weight = cosine_weight[m] / n_azimuth
+                qx, qz = x[p], z[p] - observer_radius
+                b = qx * dx + qz * dz
+                c = qx * qx + qz * qz - outer * outer
+                limit = -b + math.sqrt(max(b * b - c, 0.0))
+                left = False
+                for k in range(n):
+                    length = min(edges[k + 1], limit) - edges[k]
+                    if length <= 0.0:
+                        left = True
+                        break
+                    z_low = altitude_along(altitude[p], cosine[m], edges[k] + GAUSS_LOW * length, radius)
+                    z_high = altitude_along(altitude[p], cosine[m], edges[k] + GAUSS_HIGH * length, radius)
+                    step_transmission(profile, z_low, z_high, length, levels, fractions, depth)
+                    for w in range(n_wavelengths):
+                        passed[w] += depth[w]
+                for w in range(n_wavelengths):
+                    t = math.exp(-passed[w])
+                    captured[p, w] += weight * (1.0 - t)
+                    if hits and not left:
+                        ground[p, w] += weight * t
+
+
+@dataclass
+class RingOperator:
+    """kernel (modes, W, G, G): power extinguished in ring t per power scattered by ring c, group weights and ground inside.
+
+    ring (G,): index of the active rings in the grid; spread (all rings, G): interpolation of the mean radiance
+    extinguished_to_scattered (G, W); closure (G, W): the factors that closed the energy balance (1 = nothing to do)
+    captured, to_ground (G, W): exact shares of the light of each ring; the rest leaves the volume
+    """
+
+    rings: Rings
+    ring: np.ndarray
+    kernel: np.ndarray
+    group: np.ndarray
+    closure: np.ndarray
+    captured: np.ndarray
+    to_ground: np.ndarray
+
+    def event(self, power: np.ndarray) -> np.ndarray:
+        """Scattered power (modes, G, W) after one more event."""
+        weighted = (power * self.group[None]).transpose(0, 2, 1)[..., None]
+        caught = (self.kernel @ weighted.astype(np.float32))[..., 0].transpose(0, 2, 1)
+        albedo = self.rings.scattering / np.maximum(self.rings.extinction, 1e-300)
+        return caught * albedo[None]
+
+
+def cosine_transform(n_azimuth: int, n_modes: int) -> np.ndarray:
+    """(modes, S/2 + 1): sums an even function over all S azimuths against cos(m phi)."""
+    d = np.arange(n_azimuth // 2 + 1)
+    weight = np.full(d.size, 2.0)
+    weight[0] = weight[-1] = 1.0
+    return np.cos(2.0 * np.pi * np.outer(np.arange(n_modes), d) / n_azimuth) * weight
+
+
+def active_rings(grid: CellGrid, step: int) -> np.ndarray:
+    """Indices of the rings on every `step`-th shell, counted so that the outermost shell is active."""
+    active = (grid.n_shells - 1 - grid.ring_shell) % step == 0
+    return np.nonzero(active)[0]
+
+
+def spread_matrix(grid: CellGrid, active: np.ndarray) -> np.ndarray:
+    """(all rings, active rings): linear interpolation between the active shells inside and outside, on the same row.
+
+    Where a row has no active cell on one side the other side serves; where it has none at all, the next row does.
+    """
+    out = np.zeros((grid.n_rings, active.size))
+    rows = grid.ring_row[active]
+    for ring in range(grid.n_rings):
+        row = grid.ring_row[ring]
+        candidates = np.nonzero(rows == row)[0]
+        if candidates.size == 0:
+            candidates = np.nonzero(np.abs(rows - row) == np.abs(rows - row).min())[0]
+        shells = grid.ring_shell[active[candidates]]
+        order = np.argsort(shells)
+        candidates, shells = candidates[order], shells[order]
+        place = float(np.clip(grid.ring_shell[ring], shells[0], shells[-1]))
+        k = int(np.clip(np.searchsorted(shells, place, side="right") - 1, 0, max(shells.size - 2, 0)))
+        if shells.size == 1:
+            out[ring, candidates[0]] = 1.0
+            continue
+        f = (place - shells[k]) / (shells[k + 1] - shells[k])
+        out[ring, candidates[k]] += 1.0 - f
+        out[ring, candidates[k + 1]] += f
+    return out
+
+
+def ground_patches(grid: CellGrid, rings: Rings, ring_shell: np.ndarray, bottom_km: float):
+    """Patches of the ground below the active shells: distance, area of one azimuth cell, position (x, z), (N, ...)."""
+    observer, ground = rings.observer_radius, grid.earth_radius_km + bottom_km
+    shells = np.unique(ring_shell)
+    centre = 0.5 * (grid.shell_radius_km[shells] + grid.shell_radius_km[shells + 1])
+    height = grid.observer_altitude_km - bottom_km
+    inner = np.concatenate([[max(height, 0.0)], np.sqrt(centre[1:] * centre[:-1])])
+    outer = np.concatenate([np.sqrt(centre[1:] * centre[:-1]), grid.shell_radius_km[-1:]])
+    keep = outer > max(height, 0.0)
+    inner, outer = np.maximum(inner[keep], height), outer[keep]
+
+    def cap(r):  # area of the ground closer than r: 2 pi Rg^2 (1 - cos angle)
+        return np.pi * (r * r - height * height) * ground / observer
+
+    middle = np.sqrt(0.5 * (inner**2 + outer**2))
+    sine = ((ground - observer) * (ground + observer) - middle**2) / (2.0 * observer * middle)
+    position = np.stack([middle * np.sqrt(np.maximum(1.0 - sine**2, 0.0)), observer + middle * sine], axis=1)
+    return middle, (cap(outer) - cap(inner)) / grid.azimuth_cells, position
+
+
+def make_operator(
+    grid: CellGrid,
+    profile: Profile,
+    jumps: np.ndarray,
+    active_shell_step: int,
+    subcells: int,
+    n_modes: int,
+    close_energy: bool,
+    ground_albedo: np.ndarray,
+) -> tuple[RingOperator, np.ndarray]:
+    """The operator and the spread matrix (all rings, active rings)."""
+    active = active_rings(grid, active_shell_step)
+    rings = make_rings(grid, profile, subcells, active)
+    n_wavelengths = profile.extinction.shape[1]
+    transform = cosine_transform(grid.azimuth_cells, n_modes)
+    kernel = np.zeros((n_modes, n_wavelengths, active.size, active.size), np.float32)
+    ring_kernels(profile, rings, grid.azimuth_cells, transform, kernel)
+    spread = spread_matrix(grid, active)
+    everyone = make_rings(grid, profile, subcells, np.arange(grid.n_rings))
+    amount = everyone.scattering * everyone.volume[:, None]
+    own = np.maximum(rings.scattering * rings.volume[:, None], 1e-300)
+    group = (spread.T @ amount) / own
+
+    x = rings.radius * rings.cos_elevation
+    z = rings.radius * rings.sin_elevation + rings.observer_radius
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    cosine = np.concatenate([0.5 * (nodes - 1.0), 0.5 * (nodes + 1.0)])
+    weights = 0.25 * np.concatenate([weights, weights])
+    captured = np.zeros((active.size, n_wavelengths))
+    to_ground = np.zeros_like(captured)
+    exact_shares(
+        profile, jumps, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius,
+        float(grid.shell_radius_km[-1]), captured, to_ground,
+    )  # fmt: skip
+    weight_target = (spread.T @ (everyone.extinction * everyone.volume[:, None])) / np.maximum(
+        rings.extinction * rings.volume[:, None], 1e-300
+    )
+    found = np.einsum("wtc,tw->cw", kernel[0], weight_target)
+    closure = np.where(found > 0, captured / np.maximum(found, 1e-300), 1.0)
+    if close_energy:
+        kernel *= closure.T[None, :, None, :].astype(np.float32)
+    if np.any(ground_albedo > 0):
+        shell = grid.ring_shell[active]
+        radius, area, position = ground_patches(grid, rings, shell, float(profile.altitude_km[0]))
+        down = np.zeros((n_modes, n_wavelengths, radius.size, active.size))
+        up = np.zeros((n_modes, n_wavelengths, active.size, radius.size))
+        ground_kernels(profile, rings, radius, area, position, grid.azimuth_cells, transform, down, up)
+        # each cell's light reaches the ground with the exact share
+        total = down[0].sum(axis=1)
+        down *= np.where(total > 0, to_ground.T / np.maximum(total, 1e-300), 0.0)[None, :, None, :]
+        kernel += ((up * ground_albedo[None, :, None, None]) @ down).astype(np.float32)
+    return RingOperator(rings, active, kernel, group, closure, captured, to_ground), spread

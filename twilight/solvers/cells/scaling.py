@@ -1,0 +1,51 @@
+"""Equivalent media for light that has been scattered: the forward peak of the aerosol counts as not scattered.
+
+Delta-M scaling (Wiscombe 1977): with f = chi_{M+1} the moment after the last one kept,
+    extinction' = (1 - albedo f) extinction,  albedo' = (1 - f) albedo / (1 - albedo f),  chi'_l = (chi_l - f)/(1 - f).
+With M = 0 this is f = g: Haber's similarity-reduced isotropic aerosol (eq. 2), in which extinction falls with scattering,
+so that light scattered forward stays on its way instead of being lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+
+
+@dataclass(frozen=True)
+class ScaledMedium:
+    """medium: the scaled one; moments (1 + K, degree + 1, W) of its phase functions, air first;
+    forward_share (K, W): the f of each aerosol phase function."""
+
+    medium: Medium
+    moments: np.ndarray
+    forward_share: np.ndarray
+
+
+def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
+    """Scale the aerosol so that Legendre moments up to `degree` describe it; None leaves it as it is, without moments."""
+    if degree is None:
+        k, w = len(medium.phase_functions), medium.n_wavelengths
+        return ScaledMedium(medium, np.zeros((1 + k, 0, w)), np.zeros((k, w)))
+    n_phase, n_wavelengths = len(medium.phase_functions), medium.n_wavelengths
+    chi = np.zeros((n_phase, degree + 2, n_wavelengths))
+    for k, phase in enumerate(medium.phase_functions):
+        chi[k] = phase.legendre_moments(degree + 1).T
+    f = np.clip(chi[:, degree + 1], 0.0, 0.999)
+    moments = np.zeros((1 + n_phase, degree + 1, n_wavelengths))
+    moments[0, 0] = 1.0
+    if degree >= 2:
+        moments[0, 2] = (1.0 - medium.depolarisation) / (5.0 * (2.0 + medium.depolarisation))
+    moments[1:] = (chi[:, : degree + 1] - f[:, None]) / (1.0 - f[:, None])
+    mixed = np.einsum("klw,kw->lw", medium.aerosol_share, f)
+    albedo = medium.aerosol_single_scattering_albedo
+    scaled = replace(
+        medium,
+        aerosol_extinction_per_km=medium.aerosol_extinction_per_km * (1.0 - albedo * mixed),
+        aerosol_single_scattering_albedo=np.clip(albedo * (1.0 - mixed) / (1.0 - albedo * mixed), 0.0, 1.0),
+        aerosol_share=medium.aerosol_share * (1.0 - f[:, None]) / (1.0 - mixed),
+    )
+    return ScaledMedium(scaled, moments, f)

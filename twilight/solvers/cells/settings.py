@@ -1,0 +1,120 @@
+"""What a user can set of the cells solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from twilight.errors import TwilightError
+
+
+@dataclass(frozen=True)
+class CellsSettings:
+    """Haber's cells and what goes beyond them.
+
+    azimuth_cells: S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation
+    inner_radius_km: R_min, radius of the innermost shell
+    active_shell_step: every n-th shell takes part in multiple scattering
+    max_events: most scattering events that are followed
+    tolerance: stop earlier when an event adds less than this share to the source anywhere it matters
+    multiple_scattering: 'exact' keeps the phase functions at every event; 'isotropic' is Haber's: the first event with its
+        phase function, later ones isotropic in air whose aerosol is reduced by similarity; 'none' is single scattering
+    operator: how isotropic events are computed: 'fourier' (one matrix per azimuthal mode, reused for every sun) or
+        'pairs' (Haber's loop over pairs of cells)
+    second_event: light that is scattered once before a cell gets it: 'table' (a table over altitude and solar zenith
+        angle: the sphere is symmetric about the direction of the sun) or 'pairs' (cell to cell with the phase function)
+    left_right_symmetry, mirrored_pairs, ring_reuse: Haber's exact savings, for operator 'pairs'
+    azimuth_modes: Fourier modes kept by operator 'fourier' (0 keeps all)
+    subcells: points per edge that average the coefficients over a cell (1 is the value at its centre)
+    close_energy: scale each row of the operator so that uniform light stays uniform
+    degree: of the Legendre series that the exact mode keeps (delta-scaled beyond)
+    polar_directions: directions per hemisphere of the exact mode; azimuth_directions: around
+    azimuth_nodes: of the exact mode, a multiple of azimuth_directions
+    node_density: of the exact mode's points in altitude and radius, 1 is standard
+    refraction: bend and spread the sunbeam
+    """
+
+    azimuth_cells: int = 60
+    inner_radius_km: float = 0.1
+    active_shell_step: int = 4
+    max_events: int = 20
+    tolerance: float = 1e-3
+    multiple_scattering: Literal["exact", "isotropic", "none"] = "exact"
+    operator: Literal["fourier", "pairs"] = "fourier"
+    second_event: Literal["table", "pairs"] = "table"
+    left_right_symmetry: bool = True
+    mirrored_pairs: bool = True
+    ring_reuse: bool = True
+    azimuth_modes: int = 16
+    subcells: int = 3
+    close_energy: bool = True
+    degree: int = 6
+    polar_directions: int = 5
+    azimuth_directions: int = 14
+    azimuth_nodes: int = 28
+    node_density: float = 1.0
+    refraction: bool = True
+
+    def __post_init__(self):
+        ranges = {
+            "azimuth_cells": (8, 360),
+            "inner_radius_km": (0.001, 10.0),
+            "active_shell_step": (1, 16),
+            "max_events": (1, 100),
+            "tolerance": (0.0, 0.5),
+            "azimuth_modes": (0, 181),
+            "subcells": (1, 9),
+            "degree": (2, 32),
+            "polar_directions": (2, 32),
+            "azimuth_directions": (4, 96),
+            "azimuth_nodes": (4, 192),
+            "node_density": (0.3, 5.0),
+        }
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if not low <= value <= high:
+                raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
+        choices = {
+            "multiple_scattering": ("exact", "isotropic", "none"),
+            "operator": ("fourier", "pairs"),
+            "second_event": ("table", "pairs"),
+        }
+        for key, allowed in choices.items():
+            if getattr(self, key) not in allowed:
+                raise TwilightError(f"solver.{key} is {getattr(self, key)!r}; allowed is {', '.join(allowed)}")
+        if self.azimuth_cells % 2:
+            raise TwilightError(f"solver.azimuth_cells is {self.azimuth_cells}; it must be even")
+        if self.azimuth_nodes % self.azimuth_directions or self.azimuth_nodes % 2:
+            raise TwilightError(
+                f"solver.azimuth_nodes is {self.azimuth_nodes}; it must be even and a multiple of "
+                f"solver.azimuth_directions, which is {self.azimuth_directions}"
+            )
+        if self.azimuth_directions < 2 * self.degree + 1:
+            raise TwilightError(
+                f"solver.azimuth_directions is {self.azimuth_directions}; degree {self.degree} needs at least "
+                f"{2 * self.degree + 1}"
+            )
+
+
+QUALITIES: dict[str, CellsSettings] = {
+    "draft": CellsSettings(
+        azimuth_cells=36, degree=4, polar_directions=3, azimuth_directions=10, azimuth_nodes=20, node_density=0.7
+    ),
+    "standard": CellsSettings(),
+    "reference": CellsSettings(
+        azimuth_cells=120,
+        degree=8,
+        polar_directions=8,
+        azimuth_directions=18,
+        azimuth_nodes=36,
+        node_density=1.7,
+        tolerance=3e-4,
+    ),
+    "haber2005": CellsSettings(
+        azimuth_cells=120,
+        multiple_scattering="isotropic",
+        max_events=5,
+        tolerance=0.0,
+        subcells=1,
+    ),
+}

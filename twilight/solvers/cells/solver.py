@@ -1,0 +1,144 @@
+"""prepare and Field: the cells solver behind the interface that all solvers share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.cells.exact import ExactCells
+from twilight.solvers.cells.isotropic import IsotropicCells
+from twilight.solvers.cells.scaling import delta_scaled
+from twilight.solvers.cells.settings import QUALITIES, CellsSettings
+from twilight.solvers.cells.single import single_scattering, unit_vectors
+from twilight.solvers.cells.view import MultipleView, coarse_elevations, horizon_deg
+from twilight.transport.beam import prepare_beam
+from twilight.transport.march import jump_altitudes
+from twilight.transport.profile import prepare_profile
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """events: scattering events followed; residual: largest share of the scattered light that may be missing or wrong
+    because no more were."""
+
+    events: int
+    residual: float
+
+
+def prepare(
+    medium: Medium,
+    settings: CellsSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """Make everything that does not depend on the sun; `progress(stage, fraction)` is called now and then.
+
+    The observer must be inside the air.  Raises TwilightError otherwise.
+    """
+    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+
+
+class Field:
+    """The sky of one medium around one observer, for any sun."""
+
+    def __init__(self, medium: Medium, settings: CellsSettings, observer_altitude_km: float, progress: Progress | None):
+        if not medium.bottom_km <= observer_altitude_km < medium.top_km:
+            raise TwilightError(
+                "the cells solver needs an observer inside the air: observer.altitude_km is "
+                f"{observer_altitude_km:g}, allowed is {medium.bottom_km:g} to below {medium.top_km:g}"
+            )
+        self.medium, self.settings = medium, settings
+        self.observer_altitude_km = float(observer_altitude_km)
+        self._progress = progress or (lambda stage, fraction: None)
+        mode = settings.multiple_scattering
+        if mode == "exact":
+            self.scaled = delta_scaled(medium, settings.degree)
+        elif mode == "isotropic":
+            self.scaled = delta_scaled(medium, 0)
+        else:
+            self.scaled = delta_scaled(medium, None)
+        self._progress("sunbeam", 0.0)
+        # the first event of the isotropic mode sees the aerosol as it is, forward peak and all
+        lit = medium if mode == "isotropic" else self.scaled.medium
+        self.beam = prepare_beam(lit, refraction=settings.refraction)
+        self.profile = prepare_profile(self.scaled.medium)
+        self.jumps = jump_altitudes(self.profile)
+        self._progress("cells", 0.0)
+        common = (medium, self.scaled, self.profile, self.jumps, self.beam, settings, self.observer_altitude_km)
+        self.exact = ExactCells(*common) if mode == "exact" and settings.max_events > 1 else None
+        self.isotropic = IsotropicCells(*common) if mode == "isotropic" and settings.max_events > 1 else None
+        self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
+        self._solved: tuple[float, object] | None = None
+        self._views: dict[bool, MultipleView] = {}
+        self.convergence: Convergence | None = None
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Directions may look down: then the Lambertian ground is seen through the air.
+        """
+        if not -90.0 <= sun_elevation_deg <= 90.0:
+            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        elevation, azimuth = np.broadcast_arrays(
+            np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
+        )
+        e, a = elevation.ravel(), azimuth.ravel()
+        out = self.single(sun_elevation_deg, e, a)
+        if self.exact is not None or self.isotropic is not None:
+            for below in (False, True):
+                mask = (e < self.horizon_deg) if below else (e >= self.horizon_deg)
+                if np.any(mask):
+                    out[mask] += self._multiple(float(sun_elevation_deg), below)(e[mask], a[mask])
+        self._progress("sky", 1.0)
+        return out.reshape(*elevation.shape, -1)
+
+    def single(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Light scattered once, (D, W) [sr^-1], for flat lists of directions in degrees."""
+        return single_scattering(
+            self.profile,
+            self.jumps,
+            self.beam,
+            self.medium,
+            self.scaled.forward_share,
+            self.observer_altitude_km,
+            sun_elevation_deg,
+            unit_vectors(elevation_deg, azimuth_deg),
+        )
+
+    def _solve(self, sun_elevation_deg: float):
+        if self._solved is None or self._solved[0] != sun_elevation_deg:
+            self._views = {}
+            if self.exact is not None:
+                scattered = self.exact.solve(sun_elevation_deg, self._progress)
+                self.convergence = Convergence(scattered.events, scattered.residual)
+                self._solved = (sun_elevation_deg, scattered)
+            else:
+                assert self.isotropic is not None
+                total, shares = self.isotropic.mean_radiance(sun_elevation_deg, self._progress)
+                self.convergence = Convergence(len(shares) + 1, shares[-1])
+                self._solved = (sun_elevation_deg, total)
+        return self._solved[1]
+
+    def _multiple(self, sun_elevation_deg: float, below: bool) -> MultipleView:
+        solution = self._solve(sun_elevation_deg)
+        if below not in self._views:
+            azimuth = np.linspace(0.0, 180.0, 25)
+            if below:
+                elevation = coarse_elevations(self.horizon_deg - 1e-6, -90.0, 12)[::-1]
+            else:
+                elevation = coarse_elevations(self.horizon_deg, 90.0, 24)
+            if self.exact is not None:
+                radiance = self.exact.view(solution, elevation, azimuth)
+            else:
+                assert self.isotropic is not None
+                e, a = np.meshgrid(elevation, azimuth, indexing="ij")
+                radiance = self.isotropic.view(solution, unit_vectors(e.ravel(), a.ravel())).reshape(*e.shape, -1)
+            self._views[below] = MultipleView(elevation, azimuth, radiance)
+        return self._views[below]
