@@ -263,6 +263,6 @@ def opac_type(name: str, relative_humidity_percent: float = 80.0) -> AerosolSpec
     key = name.strip().lower().replace("-", " ").replace("_", " ")
     if key not in types:
         near = difflib.get_close_matches(key, types, n=1)
-        hint = f", did you mean `{near[0].replace(' ', '-')}`?" if near else ""
-        raise TwilightError(f"aerosol type `{name}` is not known{hint} Allowed are {', '.join(opac_types())}.")
+        hint = f" (did you mean `{near[0].replace(' ', '-')}`?)" if near else ""
+        raise TwilightError(f"aerosol type `{name}` is not known{hint}; allowed are {', '.join(opac_types())}")
     return AerosolSpec(relative_humidity_percent=relative_humidity_percent, **types[key])

@@ -195,7 +195,8 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     """A measured profile; above it the extinction falls with the scenario's scale height.
 
     Droplets of 75 % sulphuric acid (OPAC's index), log-normal with mode width 1.6 and the retrieved median radius.
-    Phase functions are computed at fixed radii and mixed, linearly in the logarithm of the radius.
+    Phase functions are computed at fixed radii and mixed, linearly in the logarithm of the radius: half way between
+    two the asymmetry is off by 0.004 at most and the phase function by 4 % at its worst angle (400 to 800 nm).
     """
     rows = _sage()[scenario]
     z, radius_um = rows[:, 0], rows[:, 1] * 1e-3
