@@ -81,7 +81,7 @@ def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarra
     return np.array(cut)
 
 
-def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: int, largest: int):
+def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: int, largest: int, step_km: float = 0.0):
     """Numbers of intervals, first node and node altitudes of every segment."""
     size = np.empty(edges.size - 1, dtype=np.int64)
     for s, (a, b) in enumerate(pairwise(edges)):
@@ -96,6 +96,8 @@ def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: i
         # a thin layer just above is seen from within its thickness: sqrt(b - z) must resolve that
         above = (edges[s + 2] - b) if s + 2 < edges.size else b - a
         needed = max(per_scale * max(folds, 0.2 * (b - a) ** 0.5), 2.5 * ((b - a) / above) ** 0.5)
+        if step_km > 0.0:  # nodes are twice the mean distance apart at the bottom of a segment
+            needed = max(needed, 2.0 * (b - a) / (step_km + 0.1 * max(0.0, a - 15.0)))
         size[s] = int(np.clip(math.ceil(needed), smallest, largest))
     start = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
     nodes = np.empty(start[-1] + 1)
@@ -179,15 +181,19 @@ def prepare_beam(
     ground = np.array([refractivity_at(profile, w, edges[0]) for w in range(n_w)])
     reference = int(np.argmax(ground))
     limb_edges, limb_x = _limb_edges(edges, profile, reference)
-    limb_size, limb_start, lowest = _nodes(limb_edges, profile, limb_nodes_per_scale, 8, 128)
+    limb_size, limb_start, lowest = _nodes(
+        limb_edges, profile, limb_nodes_per_scale, 8, 128, 0.7 if refraction else 0.0
+    )
     lowest = _uniform_in_invariant(lowest, limb_edges, limb_x, limb_size, limb_start, profile, reference)
     scale = ground / ground[reference] if ground[reference] > 0 else np.ones(n_w)
     invariant, bending = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size))
     slope, free = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size), dtype=np.bool_)
     # each node stands for the flux up to half-way to its neighbours
-    window = np.clip(0.5 * np.gradient(lowest), spreading_window_km, 1.0)
+    half = 0.5 * np.diff(lowest)
+    below = lowest - np.maximum(np.concatenate([half[:1], half]), spreading_window_km)
+    above = lowest + np.maximum(np.concatenate([half, half[-1:]]), spreading_window_km)
     for w in range(n_w):
-        beam_tables.limb_table(profile, w, lowest, window, invariant[w], bending[w], slope[w], free[w])
+        beam_tables.limb_table(profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
     lowest_free = float(lowest[int(np.argmax(free[reference]))])
     for m in range(1, lowest.size):
         if not free[reference, m]:

@@ -56,13 +56,16 @@ def full_bending(profile, w, lowest_km):
 
 
 @njit(cache=True)
-def limb_table(profile, w, lowest_km, window_km, invariant, bending, slope, free):
-    """For rays by their lowest point (Y,): invariant, bending of the whole ray, its derivative by p [km^-1], free."""
+def limb_table(profile, w, lowest_km, below_km, above_km, invariant, bending, slope, free):
+    """For rays by their lowest point (Y,): invariant, bending of the whole ray, its derivative by p [km^-1], free.
+
+    The derivative is the mean over lowest points from `below_km` to `above_km`, (Y,) each.
+    """
     n = lowest_km.size
     for m in range(n):
         invariant[m], bending[m], free[m] = full_bending(profile, w, lowest_km[m])
-        p_a, a, ok_a = full_bending(profile, w, lowest_km[m] - window_km[m])
-        p_b, b, ok_b = full_bending(profile, w, lowest_km[m] + window_km[m])
+        p_a, a, ok_a = full_bending(profile, w, below_km[m])
+        p_b, b, ok_b = full_bending(profile, w, above_km[m])
         slope[m] = (b - a) / (p_b - p_a) if ok_a and ok_b and p_b > p_a else np.nan
     for m in range(n):  # next to a duct: the slope of the nearest ray below, then above
         if math.isnan(slope[m]):
