@@ -14,12 +14,12 @@ from numba import njit
 
 from twilight.atmosphere.medium import Medium
 
-LEVEL_TOLERANCE = 5e-5
+LEVEL_TOLERANCE = 1e-4
 SHELL_TOLERANCE = 2e-4
-N_BINS = 2048
+N_BINS = 4096
 N_SAMPLING = 1024
-N_SMOOTH = 64
-SMOOTHING_RAD = 0.2
+N_SMOOTH = 128
+SMOOTHING_RAD = 0.12
 EXTINCTION = 0
 EVENT = 1
 SPECIES = 2
@@ -28,7 +28,8 @@ SPECIES = 2
 class Air(NamedTuple):
     """N refined levels, M shells, W wavelengths, C = 1 + K species (air first).
 
-    level_km (N,), bin_start (N_BINS + 1,): a level at or below the start of each of the equal bins of altitude.
+    level_km (N,), bin_start (N_BINS + 1,): a level at or below the start of each of the equal bins of altitude;
+        per_km (N - 1,): 1 / thickness between levels.
     table (W, N, 2 + C) [km^-1]: extinction of diffuse light; scattering at an event of order two and above; scattering
         of the direct beam by each species.
     shell_km (M + 1,); shell_first, shell_last (M,): levels at the two ends of a shell.
@@ -39,6 +40,7 @@ class Air(NamedTuple):
     level_km: np.ndarray
     bin_start: np.ndarray
     bins_per_km: float
+    per_km: np.ndarray
     table: np.ndarray
     shell_km: np.ndarray
     shell_first: np.ndarray
@@ -83,6 +85,7 @@ def prepare_air(medium: Medium, isotropic_after_first: bool = False) -> Air:
         np.ascontiguousarray(z),
         np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2).astype(np.int64),
         float(bins_per_km),
+        np.ascontiguousarray(1.0 / np.where(np.diff(z) > 0, np.diff(z), 1.0)),
         np.ascontiguousarray(table),
         np.ascontiguousarray(np.append(z[first], z[-1])),
         first,
@@ -175,7 +178,7 @@ def _sampling_tables(medium: Medium):
 
 def _smooth_tables(medium: Medium) -> np.ndarray:
     """Phase functions after diffusion on the sphere: moment l is damped by exp(-l (l + 1) sigma^2 / 2)."""
-    degree = 40
+    degree = 64
     cosine = -1.0 + 2.0 * (np.arange(N_SMOOTH) + 0.5) / N_SMOOTH
     out = np.empty((medium.n_wavelengths, 1 + len(medium.phase_functions), N_SMOOTH))
     order = np.arange(degree + 1)
@@ -190,17 +193,25 @@ def _smooth_tables(medium: Medium) -> np.ndarray:
     return out
 
 
-@njit(cache=True, inline="always")
-def locate(air, z, first, last):
-    """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`."""
-    levels = air.level_km
-    b = int((z - levels[0]) * air.bins_per_km)
-    b = min(max(b, 0), air.bin_start.size - 1)
-    i = min(max(air.bin_start[b], first), last - 1)
+@njit(cache=True)
+def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
+    """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`.
+
+    Takes arrays, not the whole `Air`: in the innermost loop a tuple of arrays costs more than the look-up.
+    """
+    b = int((z - levels[0]) * bins_per_km)
+    b = min(max(b, 0), bin_start.size - 1)
+    i = min(max(bin_start[b], first), last - 1)
     while i < last - 1 and levels[i + 1] < z:
         i += 1
-    f = (z - levels[i]) / (levels[i + 1] - levels[i])
+    f = (z - levels[i]) * per_km[i]
     return i, min(1.0, max(0.0, f))
+
+
+@njit(cache=True)
+def locate(air, z, first, last):
+    """`locate_level` in the levels of the air."""
+    return locate_level(air.level_km, air.bin_start, air.bins_per_km, air.per_km, z, first, last)
 
 
 @njit(cache=True, inline="always")

@@ -16,7 +16,7 @@ from numba import njit
 from twilight.solvers.montecarlo.air import Air
 from twilight.solvers.montecarlo.leg import (
     BUFFER_PIECES,
-    BUFFER_ROWS,
+    BUFFER_COLUMNS,
     LENGTH,
     PLAIN,
     START,
@@ -93,7 +93,7 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
     """S and K of the module's equation; rows of the nodes first..end."""
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
-    pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
     out = np.empty(5)
     phases = np.empty((air.table.shape[2], 2))
     stream = np.zeros(1, dtype=np.uint64)
@@ -117,14 +117,14 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
                 source[n_nodes + j] += down * (out[0] + out[1])
             before = 0.0
             for k in range(n):
-                weight = pieces[PLAIN, k] - before
-                before = pieces[PLAIN, k]
-                s = pieces[START, k] + 0.5 * pieces[LENGTH, k]
+                weight = pieces[k, PLAIN] - before
+                before = pieces[k, PLAIN]
+                s = pieces[k, START] + 0.5 * pieces[k, LENGTH]
                 z = altitude_at(altitude_km[i], r, up, s)
                 cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (air.earth_radius_km + z)
                 cos_sun = min(1.0, max(-1.0, cos_sun))
                 ia, fa = altitude_index(steering, z)
-                ja, ga = sun_index(steering, cos_sun)
+                ja, ga = sun_index(steering.cos_sun, steering.hint, cos_sun)
                 for a in range(2):
                     for b in range(2):
                         share_of_node = (fa if a else 1.0 - fa) * (ga if b else 1.0 - ga)
@@ -137,7 +137,7 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
                 cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (
                     air.earth_radius_km + altitude_km[0]
                 )
-                ja, ga = sun_index(steering, min(1.0, max(-1.0, cos_sun)))
+                ja, ga = sun_index(steering.cos_sun, steering.hint, min(1.0, max(-1.0, cos_sun)))
                 reflected = mean * out[3] * air.ground_albedo[w] / math.pi
                 kernel[node, n_nodes + ja] += reflected * (1.0 - ga)
                 kernel[node, n_nodes + ja + 1] += reflected * ga
@@ -147,7 +147,7 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
 def _sweep(air, sun, steering, w, altitude_km, first, end, radiance):
     """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables."""
     n_sun = steering.cos_sun.size
-    pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
+    pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
     out = np.empty(5)
     phases = np.empty((air.table.shape[2], 2))
     stream = np.zeros(1, dtype=np.uint64)
@@ -165,5 +165,5 @@ def _sweep(air, sun, steering, w, altitude_km, first, end, radiance):
             n = _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out)
             light = out[0] + out[1] + out[4]
             if n > 0:
-                light += pieces[STEERED, n - 1]
+                light += pieces[n - 1, STEERED]
             radiance[i, j, d] = light

@@ -28,10 +28,24 @@ from twilight.solvers.montecarlo.steering import (
     cell_solid_angle,
     draw_from,
     horizon_sine,
-    pick_node,
+    nearest_node,
     sampling_cell,
     weigh_cells,
 )
+
+
+@njit(cache=True)
+def draw_piece(pieces, column, n, x):
+    """First of n pieces whose running sum in a column exceeds x."""
+    lo = 0
+    hi = n - 1
+    while lo < hi:
+        mid = (lo + hi) // 2
+        if pieces[mid, column] > x:
+            hi = mid
+        else:
+            lo = mid + 1
+    return lo
 
 
 @njit(cache=True)
@@ -43,25 +57,25 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
     all_plain = ground_plain
     all_steered = ground_steered
     if n > 0:
-        all_plain += pieces[PLAIN, n - 1]
-        all_steered += pieces[STEERED, n - 1]
+        all_plain += pieces[n - 1, PLAIN]
+        all_steered += pieces[n - 1, STEERED]
     if all_plain <= 0.0:
         return n, 0.0, 0.0
     steer = steered_fraction if all_steered > 0.0 else 0.0
     if number < steer:
-        row = STEERED
+        column = STEERED
         x = number / steer * all_steered
     else:
-        row = PLAIN
+        column = PLAIN
         x = (number - steer) / (1.0 - steer) * all_plain
     k = n
-    if n > 0 and x < pieces[row, n - 1]:
-        k = draw_from(pieces[row, :n], x)
-        plain = pieces[PLAIN, k]
-        steered = pieces[STEERED, k]
+    if n > 0 and x < pieces[n - 1, column]:
+        k = draw_piece(pieces, column, n, x)
+        plain = pieces[k, PLAIN]
+        steered = pieces[k, STEERED]
         if k > 0:
-            plain -= pieces[PLAIN, k - 1]
-            steered -= pieces[STEERED, k - 1]
+            plain -= pieces[k - 1, PLAIN]
+            steered -= pieces[k - 1, STEERED]
     else:
         plain = ground_plain
         steered = ground_steered
@@ -74,21 +88,21 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
 @njit(cache=True)
 def event_weight(air, w, pieces, k, t, z, i, f):
     """Transmittance x scattering x length of a piece, at its fraction t: the weight but for the probability."""
-    length = pieces[LENGTH, k]
-    depth = pieces[DEPTH, k] + depth_within(pieces[LOWER, k], pieces[MIDDLE, k], pieces[UPPER, k], length, t)
+    length = pieces[k, LENGTH]
+    depth = pieces[k, DEPTH] + depth_within(pieces[k, LOWER], pieces[k, MIDDLE], pieces[k, UPPER], length, t)
     return length * math.exp(-depth) * interpolate(air, w, i, f, EVENT)
 
 
 @njit(cache=True)
 def event_distance(pieces, k, t):
     """Distance [km] from the start of the leg to the fraction t of a piece."""
-    return pieces[START, k] + t * pieces[LENGTH, k]
+    return pieces[k, START] + t * pieces[k, LENGTH]
 
 
 @njit(cache=True)
 def event_level(air, pieces, k, z):
     """`locate` within the shell of a piece."""
-    return locate(air, z, int(pieces[FIRST, k]), int(pieces[LAST, k]))
+    return locate(air, z, int(pieces[k, FIRST]), int(pieces[k, LAST]))
 
 
 @njit(cache=True)
@@ -115,10 +129,10 @@ def phase_and_density(air, w, i, f, cosine):
 
 
 @njit(cache=True)
-def draw_cosine(air, w, i, f, stream):
-    """Cosine of a scattering angle from the stand-in of the local mixture of phase functions."""
+def draw_cosine(air, w, i, f, number, stream):
+    """Cosine of a scattering angle from the stand-in of the local mixture of phase functions; `number` in [0, 1) decides."""
     if air.isotropic_events:
-        return 2.0 * uniform(stream) - 1.0
+        return 2.0 * number - 1.0
     n_species = air.table.shape[2] - SPECIES
     total = 0.0
     for c in range(n_species):
@@ -132,7 +146,7 @@ def draw_cosine(air, w, i, f, stream):
             x -= beta
             if x < 0.0:
                 break
-    cell = draw_from(air.sample_cdf[w, species], uniform(stream))
+    cell = draw_from(air.sample_cdf[w, species], number)
     a = cell / N_SAMPLING
     b = (cell + 1) / N_SAMPLING
     a = 2.0 * a * a * a * a
@@ -187,42 +201,58 @@ def local_frame(px, py, pz, sx, sy, sz, frame):
 
 @njit(cache=True)
 def choose_direction(
-    air, steering, w, z, cos_sun, i, f, on_ground, frame, dx, dy, dz, table_fraction, cumulative, blurred, stream, new
+    air,
+    steering,
+    w,
+    z,
+    cos_sun,
+    i,
+    f,
+    on_ground,
+    frame,
+    dx,
+    dy,
+    dz,
+    table_fraction,
+    cumulative,
+    blurred,
+    u,
+    stream,
+    new,
 ):
     """Draw the next leg's direction into `new`; returns (p / probability density, cell of directions).
 
     The density is table_fraction x (tabulated light x blurred phase function) + the rest x (phase function, or the
-    cosine law on the ground).  Both weights stay below 1 / (1 - table_fraction).
+    cosine law on the ground); the weight stays below 1 / (1 - table_fraction).  u: three numbers in [0, 1) that decide.
     """
     horizon = horizon_sine(steering, z)
     total = 0.0
     if table_fraction > 0.0:
-        ni, nj = pick_node(steering, z, cos_sun, stream)
+        ni, nj = nearest_node(steering, z, cos_sun)
         vx = frame[0, 0] * dx + frame[0, 1] * dy + frame[0, 2] * dz
         vy = frame[1, 0] * dx + frame[1, 1] * dy + frame[1, 2] * dz
         vz = frame[2, 0] * dx + frame[2, 1] * dy + frame[2, 2] * dz
         total = weigh_cells(steering, air, w, ni, nj, i, f, horizon, vx, vy, vz, on_ground, cumulative, blurred)
     from_table = table_fraction if total > 0.0 else 0.0
-    if uniform(stream) < from_table:
-        cell = draw_from(cumulative, uniform(stream) * total)
+    if u[0] < from_table:
+        cell = draw_from(cumulative, u[0] / from_table * total)
         row = cell // N_AZIMUTHS
         g = steering.row_edges[row]
         # the two sides of the horizon are scaled apart, and a cell lies on one of them
         scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
-        g += uniform(stream) * (steering.row_edges[row + 1] - g)
+        g += u[1] * (steering.row_edges[row + 1] - g)
         up = horizon + scale * g
         a = cell % N_AZIMUTHS
         psi = steering.azimuth_edges[a]
-        psi += uniform(stream) * (steering.azimuth_edges[a + 1] - psi)
+        psi += u[2] * (steering.azimuth_edges[a + 1] - psi)
         level = math.sqrt(max(0.0, 1.0 - up * up))
         for m in range(3):
             new[m] = level * math.cos(psi) * frame[0, m] + level * math.sin(psi) * frame[1, m] + up * frame[2, m]
     elif on_ground:
-        up = math.sqrt(uniform(stream))
-        turn(frame[2, 0], frame[2, 1], frame[2, 2], up, 2.0 * math.pi * uniform(stream), new)
+        turn(frame[2, 0], frame[2, 1], frame[2, 2], math.sqrt(u[1]), 2.0 * math.pi * u[2], new)
     else:
-        cosine = draw_cosine(air, w, i, f, stream)
-        turn(dx, dy, dz, cosine, 2.0 * math.pi * uniform(stream), new)
+        cosine = draw_cosine(air, w, i, f, u[1], stream)
+        turn(dx, dy, dz, cosine, 2.0 * math.pi * u[2], new)
     lx = frame[0, 0] * new[0] + frame[0, 1] * new[1] + frame[0, 2] * new[2]
     ly = frame[1, 0] * new[0] + frame[1, 1] * new[1] + frame[1, 2] * new[2]
     lz = frame[2, 0] * new[0] + frame[2, 1] * new[1] + frame[2, 2] * new[2]

@@ -13,15 +13,15 @@ from typing import NamedTuple
 from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
-from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate, shell_of
+from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate_level, shell_of
 from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import log_ground_light, log_mean_light
 from twilight.solvers.montecarlo.suntable import BLACK, SunTable, quick_sun
 from twilight.transport.beam import Beam, beam_at_one
 
-# rows of the buffer that holds the pieces of a leg
+# columns of the buffer that holds the pieces of a leg; a piece is one row, which keeps it in one or two cache lines
 START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, FIRST, LAST, STEERED, PLAIN = range(10)
-BUFFER_ROWS = 10
+BUFFER_COLUMNS = 10
 BUFFER_PIECES = 4096
 OPAQUE_DEPTH = 60.0
 REFERENCE_RADIUS_KM = 6371.0
@@ -131,13 +131,19 @@ def ground_sunlight(air, beam, w, mu_sun):
     return irradiance * max(0.0, math.cos(apparent))
 
 
+@njit(cache=True, inline="always")
+def column(table, i, f, c):
+    """One coefficient [km^-1] of the table of one wavelength."""
+    return table[i, c] * (1.0 - f) + table[i + 1, c] * f
+
+
 @njit(cache=True)
 def trace(
     air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz, max_length, max_depth, jitter, stream, pieces, phases, out
 ):  # fmt: skip
     """Walk one leg from the point p along d; returns the number of pieces, or -1 if the buffer is too short.
 
-    `pieces` is filled (rows START..PLAIN; STEERED and PLAIN are running sums of the two weights for the next event).
+    `pieces` is filled (columns START..PLAIN; STEERED and PLAIN are running sums of the two weights for the next event).
     out[0]: sunlight scattered once along the leg, seen from its start [sr^-1]; out[1]: the same from the ground;
     out[2]: distance to the ground or -1; out[3]: transmittance of the whole leg;
     out[4]: steering's estimate of the light scattered again at the ground [sr^-1].
@@ -148,16 +154,34 @@ def trace(
     probability check_rate the exact value is asked for too, and the difference, divided by that probability, is added:
     the mean is the exact one, whatever the table.
     """
+    levels = air.level_km
+    bin_start = air.bin_start
+    bins_per_km = air.bins_per_km
+    per_km = air.per_km
+    table = air.table[w]
+    shell_km = air.shell_km
+    shell_first = air.shell_first
+    shell_last = air.shell_last
+    earth_radius = air.earth_radius_km
+    edge_km = sun.table.edge_km[w]
+    high = sun.table.high[w]
+    low = sun.table.low[w]
+    log_light = steering.log_light[w]
+    nodes = steering.cos_sun
+    hint = steering.hint
+    check_rate = sun.check_rate
+    bottom = shell_km[0]
+    n_shells = shell_first.size
+    top = shell_km[n_shells]
+    thickness = top - bottom
     r = math.sqrt(px * px + py * py + pz * pz)
-    z = r - air.earth_radius_km
+    z = r - earth_radius
     mu = (px * dx + py * dy + pz * dz) / r
     out[0] = 0.0
     out[1] = 0.0
     out[2] = -1.0
     out[3] = 1.0
     out[4] = 0.0
-    n_shells = air.shell_first.size
-    top = air.shell_km[n_shells]
     s = 0.0
     if z >= top:
         if mu >= 0.0:
@@ -168,15 +192,16 @@ def trace(
             if s < 0.0:
                 return 0
     else:
-        z = max(z, air.shell_km[0])
+        z = max(z, shell_km[0])
         k = shell_of(air, z)
-        if mu < 0.0 and z <= air.shell_km[k] and k > 0:
+        if mu < 0.0 and z <= shell_km[k] and k > 0:
             k -= 1
-    longest = max_length * air.earth_radius_km / REFERENCE_RADIUS_KM
+    longest = max_length * earth_radius / REFERENCE_RADIUS_KM
     cos_sun_start = px * sx + py * sy + pz * sz
     cos_sun_slope = dx * sx + dy * sy + dz * sz
     s_lowest = -r * mu
     falling = mu < 0.0
+    lowest = False
     n_species = air.table.shape[2] - SPECIES
     for c in range(n_species):
         for m in range(2):
@@ -193,7 +218,7 @@ def trace(
         # end of the stretch inside shell k
         lands = False
         if falling:
-            end = distance_down(z, r, mu, air.shell_km[k])
+            end = distance_down(z, r, mu, shell_km[k])
             if end < 0.0:
                 end = s_lowest
                 next_k = k
@@ -203,73 +228,98 @@ def trace(
                 still_falling = True
                 lands = next_k < 0
         else:
-            end = distance_up(z, r, mu, air.shell_km[k + 1])
+            end = distance_up(z, r, mu, shell_km[k + 1])
             next_k = k + 1
             still_falling = False
         if end > s:
-            first = air.shell_first[k]
-            last = air.shell_last[k]
+            first = shell_first[k]
+            last = shell_last[k]
             stretch = end - s
-            i, f = locate(air, altitude_at(z, r, mu, s), first, last)
-            upper = interpolate(air, w, i, f, EXTINCTION)
-            i, f = locate(air, altitude_at(z, r, mu, s + 0.5 * stretch), first, last)
-            middle = interpolate(air, w, i, f, EXTINCTION)
+            z_enter = altitude_at(z, r, mu, s)
+            if n == 0 or lowest:
+                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_enter, first, last)
+                upper = column(table, i, f, EXTINCTION)
+            else:
+                upper = table[last if falling else first, EXTINCTION]
+            # extinction and altitude where the line leaves the shell, or at its lowest point
+            if falling and not still_falling:
+                z_leave = altitude_at(z, r, mu, end)
+                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_leave, first, last)
+                leave = column(table, i, f, EXTINCTION)
+                lowest = True
+            else:
+                z_leave = shell_km[k if falling else k + 1]
+                leave = table[first if falling else last, EXTINCTION]
+                lowest = False
+            i, f = locate_level(
+                levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, s + 0.5 * stretch), first, last
+            )
+            middle = column(table, i, f, EXTINCTION)
             parts = math.ceil(
                 max(
                     stretch / longest,
-                    stretch * max(upper, middle) / max_depth,
-                    abs(altitude_at(z, r, mu, end) - altitude_at(z, r, mu, s)) / (RISE * longest),
+                    stretch * max(upper, middle, leave) / max_depth,
+                    abs(z_leave - z_enter) / (RISE * longest),
                 )
             )
             parts = max(1, min(parts, 100000))
             length = stretch / parts
             for part in range(parts):
-                if n >= pieces.shape[1]:
+                if n >= pieces.shape[0]:
                     return -1
                 lower = upper
                 start = s + part * length
                 if parts > 1:
-                    i, f = locate(air, altitude_at(z, r, mu, start + 0.5 * length), first, last)
-                    middle = interpolate(air, w, i, f, EXTINCTION)
-                i, f = locate(air, altitude_at(z, r, mu, start + length), first, last)
-                upper = interpolate(air, w, i, f, EXTINCTION)
+                    i, f = locate_level(
+                        levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + 0.5 * length), first, last
+                    )
+                    middle = column(table, i, f, EXTINCTION)
+                if part == parts - 1:
+                    upper = leave
+                else:
+                    i, f = locate_level(
+                        levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + length), first, last
+                    )
+                    upper = column(table, i, f, EXTINCTION)
                 t = uniform(stream) if jitter else 0.5
                 here = start + t * length
                 zp = altitude_at(z, r, mu, here)
-                radius = air.earth_radius_km + zp
+                radius = earth_radius + zp
                 mu_sun = min(1.0, max(-1.0, (cos_sun_start + here * cos_sun_slope) / radius))
-                i, f = locate(air, zp, first, last)
+                i, f = locate_level(levels, bin_start, bins_per_km, per_km, zp, first, last)
                 depth_here = depth + depth_within(lower, middle, upper, length, t)
                 weight = length * math.exp(-depth_here)
-                scattering = interpolate(air, w, i, f, EVENT)
+                scattering = column(table, i, f, EVENT)
                 if scattering > 0.0:
-                    light, bending = quick_sun(sun.table, zp, mu_sun, w)
+                    light, bending = quick_sun(edge_km, high, low, bottom, thickness, earth_radius, zp, mu_sun)
                     quick = 0.0
                     if light > BLACK:
                         for c in range(n_species):
-                            quick += interpolate(air, w, i, f, SPECIES + c) * max(
-                                0.0, phases[c, 0] + bending * phases[c, 1]
-                            )
+                            quick += column(table, i, f, SPECIES + c) * max(0.0, phases[c, 0] + bending * phases[c, 1])
                         quick *= math.exp(light)
-                    if jitter and uniform(stream) < sun.check_rate:
+                    if jitter and uniform(stream) < check_rate:
                         exact = sunlight(
                             air, sun.beam, w, zp, mu_sun, dx, dy, dz,
                             px + here * dx, py + here * dy, pz + here * dz, sx, sy, sz, i, f,
                         )  # fmt: skip
-                        quick += (exact - quick) / sun.check_rate
+                        quick += (exact - quick) / check_rate
                     out[0] += weight * quick
                     plain += weight * scattering
-                    steered += weight * scattering * math.exp(log_mean_light(steering, w, zp, mu_sun))
-                pieces[START, n] = start
-                pieces[LENGTH, n] = length
-                pieces[DEPTH, n] = depth
-                pieces[LOWER, n] = lower
-                pieces[MIDDLE, n] = middle
-                pieces[UPPER, n] = upper
-                pieces[FIRST, n] = first
-                pieces[LAST, n] = last
-                pieces[STEERED, n] = steered
-                pieces[PLAIN, n] = plain
+                    steered += (
+                        weight
+                        * scattering
+                        * math.exp(log_mean_light(log_light, nodes, hint, bottom, thickness, zp, mu_sun))
+                    )
+                pieces[n, START] = start
+                pieces[n, LENGTH] = length
+                pieces[n, DEPTH] = depth
+                pieces[n, LOWER] = lower
+                pieces[n, MIDDLE] = middle
+                pieces[n, UPPER] = upper
+                pieces[n, FIRST] = first
+                pieces[n, LAST] = last
+                pieces[n, STEERED] = steered
+                pieces[n, PLAIN] = plain
                 depth += length * (lower + 4.0 * middle + upper) / 6.0
                 n += 1
                 if depth > OPAQUE_DEPTH:
@@ -282,7 +332,7 @@ def trace(
             out[3] = transmittance
             albedo = air.ground_albedo[w]
             if albedo > 0.0:
-                mu_sun = (cos_sun_start + end * cos_sun_slope) / (air.earth_radius_km + air.shell_km[0])
+                mu_sun = (cos_sun_start + end * cos_sun_slope) / (earth_radius + shell_km[0])
                 mu_sun = min(1.0, max(-1.0, mu_sun))
                 reflected = transmittance * albedo / math.pi
                 out[1] = reflected * ground_sunlight(air, sun.beam, w, mu_sun)

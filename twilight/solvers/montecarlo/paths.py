@@ -17,7 +17,7 @@ from twilight.solvers.montecarlo.events import (
     event_weight,
     local_frame,
 )
-from twilight.solvers.montecarlo.leg import BUFFER_PIECES, BUFFER_ROWS, STEERED, altitude_at, trace
+from twilight.solvers.montecarlo.leg import BUFFER_PIECES, BUFFER_COLUMNS, STEERED, altitude_at, trace
 from twilight.solvers.montecarlo.random import start, uniform
 from twilight.solvers.montecarlo.steering import N_DIRECTIONS, log_light_from
 
@@ -27,6 +27,7 @@ LEAST_SURVIVAL = 0.1
 NEGLIGIBLE = 1e-12
 MOST_COPIES = 16.0
 STACK = 4096
+LATTICE_1, LATTICE_2, LATTICE_3 = 0.8191725134, 0.6710436067, 0.5497004779
 
 
 class Walk(NamedTuple):
@@ -67,11 +68,15 @@ def push_events(
     """Draw `copies` stratified events on a leg and put them on the stack; returns its new size.
 
     leg: start (3) and direction (3) of the leg. A row of the stack: point (3), direction (3), weight, order, altitude,
-    level, fraction, 1 on the ground.
+    level, fraction, 1 on the ground, three numbers for the direction.  The numbers of the copies are a shifted lattice
+    (Roberts' sequence in three dimensions), each uniform by itself, so that copies do not crowd.
     """
     px, py, pz, dx, dy, dz = leg[0], leg[1], leg[2], leg[3], leg[4], leg[5]
     r = math.sqrt(px * px + py * py + pz * pz)
     mu = (px * dx + py * dy + pz * dz) / r
+    shift_1 = uniform(stream)
+    shift_2 = uniform(stream)
+    shift_3 = uniform(stream)
     for copy in range(copies):
         if size >= stack.shape[0]:
             return -1
@@ -111,6 +116,9 @@ def push_events(
         row[6] = weight * event / probability
         row[7] = order
         row[8] = z
+        row[12] = (shift_1 + copy * LATTICE_1) % 1.0
+        row[13] = (shift_2 + copy * LATTICE_2) % 1.0
+        row[14] = (shift_3 + copy * LATTICE_3) % 1.0
         size += 1
     return size
 
@@ -149,7 +157,7 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
         ground_plain = out[3] * albedo if ground >= 0.0 else 0.0
         remaining = out[4]
         if n > 0:
-            remaining += pieces[STEERED, n - 1]
+            remaining += pieces[n - 1, STEERED]
         if order < walk.max_orders and remaining > 0.0:
             copies = 1
             if first:
@@ -181,7 +189,7 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
             cos_sun = local_frame(row[0], row[1], row[2], sx, sy, sz, frame)
             ratio, cell = choose_direction(
                 air, steering, w, row[8], cos_sun, int(row[9]), row[10], row[11] > 0.0, frame, row[3], row[4], row[5],
-                walk.table_fraction, cumulative, blurred, stream, new,
+                walk.table_fraction, cumulative, blurred, row[12:15], stream, new,
             )  # fmt: skip
             weight = row[6] * ratio
             if weight <= 0.0:
@@ -213,8 +221,8 @@ def run_chunks(
     chunk number, samples).  A row depends on its job alone, so neither threads nor the order of jobs change it.
     sums, squares (J, N_ORDERS + 1); limits (J,) counts samples that met a limit of the walk.
     """
-    pieces = np.empty((BUFFER_ROWS, BUFFER_PIECES))
-    stack = np.empty((STACK, 12))
+    pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
+    stack = np.empty((STACK, 15))
     leg = np.empty(6)
     out = np.empty(5)
     phases = np.empty((air.table.shape[2], 2))

@@ -41,8 +41,8 @@ class MonteCarloSettings:
     # steering
     sub_paths: int = 8
     steering_sweeps: int = 2
-    steered_fraction: float = 0.8
-    table_fraction: float = 0.6
+    steered_fraction: float = 0.95
+    table_fraction: float = 0.9
     roulette: float = 0.3
     first_length_km: float = 15.0
     first_depth: float = 0.2

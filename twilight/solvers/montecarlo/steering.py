@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SPECIES, Air, interpolate
-from twilight.solvers.montecarlo.random import uniform
 
 N_ALTITUDES = 20
 N_HINTS = 4096
@@ -27,7 +26,7 @@ SUN_ZENITH_DEG = np.concatenate(
     ]
 )
 ABOVE_HORIZON_DEG = np.array(
-    [-90, -40, -18, -8, -4, -2, -0.8, 0, 0.4, 0.8, 1.3, 1.9, 2.6, 3.5, 4.7, 6.2, 8.5, 12, 17, 25, 36, 54, 90.0]
+    [-90, -40, -18, -8, -4, -2, -0.8, 0, 0.4, 0.8, 1.3, 1.9, 2.6, 3.5, 4.7, 6.2, 8.5, 12, 17, 25, 36, 48, 61, 75, 90.0]
 )
 _HALF_DEG = np.array([0.0, 10.0, 22.0, 38.0, 60.0, 90.0, 130.0, 180.0])
 AZIMUTH_EDGES_RAD = np.radians(np.concatenate([_HALF_DEG, 360.0 - _HALF_DEG[-2::-1]]))
@@ -102,7 +101,7 @@ def altitudes(steering: Steering) -> np.ndarray:
     return steering.bottom_km + steering.depth_km * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def altitude_index(steering, z):
     """(i, fraction) of an altitude in the tables."""
     x = math.sqrt(max(0.0, (z - steering.bottom_km) / steering.depth_km)) * (N_ALTITUDES - 1)
@@ -110,31 +109,30 @@ def altitude_index(steering, z):
     return i, min(1.0, x - i)
 
 
-@njit(cache=True, inline="always")
-def sun_index(steering, cos_sun):
+@njit(cache=True)
+def sun_index(nodes, hint, cos_sun):
     """(i, fraction) of the cosine of the local solar zenith angle in the tables."""
-    nodes = steering.cos_sun
-    j = steering.hint[min(N_HINTS - 1, int((cos_sun + 1.0) * (0.5 * N_HINTS)))]
+    j = hint[min(N_HINTS - 1, int((cos_sun + 1.0) * (0.5 * N_HINTS)))]
     while j < nodes.size - 2 and nodes[j + 1] < cos_sun:
         j += 1
     return j, (cos_sun - nodes[j]) / (nodes[j + 1] - nodes[j])
 
 
-@njit(cache=True, inline="always")
-def log_mean_light(steering, w, z, cos_sun):
-    """Logarithm of the mean diffuse radiance [sr^-1] at a point."""
-    i, a = altitude_index(steering, z)
-    j, b = sun_index(steering, cos_sun)
-    t = steering.log_light
-    return (t[w, i, j] * (1 - b) + t[w, i, j + 1] * b) * (1 - a) + (
-        t[w, i + 1, j] * (1 - b) + t[w, i + 1, j + 1] * b
-    ) * a
+@njit(cache=True)
+def log_mean_light(log_light, nodes, hint, bottom_km, depth_km, z, cos_sun):
+    """Logarithm of the mean diffuse radiance [sr^-1] at a point; log_light of one wavelength."""
+    x = math.sqrt(max(0.0, (z - bottom_km) / depth_km)) * (N_ALTITUDES - 1)
+    i = min(int(x), N_ALTITUDES - 2)
+    a = min(1.0, x - i)
+    j, b = sun_index(nodes, hint, cos_sun)
+    t = log_light
+    return (t[i, j] * (1 - b) + t[i, j + 1] * b) * (1 - a) + (t[i + 1, j] * (1 - b) + t[i + 1, j + 1] * b) * a
 
 
 @njit(cache=True, inline="always")
 def log_ground_light(steering, w, cos_sun):
     """Logarithm of the diffuse irradiance on the ground."""
-    j, b = sun_index(steering, cos_sun)
+    j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
     return steering.log_ground[w, j] * (1 - b) + steering.log_ground[w, j + 1] * b
 
 
@@ -142,7 +140,7 @@ def log_ground_light(steering, w, cos_sun):
 def log_light_from(steering, w, z, cos_sun, cell):
     """Logarithm of the diffuse radiance [sr^-1] from one cell of directions."""
     i, a = altitude_index(steering, z)
-    j, b = sun_index(steering, cos_sun)
+    j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
     t = steering.log_radiance
     lower = t[w, i, j, cell] * (1 - b) + t[w, i, j + 1, cell] * b
     upper = t[w, i + 1, j, cell] * (1 - b) + t[w, i + 1, j + 1, cell] * b
@@ -195,15 +193,11 @@ def cell_solid_angle(steering, horizon, cell):
 
 
 @njit(cache=True)
-def pick_node(steering, z, cos_sun, stream):
-    """A table node near a point, drawn so that the mean over draws is linear interpolation."""
+def nearest_node(steering, z, cos_sun):
+    """The table node nearest to a point."""
     i, a = altitude_index(steering, z)
-    j, b = sun_index(steering, cos_sun)
-    if uniform(stream) < a:
-        i += 1
-    if uniform(stream) < b:
-        j += 1
-    return i, j
+    j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
+    return i + (1 if a > 0.5 else 0), j + (1 if b > 0.5 else 0)
 
 
 @njit(cache=True)
@@ -224,16 +218,19 @@ def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy,
                         blurred[cell] += beta * air.smooth[w, c, cell]
     total = 0.0
     d = 0
-    for e in range(steering.row_edges.size - 1):
-        up = row_sine(0.5 * (steering.row_edges[e] + steering.row_edges[e + 1]), horizon)
+    rows = steering.row_edges
+    azimuths = steering.azimuth_cos_sin
+    share = steering.share[w, node_i, node_j]
+    for e in range(rows.size - 1):
+        up = row_sine(0.5 * (rows[e] + rows[e + 1]), horizon)
         level = math.sqrt(max(0.0, 1.0 - up * up))
         for a in range(N_AZIMUTHS):
             if on_ground:
                 p = max(0.0, up)
             else:
-                cosine = level * (vx * steering.azimuth_cos_sin[a, 0] + vy * steering.azimuth_cos_sin[a, 1]) + vz * up
+                cosine = level * (vx * azimuths[a, 0] + vy * azimuths[a, 1]) + vz * up
                 p = blurred[min(N_SMOOTH - 1, max(0, int((cosine + 1.0) * (0.5 * N_SMOOTH))))]
-            total += steering.share[w, node_i, node_j, d] * p
+            total += share[d] * p
             cumulative[d] = total
             d += 1
     return total

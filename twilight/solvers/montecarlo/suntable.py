@@ -17,9 +17,9 @@ from twilight.solvers.montecarlo.air import Air
 from twilight.solvers.montecarlo.threads import in_slices
 from twilight.transport.beam import beam_at_one
 
-N_ALTITUDE = 96
-N_HIGH = 48
-N_LOW = 192
+N_ALTITUDE = 64
+N_HIGH = 32
+N_LOW = 128
 COSINE_SCALE = 0.05
 BLACK = -2000.0
 
@@ -46,8 +46,8 @@ def prepare_sun_table(air: Air, beam) -> SunTable:
         float(air.shell_km[-1] - air.shell_km[0]),
         float(air.earth_radius_km),
         np.empty((n_w, N_ALTITUDE + 1)),
-        np.empty((n_w, N_ALTITUDE + 1, N_HIGH + 1, 2)),
-        np.empty((n_w, N_ALTITUDE + 1, N_LOW + 1, 2)),
+        np.empty((n_w, N_ALTITUDE + 1, N_HIGH + 1, 2), dtype=np.float32),
+        np.empty((n_w, N_ALTITUDE + 1, N_LOW + 1, 2), dtype=np.float32),
     )
     in_slices(lambda a, b: _fill(beam, table, a, b), table.edge_km.size)
     return table
@@ -97,28 +97,31 @@ def lowest_drop(r, cosine):
 
 
 @njit(cache=True)
-def quick_sun(table, z, cosine, w):
-    """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow."""
-    x = math.sqrt(max(0.0, (z - table.bottom_km) / table.depth_km)) * N_ALTITUDE
+def quick_sun(edge_km, high, low, bottom_km, depth_km, radius_km, z, cosine):
+    """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow.
+
+    edge_km, high, low: of one wavelength; passed as arrays because this is the innermost loop.
+    """
+    x = math.sqrt(max(0.0, (z - bottom_km) / depth_km)) * N_ALTITUDE
     a = min(int(x), N_ALTITUDE - 1)
     x = min(1.0, x - a)
     if cosine >= 0.0:
         y = cosine * (1.0 + COSINE_SCALE) / (cosine + COSINE_SCALE) * N_HIGH
         b = min(int(y), N_HIGH - 1)
-        t = table.high
+        t = high
     else:
-        edge = table.edge_km[w, a] * (1.0 - x) + table.edge_km[w, a + 1] * x
-        height = z - lowest_drop(table.radius_km + z, cosine) - edge
+        edge = edge_km[a] * (1.0 - x) + edge_km[a + 1] * x
+        height = z - lowest_drop(radius_km + z, cosine) - edge
         if height < 0.0 or edge >= z:
             return BLACK, 0.0
         y = math.sqrt(height / (z - edge)) * N_LOW
         b = min(int(y), N_LOW - 1)
-        t = table.low
+        t = low
     y -= b
     w00 = (1.0 - x) * (1.0 - y)
     w01 = (1.0 - x) * y
     w10 = x * (1.0 - y)
     w11 = x * y
-    light = w00 * t[w, a, b, 0] + w01 * t[w, a, b + 1, 0] + w10 * t[w, a + 1, b, 0] + w11 * t[w, a + 1, b + 1, 0]
-    bending = w00 * t[w, a, b, 1] + w01 * t[w, a, b + 1, 1] + w10 * t[w, a + 1, b, 1] + w11 * t[w, a + 1, b + 1, 1]
+    light = w00 * t[a, b, 0] + w01 * t[a, b + 1, 0] + w10 * t[a + 1, b, 0] + w11 * t[a + 1, b + 1, 0]
+    bending = w00 * t[a, b, 1] + w01 * t[a, b + 1, 1] + w10 * t[a + 1, b, 1] + w11 * t[a + 1, b + 1, 1]
     return light, bending
