@@ -6,12 +6,13 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.cells.nodes import make_directions, make_nodes
-from twilight.solvers.cells.ordinates import Ordinates, Scattered, once_scattered
+from twilight.solvers.cells.ordinates import Ordinates, Scattered, mirror, once_scattered
 from twilight.solvers.cells.scaling import ScaledMedium
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import unit_vectors
 from twilight.solvers.cells.stencils import make_mesh, make_stencils
 from twilight.solvers.cells.view import exact_view
+from twilight.threads import in_slices
 from twilight.transport.beam import Beam
 from twilight.transport.profile import Profile
 
@@ -58,22 +59,17 @@ class ExactCells:
             (vectors.shape[0], o.nodes.altitude_km.size, o.n_azimuth, self.medium.n_wavelengths), np.float32
         )
         progress("light scattered once", 0.1)
-        once_scattered(
-            self.profile,
-            self.jumps,
-            self.beam,
-            np.ascontiguousarray(phase),
-            self.medium.ground_albedo,
-            o.nodes.x_km,
-            o.nodes.z_km,
-            o.nodes.altitude_km,
-            d.cosine,
-            o.n_azimuth // 2 + 1,
-            o.n_azimuth,
-            o.q,
-            np.array([np.sin(h), np.cos(h)]),
-            first,
-        )
+        phase = np.ascontiguousarray(phase)
+        sun = np.array([np.sin(h), np.cos(h)])
+        n = o.nodes
+        in_slices(
+            lambda begin, end: once_scattered(
+                self.profile, self.jumps, self.beam, phase, self.medium.ground_albedo, n.x_km, n.z_km, n.altitude_km,
+                d.cosine, o.n_azimuth // 2 + 1, o.n_azimuth, o.q, sun, first, begin, end,
+            ),
+            n.altitude_km.size,
+        )  # fmt: skip
+        mirror(first, d.cosine.size, d.azimuth.size)
         return o.solve(
             first,
             s.max_events,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
@@ -16,9 +18,51 @@ from twilight.solvers.cells.scaling import ScaledMedium
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import single_scattering, species_phase, unit_vectors
 from twilight.solvers.cells.stencils import Mesh
-from twilight.solvers.cells.view import gather_views
+from twilight.solvers.cells.view import isotropic_view
+from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at
-from twilight.transport.profile import Profile
+from twilight.transport.profile import Profile, locate
+
+
+@njit(cache=True, nogil=True)
+def average_over_cells(
+    profile, log_table, altitudes, suns, shells, ring_shell, elevations, observer_radius, sun, n, out, begin, end
+):
+    """Mean of exp(log_table(altitude, local sun elevation)) over n x n points of each cell, weighted with scattering."""
+    n_azimuth = out.shape[1]
+    n_wavelengths = out.shape[2]
+    angle = 2.0 * math.pi / n_azimuth
+    for ring in range(begin, end):
+        low = shells[ring_shell[ring]]
+        high = shells[ring_shell[ring] + 1]
+        for j in range(n_azimuth // 2 + 1):
+            total = np.zeros(n_wavelengths)
+            for point in range(n * n):
+                r = low + (high - low) * ((point // n) + 0.5) / n
+                e = elevations[ring] + angle * ((point % n + 0.5) / n - 0.5)
+                x = r * math.cos(e) * math.cos(angle * j)
+                z = r * math.sin(e) + observer_radius
+                rho = math.sqrt((r * math.cos(e)) ** 2 + z * z)
+                altitude = rho - profile.earth_radius_km
+                if altitude < profile.altitude_km[0] and n > 1:
+                    continue
+                if altitude > profile.altitude_km[profile.altitude_km.size - 1]:
+                    continue
+                local = math.degrees(math.asin(min(1.0, max(-1.0, (x * math.cos(sun) + z * math.sin(sun)) / rho))))
+                a = min(max(np.searchsorted(altitudes, altitude, side="right") - 1, 0), altitudes.size - 2)
+                f = min(max((altitude - altitudes[a]) / (altitudes[a + 1] - altitudes[a]), 0.0), 1.0)
+                b = min(max(np.searchsorted(suns, local, side="right") - 1, 0), suns.size - 2)
+                g = min(max((local - suns[b]) / (suns[b + 1] - suns[b]), 0.0), 1.0)
+                i, k = locate(profile, altitude)
+                for w in range(n_wavelengths):
+                    value = (1.0 - f) * ((1.0 - g) * log_table[a, b, w] + g * log_table[a, b + 1, w])
+                    value += f * ((1.0 - g) * log_table[a + 1, b, w] + g * log_table[a + 1, b + 1, w])
+                    weight = r * r * math.cos(e)
+                    weight *= profile.scattering[i, w] * (1.0 - k) + profile.scattering[i + 1, w] * k
+                    out[ring, j, w] += weight * math.exp(value)
+                    total[w] += weight
+            for w in range(n_wavelengths):
+                out[ring, j, w] /= max(total[w], 1e-300)
 
 
 class IsotropicCells:
@@ -94,50 +138,48 @@ class IsotropicCells:
         )
 
     def _second_from_table(self, sun_elevation_deg: float) -> np.ndarray:
-        """Mean radiance of light scattered once, at every cell (rings, S, W), from a table over altitude and local solar
-        zenith angle: seen from its own vertical every point of the air has the same sky at the same sun."""
-        g, medium = self.grid, self.medium
-        half = g.azimuth_cells // 2
-        azimuth = 2.0 * np.pi * np.arange(half + 1) / g.azimuth_cells
-        x = g.ring_radius_km * np.cos(g.ring_elevation)
-        z = g.ring_radius_km * np.sin(g.ring_elevation) + g.earth_radius_km + g.observer_altitude_km
-        h = np.radians(sun_elevation_deg)
-        cos_sun = (x[:, None] * np.cos(azimuth) * np.cos(h) + z[:, None] * np.sin(h)) / np.hypot(x, z)[:, None]
-        local_elevation = np.degrees(np.arcsin(np.clip(cos_sun, -1.0, 1.0)))
-        low, high = local_elevation.min(), local_elevation.max()
-        sun_grid = np.linspace(max(low - 0.1, -90.0), min(high + 0.1, 90.0), max(8, int((high - low) / 0.6) + 2))
-        altitude_grid = graded_altitudes(medium.bottom_km, medium.top_km, 1.5)
-        mu, phi, weight = gauss_directions(8, 16)
-        elevation, around = np.degrees(np.arcsin(mu)), np.degrees(phi)
-        directions = unit_vectors(elevation, around)
-        one_side = around <= 180.0
-        fold = np.where((around == 0.0) | (around == 180.0), 1.0, 2.0)[one_side]
+        """Mean radiance of light scattered once, at every cell (rings, S, W), weighted with the cell's scattering.
+
+        It comes from a table over altitude and local solar zenith angle: seen from its own vertical every point of the
+        air has the same sky at the same sun.
+        """
+        g, medium, profile = self.grid, self.medium, self.profile
+        reach = np.degrees(np.arctan(g.shell_radius_km[-1] / (g.earth_radius_km + g.observer_altitude_km))) + 0.5
+        low, high = max(sun_elevation_deg - reach, -90.0), min(sun_elevation_deg + reach, 90.0)
+        sun_grid = np.linspace(low, high, int((high - low) / 0.5) + 2)
+        altitude_grid = graded_altitudes(medium.bottom_km, medium.top_km, 1.2)
+        mu, phi, weight = gauss_directions(6, 12)
+        directions = unit_vectors(np.degrees(np.arcsin(mu)), np.degrees(phi))
+        one_side = phi <= np.pi + 1e-9
+        fold = np.where(np.minimum(phi, np.abs(phi - np.pi)) < 1e-9, 1.0, 2.0)[one_side]
         table = np.empty((altitude_grid.size, sun_grid.size, medium.n_wavelengths))
         for j, sun in enumerate(sun_grid):
             e = np.radians(sun)
-            cosine = directions[one_side] @ np.array([np.cos(e), 0.0, np.sin(e)])
-            phase = self._smooth_phase(cosine)
+            phase = self._smooth_phase(directions[one_side] @ np.array([np.cos(e), 0.0, np.sin(e)]))
             for i, altitude in enumerate(altitude_grid):
                 once = single_scattering(
-                    self.profile, self.jumps, self.beam, medium, self.scaled.forward_share, float(altitude), float(sun),
-                    directions[one_side], 1.0, phase,
+                    profile, self.jumps, self.beam, medium, self.scaled.forward_share, float(altitude), float(sun),
+                    directions[one_side], 0.8, phase,
                 )  # fmt: skip
                 table[i, j] = (once * (weight[one_side] * fold)[:, None]).sum(axis=0) / (4.0 * np.pi)
         out = np.zeros((g.n_rings, g.azimuth_cells, medium.n_wavelengths))
-        height = np.broadcast_to(g.ring_altitude_km[:, None], local_elevation.shape)
-        for w in range(medium.n_wavelengths):
-            spline = RectBivariateSpline(altitude_grid, sun_grid, np.log(np.maximum(table[:, :, w], TINY)), kx=2, ky=2)
-            out[:, : half + 1, w] = np.exp(spline.ev(height, local_elevation))
+        log_table = np.log(np.maximum(table, TINY))
+        in_slices(lambda begin, end: average_over_cells(
+            profile, log_table, altitude_grid, sun_grid, g.shell_radius_km, g.ring_shell,
+            g.ring_elevation, g.earth_radius_km + g.observer_altitude_km, np.radians(sun_elevation_deg),
+            self.settings.subcells, out, begin, end,
+        ), g.n_rings)  # fmt: skip
+        half = g.azimuth_cells // 2
         out[:, half + 1 :] = out[:, half - 1 : 0 : -1]
         return out
 
     def _smooth_phase(self, cosine: np.ndarray) -> np.ndarray:
-        """Phase functions cut after degree 12, exact for the mean over the 8 x 16 directions; (D, 1 + K, W)."""
-        legendre = np.polynomial.legendre.legvander(cosine, 12) * (2 * np.arange(13) + 1) / (4.0 * np.pi)
+        """Phase functions cut after degree 10, exact for the mean over the 12 x 12 directions; (D, 1 + K, W)."""
+        legendre = np.polynomial.legendre.legvander(cosine, 10) * (2 * np.arange(11) + 1) / (4.0 * np.pi)
         air = species_phase(self.medium, self.scaled.forward_share, cosine)[:, :1]
         rows = [air]
         for phase, f in zip(self.medium.phase_functions, self.scaled.forward_share, strict=True):
-            rows.append((legendre @ phase.legendre_moments(12).T / (1.0 - f))[:, None])
+            rows.append((legendre @ phase.legendre_moments(10).T / (1.0 - f))[:, None])
         return np.ascontiguousarray(np.concatenate(rows, axis=1))
 
     def _second_from_pairs(self, sun_elevation_deg: float) -> np.ndarray:
@@ -221,10 +263,6 @@ class IsotropicCells:
     def view(self, total: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Radiance (D, W) of all light scattered more than once."""
         log_source = np.log(np.maximum(total[self.order], TINY)).astype(np.float32)[None]
-        out = np.zeros((directions.shape[0], self.medium.n_wavelengths))
-        ground = np.full((1, *log_source.shape[2:]), np.log(TINY), np.float32)
-        gather_views(
-            self.profile, self.jumps, self.mesh, self.grid.observer_altitude_km, directions, 1.5, log_source, False,
-            np.broadcast_to(ground, log_source.shape[1:]).copy(), out,
-        )  # fmt: skip
-        return out
+        return isotropic_view(
+            self.profile, self.jumps, self.mesh, self.grid.observer_altitude_km, directions, log_source
+        )

@@ -35,7 +35,7 @@ def make_nodes(
     radius_observer = earth_radius_km + observer_altitude_km
     far = math.sqrt((top_km - bottom_km) * (2 * earth_radius_km + top_km + bottom_km))
     far += math.sqrt(max(observer_altitude_km - bottom_km, 0.0) * (2 * earth_radius_km + observer_altitude_km))
-    largest_step_km = 100.0 / settings.node_density
+    largest_step_km = 80.0 / settings.node_density
     shells = [1.0]
     while shells[-1] < far:
         shells.append(min(shells[-1] * ratio, shells[-1] + largest_step_km))

@@ -11,15 +11,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from twilight.geometry import altitude_along
 from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.solvers.cells.stencils import Mesh, Stencils
+from twilight.threads import in_slices
 from twilight.transport.beam import beam_at
 from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
 
 TINY = 1e-30
+NEGLIGIBLE = 1e-13
+LONG_STEP_KM = 5.0
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,9 @@ class Scattered:
     residual: float
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def once_scattered(
-    profile, jumps, beam, phase, ground_albedo, x, z, altitude, cosine, n_relative, n_azimuth, q, sun, out
+    profile, jumps, beam, phase, ground_albedo, x, z, altitude, cosine, n_relative, n_azimuth, q, sun, out, begin, end
 ):
     """Light scattered once (air or ground) that reaches the nodes: out[direction, point, azimuth, wavelength].
 
@@ -51,14 +54,13 @@ def once_scattered(
     n_species = phase.shape[1]
     n_wavelengths = profile.extinction.shape[1]
     radius = profile.earth_radius_km
-    for p in prange(x.size):
+    for p in range(begin, end):
         edges = np.empty(MAX_STEPS + 2)
         depth = np.empty(n_wavelengths)
         passed = np.empty(n_wavelengths)
         light = np.empty(n_wavelengths)
-        collected = np.empty(n_wavelengths)
-        coefficient = np.empty((MAX_STEPS, n_species, n_wavelengths))
-        position = np.empty((MAX_STEPS, 4))
+        coefficient = np.empty((2 * MAX_STEPS, n_species, n_wavelengths))
+        position = np.empty((2 * MAX_STEPS, 4))
         levels = np.empty(2, np.int64)
         fractions = np.empty(2)
         rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
@@ -70,7 +72,6 @@ def once_scattered(
                 mu = (x[p] * dx + z[p] * dz) / rho
                 n, hits = march(profile, jumps, altitude[p], mu, 1.0, edges)
                 passed[:] = 0.0
-                collected[:] = 0.0
                 points = 0
                 for k in range(n):
                     s0 = edges[k]
@@ -80,36 +81,42 @@ def once_scattered(
                     z_low = altitude_along(altitude[p], mu, s_low, radius)
                     z_high = altitude_along(altitude[p], mu, s_high, radius)
                     step_transmission(profile, z_low, z_high, length, levels, fractions, depth)
+                    # short steps are one point in the middle of what they scatter, long ones two: the beam changes
+                    # by e within tens of km along a line near the terminator
+                    two = length > LONG_STEP_KM
                     total = 0.0
                     moment = 0.0
-                    useful = False
+                    strongest = 0.0
                     i0, f0, i1, f1 = levels[0], fractions[0], levels[1], fractions[1]
                     for w in range(n_wavelengths):
                         t = 0.5 * length * math.exp(-passed[w])
                         low = t * math.exp(-GAUSS_LOW * depth[w])
                         high = t * math.exp(-GAUSS_HIGH * depth[w])
-                        amount = 0.0
                         for c in range(n_species):
                             sigma = profile.species_scattering[c]
                             a_low = low * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
                             a_high = high * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
-                            coefficient[points, c, w] = a_low + a_high
-                            amount += a_low + a_high
                             total += a_low + a_high
                             moment += a_low * s_low + a_high * s_high
-                        if amount > 1e-5 * collected[w] and amount > 1e-10:
-                            useful = True
-                        collected[w] += amount
-                    if useful:
-                        # one point per step, at the middle of what it scatters
-                        s = moment / total
-                        px, py, pz = x[p] + s * dx, s * dy, z[p] + s * dz
-                        r = math.sqrt(px * px + py * py + pz * pz)
-                        position[points, 0] = px / r
-                        position[points, 1] = py / r
-                        position[points, 2] = pz / r
-                        position[points, 3] = altitude_along(altitude[p], mu, s, radius)
-                        points += 1
+                            strongest = max(strongest, a_low + a_high)
+                            if two:
+                                coefficient[points, c, w] = a_low
+                                coefficient[points + 1, c, w] = a_high
+                            else:
+                                coefficient[points, c, w] = a_low + a_high
+                    # thin air counts: deep in twilight it is all that is lit
+                    if strongest > NEGLIGIBLE:
+                        for g in range(2 if two else 1):
+                            s = moment / total
+                            if two:
+                                s = s_low if g == 0 else s_high
+                            px, py, pz = x[p] + s * dx, s * dy, z[p] + s * dz
+                            r = math.sqrt(px * px + py * py + pz * pz)
+                            position[points, 0] = px / r
+                            position[points, 1] = py / r
+                            position[points, 2] = pz / r
+                            position[points, 3] = altitude_along(altitude[p], mu, s, radius)
+                            points += 1
                     for w in range(n_wavelengths):
                         passed[w] += depth[w]
                 gx, gy, gz = 0.0, 0.0, 1.0
@@ -151,7 +158,6 @@ def once_scattered(
                                 row[w] += (
                                     math.exp(-passed[w]) * ground_albedo[w] / math.pi * light[w] * max(0.0, c_apparent)
                                 )
-    mirror(out, n_cos, n_dir_azimuth)
 
 
 @njit(cache=True)
@@ -199,13 +205,13 @@ def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out)
             out[w] += weight[e, w] * math.exp(exponent)
 
 
-@njit(cache=True, parallel=True)
-def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out):
+@njit(cache=True, nogil=True)
+def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out, begin, end):
     """One event: radiance at the nodes from log J[direction, point, azimuth, wavelength] and the ground's radiance."""
     n_directions, n_points, n_azimuth, n_wavelengths = log_source.shape
     n_dir_azimuth = n_directions // n_cos
     entries = (stencils.corner, stencils.corner_weight, stencils.azimuth, stencils.weight)
-    for d in prange(n_directions):
+    for d in range(begin, end):
         m = d // n_dir_azimuth
         b = d % n_dir_azimuth
         total = np.empty(n_wavelengths, np.float32)
@@ -239,7 +245,6 @@ def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out):
                     gather(ground, ray, ray + 1, log_ground, float(j), sign, n_azimuth, total)
                 for w in range(n_wavelengths):
                     out[d, p, j, w] = total[w]
-    mirror(out, n_cos, n_dir_azimuth)
 
 
 class Ordinates:
@@ -291,6 +296,16 @@ class Ordinates:
         out[self.lowest] = flux * (self.ground_albedo / np.pi).astype(np.float32)
         return out
 
+    def _pass(self, log_source: np.ndarray, log_ground: np.ndarray, out: np.ndarray) -> None:
+        n_cos, n_relative = self.directions.cosine.size, self.n_azimuth // 2 + 1
+        in_slices(
+            lambda begin, end: scatter_pass(
+                self.stencils, log_source, log_ground, n_cos, n_relative, self.q, out, begin, end
+            ),
+            out.shape[0],
+        )
+        mirror(out, n_cos, self.directions.azimuth.size)
+
     def solve(self, first_radiance: np.ndarray, max_events: int, tolerance: float, progress=None) -> Scattered:
         """Sum of all orders from the light scattered once, (D, P, A, W)."""
         radiance = first_radiance
@@ -299,12 +314,11 @@ class Ordinates:
         total, total_ground = moments.copy(), ground.copy()
         residual, events = 1.0, 1
         ratio = previous_ratio = None
-        n_cos = self.directions.cosine.size
-        n_relative = self.n_azimuth // 2 + 1
         while events + 1 < max_events:  # the last event is the one along the line of sight
             out = np.empty_like(radiance)
             log_ground = np.log(np.maximum(ground, TINY))
-            scatter_pass(self.stencils, self.source(moments), log_ground, n_cos, n_relative, self.q, out)
+            log_source = self.source(moments)
+            self._pass(log_source, log_ground, out)
             radiance = out
             before = moments[0]
             moments = self.analyse(radiance)

@@ -7,24 +7,25 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from twilight.geometry import altitude_along
 from twilight.solvers.cells.grid import CellGrid
 from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture, segment_depth
+from twilight.threads import in_slices
 from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
 from twilight.transport.profile import Profile
 
 
-@njit(cache=True, parallel=True)
-def ring_kernels(profile, rings, n_azimuth, transform, out):
+@njit(cache=True, nogil=True)
+def ring_kernels(profile, rings, n_azimuth, transform, out, begin, end):
     """out[mode, wavelength, target, source]: Fourier coefficients of the captured share; transform (modes, S/2 + 1)."""
     n_rings = rings.radius.size
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]
     step = 2.0 * math.pi / n_azimuth
     # rows i and n - 1 - i together have as many pairs as any other two: threads get equal work
-    for block in prange((n_rings + 1) // 2):
+    for row in range(begin, end):
         depth = np.empty(n_wavelengths)
         forward = np.empty(n_wavelengths)
         back = np.empty(n_wavelengths)
@@ -32,7 +33,6 @@ def ring_kernels(profile, rings, n_azimuth, transform, out):
         sum_forward = np.empty((n_modes, n_wavelengths))
         sum_back = np.empty((n_modes, n_wavelengths))
         for side in range(2):
-            row = np.int64(block)
             target = row if side == 0 else n_rings - 1 - row
             if side == 1 and target == row:
                 continue
@@ -55,8 +55,10 @@ def ring_kernels(profile, rings, n_azimuth, transform, out):
                             out[m, w, source, target] = sum_back[m, w]
 
 
-@njit(cache=True, parallel=True)
-def ground_kernels(profile, rings, patch_radius, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells):
+@njit(cache=True, nogil=True)
+def ground_kernels(
+    profile, rings, patch_radius, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells, begin, end
+):
     """Shares of light between cells and patches of the ground: to_ground[mode, W, patch, ring], to_cells[.., ring, patch].
 
     A patch at distance `patch_radius` has patch_position (x, z from the centre of the Earth) and sends Lambertian light.
@@ -64,7 +66,7 @@ def ground_kernels(profile, rings, patch_radius, patch_area, patch_position, n_a
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]
     step = 2.0 * math.pi / n_azimuth
-    for ring in prange(rings.radius.size):
+    for ring in range(begin, end):
         depth = np.empty(n_wavelengths)
         for patch in range(patch_radius.size):
             xg, zg = patch_position[patch, 0], patch_position[patch, 1]
@@ -95,15 +97,28 @@ def ground_kernels(profile, rings, patch_radius, patch_area, patch_position, n_a
                         to_cells[m, w, ring, patch] += transform[m, d] * caught
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def exact_shares(
-    profile, jumps, x, z, altitude, cosine, cosine_weight, n_azimuth, observer_radius, outer, captured, ground
+    profile,
+    jumps,
+    x,
+    z,
+    altitude,
+    cosine,
+    cosine_weight,
+    n_azimuth,
+    observer_radius,
+    outer,
+    captured,
+    ground,
+    begin,
+    end,
 ):
     """Share of isotropic light from points (x, z) that the air inside `outer` [km around the observer] extinguishes, and
     that reaches the ground, by rays: captured and ground (P, W); the rest leaves."""
     n_wavelengths = profile.extinction.shape[1]
     radius = profile.earth_radius_km
-    for p in prange(x.size):
+    for p in range(begin, end):
         edges = np.empty(MAX_STEPS + 2)
         depth = np.empty(n_wavelengths)
         passed = np.empty(n_wavelengths)
@@ -245,7 +260,10 @@ def make_operator(
     n_wavelengths = profile.extinction.shape[1]
     transform = cosine_transform(grid.azimuth_cells, n_modes)
     kernel = np.zeros((n_modes, n_wavelengths, active.size, active.size), np.float32)
-    ring_kernels(profile, rings, grid.azimuth_cells, transform, kernel)
+    in_slices(
+        lambda begin, end: ring_kernels(profile, rings, grid.azimuth_cells, transform, kernel, begin, end),
+        (active.size + 1) // 2,
+    )
     spread = spread_matrix(grid, active)
     everyone = make_rings(grid, profile, subcells, np.arange(grid.n_rings))
     amount = everyone.scattering * everyone.volume[:, None]
@@ -259,9 +277,13 @@ def make_operator(
     weights = 0.25 * np.concatenate([weights, weights])
     captured = np.zeros((active.size, n_wavelengths))
     to_ground = np.zeros_like(captured)
-    exact_shares(
-        profile, jumps, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius,
-        float(grid.shell_radius_km[-1]), captured, to_ground,
+    outer = float(grid.shell_radius_km[-1])
+    in_slices(
+        lambda begin, end: exact_shares(
+            profile, jumps, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius, outer, captured, to_ground,
+            begin, end,
+        ),
+        active.size,
     )  # fmt: skip
     weight_target = (spread.T @ (everyone.extinction * everyone.volume[:, None])) / np.maximum(
         rings.extinction * rings.volume[:, None], 1e-300
@@ -275,7 +297,12 @@ def make_operator(
         radius, area, position = ground_patches(grid, rings, shell, float(profile.altitude_km[0]))
         down = np.zeros((n_modes, n_wavelengths, radius.size, active.size))
         up = np.zeros((n_modes, n_wavelengths, active.size, radius.size))
-        ground_kernels(profile, rings, radius, area, position, grid.azimuth_cells, transform, down, up)
+        in_slices(
+            lambda begin, end: ground_kernels(
+                profile, rings, radius, area, position, grid.azimuth_cells, transform, down, up, begin, end
+            ),
+            active.size,
+        )
         # each cell's light reaches the ground with the exact share
         total = down[0].sum(axis=1)
         down *= np.where(total > 0, to_ground.T / np.maximum(total, 1e-300), 0.0)[None, :, None, :]

@@ -49,7 +49,7 @@ class CellsSettings:
     subcells: int = 3
     close_energy: bool = True
     degree: int = 6
-    polar_directions: int = 5
+    polar_directions: int = 6
     azimuth_directions: int = 14
     azimuth_nodes: int = 28
     node_density: float = 1.0

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import altitude_along
 from twilight.phase import rayleigh_phase
+from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
 from twilight.transport.profile import Profile
@@ -68,32 +69,39 @@ def single_scattering(
     else:
         straight_phase, slope, floor = phase, np.zeros_like(phase), -np.inf
     out = np.zeros((directions.shape[0], medium.n_wavelengths))
-    _single(
-        profile,
-        jumps,
-        beam,
-        straight_phase,
-        slope,
-        floor,
-        medium.ground_albedo,
-        observer_altitude_km,
-        sun,
-        np.ascontiguousarray(directions),
-        fineness,
-        out,
-    )
+    directions = np.ascontiguousarray(directions)
+    in_slices(
+        lambda begin, end: _single(
+            profile, jumps, beam, straight_phase, slope, floor, medium.ground_albedo, observer_altitude_km, sun,
+            directions, fineness, out, begin, end,
+        ),
+        directions.shape[0],
+    )  # fmt: skip
     return out
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _single(
-    profile, jumps, beam, phase, phase_slope, phase_floor, ground_albedo, altitude0, sun, directions, fineness, out
+    profile,
+    jumps,
+    beam,
+    phase,
+    phase_slope,
+    phase_floor,
+    ground_albedo,
+    altitude0,
+    sun,
+    directions,
+    fineness,
+    out,
+    begin,
+    end,
 ):
     n_wavelengths = profile.extinction.shape[1]
     n_species = phase.shape[1]
     radius = profile.earth_radius_km
     rho0 = radius + altitude0
-    for d in prange(directions.shape[0]):
+    for d in range(begin, end):
         edges = np.empty(MAX_STEPS + 2)
         depth = np.empty(n_wavelengths)
         passed = np.zeros(n_wavelengths)

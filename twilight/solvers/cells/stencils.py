@@ -11,10 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from twilight.geometry import altitude_along
 from twilight.solvers.cells.nodes import Directions, Nodes
+from twilight.threads import in_slices
 from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
 from twilight.transport.profile import Profile
 
@@ -138,7 +139,7 @@ def trace(profile, jumps, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, 
             row[w] = low + high
             total += low + high
             moment += low * s_low + high * s_high
-            if low + high > 1e-6 * collected[w] and low + high > 1e-12:
+            if low + high > 1e-9 * collected[w] and low + high > 1e-12:
                 useful = True
             collected[w] += low + high
             passed[w] += depth[w]
@@ -171,10 +172,12 @@ def trace(profile, jumps, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, 
     return stored
 
 
-@njit(cache=True, parallel=True)
-def _trace_all(profile, jumps, mesh, x, z, cosine, n_relative, n_azimuth, fineness, store, first, out, ground):
+@njit(cache=True, nogil=True)
+def _trace_all(
+    profile, jumps, mesh, x, z, cosine, n_relative, n_azimuth, fineness, store, first, out, ground, begin, end
+):
     n_cos = cosine.size
-    for p in prange(x.size):
+    for p in range(begin, end):
         for m in range(n_cos):
             sine = math.sqrt(1.0 - cosine[m] * cosine[m])
             for a in range(n_relative):
@@ -224,8 +227,9 @@ def make_stencils(
 
     first = np.zeros(n_rays + 1, np.int64)
     common = (profile, jumps, mesh, nodes.x_km, nodes.z_km, directions.cosine, n_relative, n_azimuth, fineness)
-    _trace_all(*common, False, first, arrays(1), arrays(1))
-    first = np.cumsum(first)
-    out, ground = arrays(first[-1]), arrays(n_rays)
-    _trace_all(*common, True, first, out, ground)
-    return Stencils(first, *out, *ground)
+    dummy = arrays(1)
+    in_slices(lambda begin, end: _trace_all(*common, False, first, dummy, dummy, begin, end), nodes.altitude_km.size)
+    start = np.cumsum(first)
+    out, ground = arrays(start[-1]), arrays(n_rays)
+    in_slices(lambda begin, end: _trace_all(*common, True, start, out, ground, begin, end), nodes.altitude_km.size)
+    return Stencils(start, *out, *ground)
