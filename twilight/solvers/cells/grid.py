@@ -1,4 +1,4 @@
-"""Haber's atmosphere cells (section 4.1.3): shells around the observer, cut into equal angles of azimuth and elevation."""
+"""Haber's atmosphere cells (section 4.1.3): shells around the observer, cut into equal azimuths and elevations."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from twilight.errors import TwilightError
 def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: float) -> np.ndarray:
     """Radii of the shells' boundaries: r_j = R_min q^j with q = (1 + d/2)/(1 - d/2), d = 2 pi/S.
 
-    A shell is as thick as its mean arc is long.  The number of shells is the whole number that ends nearest to `outer`:
-    with R_min = 100 m and 669 km these are the paper's 101 at S = 72 and 252 at S = 180 (his printed 10 m gives others).
+    A shell is as thick as its mean arc is long.  Their number is the whole number that ends nearest to `outer`: with
+    R_min = 100 m and 669 km the paper's 101 at S = 72 and 252 at S = 180 (his printed 10 m gives others).
     """
     d = 2.0 * math.pi / azimuth_cells
     log_q = math.log((1.0 + d / 2.0) / (1.0 - d / 2.0))
@@ -23,7 +23,7 @@ def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: flo
 
 
 def outer_radius_km(top_km: float, observer_altitude_km: float, earth_radius_km: float) -> float:
-    """Farthest point of the air that a horizontal line from the observer reaches: sqrt(H^2 + 2 R H) seen from the ground."""
+    """Where a horizontal line from the observer leaves the air: sqrt(H^2 + 2 R H) from the ground."""
     h = top_km - observer_altitude_km
     return math.sqrt(h * (h + 2.0 * (earth_radius_km + observer_altitude_km)))
 

@@ -28,7 +28,7 @@ from twilight.transport.profile import Profile, locate
 def average_over_cells(
     profile, log_table, altitudes, suns, shells, ring_shell, elevations, observer_radius, sun, n, out, begin, end
 ):
-    """Mean of exp(log_table(altitude, local sun elevation)) over n x n points of each cell, weighted with scattering."""
+    """Mean of exp(log_table(altitude, local sun elevation)) over n x n points of a cell, weighted with scattering."""
     n_azimuth = out.shape[1]
     n_wavelengths = out.shape[2]
     angle = 2.0 * math.pi / n_azimuth
@@ -107,7 +107,7 @@ class IsotropicCells:
         else:
             if settings.close_energy or np.any(medium.ground_albedo > 0):
                 raise TwilightError(
-                    "solver.operator 'pairs' is Haber's bare loop: it needs solver.close_energy false and ground.albedo 0"
+                    "solver.operator 'pairs' is a bare loop: it needs solver.close_energy false and ground.albedo 0"
                 )
             self.active = active_rings(self.grid, settings.active_shell_step)
             self.rings = make_rings(self.grid, profile, settings.subcells, self.active)
@@ -184,7 +184,7 @@ class IsotropicCells:
 
     def _second_from_pairs(self, sun_elevation_deg: float) -> np.ndarray:
         """Extinguished power of light scattered once, cell to cell with its phase function (active rings, S, W)."""
-        s, rings, n = self.settings, self.rings, self.settings.azimuth_cells
+        rings, n = self.rings, self.settings.azimuth_cells
         h = np.radians(sun_elevation_deg)
         azimuth = 2.0 * np.pi * np.arange(n) / n
         x, z = rings.radius * rings.cos_elevation, rings.radius * rings.sin_elevation + rings.observer_radius
@@ -211,9 +211,10 @@ class IsotropicCells:
         return out
 
     def mean_radiance(self, sun_elevation_deg: float, progress) -> tuple[np.ndarray, list[float]]:
-        """Mean radiance over all directions of light scattered 1, 2, ... times, summed, at every cell (rings, S, W), and
-        the share that each event added (largest over cells and wavelengths)."""
-        s, rings, n = self.settings, self.rings, self.settings.azimuth_cells
+        """Mean radiance of light scattered 1, 2, ... times, summed, at every cell (rings, S, W), and the share that
+        each
+        event added (largest over cells and wavelengths)."""
+        s, rings = self.settings, self.rings
         own = np.maximum(4.0 * np.pi * rings.scattering * rings.volume[:, None], 1e-300)[:, None]
         albedo = (rings.scattering / np.maximum(rings.extinction, 1e-300))[:, None]
         if s.second_event == "table":

@@ -2,7 +2,7 @@
 
 One pass follows every ray of every node through the mean scattered source J (radiance per scattering coefficient),
     L_{n+1}(x, d) = int sigma_s J_n T ds + ground,     J_n(x, d) = sum_lm chi_l(x) Y_lm(d) int Y_lm L_n,
-with J interpolated in its logarithm between nodes: in the shadow it falls by e in a fraction of a degree of solar zenith.
+with J interpolated in its logarithm between nodes: in the shadow it falls by e in a fraction of a degree.
 """
 
 from __future__ import annotations
@@ -176,7 +176,8 @@ def mirror(field, n_cos, n_dir_azimuth):
 
 @njit(cache=True)
 def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out):
-    """Add the source along one ray, entries first..last, at a node of azimuth index `azimuth_cell` (may be fractional)."""
+    """Add the source along one ray, entries first..last, at a node of azimuth index `azimuth_cell` (may be
+    fractional)."""
     corner, corner_weight, azimuth, weight = stencil
     n_wavelengths = out.size
     per_cell = n_azimuth / (2.0 * math.pi)

@@ -17,7 +17,8 @@ from twilight.transport.profile import Profile, locate
 class Rings(NamedTuple):
     """Rings of cells as arrays for kernels; G rings, W wavelengths.
 
-    radius, sin_elevation, cos_elevation, altitude (G,); size (G, 3): edges of a cell along radius, elevation, azimuth [km]
+    radius, sin_elevation, cos_elevation, altitude (G,); size (G, 3): edges of a cell along radius, elevation, azimuth
+    [km]
     volume (G,); extinction, scattering (G, W): mean over the cell [km^-1]
     """
 
@@ -71,7 +72,8 @@ def make_rings(grid: CellGrid, profile: Profile, subcells: int, which: np.ndarra
 
 @njit(cache=True)
 def segment_depth(profile, altitude_km, cos_zenith, length, out):
-    """Optical depth per wavelength of a straight piece of air; False (and `out` unset) where the ground is in between."""
+    """Optical depth per wavelength of a straight piece of air; False (and `out` unset) where the ground is in
+    between."""
     radius = profile.earth_radius_km
     bottom = profile.altitude_km[0]
     closest = -(radius + altitude_km) * cos_zenith
@@ -219,7 +221,8 @@ def pair_pass(profile, rings, n_azimuth, power, phase_table, sun, left_right, mi
                     if n_nodes > 1:
                         x = c * vector[d, 0] - t * vector[d, 1]
                         cosine = x * sun[0] + vector[d, 2] * sun[2]
-                        # light travels away from the sun: the scattering angle is between -sun and the way to the target
+                        # light travels away from the sun: the scattering angle is between -sun and the way to the
+                        # target
                         place = 0.5 * (1.0 - cosine) * (n_nodes - 1)
                         i = min(int(place), n_nodes - 2)
                         f = place - i

@@ -1,4 +1,5 @@
-"""The ring operator: transfer between rings of equal cells depends on the azimuth difference only, so a Fourier transform
+"""The ring operator: transfer between rings of equal cells depends on the azimuth difference only, so a Fourier
+transform
 in azimuth turns it into one small matrix per mode.  It is made once per medium and serves every sun."""
 
 from __future__ import annotations
@@ -59,9 +60,11 @@ def ring_kernels(profile, rings, n_azimuth, transform, out, begin, end):
 def ground_kernels(
     profile, rings, patch_radius, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells, begin, end
 ):
-    """Shares of light between cells and patches of the ground: to_ground[mode, W, patch, ring], to_cells[.., ring, patch].
+    """Shares of light between cells and patches of the ground: to_ground[mode, W, patch, ring], to_cells[.., ring,
+    patch].
 
-    A patch at distance `patch_radius` has patch_position (x, z from the centre of the Earth) and sends Lambertian light.
+    A patch at distance `patch_radius` has patch_position (x, z from the centre of the Earth) and sends Lambertian
+    light.
     """
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]
@@ -114,7 +117,8 @@ def exact_shares(
     begin,
     end,
 ):
-    """Share of isotropic light from points (x, z) that the air inside `outer` [km around the observer] extinguishes, and
+    """Share of isotropic light from points (x, z) that the air inside `outer` [km around the observer] extinguishes,
+    and
     that reaches the ground, by rays: captured and ground (P, W); the rest leaves."""
     n_wavelengths = profile.extinction.shape[1]
     radius = profile.earth_radius_km
@@ -132,7 +136,6 @@ def exact_shares(
                 # directions around the point's own vertical
                 ux, uz = x[p] / rho, z[p] / rho
                 dx = cosine[m] * ux + sine * math.cos(phi) * uz
-                dy = sine * math.sin(phi)
                 dz = cosine[m] * uz - sine * math.cos(phi) * ux
                 n, hits = march(profile, jumps, altitude[p], cosine[m], 0.7, edges)
                 passed[:] = 0.0
@@ -161,7 +164,8 @@ def exact_shares(
 
 @dataclass
 class RingOperator:
-    """kernel (modes, W, G, G): power extinguished in ring t per power scattered by ring c, group weights and ground inside.
+    """kernel (modes, W, G, G): power extinguished in ring t per power scattered by ring c, group weights and ground
+    inside.
 
     ring (G,): index of the active rings in the grid; spread (all rings, G): interpolation of the mean radiance
     extinguished_to_scattered (G, W); closure (G, W): the factors that closed the energy balance (1 = nothing to do)

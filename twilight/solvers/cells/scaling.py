@@ -2,7 +2,8 @@
 
 Delta-M scaling (Wiscombe 1977): with f = chi_{M+1} the moment after the last one kept,
     extinction' = (1 - albedo f) extinction,  albedo' = (1 - f) albedo / (1 - albedo f),  chi'_l = (chi_l - f)/(1 - f).
-With M = 0 this is f = g: Haber's similarity-reduced isotropic aerosol (eq. 2), in which extinction falls with scattering,
+With M = 0 this is f = g: Haber's similarity-reduced isotropic aerosol (eq. 2), in which extinction falls with
+scattering,
 so that light scattered forward stays on its way instead of being lost.
 """
 
@@ -26,7 +27,8 @@ class ScaledMedium:
 
 
 def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
-    """Scale the aerosol so that Legendre moments up to `degree` describe it; None leaves it as it is, without moments."""
+    """Scale the aerosol so that Legendre moments up to `degree` describe it; None leaves it as it is, without
+    moments."""
     if degree is None:
         k, w = len(medium.phase_functions), medium.n_wavelengths
         return ScaledMedium(medium, np.zeros((1 + k, 0, w)), np.zeros((k, w)))

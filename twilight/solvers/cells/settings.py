@@ -17,7 +17,8 @@ class CellsSettings:
     active_shell_step: every n-th shell takes part in multiple scattering
     max_events: most scattering events that are followed
     tolerance: stop earlier when an event adds less than this share to the source anywhere it matters
-    multiple_scattering: 'exact' keeps the phase functions at every event; 'isotropic' is Haber's: the first event with its
+    multiple_scattering: 'exact' keeps the phase functions at every event; 'isotropic' is Haber's: the first event
+    with its
         phase function, later ones isotropic in air whose aerosol is reduced by similarity; 'none' is single scattering
     operator: how isotropic events are computed: 'fourier' (one matrix per azimuthal mode, reused for every sun) or
         'pairs' (Haber's loop over pairs of cells)

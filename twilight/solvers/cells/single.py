@@ -56,7 +56,8 @@ def single_scattering(
 ) -> np.ndarray:
     """Sun-normalised radiance (D, W) [sr^-1] of light scattered once by air or by the ground in view.
 
-    medium: the unscaled one, for its phase functions; profile and beam: of the scaled one.  phase (D, 1 + K, W) replaces
+    medium: the unscaled one, for its phase functions; profile and beam: of the scaled one.  phase (D, 1 + K, W)
+    replaces
     the phase functions where it is given; it is then not corrected for the bending of the beam.
     """
     h = math.radians(sun_elevation_deg)
@@ -108,7 +109,7 @@ def _single(
         light = np.empty(n_wavelengths)
         levels = np.empty(2, np.int64)
         fractions = np.empty(2)
-        dx, dy, dz = directions[d, 0], directions[d, 1], directions[d, 2]
+        dx, dz = directions[d, 0], directions[d, 2]
         n, hits = march(profile, jumps, altitude0, dz, fineness, edges)
         for k in range(n):
             s0 = edges[k]

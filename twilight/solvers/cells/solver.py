@@ -70,6 +70,11 @@ class Field:
         self.beam = prepare_beam(lit, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
         self.jumps = jump_altitudes(self.profile)
+        # On the line of sight light that was scattered once keeps its narrow forward peak only: taking all that
+        # similarity
+        # calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it would lose light.
+        self.sight = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
+        self.sight_profile = prepare_profile(self.sight.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
         common = (medium, self.scaled, self.profile, self.jumps, self.beam, settings, self.observer_altitude_km)
         self.exact = ExactCells(*common) if mode == "exact" and settings.max_events > 1 else None
@@ -102,11 +107,11 @@ class Field:
     def single(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Light scattered once, (D, W) [sr^-1], for flat lists of directions in degrees."""
         return single_scattering(
-            self.profile,
+            self.sight_profile,
             self.jumps,
             self.beam,
             self.medium,
-            self.scaled.forward_share,
+            self.sight.forward_share,
             self.observer_altitude_km,
             sun_elevation_deg,
             unit_vectors(elevation_deg, azimuth_deg),

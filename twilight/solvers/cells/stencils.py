@@ -1,7 +1,8 @@
 """Rays from every node in every direction, kept as weights on other nodes: made once, used by every pass and every sun.
 
 A ray leaves a node of azimuth 0; the same ray of the same node at another azimuth meets the same air, turned about the
-observer's vertical.  That is Haber's ring reuse: S times fewer paths.  Left and right of the node's own vertical plane are
+observer's vertical.  That is Haber's ring reuse: S times fewer paths.  Left and right of the node's own vertical
+plane are
 mirror images: another factor 2.
 """
 
@@ -31,7 +32,8 @@ class Mesh(NamedTuple):
 
 
 class Stencils(NamedTuple):
-    """first (rays + 1,): where each ray's entries start.  An entry is one step: corner (E, 4) points, corner_weight (E, 4),
+    """first (rays + 1,): where each ray's entries start.  An entry is one step: corner (E, 4) points, corner_weight
+    (E, 4),
     azimuth (E,) of the step [rad, relative to the ray's node], weight (E, W) on the mean scattered source.
     ground_* (rays, ...): the same for the point where the ray ends on the ground (weight 0 where it does not)."""
 
@@ -81,7 +83,7 @@ def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
     r = math.sqrt(x * x + y * y + dz * dz)
     log_r = math.log(max(r, 1e-9))
     n = mesh.log_radius.size
-    j = np.searchsorted(mesh.log_radius, log_r, side="right") - 1
+    j = int(np.searchsorted(mesh.log_radius, log_r, side="right")) - 1
     if j < 0:
         j, f = 0, 0.0
     elif j >= n - 1:
@@ -100,7 +102,8 @@ def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
 
 @njit(cache=True)
 def trace(profile, jumps, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, out, at, ground):
-    """One ray from (x0, 0, z0) along (dx, dy, dz).  Counts its steps, or stores them from index `at`; returns the count.
+    """One ray from (x0, 0, z0) along (dx, dy, dz).  Counts its steps, or stores them from index `at`; returns the
+    count.
 
     `out` and `ground` are tuples of the arrays of :class:`Stencils`.
     """

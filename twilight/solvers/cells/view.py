@@ -26,7 +26,8 @@ def coarse_elevations(lowest_deg: float, highest_deg: float, n: int) -> np.ndarr
 def gather_views(
     profile, jumps, mesh, altitude0, directions, fineness, log_source, per_direction, log_ground, out, begin, end
 ):
-    """Multiple scattering along lines of sight: log_source[direction or 0, point, azimuth, wavelength] -> out (D, W)."""
+    """Multiple scattering along lines of sight: log_source[direction or 0, point, azimuth, wavelength] -> out (D,
+    W)."""
     n_wavelengths = profile.extinction.shape[1]
     n_azimuth = log_source.shape[2]
     z0 = profile.earth_radius_km + altitude0

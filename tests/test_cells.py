@@ -1,0 +1,348 @@
+"""Cells: grid, transfer between cells and its savings, the exact mode, energy, extremes."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.phase import PhaseFunction
+from twilight.solvers import cells
+from twilight.solvers.cells import QUALITIES, CellsSettings
+from twilight.solvers.cells.grid import make_grid, outer_radius_km, shell_radii
+from twilight.solvers.cells.pairs import sphere_capture
+from twilight.solvers.cells.scaling import delta_scaled
+
+COARSE = CellsSettings(
+    azimuth_cells=24,
+    degree=4,
+    polar_directions=3,
+    azimuth_directions=10,
+    azimuth_nodes=20,
+    node_density=0.5,
+)
+BARE = CellsSettings(
+    azimuth_cells=8,
+    inner_radius_km=5.0,
+    active_shell_step=1,
+    multiple_scattering="isotropic",
+    operator="pairs",
+    second_event="pairs",
+    close_energy=False,
+    subcells=1,
+    max_events=4,
+    tolerance=0.0,
+)
+
+
+def air(
+    *,
+    scattering=0.02,
+    aerosol=0.1,
+    albedo=0.95,
+    asymmetry=0.7,
+    absorption=0.0,
+    refractivity=2.8e-4,
+    ground=0.0,
+    top=60.0,
+) -> Medium:
+    """Two wavelengths of exponential air, 8 km, with aerosol of 1.5 km scale height."""
+    z = np.concatenate([np.arange(0.0, 10.0, 1.0), np.linspace(10.0, top, 26)])
+    one = np.ones((z.size, 2)) * np.array([1.0, 0.6])
+    return Medium(
+        wavelength_nm=np.array([450.0, 600.0]),
+        altitude_km=z,
+        air_scattering_per_km=scattering * np.exp(-z / 8.0)[:, None] * one,
+        absorption_per_km=absorption * np.exp(-z / 8.0)[:, None] * one,
+        aerosol_extinction_per_km=aerosol * np.exp(-z / 1.5)[:, None] * one,
+        aerosol_single_scattering_albedo=np.full(one.shape, albedo),
+        aerosol_share=np.ones((1, *one.shape)),
+        phase_functions=(PhaseFunction.henyey_greenstein([asymmetry, asymmetry]),),
+        refractivity=refractivity * np.exp(-z / 8.0)[:, None] * np.ones_like(one),
+        depolarisation=np.zeros(2),
+        ground_albedo=np.full(2, ground),
+        overhead_absorption_optical_depth=np.zeros(2),
+        name="test",
+    )
+
+
+# --- grid ---
+
+
+@pytest.mark.parametrize(("azimuth_cells", "shells"), [(72, 101), (180, 252)])
+def test_shell_counts_of_the_paper(azimuth_cells, shells):
+    outer = outer_radius_km(35.0, 0.0, 6371.0)
+    assert outer == pytest.approx(669.0, abs=1.0)
+    radii = shell_radii(azimuth_cells, 0.1, outer)
+    assert radii.size - 1 == shells
+    # a shell is as thick as the mean arc of its two edges is long
+    arc = 2 * np.pi / azimuth_cells * 0.5 * (radii[1:] + radii[:-1])
+    np.testing.assert_allclose(np.diff(radii), arc, rtol=1e-12)
+
+
+def test_cells_fill_a_sphere_that_lies_in_the_air():
+    grid = make_grid(36, 1.0, 30.0, 0.0, 60.0, 6371.0)
+    inside = grid.shell_radius_km[grid.ring_shell + 1] < 29.0
+    edge = grid.shell_radius_km[grid.shell_radius_km < 29.0][-1]
+    volume = grid.ring_volume_km3[inside].sum() * grid.azimuth_cells
+    assert volume == pytest.approx(4 / 3 * np.pi * (edge**3 - 1.0), rel=1e-12)
+
+
+def test_cells_are_those_whose_centre_is_in_the_air():
+    grid = make_grid(120, 0.1, 0.0, 0.0, 100.0, 6371.0)
+    assert grid.ring_altitude_km.min() > 0.0
+    assert grid.ring_altitude_km.max() < 100.0
+    assert np.any(grid.ring_elevation < 0.0)  # cells below the horizontal take part
+
+
+def test_observer_above_the_air_is_refused():
+    with pytest.raises(TwilightError, match=r"observer\.altitude_km is 80"):
+        cells.prepare(air(), COARSE, observer_altitude_km=80.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"azimuth_cells": 7}, "azimuth_cells is 7"),
+        ({"azimuth_cells": 61}, "even"),
+        ({"multiple_scattering": "both"}, "multiple_scattering"),
+        ({"degree": 12}, "azimuth_directions"),
+        ({"azimuth_nodes": 30}, "multiple"),
+    ],
+)
+def test_settings_out_of_range_are_one_sentence(change, words):
+    with pytest.raises(TwilightError, match=words):
+        CellsSettings(**change)
+
+
+# --- transfer from cell to cell ---
+
+
+def test_sphere_capture_limits():
+    assert sphere_capture(1e-9) == pytest.approx(0.75e-9, rel=1e-6)
+    assert sphere_capture(0.02) == pytest.approx(sphere_capture(0.0200001), rel=1e-4)  # series meets closed form
+    assert sphere_capture(1e3) == pytest.approx(1.0, abs=1e-3)
+
+
+def bare(**change):
+    field = cells.prepare(air(top=30.0, aerosol=0.05), replace(BARE, **change))
+    total, _ = field.isotropic.mean_radiance(20.0, lambda *a: None)
+    return total, field
+
+
+@pytest.fixture(scope="module")
+def brute_force():
+    return bare(left_right_symmetry=False, mirrored_pairs=False, ring_reuse=False)
+
+
+def test_savings_change_nothing(brute_force):
+    reference, field = brute_force
+    full = field.isotropic.paths_traced
+    for change, share in (
+        ({"left_right_symmetry": True, "mirrored_pairs": False, "ring_reuse": False}, 5 / 8),
+        ({"left_right_symmetry": False, "mirrored_pairs": True, "ring_reuse": False}, 5 / 8),
+        ({"left_right_symmetry": False, "mirrored_pairs": False, "ring_reuse": True}, 1 / 8),
+        ({"left_right_symmetry": True, "mirrored_pairs": True, "ring_reuse": True}, 5 / 64),
+    ):
+        total, other = bare(**change)
+        np.testing.assert_allclose(total, reference, rtol=1e-11, atol=reference.max() * 1e-13)
+        assert other.isotropic.paths_traced == pytest.approx(full * share, rel=1e-12)
+
+
+def test_fourier_operator_is_the_loop_over_pairs(brute_force):
+    reference, _ = brute_force
+    total, _ = bare(operator="fourier", azimuth_modes=0)
+    np.testing.assert_allclose(total, reference, rtol=2e-6, atol=reference.max() * 1e-7)  # kept in single precision
+
+
+def test_operator_serves_every_sun():
+    field = cells.prepare(air(), replace(QUALITIES["haber2005"], azimuth_cells=24, active_shell_step=2))
+    kernel = field.isotropic.operator.kernel
+    field.radiance(10.0, 45.0, 0.0)
+    before = kernel.copy()
+    field.radiance(-3.0, 45.0, 0.0)
+    assert field.isotropic.operator.kernel is kernel
+    assert np.array_equal(before, kernel)
+
+
+def test_active_shells_and_mode_cut_are_small_errors():
+    medium = air(aerosol=0.05)
+    settings = replace(QUALITIES["haber2005"], azimuth_cells=36, subcells=2, azimuth_modes=0)
+    elevation, azimuth = np.array([20.0, 45.0, 70.0, 88.0]), np.array([0.0, 60.0, 120.0, 180.0])
+    all_shells = cells.prepare(medium, replace(settings, active_shell_step=1)).radiance(5.0, elevation, azimuth)
+    few_modes = cells.prepare(medium, replace(settings, active_shell_step=1, azimuth_modes=6))
+    assert np.abs(few_modes.radiance(5.0, elevation, azimuth) / all_shells - 1.0).max() < 0.002
+    second = cells.prepare(medium, replace(settings, active_shell_step=2)).radiance(5.0, elevation, azimuth)
+    assert np.abs(second / all_shells - 1.0).max() < 0.02
+
+
+def test_closed_operator_keeps_the_energy():
+    """Light of every cell is extinguished, reaches the ground or leaves; unclosed, the cells miss a stated share."""
+    field = cells.prepare(air(), replace(QUALITIES["haber2005"], azimuth_cells=36, active_shell_step=1, subcells=3))
+    operator = field.isotropic.operator
+    found = operator.kernel[0].sum(axis=1).T  # (source, W); all shells are active
+    np.testing.assert_allclose(found, operator.captured, rtol=1e-4)
+    assert np.all(operator.captured + operator.to_ground <= 1.0 + 1e-6)
+    assert np.median(np.abs(operator.closure - 1.0)) < 0.1
+
+
+def test_ground_brightens_the_isotropic_sky():
+    settings = replace(QUALITIES["haber2005"], azimuth_cells=36, active_shell_step=2)
+    dark = cells.prepare(air(), settings).radiance(30.0, 60.0, 90.0)
+    bright = cells.prepare(air(ground=0.8), settings).radiance(30.0, 60.0, 90.0)
+    exact = [cells.prepare(air(ground=g), COARSE).radiance(30.0, 60.0, 90.0) for g in (0.0, 0.8)]
+    np.testing.assert_allclose(bright / dark, exact[1] / exact[0], rtol=0.15)
+
+
+# --- single scattering ---
+
+
+def test_single_scattering_is_the_line_integral():
+    medium = air(refractivity=0.0, asymmetry=0.6, absorption=0.003)
+    field = cells.prepare(medium, replace(COARSE, multiple_scattering="none"))
+    sun = np.radians(12.0)
+    for elevation, azimuth in ((3.0, 0.0), (30.0, 100.0), (85.0, 180.0)):
+        e, a = np.radians(elevation), np.radians(azimuth)
+        direction = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        to_sun = np.array([np.cos(sun), 0.0, np.sin(sun)])
+        cosine = direction @ to_sun
+        radius = medium.earth_radius_km
+
+        def extinction(z):
+            at = medium.at(np.array(z))
+            return at.extinction[..., 0]
+
+        def depth(start, along, length, extinction=extinction, radius=radius):
+            s, w = np.polynomial.legendre.leggauss(64)
+            # dense at both ends
+            total = 0.0
+            for lo, hi in ((0.0, 0.05), (0.05, 0.3), (0.3, 1.0)):
+                x = length * (0.5 * (lo + hi) + 0.5 * (hi - lo) * s)
+                z = np.linalg.norm(start[None] + x[:, None] * along[None], axis=1) - radius
+                total += 0.5 * (hi - lo) * length * (w * extinction(z)).sum()
+            return total
+
+        def to_top(start, along, radius=radius):
+            b = start @ along
+            return -b + np.sqrt(b * b + (radius + 60.0) ** 2 - start @ start)
+
+        observer = np.array([0.0, 0.0, radius])
+
+        def integrand(s, medium=medium, observer=observer, direction=direction, cosine=cosine, to_sun=to_sun):
+            point = observer + s * direction
+            z = np.linalg.norm(point) - medium.earth_radius_km
+            at = medium.at(np.array(z))
+            p_air = 3 / (16 * np.pi) * (1 + cosine**2)
+            p_aerosol = medium.phase_functions[0](np.array([cosine]))[0, 0]
+            source = at.air_scattering[0] * p_air + at.aerosol_scattering[0] * p_aerosol
+            return source * np.exp(-depth(observer, direction, s) - depth(point, to_sun, to_top(point, to_sun)))
+
+        length = to_top(observer, direction)
+        expected = quad(integrand, 0.0, length, epsrel=1e-6, limit=300, points=[0.02 * length, 0.1 * length])[0]
+        got = field.radiance(12.0, elevation, azimuth)[0]
+        assert got == pytest.approx(expected, rel=2e-3)
+
+
+def test_refraction_off_is_refractivity_zero():
+    straight = cells.prepare(air(refractivity=0.0), COARSE).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
+    off = cells.prepare(air(), replace(COARSE, refraction=False)).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
+    np.testing.assert_allclose(off, straight, rtol=1e-12)
+
+
+def test_refraction_brightens_twilight():
+    straight = cells.prepare(air(), replace(COARSE, refraction=False)).radiance(-4.0, 90.0, 0.0)
+    bent = cells.prepare(air(), COARSE).radiance(-4.0, 90.0, 0.0)
+    assert np.all(bent / straight > 1.03)
+    assert np.all(bent / straight < 1.3)
+
+
+# --- exact mode ---
+
+
+def test_uniform_light_in_a_white_box_stays_uniform():
+    """Conservative air over a ground as bright as the light in it: whatever ends on the ground sees 1 everywhere."""
+    field = cells.prepare(air(albedo=1.0, ground=1.0, refractivity=0.0), COARSE)
+    o = field.exact.ordinates
+    shape = (o.synthesis.shape[0], o.nodes.altitude_km.size, o.n_azimuth, 2)
+    out = np.zeros(shape, np.float32)
+    o._pass(np.zeros(shape, np.float32), np.zeros(shape[1:], np.float32), out)
+    down = out[:, o.lowest[:8]][o.directions.cosine.repeat(o.directions.azimuth.size) < 0]
+    np.testing.assert_allclose(down, 1.0, rtol=1e-5)
+    assert out.max() < 1.0 + 1e-4
+
+
+def test_delta_scaling_keeps_what_is_not_forward():
+    medium = air(asymmetry=0.8)
+    for degree in (0, 2, 6):
+        scaled = delta_scaled(medium, degree).medium
+        before = medium.aerosol_extinction_per_km * (1 - medium.aerosol_single_scattering_albedo)
+        after = scaled.aerosol_extinction_per_km * (1 - scaled.aerosol_single_scattering_albedo)
+        np.testing.assert_allclose(after, before, rtol=1e-12)  # absorption is untouched
+        scattering = scaled.aerosol_extinction_per_km * scaled.aerosol_single_scattering_albedo
+        original = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
+        np.testing.assert_allclose(scattering, original * (1 - 0.8 ** (degree + 1)), rtol=1e-12)
+
+
+def test_left_and_right_are_alike_and_azimuth_is_periodic():
+    field = cells.prepare(air(), COARSE)
+    a = field.radiance(5.0, 30.0, [40.0, 170.0])
+    np.testing.assert_allclose(field.radiance(5.0, 30.0, [-40.0, 190.0]), a, rtol=1e-10)
+    np.testing.assert_allclose(field.radiance(5.0, 30.0, [400.0, -190.0]), a, rtol=1e-10)
+
+
+def test_more_ground_more_light_more_absorber_less():
+    light = [
+        cells.prepare(medium, COARSE).radiance(20.0, [10.0, 50.0, 90.0], 70.0)
+        for medium in (air(ground=0.0), air(ground=0.3), air(ground=1.0))
+    ]
+    assert np.all(light[0] < light[1])
+    assert np.all(light[1] < light[2])
+    darker = cells.prepare(air(absorption=0.01), COARSE).radiance(20.0, [10.0, 50.0, 90.0], 70.0)
+    assert np.all(darker < light[0])
+
+
+def test_one_thread_and_two_are_bit_identical():
+    before = numba.get_num_threads()
+    results = []
+    try:
+        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+            numba.set_num_threads(threads)
+            results.append(cells.prepare(air(), COARSE).radiance(-2.0, [5.0, 40.0], [0.0, 120.0]))
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(results[0], results[1])
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        {"aerosol": 13.0},
+        {"asymmetry": 0.98},
+        {"asymmetry": 0.0},
+        {"albedo": 0.0},
+        {"albedo": 1.0, "ground": 1.0},
+        {"scattering": 0.0, "aerosol": 0.0},
+        {"absorption": 10.0},
+        {"scattering": 1e-9},
+    ],
+)
+@pytest.mark.parametrize("mode", ["exact", "isotropic"])
+def test_extreme_air_is_finite_and_not_negative(medium, mode):
+    settings = replace(COARSE, multiple_scattering=mode, active_shell_step=4)
+    field = cells.prepare(air(**medium), settings)
+    for sun in (90.0, 0.0, -6.0, -40.0):
+        radiance = field.radiance(sun, [0.0, 1.0, 45.0, 90.0], [0.0, 0.0, 180.0, 0.0])
+        assert np.all(np.isfinite(radiance))
+        assert np.all(radiance >= 0.0)
+
+
+@pytest.mark.parametrize("altitude", [0.0, 8.0, 50.0])
+def test_observer_altitudes(altitude):
+    field = cells.prepare(air(ground=0.3), COARSE, observer_altitude_km=altitude)
+    radiance = field.radiance(10.0, [-90.0, -20.0, 0.0, 20.0, 90.0], 90.0)
+    assert np.all(np.isfinite(radiance))
+    assert np.all(radiance >= 0.0)
+    assert np.all(radiance[0] > 0.0)  # the ground is seen
