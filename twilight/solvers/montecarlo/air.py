@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.solvers.montecarlo.kernel import INNER
 
 LEVEL_TOLERANCE = 1e-4
 SHELL_TOLERANCE = 2e-4
@@ -193,7 +194,7 @@ def _smooth_tables(medium: Medium) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@njit(**INNER)
 def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
     """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`.
 
@@ -208,19 +209,19 @@ def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
     return i, min(1.0, max(0.0, f))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def locate(air, z, first, last):
     """`locate_level` in the levels of the air."""
     return locate_level(air.level_km, air.bin_start, air.bins_per_km, air.per_km, z, first, last)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def interpolate(air, w, i, f, column):
     """One coefficient of the table [km^-1]."""
     return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
 
 
-@njit(cache=True)
+@njit(**INNER)
 def shell_of(air, z):
     """Index of the shell that holds an altitude."""
     lo = 0

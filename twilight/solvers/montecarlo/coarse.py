@@ -9,14 +9,16 @@ interpolate the logarithm follow and also give the light by direction.
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import Air
+from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import (
-    BUFFER_PIECES,
     BUFFER_COLUMNS,
+    BUFFER_PIECES,
     LENGTH,
     PLAIN,
     START,
@@ -53,14 +55,14 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
         # unknowns: mean light at the nodes, then diffuse irradiance on the ground
         source = np.zeros(n + n_sun)
         kernel = np.zeros((n + n_sun, n + n_sun))
-        in_slices(lambda a, b, w=w: _system(air, sun, steering, w, z, a, b, source, kernel), n)
+        in_slices(partial(_system, air, sun, steering, w, z, source, kernel), n)
         light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
         floor = math.exp(DARK)
         steering.log_light[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun)
         steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
         for _ in range(sweeps):
             radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
-            in_slices(lambda a, b, w=w, out=radiance: _sweep(air, sun, steering, w, z, a, b, out), n)
+            in_slices(partial(_sweep, air, sun, steering, w, z, radiance), n)
             _store(steering, w, radiance)
     return steering
 
@@ -78,18 +80,18 @@ def _store(steering: Steering, w: int, radiance: np.ndarray) -> None:
     steering.share[w] = np.where(lit[..., None], weighted / np.where(lit, total, 1.0)[..., None], uniform_share)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out):
     """Trace from a node at altitude i, radius r, towards the centre of the cell d, without randomness."""
     return trace(
         air, sun, steering, w, 0.0, 0.0, r,
         steering.centre[i, d, 0], steering.centre[i, d, 1], steering.centre[i, d, 2],
-        sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, False, stream, pieces, phases, out,
+        sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, 0, stream, pieces, phases, out,
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
+def _system(air, sun, steering, w, altitude_km, source, kernel, first, end):
     """S and K of the module's equation; rows of the nodes first..end."""
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
@@ -144,7 +146,7 @@ def _system(air, sun, steering, w, altitude_km, first, end, source, kernel):
 
 
 @njit(cache=True, nogil=True)
-def _sweep(air, sun, steering, w, altitude_km, first, end, radiance):
+def _sweep(air, sun, steering, w, altitude_km, radiance, first, end):
     """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables."""
     n_sun = steering.cos_sun.size
     pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))

@@ -8,6 +8,7 @@ from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
 from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, SPECIES, interpolate, locate
+from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import (
     DEPTH,
     FIRST,
@@ -34,7 +35,7 @@ from twilight.solvers.montecarlo.steering import (
 )
 
 
-@njit(cache=True)
+@njit(**INNER)
 def draw_piece(pieces, column, n, x):
     """First of n pieces whose running sum in a column exceeds x."""
     lo = 0
@@ -48,7 +49,7 @@ def draw_piece(pieces, column, n, x):
     return lo
 
 
-@njit(cache=True)
+@njit(**INNER)
 def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, number, stream):
     """Draw a piece of the leg, or its ground, from a mixture of steered and plain weights; `number` in [0, 1).
 
@@ -85,7 +86,7 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
     return k, probability, uniform(stream)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def event_weight(air, w, pieces, k, t, z, i, f):
     """Transmittance x scattering x length of a piece, at its fraction t: the weight but for the probability."""
     length = pieces[k, LENGTH]
@@ -93,19 +94,19 @@ def event_weight(air, w, pieces, k, t, z, i, f):
     return length * math.exp(-depth) * interpolate(air, w, i, f, EVENT)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def event_distance(pieces, k, t):
     """Distance [km] from the start of the leg to the fraction t of a piece."""
     return pieces[k, START] + t * pieces[k, LENGTH]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def event_level(air, pieces, k, z):
     """`locate` within the shell of a piece."""
     return locate(air, z, int(pieces[k, FIRST]), int(pieces[k, LAST]))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def phase_and_density(air, w, i, f, cosine):
     """(p, q) [sr^-1]: phase function of an event at a point and the density of its stand-in that is drawn from."""
     if air.isotropic_events:
@@ -128,9 +129,9 @@ def phase_and_density(air, w, i, f, cosine):
     return p / total, q / total
 
 
-@njit(cache=True)
+@njit(**INNER)
 def draw_cosine(air, w, i, f, number, stream):
-    """Cosine of a scattering angle from the stand-in of the local mixture of phase functions; `number` in [0, 1) decides."""
+    """Cosine of a scattering angle from the stand-in of the local phase function; `number` in [0, 1) decides."""
     if air.isotropic_events:
         return 2.0 * number - 1.0
     n_species = air.table.shape[2] - SPECIES
@@ -154,7 +155,7 @@ def draw_cosine(air, w, i, f, number, stream):
     return 1.0 - (a + (b - a) * uniform(stream))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def turn(dx, dy, dz, cosine, psi, out):
     """Unit vector at the angle acos(cosine) from d, at the azimuth psi about it."""
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
@@ -178,7 +179,7 @@ def turn(dx, dy, dz, cosine, psi, out):
     out[2] = z * h
 
 
-@njit(cache=True)
+@njit(**INNER)
 def local_frame(px, py, pz, sx, sy, sz, frame):
     """Rows of `frame`: towards the sun along the horizon, sideways, up; returns cos(solar zenith angle)."""
     r = math.sqrt(px * px + py * py + pz * pz)
@@ -199,7 +200,7 @@ def local_frame(px, py, pz, sx, sy, sz, frame):
     return cos_sun
 
 
-@njit(cache=True)
+@njit(**INNER)
 def choose_direction(
     air,
     steering,

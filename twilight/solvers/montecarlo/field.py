@@ -23,7 +23,7 @@ from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, Tally
 from twilight.solvers.montecarlo.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
-Progress = Callable[[float, str], None]
+Progress = Callable[[str, float], None]
 BATCH_SAMPLES = 4096
 ADAPTIVE_ROUNDS = 2
 
@@ -35,17 +35,18 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
 ) -> Field:
-    """Everything that depends on the medium alone; `progress(fraction, text)` is called now and then.
+    """Everything that depends on the medium alone; `progress(doing, share)` is called now and then.
 
     Raises TwilightError for an observer below the ground.
     """
     settings = settings or MonteCarloSettings()
     if not observer_altitude_km >= medium.bottom_km:
         raise TwilightError(
-            f"the observer's altitude must be at or above the ground, {medium.bottom_km:g} km, not {observer_altitude_km}"
+            f"the observer's altitude must be at or above the ground ({medium.bottom_km:g} km), "
+            f"not {observer_altitude_km}"
         )
     if progress:
-        progress(0.0, "montecarlo: beam and coarse field")
+        progress("montecarlo: beam and coarse field", 0.0)
     air = prepare_air(medium, settings.approximation == "isotropic_after_first")
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
     sun = Sun(beam, prepare_sun_table(air, beam), settings.check_rate)
@@ -222,11 +223,12 @@ class _Run:
         sums = np.zeros((pixel.size, N_ORDERS + 1))
         squares = np.zeros_like(sums)
         limits = np.zeros(pixel.size, dtype=np.int64)
+        wavelength_key = np.round(1000.0 * field.medium.wavelength_nm).astype(np.uint64)
 
         def work(first: int, end: int) -> None:
             run_chunks(
                 field.air, field.sun, field.steering, self.settings.walk, np.uint64(self.settings.seed), pixels.key,
-                pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
+                wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
                 pixel, wavelength, chunk, samples, first, end, sums, squares, limits,
             )  # fmt: skip
 
@@ -250,6 +252,6 @@ class _Run:
             with np.errstate(all="ignore"):
                 error = np.nanmedian(self.tally.relative_error())
             self.field.progress(
+                f"montecarlo: round {index + 1} of {n_rounds}, median standard error {100 * error:.2g} %",
                 (index + fraction) / n_rounds,
-                f"montecarlo: round {index + 1}, median standard error {100 * error:.2g} %",
             )

@@ -14,6 +14,7 @@ from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
 from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate_level, shell_of
+from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import log_ground_light, log_mean_light
 from twilight.solvers.montecarlo.suntable import BLACK, SunTable, quick_sun
@@ -29,14 +30,14 @@ BENDING_STEP_RAD = 0.01
 RISE = 0.15
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def altitude_at(z, r, mu, s):
     """Altitude [km] at the distance s of a line that starts at altitude z, radius r with the cosine mu."""
     q = s * (s + 2.0 * r * mu)
     return z + q / (r + math.sqrt(max(0.0, r * r + q)))
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def distance_up(z, r, mu, z_shell):
     """Distance [km] to a sphere above along a line that climbs or has mu < 0 and passes its lowest point first."""
     c = (z_shell - z) * (z_shell - z + 2.0 * r)
@@ -47,7 +48,7 @@ def distance_up(z, r, mu, z_shell):
     return d - b
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def distance_down(z, r, mu, z_shell):
     """Distance [km] to a sphere below along a falling line (mu < 0), or -1 if the line does not reach it."""
     c = (z - z_shell) * (2.0 * r + z_shell - z)
@@ -58,7 +59,7 @@ def distance_down(z, r, mu, z_shell):
     return c / (b + math.sqrt(d2))
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def depth_within(lower, middle, upper, length, f):
     """Optical depth from the start of a piece to its fraction f."""
     return (
@@ -68,7 +69,7 @@ def depth_within(lower, middle, upper, length, f):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def extinction_within(lower, middle, upper, f):
     """Extinction [km^-1] at the fraction f of a piece."""
     return lower + f * (4.0 * middle - 3.0 * lower - upper + 2.0 * f * (lower + upper - 2.0 * middle))
@@ -82,7 +83,7 @@ class Sun(NamedTuple):
     check_rate: float
 
 
-@njit(cache=True)
+@njit(**INNER)
 def species_phase(air, w, c, cosine):
     """Phase function [sr^-1] of species c, 0 being air."""
     if c == 0:
@@ -90,7 +91,7 @@ def species_phase(air, w, c, cosine):
     return aerosol_phase(air.phase_kind[c - 1], air.phase_asymmetry[c - 1, w], air.phase_log_table[c - 1, w], cosine)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def cosine_to_sun(ex, ey, ez, ux, uy, uz, sx, sy, sz, mu_sun, bending):
     """Cosine between the unit vector e and the sun s as seen through `bending` [rad], where u is up."""
     cosine = ex * sx + ey * sy + ez * sz
@@ -102,7 +103,7 @@ def cosine_to_sun(ex, ey, ez, ux, uy, uz, sx, sy, sz, mu_sun, bending):
     return min(1.0, max(-1.0, cosine))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def sunlight(air, beam, w, z, mu_sun, ex, ey, ez, px, py, pz, sx, sy, sz, i, f):
     """Sunlight scattered at a point against the unit vector e: sum over species of beta_s p E / F0 [sr^-1 km^-1].
 
@@ -121,7 +122,7 @@ def sunlight(air, beam, w, z, mu_sun, ex, ey, ez, px, py, pz, sx, sy, sz, i, f):
     return total * irradiance
 
 
-@njit(cache=True)
+@njit(**INNER)
 def ground_sunlight(air, beam, w, mu_sun):
     """Sunlight on the ground: irradiance / F0 on the horizontal."""
     irradiance, bending = beam_at_one(beam, air.shell_km[0], mu_sun, w)
@@ -131,15 +132,16 @@ def ground_sunlight(air, beam, w, mu_sun):
     return irradiance * max(0.0, math.cos(apparent))
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def column(table, i, f, c):
     """One coefficient [km^-1] of the table of one wavelength."""
     return table[i, c] * (1.0 - f) + table[i + 1, c] * f
 
 
-@njit(cache=True)
+@njit(**INNER)
 def trace(
-    air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz, max_length, max_depth, jitter, stream, pieces, phases, out
+    air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz,
+    max_length, max_depth, jitter, stream, pieces, phases, out,
 ):  # fmt: skip
     """Walk one leg from the point p along d; returns the number of pieces, or -1 if the buffer is too short.
 
@@ -147,7 +149,7 @@ def trace(
     out[0]: sunlight scattered once along the leg, seen from its start [sr^-1]; out[1]: the same from the ground;
     out[2]: distance to the ground or -1; out[3]: transmittance of the whole leg;
     out[4]: steering's estimate of the light scattered again at the ground [sr^-1].
-    With `jitter` False the middle of each piece is used, and the quick look-up of the sun alone.
+    With `jitter` 0 (else 1) the middle of each piece is used, and the quick look-up of the sun alone.
     phases (C, 2) is work space.
 
     The sun is looked up roughly at every piece (quick table; phase functions linear in the bending).  With the
@@ -281,7 +283,7 @@ def trace(
                         levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + length), first, last
                     )
                     upper = column(table, i, f, EXTINCTION)
-                t = uniform(stream) if jitter else 0.5
+                t = uniform(stream) if jitter > 0 else 0.5
                 here = start + t * length
                 zp = altitude_at(z, r, mu, here)
                 radius = earth_radius + zp
@@ -297,7 +299,7 @@ def trace(
                         for c in range(n_species):
                             quick += column(table, i, f, SPECIES + c) * max(0.0, phases[c, 0] + bending * phases[c, 1])
                         quick *= math.exp(light)
-                    if jitter and uniform(stream) < check_rate:
+                    if jitter > 0 and uniform(stream) < check_rate:
                         exact = sunlight(
                             air, sun.beam, w, zp, mu_sun, dx, dy, dz,
                             px + here * dx, py + here * dy, pz + here * dz, sx, sy, sz, i, f,

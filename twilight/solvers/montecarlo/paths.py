@@ -17,7 +17,8 @@ from twilight.solvers.montecarlo.events import (
     event_weight,
     local_frame,
 )
-from twilight.solvers.montecarlo.leg import BUFFER_PIECES, BUFFER_COLUMNS, STEERED, altitude_at, trace
+from twilight.solvers.montecarlo.kernel import INNER
+from twilight.solvers.montecarlo.leg import BUFFER_COLUMNS, BUFFER_PIECES, STEERED, altitude_at, trace
 from twilight.solvers.montecarlo.random import start, uniform
 from twilight.solvers.montecarlo.steering import N_DIRECTIONS, log_light_from
 
@@ -51,7 +52,7 @@ class Walk(NamedTuple):
     max_orders: int
 
 
-@njit(cache=True)
+@njit(**INNER)
 def observer_frame(sun_elevation, elevation, azimuth, altitude, radius, point, direction, to_sun):
     """Observer, line of sight and sun [rad, km] in the observer's Cartesian frame."""
     point[0], point[1], point[2] = 0.0, 0.0, radius + altitude
@@ -61,7 +62,7 @@ def observer_frame(sun_elevation, elevation, azimuth, altitude, radius, point, d
     to_sun[0], to_sun[1], to_sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def push_events(
     air, w, walk, leg, pieces, n, ground, ground_plain, ground_steered, weight, copies, order, stack, size, stream
 ):
@@ -123,7 +124,7 @@ def push_events(
     return size
 
 
-@njit(cache=True)
+@njit(**INNER)
 def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders):
     """Add one estimate of the radiance, order by order, to `orders`; returns 0, or 1 if a limit was met.
 
@@ -133,8 +134,9 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
     """
     pieces, phases, out, cumulative, blurred, frame, leg, new, stack = work
     sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
-    leg[:3] = point
-    leg[3:] = direction
+    for m in range(3):
+        leg[m] = point[m]
+        leg[3 + m] = direction[m]
     albedo = air.ground_albedo[w]
     weight = 1.0
     order = 0
@@ -146,7 +148,7 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
         n = trace(
             air, sun, steering, w, leg[0], leg[1], leg[2], leg[3], leg[4], leg[5], sx, sy, sz,
             walk.first_length if first else walk.later_length, walk.first_depth if first else walk.later_depth,
-            True, stream, pieces, phases, out,
+            1, stream, pieces, phases, out,
         )  # fmt: skip
         if n < 0:
             limit_met = 1
@@ -176,7 +178,8 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
                 limit_met = 1
             elif copies > 0:
                 full = push_events(
-                    air, w, walk, leg, pieces, n, ground, ground_plain, out[4], weight, copies, order, stack, size, stream
+                    air, w, walk, leg, pieces, n, ground, ground_plain, out[4], weight, copies, order,
+                    stack, size, stream,
                 )  # fmt: skip
                 if full < 0:
                     return 1
@@ -212,13 +215,14 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
 
 @njit(cache=True, nogil=True)
 def run_chunks(
-    air, sun, steering, walk, seed, keys, sun_elevation, elevation, azimuth, altitude,
+    air, sun, steering, walk, seed, keys, wavelength_keys, sun_elevation, elevation, azimuth, altitude,
     job_pixel, job_wavelength, job_chunk, job_samples, first_job, end_job, sums, squares, limits,
 ):  # fmt: skip
-    """Run the jobs first_job..end_job; row j of `sums` and `squares` gets the sums over its samples of x and x^2 for each order and the total.
+    """Run the jobs first_job..end_job; row j of `sums` and `squares` gets sums of x and x^2 over the samples of job j.
 
-    keys, sun_elevation, elevation, azimuth (P,) [rad] and altitude [km] describe pixels; a job is (pixel, wavelength,
-    chunk number, samples).  A row depends on its job alone, so neither threads nor the order of jobs change it.
+    x is the radiance of each order and, last, of all.  keys, wavelength_keys name the random streams; sun_elevation,
+    elevation, azimuth (P,) [rad] and altitude [km] describe pixels; a job is (pixel, wavelength, chunk number,
+    samples).  A row depends on its job alone, so neither threads nor the order of jobs change it.
     sums, squares (J, N_ORDERS + 1); limits (J,) counts samples that met a limit of the walk.
     """
     pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
@@ -249,7 +253,7 @@ def run_chunks(
             direction,
             to_sun,
         )
-        start(stream, seed, keys[pixel], w, job_chunk[j])
+        start(stream, seed, keys[pixel], wavelength_keys[w], job_chunk[j])
         for _ in range(job_samples[j]):
             orders[:] = 0.0
             limits[j] += one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from twilight.solvers.montecarlo.kernel import INNER
+
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 MIX_2 = np.uint64(0x94D049BB133111EB)
 TO_UNIT = 2.0**-53
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def mix(z):
     """The finaliser of SplitMix64: a bijection of 64-bit integers that leaves no visible order."""
     z = (z ^ (z >> np.uint64(30))) * MIX_1
@@ -19,14 +21,14 @@ def mix(z):
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def uniform(stream):
     """Next number in [0, 1) of a stream (an array of one uint64, advanced in place)."""
     stream[0] += GOLDEN
     return np.float64(mix(stream[0]) >> np.uint64(11)) * TO_UNIT
 
 
-@njit(cache=True)
+@njit(**INNER)
 def start(stream, seed, pixel_key, wavelength, chunk):
     """Set a stream for one chunk of one pixel and wavelength; chunks of anything else get unrelated streams."""
     key = mix(np.uint64(seed) + GOLDEN)

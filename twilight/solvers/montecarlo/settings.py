@@ -40,7 +40,7 @@ class MonteCarloSettings:
     pilot_samples: int = 8
     # steering
     sub_paths: int = 8
-    steering_sweeps: int = 2
+    steering_sweeps: int = 1
     steered_fraction: float = 0.95
     table_fraction: float = 0.9
     roulette: float = 0.3

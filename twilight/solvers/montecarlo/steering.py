@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SPECIES, Air, interpolate
+from twilight.solvers.montecarlo.kernel import INNER
 
 N_ALTITUDES = 20
 N_HINTS = 4096
@@ -39,10 +40,13 @@ class Steering(NamedTuple):
 
     log_light (W, A, Z): logarithm of the mean diffuse radiance [sr^-1]; log_ground (W, Z): of the diffuse downward
     irradiance at the ground; log_radiance (W, A, Z, D): of the diffuse radiance; share (W, A, Z, D): radiance times
-    solid angle, sums to 1.  Directions are cells of azimuth from the sun and of height above the horizon of the altitude, which
-    is where the light and the dark ground meet: with h the sine of the horizon's elevation, the sine of a direction's is
-    h + (1 - h) g above and h + (1 + h) g below.  row_edges: of g in [-1, 1]; centre (A, D, 3) in the frame (towards the
-    sun, sideways, up) and solid_angle (A, D) at the altitudes of the tables.
+    solid angle, sums to 1.
+
+    Directions are cells of azimuth from the sun and of height above the horizon of the altitude, which is where the
+    light and the dark ground meet: with h the sine of the horizon's elevation, the sine of a direction's is
+    h + (1 - h) g above and h + (1 + h) g below.  row_edges: of g in [-1, 1]; azimuth_edges [rad]; azimuth_cos_sin: of
+    the middles; centre (A, D, 3) in the frame (towards the sun, sideways, up) and solid_angle (A, D) at the altitudes
+    of the tables.
     """
 
     bottom_km: float
@@ -101,7 +105,7 @@ def altitudes(steering: Steering) -> np.ndarray:
     return steering.bottom_km + steering.depth_km * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2
 
 
-@njit(cache=True)
+@njit(**INNER)
 def altitude_index(steering, z):
     """(i, fraction) of an altitude in the tables."""
     x = math.sqrt(max(0.0, (z - steering.bottom_km) / steering.depth_km)) * (N_ALTITUDES - 1)
@@ -109,7 +113,7 @@ def altitude_index(steering, z):
     return i, min(1.0, x - i)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def sun_index(nodes, hint, cos_sun):
     """(i, fraction) of the cosine of the local solar zenith angle in the tables."""
     j = hint[min(N_HINTS - 1, int((cos_sun + 1.0) * (0.5 * N_HINTS)))]
@@ -118,7 +122,7 @@ def sun_index(nodes, hint, cos_sun):
     return j, (cos_sun - nodes[j]) / (nodes[j + 1] - nodes[j])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def log_mean_light(log_light, nodes, hint, bottom_km, depth_km, z, cos_sun):
     """Logarithm of the mean diffuse radiance [sr^-1] at a point; log_light of one wavelength."""
     x = math.sqrt(max(0.0, (z - bottom_km) / depth_km)) * (N_ALTITUDES - 1)
@@ -129,14 +133,14 @@ def log_mean_light(log_light, nodes, hint, bottom_km, depth_km, z, cos_sun):
     return (t[i, j] * (1 - b) + t[i, j + 1] * b) * (1 - a) + (t[i + 1, j] * (1 - b) + t[i + 1, j + 1] * b) * a
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def log_ground_light(steering, w, cos_sun):
     """Logarithm of the diffuse irradiance on the ground."""
     j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
     return steering.log_ground[w, j] * (1 - b) + steering.log_ground[w, j + 1] * b
 
 
-@njit(cache=True)
+@njit(**INNER)
 def log_light_from(steering, w, z, cos_sun, cell):
     """Logarithm of the diffuse radiance [sr^-1] from one cell of directions."""
     i, a = altitude_index(steering, z)
@@ -147,7 +151,7 @@ def log_light_from(steering, w, z, cos_sun, cell):
     return lower * (1 - a) + upper * a
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def horizon_sine(steering, z):
     """Sine of the elevation of the geometric horizon at an altitude: 0 or less."""
     height = max(0.0, z - steering.bottom_km)
@@ -155,13 +159,13 @@ def horizon_sine(steering, z):
     return -math.sqrt(height * (r + steering.ground_radius_km)) / r
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def row_sine(g, horizon):
     """Sine of the elevation at the height g of the cells; see :class:`Steering`."""
     return horizon + (1.0 - horizon if g >= 0.0 else 1.0 + horizon) * g
 
 
-@njit(cache=True)
+@njit(**INNER)
 def cell_of(steering, horizon, x, y, z):
     """Cell of directions that holds a unit vector of the local frame."""
     above = z - horizon
@@ -179,7 +183,7 @@ def cell_of(steering, horizon, x, y, z):
     return e * N_AZIMUTHS + a
 
 
-@njit(cache=True)
+@njit(**INNER)
 def cell_solid_angle(steering, horizon, cell):
     """Solid angle [sr] of a cell at the altitude of a horizon."""
     e = cell // N_AZIMUTHS
@@ -192,7 +196,7 @@ def cell_solid_angle(steering, horizon, cell):
     return (upper - lower) * (steering.azimuth_edges[a + 1] - steering.azimuth_edges[a])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def nearest_node(steering, z, cos_sun):
     """The table node nearest to a point."""
     i, a = altitude_index(steering, z)
@@ -200,7 +204,7 @@ def nearest_node(steering, z, cos_sun):
     return i + (1 if a > 0.5 else 0), j + (1 if b > 0.5 else 0)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy, vz, on_ground, cumulative, blurred):
     """Running sums over the cells of share x blurred phase function (x cosine on the ground); returns the total.
 
@@ -236,7 +240,7 @@ def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy,
     return total
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def draw_from(cumulative, x):
     """First index whose running sum exceeds x."""
     lo = 0
@@ -250,7 +254,7 @@ def draw_from(cumulative, x):
     return lo
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def sampling_cell(cosine):
     """Cell of the sampling tables of `air` that holds a cosine."""
     x = math.sqrt(math.sqrt(max(0.0, 0.5 * (1.0 - cosine))))

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import Air
+from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.threads import in_slices
 from twilight.transport.beam import beam_at_one
 
@@ -53,7 +54,7 @@ def prepare_sun_table(air: Air, beam) -> SunTable:
     return table
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _entry(beam, z, cosine, w, row):
     irradiance, bending = beam_at_one(beam, z, cosine, w)
     row[0] = math.log(irradiance) if irradiance > 1e-300 else BLACK
@@ -89,14 +90,14 @@ def _fill(beam, table, first, end):
             _entry(beam, z, COSINE_SCALE * t / (1.0 + COSINE_SCALE - t), w, table.high[w, a, n])
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always", **INNER)
 def lowest_drop(r, cosine):
     """How far [km] the lowest point of a straight line lies below a point at the radius r: r (1 - sine)."""
     c2 = cosine * cosine
     return r * c2 / (1.0 + math.sqrt(max(0.0, 1.0 - c2)))
 
 
-@njit(cache=True)
+@njit(**INNER)
 def quick_sun(edge_km, high, low, bottom_km, depth_km, radius_km, z, cosine):
     """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow.
 

@@ -1,0 +1,145 @@
+"""Monte-Carlo on a planet so large that it is flat, against published plane-parallel radiances; energy; reciprocity."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.montecarlo_media import assert_all_agree, haze_l, slab
+from twilight.phase import PhaseFunction
+from twilight.solvers.montecarlo import MonteCarloSettings, prepare
+
+DATA = Path(__file__).parent / "data" / "rt_disort.csv"
+
+
+def problems():
+    """{(test, case): rows as floats} of the table."""
+    with open(DATA) as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    found = {}
+    for row in rows:
+        found.setdefault((row["test"], row["case"]), []).append(row)
+    return found
+
+
+def medium_of(row):
+    """The slab of a row."""
+    depth, albedo = float(row["tau_total"]), float(row["ssa"])
+    phase = {
+        "1": lambda: PhaseFunction.henyey_greenstein([0.0]),
+        "2": lambda: None,
+        "3": lambda: PhaseFunction.henyey_greenstein([0.75]),
+        "4": haze_l,
+    }[row["test"]]()
+    return slab(depth, albedo, phase)
+
+
+def check(cases, target, seed=3):
+    """z-tests of all radiances of some problems together."""
+    value, error, truth = [], [], []
+    for case in cases:
+        rows = problems()[case]
+        mu0, flux, depth = (float(rows[0][k]) for k in ("mu0", "beam_flux", "tau_total"))
+        settings = MonteCarloSettings(target_stderr=target, max_samples=100_000, seed=seed)
+        field = prepare(medium_of(rows[0]), settings)
+        for tau in sorted({row["tau"] for row in rows}):
+            some = [row for row in rows if row["tau"] == tau]
+            mu, phi, radiance = (np.array([float(r[k]) for r in some]) for k in ("mu", "phi_deg", "radiance"))
+            here = replace(field, observer_altitude_km=max(0.0, 1.0 - float(tau) / depth))
+            result = here.radiance_with_error(np.degrees(np.arcsin(mu0)), -np.degrees(np.arcsin(mu)), phi)
+            assert result.limited == 0
+            value += list(result.radiance[:, 0])
+            error += list(result.standard_error[:, 0])
+            truth += list(radiance / flux)
+    assert_all_agree(np.array(value), np.array(error), np.array(truth))
+
+
+def test_isotropic_and_rayleigh():
+    check([("1", "1"), ("1", "2"), ("2", "1"), ("2", "2")], 0.005)
+
+
+def test_henyey_greenstein_and_haze():
+    check([("3", "1"), ("4", "1")], 0.02)
+
+
+@pytest.mark.slow
+def test_henyey_greenstein_and_haze_closely():
+    check([("3", "1"), ("4", "1"), ("4", "2")], 0.006)
+
+
+@pytest.mark.slow
+def test_haze_slanted_beam():
+    check([("4", "3")], 0.01)
+
+
+@pytest.mark.slow
+def test_thick():
+    check([("2", "3"), ("2", "4"), ("3", "2")], 0.004)
+
+
+@pytest.mark.slow
+def test_very_thick_absorbing():
+    check([("1", "4")], 0.006)
+
+
+def test_conservative_slab_over_white_ground_returns_all_light():
+    # upward flux at the top = mu0 F0: radiance integrated over Gauss cosines, azimuths drawn evenly
+    mu0 = 0.4
+    mu, weight = np.polynomial.legendre.leggauss(6)
+    mu, weight = 0.5 * (mu + 1), 0.5 * weight
+    azimuth = 360.0 * (np.arange(8) + 0.5) / 8
+    for phase in (None, PhaseFunction.henyey_greenstein([0.75])):
+        field = prepare(
+            slab(1.0, 1.0, phase, ground=1.0),
+            MonteCarloSettings(target_stderr=None, samples=60),
+            observer_altitude_km=1.0,
+        )
+        r = field.radiance_with_error(np.degrees(np.arcsin(mu0)), -np.degrees(np.arcsin(mu))[:, None], azimuth)
+        w = (2 * np.pi * mu * weight)[:, None] / azimuth.size
+        flux = (r.radiance[..., 0] * w).sum()
+        error = np.sqrt(((r.standard_error[..., 0] * w) ** 2).sum())
+        assert error < 0.015 * mu0
+        assert abs(flux - mu0) < 3 * error
+
+
+def test_closed_sphere_keeps_its_energy():
+    # a small planet in conservative air over white ground: light that leaves = light that comes in, F0 pi R_top^2
+    medium = replace(slab(0.7, 1.0, None, ground=1.0), earth_radius_km=20.0)
+    top = 21.0
+    field = prepare(medium, MonteCarloSettings(target_stderr=None, samples=6), observer_altitude_km=1.0)
+    rng = np.random.default_rng(5)
+    n = 1500
+    cos_sun = rng.uniform(-1, 1, n)
+    up = np.sqrt(rng.uniform(0, 1, n))
+    azimuth = rng.uniform(0, 360, n)
+    # light that leaves along the upward direction (up, azimuth) is seen by looking the other way
+    r = field.radiance_with_error(np.degrees(np.arcsin(cos_sun)), -np.degrees(np.arcsin(up)), azimuth + 180.0)
+    # 4 pi R^2 x mean over points of the flux (pi x mean radiance under the cosine law)
+    diffuse = 4 * np.pi * top**2 * np.pi * r.radiance[:, 0]
+    # beam that passes beside the ground: exp(-depth) over impact parameters between ground and top
+    b = np.sqrt(np.linspace(20.0**2, top**2, 20001))
+    direct = np.pi * np.trapezoid(np.exp(-0.7 * 2 * np.sqrt(top**2 - b**2)), b**2)
+    incoming = np.pi * top**2
+    error = diffuse.std() / np.sqrt(n)
+    assert error < 0.05 * incoming
+    assert abs(diffuse.mean() + direct - incoming) < 3 * error
+
+
+def test_reciprocity():
+    # R(mu, mu0, phi) = R(mu0, mu, phi) with the reflected radiance pi L / (mu0 F0)
+    field = prepare(
+        slab(0.8, 0.95, PhaseFunction.henyey_greenstein([0.6]), ground=0.2),
+        MonteCarloSettings(target_stderr=0.015),
+        observer_altitude_km=1.0,
+    )
+    mu = np.array([0.25, 0.5, 0.9])
+    phi = np.array([20.0, 80.0, 150.0])
+    for i in range(3):
+        a, b, p = mu[i], mu[(i + 1) % 3], phi[i]
+        one = field.radiance_with_error(np.degrees(np.arcsin(a)), -np.degrees(np.arcsin(b)), p)
+        other = field.radiance_with_error(np.degrees(np.arcsin(b)), -np.degrees(np.arcsin(a)), p)
+        assert_all_agree(
+            one.radiance / a, np.hypot(one.standard_error / a, other.standard_error / b), other.radiance / b
+        )

@@ -1,0 +1,215 @@
+"""Monte-Carlo: what must not move the answer (steering, stopping, chunks, threads, interruption); what is refused."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+from tests.montecarlo_media import assert_all_agree, hazy_earth
+from twilight.errors import TwilightError
+from twilight.solvers.montecarlo import QUALITIES, MonteCarloSettings, prepare
+
+VIEW = (np.array([30.0, -3.0, -5.0]), np.array([20.0, 60.0, 8.0]), np.array([140.0, 90.0, 10.0]))
+PLAIN = MonteCarloSettings(target_stderr=None, samples=96)
+VARIANTS = {
+    "default": {},
+    "no steering": dict(steering_sweeps=0, steered_fraction=0.0, table_fraction=0.0, samples=4000),
+    "no roulette": dict(roulette=0.0, samples=48),
+    "much roulette": dict(roulette=3.0),
+    "one path": dict(sub_paths=1, samples=800),
+    "half steered": dict(steered_fraction=0.5, table_fraction=0.4, samples=192),
+    "all steered": dict(steered_fraction=0.99, table_fraction=0.99),
+    "rough legs": dict(first_length_km=60.0, first_depth=1.0, later_length_km=200.0, later_depth=1.0),
+    "fine legs": dict(first_length_km=5.0, first_depth=0.05, later_length_km=10.0, later_depth=0.1, samples=48),
+    "rarely checked sun": dict(check_rate=0.01),
+    "exact sun": dict(check_rate=1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def field():
+    return prepare(hazy_earth(), PLAIN)
+
+
+def variant(field, **change):
+    """The same question with other settings."""
+    settings = replace(PLAIN, seed=11, **change)
+    if settings.steering_sweeps != PLAIN.steering_sweeps:
+        return prepare(field.medium, settings)
+    sun = field.sun._replace(check_rate=settings.check_rate)
+    return replace(field, settings=settings, sun=sun)
+
+
+def test_answer_is_independent_of_every_steering_setting(field):
+    results = {name: variant(field, **change).radiance_with_error(*VIEW) for name, change in VARIANTS.items()}
+    value = np.array([r.radiance[:, 0] for r in results.values()])
+    error = np.array([r.standard_error[:, 0] for r in results.values()])
+    # not their weighted mean: unsteered samples are skewed, a low mean goes with a low estimate of its error
+    truth = variant(field, samples=4000).radiance_with_error(*VIEW)
+    z = (value - truth.radiance[:, 0]) / np.hypot(error, truth.standard_error[:, 0])
+    statistic = (z**2).sum()
+    assert np.all(np.median(error / value, axis=0) < 0.08)
+    assert chi2.sf(statistic, z.size) > 1e-3, dict(zip(results, z.round(1).tolist(), strict=True))
+
+
+def test_stated_error_is_the_scatter_of_repeated_runs(field):
+    runs = [replace(field, settings=replace(PLAIN, seed=s, samples=24)).radiance_with_error(*VIEW) for s in range(40)]
+    value = np.array([r.radiance[:, 0] for r in runs])
+    stated = np.sqrt(np.mean([r.standard_error[:, 0] ** 2 for r in runs], axis=0))
+    ratio = value.std(axis=0, ddof=1) / stated
+    # 39 degrees of freedom: the scatter itself is known to 11 %
+    assert np.all((ratio > 0.6) & (ratio < 1.5)), ratio
+
+
+def test_stopping_on_the_error_does_not_bias(field):
+    # many short adaptive runs against one long run of a count fixed in advance
+    view = (-8.0, 60.0, 90.0)
+    adaptive = np.array(
+        [
+            replace(field, settings=MonteCarloSettings(target_stderr=0.1, pilot_samples=4, seed=s)).radiance(*view)[0]
+            for s in range(400)
+        ]
+    )
+    fixed = replace(field, settings=replace(PLAIN, samples=6000, seed=999)).radiance_with_error(*view)
+    error = np.hypot(adaptive.std(ddof=1) / np.sqrt(adaptive.size), fixed.standard_error[0])
+    assert error < 0.012 * fixed.radiance[0]
+    assert 2 * norm.sf(abs(adaptive.mean() - fixed.radiance[0]) / error) > 0.005
+
+
+def test_target_is_reached(field):
+    settings = MonteCarloSettings(target_stderr=0.03)
+    r = replace(field, settings=settings).radiance_with_error(*VIEW)
+    relative = r.standard_error / r.radiance
+    assert np.all(relative < 0.045) and np.median(relative) < 0.036
+    assert r.complete and r.samples.min() >= 2 * settings.pilot_samples
+
+
+def test_orders_add_up_and_are_cut(field):
+    r = field.radiance_with_error(*VIEW)
+    np.testing.assert_allclose(r.order_radiance.sum(axis=0), r.radiance, rtol=1e-12)
+    cut = variant(field, max_orders=2).radiance_with_error(*VIEW)
+    assert np.all(cut.order_radiance[2:] == 0) and np.all(cut.order_radiance[1] > 0)
+    error = np.hypot(cut.order_standard_error[:2], r.order_standard_error[:2])
+    assert_all_agree(cut.order_radiance[:2], error, r.order_radiance[:2])
+
+
+def test_threads_and_order_of_work_change_nothing(field):
+    question = (np.linspace(-6, 20, 24), 15.0, 40.0)
+    chunked = replace(field, settings=replace(PLAIN, chunk_samples=7, samples=300))
+    threads = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = chunked.radiance_with_error(*question)
+        numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+        two = chunked.radiance_with_error(*question)
+        backwards = chunked.radiance_with_error(*question, batch_order=lambda n: np.arange(n)[::-1])
+    finally:
+        numba.set_num_threads(threads)
+    for other in (two, backwards):
+        np.testing.assert_array_equal(one.radiance, other.radiance)
+        np.testing.assert_array_equal(one.order_standard_error, other.order_standard_error)
+    # and a pixel does not depend on its neighbours
+    alone = chunked.radiance(question[0][5], 15.0, 40.0)
+    np.testing.assert_array_equal(alone, one.radiance[5])
+
+
+def test_interrupted_run_goes_on_where_it_stopped(field, tmp_path):
+    # three batches of 4096 samples and two adaptive rounds
+    settings = MonteCarloSettings(target_stderr=0.02, chunk_samples=16, pilot_samples=400, sub_paths=1, seed=4)
+    question = (np.linspace(-6, 20, 16), 15.0, 40.0)
+    whole = replace(field, settings=settings).radiance_with_error(*question)
+    file = tmp_path / "state.npz"
+    for stop_after in (0, 1):
+        calls = 0
+
+        def interrupt(doing, share, stop_after=stop_after):
+            nonlocal calls
+            calls += 1
+            if calls > stop_after:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            replace(field, settings=settings, progress=interrupt).radiance_with_error(*question, checkpoint=file)
+        assert file.exists()
+    resumed = replace(field, settings=settings).radiance_with_error(*question, checkpoint=file)
+    np.testing.assert_array_equal(resumed.radiance, whole.radiance)
+    np.testing.assert_array_equal(resumed.samples, whole.samples)
+    assert not file.exists()
+
+
+def test_checkpoint_of_another_question_is_refused(field, tmp_path):
+    file = tmp_path / "state.npz"
+
+    def interrupt(doing, share):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        replace(field, progress=interrupt).radiance_with_error(*VIEW, checkpoint=file)
+    with pytest.raises(TwilightError, match=r"state\.npz.*another"):
+        variant(field).radiance_with_error(*VIEW, checkpoint=file)
+    file.write_bytes(b"nonsense")
+    with pytest.raises(TwilightError, match=r"state\.npz"):
+        field.radiance_with_error(*VIEW, checkpoint=file)
+
+
+def test_time_limit_ends_a_run_with_what_there_is(field):
+    settings = MonteCarloSettings(target_stderr=1e-4, time_limit_s=0.0)
+    r = replace(field, settings=settings).radiance_with_error(*VIEW)
+    assert not r.complete
+    assert np.all(r.radiance > 0) and np.all(r.standard_error > 0)
+
+
+def test_progress_tells_the_present_error(field):
+    said = []
+    replace(field, progress=lambda doing, share: said.append((doing, share))).radiance(*VIEW)
+    assert said[-1][1] == 1.0 and "standard error" in said[-1][0]
+
+
+def test_isotropic_after_first_keeps_single_scattering_and_changes_the_rest():
+    plain = MonteCarloSettings(target_stderr=0.01, refraction=False)
+    thin = hazy_earth(ground=0.0)
+    view = (10.0, np.array([20.0, 60.0]), np.array([0.0, 120.0]))
+    exact = prepare(thin, plain).radiance_with_error(*view)
+    haber = prepare(thin, replace(plain, approximation="isotropic_after_first")).radiance_with_error(*view)
+    # without aerosol forward scattering to move, the beam's first event is the same but for the extinction on the way
+    assert np.all(haber.order_radiance[0] > exact.order_radiance[0])
+    assert np.all(haber.order_radiance[0] < 1.5 * exact.order_radiance[0])
+    assert np.any(np.abs(haber.radiance / exact.radiance - 1) > 5 * haber.standard_error / haber.radiance)
+
+
+def test_empty_air_is_black():
+    medium = hazy_earth(ground=0.0)
+    nothing = np.zeros_like(medium.air_scattering_per_km)
+    empty = replace(medium, air_scattering_per_km=nothing, aerosol_extinction_per_km=nothing, absorption_per_km=nothing)
+    r = prepare(empty, PLAIN).radiance_with_error(10.0, [-30.0, 30.0], 0.0)
+    assert np.all(r.radiance == 0) and np.all(r.standard_error == 0)
+
+
+def test_quality_ladder():
+    targets = [QUALITIES[name].target_stderr for name in ("draft", "standard", "reference")]
+    assert targets == sorted(targets, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(target_stderr=2.0), "target_stderr must be between"),
+        (dict(samples=1), "samples must be between"),
+        (dict(approximation="isotropic"), "approximation must be one of none, isotropic_after_first"),
+        (dict(table_fraction=1.0), "table_fraction must be between"),
+    ],
+)
+def test_bad_settings_are_refused(change, message):
+    with pytest.raises(TwilightError, match=message):
+        MonteCarloSettings(**change)
+
+
+def test_bad_questions_are_refused(field):
+    with pytest.raises(TwilightError, match="elevation_deg must be between"):
+        field.radiance(10.0, 95.0, 0.0)
+    with pytest.raises(TwilightError, match="azimuth_deg must be finite"):
+        field.radiance(10.0, 45.0, np.nan)
+    with pytest.raises(TwilightError, match="at or above the ground"):
+        prepare(hazy_earth(), PLAIN, observer_altitude_km=-1.0)
