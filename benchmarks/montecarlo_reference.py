@@ -103,7 +103,7 @@ def compute(name: str, albedo: float) -> None:
             stream.write("\n".join(lines) + "\n")
         error = 100 * result.standard_error / result.radiance
         print(
-            f"{name} albedo {albedo:g} sun {sun:5.1f}: median error {np.median(error):.2f} %, largest {error.max():.2f} %, "
+            f"{name} albedo {albedo:g} sun {sun:5.1f}: error {np.median(error):.2f} % (largest {error.max():.2f} %), "
             f"{time.process_time() - start:.0f} s",
             flush=True,
         )

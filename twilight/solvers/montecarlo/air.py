@@ -58,12 +58,12 @@ class Air(NamedTuple):
     earth_radius_km: float
 
 
-def prepare_air(medium: Medium, isotropic_after_first: bool = False) -> Air:
-    """Tables of one medium.
+def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
+    """Tables of one medium; with `forward_moment`, of an equivalent medium for light that has been scattered.
 
-    With `isotropic_after_first`, diffuse light meets an aerosol with scattering (1 - g) beta_s and extinction
-    beta_e - g beta_s (similarity: what is scattered forwards counts as not scattered), and scatters isotropically; the
-    beam keeps the true extinction, scattering and phase functions (Haber 2005 sec. 4.5.3).
+    There the share f of the aerosol's scattering counts as not scattered, f being that Legendre moment of its phase
+    function: diffuse light meets scattering (1 - f) beta_s and extinction beta_e - f beta_s; the beam keeps the true
+    scattering and phase functions.  With moment 1, f = g, events are isotropic: similarity, Haber 2005 sec. 4.5.3.
     """
     fine = medium.refined(tolerance=LEVEL_TOLERANCE)
     z = fine.altitude_km
@@ -71,9 +71,10 @@ def prepare_air(medium: Medium, isotropic_after_first: bool = False) -> Air:
     species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_share])
     extinction = fine.extinction_per_km
     event = species.sum(axis=0)
-    if isotropic_after_first:
+    if forward_moment is not None:
         for k, phase in enumerate(medium.phase_functions):
-            forward = species[1 + k] * phase.asymmetry[None, :]
+            f = np.clip(phase.legendre_moments(forward_moment)[:, forward_moment], 0.0, 0.999)
+            forward = species[1 + k] * f
             extinction = extinction - forward
             event = event - forward
     table = np.stack([extinction, event, *species], axis=-1).transpose(1, 0, 2)
@@ -99,7 +100,7 @@ def prepare_air(medium: Medium, isotropic_after_first: bool = False) -> Air:
         density,
         _smooth_tables(medium),
         arrays.ground_albedo,
-        bool(isotropic_after_first),
+        forward_moment == 1,
         float(medium.earth_radius_km),
     )
 

@@ -47,11 +47,15 @@ def prepare(
         )
     if progress:
         progress("montecarlo: beam and coarse field", 0.0)
-    air = prepare_air(medium, settings.approximation == "isotropic_after_first")
+    isotropic = settings.approximation == "isotropic_after_first"
+    air = prepare_air(medium, 1 if isotropic else None)
+    # Light scattered once keeps only its narrow forward peak (moment 3) on the line of sight: counting all of g as
+    # unscattered would brighten a hazy horizon up to twofold, counting none would lose light.
+    sight = prepare_air(medium, 3) if isotropic else air
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
     sun = Sun(beam, prepare_sun_table(air, beam), settings.check_rate)
     steering = solve_steering(air, sun, settings.steering_sweeps)
-    return Field(medium, settings, air, sun, steering, float(observer_altitude_km), progress)
+    return Field(medium, settings, air, sight, sun, steering, float(observer_altitude_km), progress)
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,7 @@ class Field:
     medium: Medium
     settings: MonteCarloSettings
     air: Air
+    sight: Air
     sun: Sun
     steering: Steering
     observer_altitude_km: float
@@ -227,8 +232,8 @@ class _Run:
 
         def work(first: int, end: int) -> None:
             run_chunks(
-                field.air, field.sun, field.steering, self.settings.walk, np.uint64(self.settings.seed), pixels.key,
-                wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
+                field.air, field.sight, field.sun, field.steering, self.settings.walk, np.uint64(self.settings.seed),
+                pixels.key, wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
                 pixel, wavelength, chunk, samples, first, end, sums, squares, limits,
             )  # fmt: skip
 

@@ -125,12 +125,13 @@ def push_events(
 
 
 @njit(**INNER)
-def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders):
+def one_sample(air, sight, sun, steering, walk, w, point, direction, to_sun, stream, work, orders):
     """Add one estimate of the radiance, order by order, to `orders`; returns 0, or 1 if a limit was met.
 
     orders[n] is light with n + 1 events (a reflection by the ground is one); the last entry takes the rest.  From every
     leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none (roulette) or many
-    (splitting), so that the weights of long paths do not drift apart.
+    (splitting), so that the weights of long paths do not drift apart.  `sight` is the air that single scattering is
+    seen through, the same as `air` unless events are isotropic.
     """
     pieces, phases, out, cumulative, blurred, frame, leg, new, stack = work
     sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
@@ -143,6 +144,35 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
     size = 0
     unit = 0.0
     limit_met = 0
+    if air.isotropic_events:
+        # light scattered once is seen through air that is not the diffuse light's
+        if (
+            trace(
+                sight,
+                sun,
+                steering,
+                w,
+                leg[0],
+                leg[1],
+                leg[2],
+                leg[3],
+                leg[4],
+                leg[5],
+                sx,
+                sy,
+                sz,
+                walk.first_length,
+                walk.first_depth,
+                1,
+                stream,
+                pieces,
+                phases,
+                out,
+            )
+            < 0
+        ):
+            return 1
+        orders[0] += out[0] + out[1]
     while True:
         first = order == 0
         n = trace(
@@ -153,7 +183,8 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
         if n < 0:
             limit_met = 1
             n = 0
-        orders[min(order, N_ORDERS - 1)] += weight * (out[0] + out[1])
+        if not (first and air.isotropic_events):
+            orders[min(order, N_ORDERS - 1)] += weight * (out[0] + out[1])
         order += 1
         ground = out[2]
         ground_plain = out[3] * albedo if ground >= 0.0 else 0.0
@@ -215,7 +246,7 @@ def one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, wo
 
 @njit(cache=True, nogil=True)
 def run_chunks(
-    air, sun, steering, walk, seed, keys, wavelength_keys, sun_elevation, elevation, azimuth, altitude,
+    air, sight, sun, steering, walk, seed, keys, wavelength_keys, sun_elevation, elevation, azimuth, altitude,
     job_pixel, job_wavelength, job_chunk, job_samples, first_job, end_job, sums, squares, limits,
 ):  # fmt: skip
     """Run the jobs first_job..end_job; row j of `sums` and `squares` gets sums of x and x^2 over the samples of job j.
@@ -256,7 +287,7 @@ def run_chunks(
         start(stream, seed, keys[pixel], wavelength_keys[w], job_chunk[j])
         for _ in range(job_samples[j]):
             orders[:] = 0.0
-            limits[j] += one_sample(air, sun, steering, walk, w, point, direction, to_sun, stream, work, orders)
+            limits[j] += one_sample(air, sight, sun, steering, walk, w, point, direction, to_sun, stream, work, orders)
             total = 0.0
             for n in range(N_ORDERS):
                 sums[j, n] += orders[n]

@@ -21,7 +21,9 @@ class MonteCarloSettings:
     max_samples: most samples spent on one pixel and wavelength.
     time_limit_s: stop after about this long with what there is; None: no limit.
     max_orders: highest scattering order (a ground reflection counts as one); None: all of them.
-    approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3).
+    approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3): light scattered once scatters again
+        isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third
+        Legendre moment.
     refraction, spreading: bend the direct beam; let bending thin it out.
     seed: any integer; chunk_samples: samples per random stream; both change the noise.
     pilot_samples: samples of each of two arms from which the other arm's count is set.
