@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from twilight import solvers
-from twilight.cli import app
+from twilight.cli.app import app
 from twilight.errors import TwilightError
 from twilight.io.netcdf import read_sky
 
@@ -236,6 +236,15 @@ def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(pl
         (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
         (["{table}", "--target", "maya"], ["--target", "output.target", "mitsuba"]),
         (["{table}", "--set", "albedo"], ["--set albedo", "key=value"]),
+        (["{table}", "--set", "solver.name=[plain]"], ["--set solver.name", "not a solver"]),
+        (["{table}", "--set", "solver.quality={}"], ["--set solver.quality", "bright"]),
+        (["{table}", "--set", "solver=plain"], ["--set solver", "a mapping"]),
+        (["{table}", "--set", "sun.elevations_deg=[]"], ["sun.elevations_deg must hold at least 1 value, got 0"]),
+        (["{table}", "--set", "sun={elevation_deg: 3, at: 2003-12-08T16:00}"], ["only one of at, elevation_deg"]),
+        (["{table}", "--set", "climate=null"], ["--set climate", "the name of a climate"]),
+        (["{table}", "--set", "climate=urbna"], ["--set climate", "did you mean urban?"]),
+        (["{table}", "--set", "ground.albedo.x=1"], ["--set ground.albedo.x: ground.albedo holds no keys"]),
+        (["{table}", "--set", "medium.table=t2.csv"], ["--set medium.table", "no file t2.csv"]),
         (["{table}", "--set", "ground.albdo=1"], ["--set ground.albdo", "did you mean albedo?"]),
         (["{table}", "--set", "solver.brightness=much"], ["--set solver.brightness", "a number", "'much'"]),
         (["{table}", "--set", "wavelengths={list_nm: [300, 400]}"], ["t1.csv", "420"]),
@@ -257,13 +266,55 @@ def test_a_table_that_is_missing_or_broken_is_named(plain, table, tmp_path):
     assert result.exit_code == 2 and "t1.csv" in result.stderr
     (tmp_path / "t1.csv").unlink()
     result = call("render", table, "--output", tmp_path / "sky")
-    assert result.exit_code == 2 and "t1.csv" in result.stderr and "cannot be read" in result.stderr
+    assert result.exit_code == 2 and "T1.yaml: medium.table: there is no file" in result.stderr
 
 
 def test_an_output_that_cannot_be_a_folder_is_named(plain, table, tmp_path):
     (tmp_path / "file").write_text("")
     result = call("render", table, "--output", tmp_path / "file")
     assert result.exit_code == 2 and str(tmp_path / "file") in result.stderr
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_anything_is_computed(plain, table, tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
+        result = call("render", table, "--output", folder)
+        assert result.exit_code == 2 and str(folder) in result.stderr and "not a folder" in result.stderr
+    for name in ("file/profile.png", "profile.svg"):
+        result = call("describe", table, "--output", tmp_path / name)
+        assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1
+    assert not plain.calls
+    assert {p.name for p in tmp_path.iterdir()} == {"file", "t1.csv", "T1.yaml"}
+
+
+def test_a_sky_larger_than_the_memory_is_refused(plain, tmp_path):
+    huge = ["--set", "texture={azimuth_count: 7200, elevation_count: 1800}", "--set", "wavelengths.count=2000"]
+    result = CliRunner().invoke(app, ["render", "pure-air", *huge, "--output", str(tmp_path / "sky")])
+    assert result.exit_code == 2, result.output
+    assert "2000 wavelengths" in result.stderr and "GB" in result.stderr and "texture.resolution_deg" in result.stderr
+    assert not plain.calls and not (tmp_path / "sky").exists()
+
+
+def test_null_is_a_value_of_set(plain):
+    result = call("render", "urban", "--plan", "--set", "aerosol=null")
+    assert result.exit_code == 0 and "the climate has none" in result.stdout
+    result = call("render", "urban", "--plan", "--set", "sun.elevation_deg=null")
+    assert result.exit_code == 2 and "got null" in result.stderr
+
+
+def test_time_left_is_at_the_mean_speed():
+    from twilight.cli.terminal import time_left
+
+    assert time_left(0.25, 1200.0) == "1:00:00 left"
+    assert time_left(0.5, 65.0) == "0:01:05 left"
+    assert time_left(0.0, 5.0) == "-:--:-- left"
+
+
+def test_an_interrupt_during_imports_gives_no_traceback(tmp_path):
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from twilight.cli import main; main()"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert result.returncode == 130 and result.stderr == "twilight: interrupted\n"
 
 
 def test_an_interrupt_leaves_with_130_and_no_half_files(plain, table, tmp_path, monkeypatch):
@@ -283,7 +334,7 @@ def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
         "import os, sys\n"
         "import types\n"
         "from twilight import run, solvers\n"
-        "from twilight.cli import app\n"
+        "from twilight.cli.app import app\n"
         "from dataclasses import make_dataclass\n"
         "plain = types.SimpleNamespace(QUALITIES={'standard': make_dataclass('Settings', [])()})\n"
         "solvers.load = lambda name: plain\n"

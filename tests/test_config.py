@@ -54,6 +54,7 @@ CLIMATE = "version: 1\nname: x\n"
 
 
 def test_the_climate_of_the_issue_is_complete(tmp_path):
+    (tmp_path / "t1.csv").touch()
     path = tmp_path / "T1.yaml"
     path.write_text("version: 1\nname: T1\nmedium: {table: t1.csv}\nground: {albedo: 0.0}\n")
     climate = load_climate(path)
@@ -63,6 +64,7 @@ def test_the_climate_of_the_issue_is_complete(tmp_path):
 
 def test_a_table_lies_beside_the_climate_also_when_a_configuration_elsewhere_names_it(tmp_path):
     (tmp_path / "air").mkdir()
+    (tmp_path / "air" / "t.csv").touch()
     (tmp_path / "air" / "t.yaml").write_text("version: 1\nmedium: {table: t.csv}\n")
     (tmp_path / "config.yaml").write_text("version: 1\nclimate: air/t.yaml\nsolver: {name: cells}\n")
     config = load(tmp_path / "config.yaml")

@@ -24,7 +24,7 @@ def test_importing_the_package_loads_nothing_but_itself():
 
 
 @pytest.mark.parametrize(
-    "statement", ["import twilight.cli", "from twilight.config import load_climate; load_climate('urban')"]
+    "statement", ["import twilight.cli.app", "from twilight.config import load_climate; load_climate('urban')"]
 )
 def test_the_command_line_and_configurations_load_nothing_heavy(statement):
     assert not modules_after(statement) & HEAVY

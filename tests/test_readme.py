@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from twilight.cli import app
+from twilight.cli.app import app
 from twilight.config import load_climate, load_series
 from twilight.config.library import shipped
 
@@ -52,6 +52,7 @@ def test_the_commands_shown_are_understood(command, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_the_documents_shown_are_valid(text, tmp_path):
+    (tmp_path / "t1.csv").touch()
     path = tmp_path / "document.yaml"
     path.write_text(text, encoding="utf-8")
     assert load_series(path)

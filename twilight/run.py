@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, float], None]
 """Called with a few words on what is being done and the share of the work that is done."""
+
+ARRAYS_AT_ONCE = 4
+"""Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
 
 WAVELENGTH_BLOCK = 32
 """Wavelengths that a solver holds at once; more are done in blocks, so that 1000 need no more memory than 32."""
@@ -86,6 +90,33 @@ def count_frames(config: Config) -> int:
     return 1
 
 
+def check_size(config: Config) -> None:
+    """Raise TwilightError where the sky and its pictures alone would not fit into this machine's memory."""
+    rows, columns = config.texture.shape
+    width, spectral_width = config.texture.latlong_width or config.output.width, config.output.spectral_width
+    wavelength_nm = wavelengths_of(config)
+    n_wavelengths = 1 if wavelength_nm is None else len(wavelength_nm)  # a table's are in its file
+    values = rows * columns * n_wavelengths * (2 if config.solver.get("name") == "montecarlo" else 1)
+    if config.texture.latlong_width is not None:
+        values += width * width // 4 * n_wavelengths
+    needed = 8 * (ARRAYS_AT_ONCE * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2)
+    memory = _memory()
+    if needed > memory:
+        raise TwilightError(
+            f"{config.title}: texture ({rows} x {columns} directions), {n_wavelengths} wavelengths and the pictures "
+            f"need {needed / 1e9:.3g} GB, and this machine has {memory / 1e9:.3g} GB: take a larger "
+            f"texture.resolution_deg, fewer wavelengths or a smaller texture.latlong_width or output.spectral_width"
+        )
+
+
+def _memory() -> float:
+    """Memory of this machine [bytes]; infinite where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return float("inf")
+
+
 def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
 
@@ -93,6 +124,7 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     """
     tell = progress or (lambda doing, share: None)
     tell("setting up", 0.0)
+    check_size(config)
     started = time.perf_counter()
     suns = list(_suns(config))
     plan = make_plan(config)
@@ -105,18 +137,19 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     results = [_Radiance() for _ in suns]
     elevation, azimuth = _texture(config)
     meter = _Meter(tell)
+    several = len(suns) > 1
     phase = 1.0 / (len(blocks) * (1 + len(suns)))
     for b, block in enumerate(blocks):
         start = b * (1 + len(suns)) * phase
         begin = time.perf_counter()
         part = medium if len(blocks) == 1 else medium.select(block)
-        meter.phase(name, start, phase)
+        meter.phase("all suns" if several else "", start, phase)
         made = solver.prepare(part, settings, observer_altitude_km=config.observer.altitude_km, progress=meter)
         beam = _Sunbeam(part, config.observer.altitude_km)
         set_up_s += time.perf_counter() - begin
         for s, (sun, result) in enumerate(zip(suns, results, strict=True)):
             begin = time.perf_counter()
-            meter.phase(sun.name, start + (1 + s) * phase, phase)
+            meter.phase(sun.name if several else "", start + (1 + s) * phase, phase)
             _evaluate(made, sun, elevation, azimuth, config.texture.latlong_width, result)
             _direct(beam, sun, result)
             result.seconds += time.perf_counter() - begin
@@ -131,17 +164,18 @@ class _Meter:
 
     def __init__(self, tell: Progress):
         self.tell = tell
+        self.label = ""
         self.done = self.start = self.span = 0.0
 
-    def phase(self, doing: str, start: float, span: float) -> None:
-        self.start, self.span = start, span
-        self(doing, 0.0)
+    def phase(self, label: str, start: float, span: float) -> None:
+        self.label, self.start, self.span = label, start, span
+        self("", 0.0)
 
     def __call__(self, doing: str | float, share: float | str) -> None:
         if isinstance(share, str):  # montecarlo tells the share first
             doing, share = share, doing
         self.done = max(self.done, self.start + self.span * min(max(float(share), 0.0), 1.0))
-        self.tell(str(doing), self.done)
+        self.tell(f"{self.label} {doing}".strip(), self.done)
 
 
 def resolve_solver_of(config: Config) -> tuple[str, str, Any]:
@@ -326,4 +360,4 @@ def _moments(sun: SunAt | SunInterval) -> list[datetime]:
     return [datetime.fromtimestamp(start.timestamp() + i * step.total_seconds(), start.tzinfo) for i in range(count)]
 
 
-__all__ = ["Frame", "Progress", "count_frames", "frames", "resolved_configuration", "run"]
+__all__ = ["Frame", "Progress", "check_size", "count_frames", "frames", "resolved_configuration", "run"]

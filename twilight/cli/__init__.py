@@ -1,33 +1,16 @@
-"""The command line: parses, calls, prints."""
+"""The command line; `main` is the `twilight` command."""
 
 from __future__ import annotations
 
-import typer
-
-from twilight.cli import render, show
-from twilight.cli.terminal import sentences
-
-app = typer.Typer(
-    name="twilight",
-    help="Spectral radiance of the whole clear sky, from full day to the last light of astronomical twilight.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-for command in (render.render, show.climates, show.configs, show.describe, show.solvers, show.schema):
-    app.command()(sentences(command))
-
-
-@app.callback(invoke_without_command=True)
-def _version(version: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
-    if version:
-        from twilight import __version__
-
-        typer.echo(f"twilight {__version__}")
-        raise typer.Exit
+import sys
 
 
 def main() -> None:
-    """Entry point of the `twilight` command."""
-    app()
+    """Entry point of the `twilight` command; an interrupt during its imports gives no traceback either."""
+    try:
+        from twilight.cli.app import app
+
+        app()
+    except KeyboardInterrupt:
+        print("twilight: interrupted", file=sys.stderr)
+        raise SystemExit(130) from None

@@ -55,7 +55,7 @@ def render(
     choose("output.target", target, "--target")
     for text in settings or ():
         key, value = parse_setting(text)
-        choose(key, value, f"--set {key}")
+        chosen[key], names[key] = value, f"--set {key}"
     cases = load_series(scene, chosen, names)
     if plan:
         _print_plans(cases)
@@ -94,8 +94,12 @@ def _print_plans(cases: list[Any]) -> None:
 
 
 def _render(cases: list[Any], scene: str, output: Path | None) -> None:
-    from twilight.run import count_frames, frames
+    from twilight.io.whole import check_folder
+    from twilight.run import check_size, count_frames, frames
 
+    for case in cases:
+        check_size(case.config)
+    check_folder(output or Path("out"))
     counts = [count_frames(case.config) for case in cases]
     total = sum(counts)
     rows: list[list[str]] = []
@@ -123,7 +127,7 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
 
         contact_sheet(pictures, root / "contact-sheet.png")
     print_table(
-        ["scene", "solver", "set-up + sky", "zenith luminance", "horizontal illuminance of the sky"],
+        ["scene", "solver", "set-up + sky", "zenith luminance", "sky illuminance"],
         rows,
         right=(2, 3, 4),
     )

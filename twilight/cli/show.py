@@ -79,9 +79,14 @@ def describe(
     from twilight.air import climate_medium
     from twilight.config import load_climate
     from twilight.describe import facts, optical_depths
+    from twilight.io.whole import check_folder
     from twilight.plotting import profile_figure
 
     model = load_climate(climate)
+    path = output or Path("out") / f"{model.name}_profile.png"
+    if path.suffix.lower() != ".png":
+        raise TwilightError(f"--output: {path} must end in .png")
+    check_folder(path.parent)
     medium = climate_medium(model, None if model.medium is not None else _at(*DESCRIBED_NM))
     wavelength_nm = medium.wavelength_nm
     if model.description:
@@ -96,7 +101,6 @@ def describe(
         "gases": medium.absorption_per_km,
         "aerosol": medium.aerosol_extinction_per_km,
     }
-    path = output or Path("out") / f"{model.name}_profile.png"
     lines = {name: part[:, reference] for name, part in parts.items() if part.any()}
     path.parent.mkdir(parents=True, exist_ok=True)
     profile_figure(model.name, medium.altitude_km, lines, wavelength_nm[reference], path)

@@ -61,12 +61,35 @@ def progress_bar() -> Iterator[Callable[[float, str], None]]:
         yield lambda share, doing: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.markup import escape
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.table import Column
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    words = TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis"))
+    columns = (BarColumn(bar_width=24), TaskProgressColumn(), _time_left_column(), words)
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda share, doing: bar.update(task, completed=share, description=doing)
+        yield lambda share, doing: bar.update(task, completed=share, description=escape(doing))
+
+
+def _time_left_column() -> Any:
+    """Time left at the mean speed so far: shares come in jumps that say nothing about the speed of the moment."""
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    class TimeLeft(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(time_left(task.completed, task.elapsed or 0.0), style="progress.remaining")
+
+    return TimeLeft()
+
+
+def time_left(share: float, elapsed_s: float) -> str:
+    """`0:01:05 left` where `share` of the work took `elapsed_s`; nothing can be said before the first percent."""
+    if share < 0.01:
+        return "-:--:-- left"
+    seconds = round(elapsed_s * (1.0 - share) / share)
+    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d} left"
 
 
 def print_table(columns: list[str], rows: list[list[str]], *, right: tuple[int, ...] = ()) -> None:

@@ -49,7 +49,8 @@ class _Draft:
                 self.origins.setdefault(path[: depth + 1], where)
             parent = parent[part]
             if not isinstance(parent, dict):
-                raise TwilightError(f"{where}: {'.'.join(path[: depth + 1])} holds no keys that could be set")
+                shown = dotted_key.split(".")[: depth + 1 - len(path)]
+                raise TwilightError(f"{where}: {'.'.join(shown)} holds no keys that could be set")
         if path[:2] == ("climate", "medium") and path[-1] == "table" and isinstance(value, str):
             value = str(folder / value)
         parent[path[-1]] = value
@@ -58,8 +59,16 @@ class _Draft:
             self.hidden.add(("climate",))
 
     def _put_climate(self, value: Any, where: str, folder: Path) -> None:
+        if not isinstance(value, str | dict):
+            raise TwilightError(
+                f"{where}: climate must be the name of a climate, the path of its file, or the climate itself, "
+                f"got {'null' if value is None else repr(value)}"
+            )
         if isinstance(value, str):
-            path = find(value, folder, kinds=("climates",))
+            try:
+                path = find(value, folder, kinds=("climates",))
+            except TwilightError as error:
+                raise TwilightError(f"{where}: climate: {error}") from None
             value, folder, where = read_yaml(path), path.parent, str(path)
             if "climate" in value:
                 raise TwilightError(f"{where}: is a configuration; climate needs a climate's name or file")
@@ -70,6 +79,10 @@ class _Draft:
     def validated(self, *, solver: bool = True) -> Config:
         origins = Origins(self.origins, frozenset(self.hidden))
         config = validate(Config, self.data, origins)
+        medium = config.climate.medium
+        if medium is not None and not Path(medium.table).is_file():
+            where, shown = origins.describe(("climate", "medium", "table"))
+            raise TwilightError(f"{where}: {'.'.join(shown)}: there is no file {medium.table}")
         if solver:
             resolve_solver(config.solver, origins)
         return config
@@ -150,10 +163,8 @@ def _read(target: Target) -> _Draft:
     only_config = set(Config.model_fields) - set(Climate.model_fields)
     if "climate" in data or (only_config & data.keys() and not _CLIMATE_KEYS & data.keys()):
         draft = _Draft(data, {(): where})
-        if isinstance(data.get("climate"), str):
+        if "climate" in data:
             draft._put_climate(data["climate"], where, folder)
-        elif "climate" in data:
-            data["climate"] = _with_table_path(data["climate"], folder)
         return draft
     draft = _Draft({"version": 1, "climate": _with_table_path(data, folder)}, {(): where}, {("climate",)})
     draft.origins[("climate",)] = where

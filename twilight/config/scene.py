@@ -139,12 +139,24 @@ def sun_form(value: Any) -> str:
     return _SUN_FORMS.get(type(value), "<elevation>")
 
 
+def _one_form(value: Any) -> Any:
+    """Two ways of saying where the sun is contradict each other; a place alone fits every time."""
+    if isinstance(value, dict):
+        ways = {SUN_KEYS[name]: name for name in reversed(SUN_KEYS) if name in value and name not in _PLACE_KEYS}
+        if len(ways) > 1:
+            raise ValueError(f"takes only one of {', '.join(sorted(ways.values()))}")
+    return value
+
+
+_PLACE_KEYS = ("latitude_deg", "longitude_deg", "time_zone")
+
 Sun = Annotated[
     Annotated[SunElevation, Tag("<elevation>")]
     | Annotated[SunElevations, Tag("<elevations>")]
     | Annotated[SunAt, Tag("<at>")]
     | Annotated[SunInterval, Tag("<interval>")],
     Discriminator(sun_form),
+    BeforeValidator(_one_form),
 ]
 
 

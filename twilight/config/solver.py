@@ -20,11 +20,11 @@ def resolve_solver(section: Mapping[str, Any], origins: Origins) -> tuple[str, s
     """
     options = dict(section)
     name = options.pop("name", solvers.DEFAULT)
-    if name not in solvers.SOLVERS:
+    if not isinstance(name, str) or name not in solvers.SOLVERS:
         raise _error(origins, "name", f"{name} {unknown(str(name), solvers.SOLVERS, 'solver')}")
     qualities = solvers.load(name).QUALITIES
     quality = options.pop("quality", "standard")
-    if quality not in qualities:
+    if not isinstance(quality, str) or quality not in qualities:
         raise _error(origins, "quality", f"{quality} {unknown(str(quality), qualities, f'quality of {name}')}")
     preset = qualities[quality]
     hints = get_type_hints(type(preset), include_extras=True)

@@ -81,6 +81,8 @@ def allowed(annotation: Any, metadata: Iterable[Any] = (), unit: str = "") -> st
         return f"a list, each {allowed(get_args(annotation)[0], (), unit)}"
     if origin is dict:
         keys, values = get_args(annotation)
+        if values is Any:
+            return "a mapping of keys and values"
         return f"a mapping with keys {allowed(keys)} and values {allowed(values, (), unit)}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return f"a mapping with the keys {', '.join(annotation.model_fields)}"
@@ -128,9 +130,19 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     if kind == "missing":
         return f"{name} is missing{help_text}"
     if kind == "value_error":
-        return f"{name} {error['ctx']['error']}" if shown else str(error["ctx"]["error"])
-    if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
-        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}"
+        text = str(error["ctx"]["error"])
+        owner = _section(model, error["loc"])
+        begins_with_a_key = owner is not None and text.split()[0].split(".")[0] in owner.model_fields
+        return f"{name}{'.' if begins_with_a_key else ' '}{text}" if shown else text
+    if kind.endswith(("too_short", "too_long")):
+        limits = {k: v for k, v in error["ctx"].items() if k in ("min_length", "max_length")}
+        bound = " and ".join(f"{'at least' if k == 'min_length' else 'at most'} {v}" for k, v in limits.items())
+        things = "character" if kind.startswith("string") else "value"
+        things += "" if set(limits.values()) == {1} else "s"
+        return f"{name} must hold {bound} {things}, got {len(error['input'])}"
+    sections = [m for m in _members(field_info.annotation) if _is_section(m)] if field_info else []
+    if help_text and len(sections) > 1:
+        return f"{name} must be a mapping{help_text}, got {_short(error['input'])}"
     if field_info is None:
         return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}, got {_short(error['input'])}"
     extra = field_info.json_schema_extra
@@ -138,6 +150,11 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     value_type = _entry(field_info.annotation) if name.endswith("]") or _is_entry(error["loc"], field_info) else None
     text = allowed(value_type or field_info.annotation, field_info.metadata if value_type is None else (), unit)
     return f"{name} must be {text}, got {_short(error['input'])}"
+
+
+def _is_section(annotation: Any) -> bool:
+    bare = _bare(annotation)
+    return isinstance(bare, type) and issubclass(bare, BaseModel)
 
 
 def _is_entry(loc: tuple, field_info: FieldInfo) -> bool:

@@ -4,11 +4,24 @@ from __future__ import annotations
 
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from twilight.errors import TwilightError
+
+
+def check_folder(folder: str | os.PathLike) -> None:
+    """Raise TwilightError unless files can be written into ``folder``, or a folder be made there; leaves no trace."""
+    folder = Path(folder)
+    existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), Path())
+    try:
+        with tempfile.TemporaryDirectory(dir=existing, prefix=".twilight-"):
+            pass
+    except OSError as error:
+        reason = f"{existing} is not a folder" if not existing.is_dir() else error.strerror or str(error)
+        raise TwilightError(f"{folder}: files cannot be written there: {reason}") from None
 
 
 @contextmanager
