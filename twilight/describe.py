@@ -44,7 +44,7 @@ def horizontal_refraction_arcmin(medium: Medium) -> np.ndarray:
 
 def facts(medium: Medium) -> list[tuple[str, str]]:
     """What `twilight describe` says below the optical depths: names and values with their units."""
-    rows = [("top of the air", f"{medium.top_km:g} km"), ("levels", str(medium.altitude_km.size))]
+    rows = [("top of the air", f"{medium.top_km:g} km"), ("levels", str(np.unique(medium.altitude_km).size))]
     for part in ("air", "aerosol"):
         height = scale_height_km(medium, part)
         if np.isfinite(height):

@@ -61,12 +61,13 @@ def profile_figure(
 
     figure: Any
     figure, axes = pyplot.subplots(figsize=(6, 7), layout="constrained")
-    largest = max((float(np.max(c)) for c in coefficients_per_km.values()), default=1.0) or 1.0
+    values = np.concatenate([c[c > 0] for c in coefficients_per_km.values()] or [np.ones(1)])
+    smallest, largest = float(values.min(initial=1.0)), float(values.max(initial=0.0)) or 1.0
     for name, coefficient in coefficients_per_km.items():
         axes.plot(np.where(coefficient > 0, coefficient, np.nan), altitude_km, label=name)
     axes.set(
         xscale="log",
-        xlim=(1e-8 * largest, 3 * largest),
+        xlim=(max(1e-8 * largest, smallest / 3), 3 * largest),
         ylim=(0, altitude_km[-1]),
         xlabel=f"extinction at {wavelength_nm:g} nm [km$^{{-1}}$]",
         ylabel="altitude [km]",
