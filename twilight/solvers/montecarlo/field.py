@@ -233,7 +233,8 @@ class _Run:
         def work(first: int, end: int) -> None:
             run_chunks(
                 field.air, field.sight, field.sun, field.steering, self.settings.walk, np.uint64(self.settings.seed),
-                pixels.key, wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth, field.observer_altitude_km,
+                pixels.key, wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth,
+                field.observer_altitude_km,
                 pixel, wavelength, chunk, samples, first, end, sums, squares, limits,
             )  # fmt: skip
 
