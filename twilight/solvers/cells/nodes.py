@@ -10,6 +10,8 @@ from scipy.special import sph_harm_y
 
 from twilight.solvers.cells.settings import CellsSettings
 
+POLAR_POWER = 1.5
+
 
 @dataclass(frozen=True)
 class Nodes:
@@ -96,9 +98,13 @@ def gauss_directions(per_hemisphere: int, around: int) -> tuple[np.ndarray, np.n
 
 def make_directions(settings: CellsSettings) -> Directions:
     x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
-    cosine = np.concatenate([0.5 * (x - 1.0), 0.5 * (x + 1.0)])
+    # Gauss in u = cosine^(1/1.5): closer to the horizon, where the light of twilight comes from
+    u = 0.5 * (x + 1.0)
+    w = w * u ** (POLAR_POWER - 1.0)
+    w *= 1.0 / w.sum()
+    cosine = np.concatenate([-(u[::-1] ** POLAR_POWER), u**POLAR_POWER])
     n_azimuth = settings.azimuth_directions
-    weight = np.concatenate([w, w]) * 0.5 * 2.0 * np.pi / n_azimuth
+    weight = np.concatenate([w[::-1], w]) * 2.0 * np.pi / n_azimuth
     azimuth = 2.0 * np.pi * np.arange(n_azimuth) / n_azimuth
     mu, phi = np.meshgrid(cosine, azimuth, indexing="ij")
     harmonics, degree_of = real_harmonics(mu.ravel(), phi.ravel(), settings.degree)

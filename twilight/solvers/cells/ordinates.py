@@ -262,7 +262,9 @@ class Ordinates:
         n_dir_azimuth = directions.azimuth.size
         weight = np.repeat(directions.weight, n_dir_azimuth)
         self.synthesis = directions.harmonics.astype(np.float32)
-        self.analysis = (directions.harmonics * weight[:, None]).T.astype(np.float32)
+        # least squares with these weights: exact for every field that the harmonics span
+        weighted = (directions.harmonics * weight[:, None]).T
+        self.analysis = np.linalg.solve(weighted @ directions.harmonics, weighted).astype(np.float32)
         # cosine of each direction with the local vertical of each point and azimuth, for the flux on the ground
         lowest = mesh.shell_start[:-1]
         rho = np.hypot(nodes.x_km[lowest], nodes.z_km[lowest])

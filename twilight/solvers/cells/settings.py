@@ -99,7 +99,7 @@ class CellsSettings:
 
 QUALITIES: dict[str, CellsSettings] = {
     "draft": CellsSettings(
-        azimuth_cells=36, degree=4, polar_directions=3, azimuth_directions=10, azimuth_nodes=20, node_density=0.7
+        azimuth_cells=36, degree=4, polar_directions=4, azimuth_directions=10, azimuth_nodes=20, node_density=0.7
     ),
     "standard": CellsSettings(),
     "reference": CellsSettings(
