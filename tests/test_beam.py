@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_refraction import air
 
-from tests.test_refraction import air
 from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
 from twilight.transport.rays import OUTSIDE, ray_profile, refractivity_at, sun_ray
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from montecarlo_media import assert_all_agree, haze_l, slab
 
-from tests.montecarlo_media import assert_all_agree, haze_l, slab
 from twilight.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 

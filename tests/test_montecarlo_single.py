@@ -4,8 +4,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from montecarlo_media import assert_all_agree, hazy_earth
 
-from tests.montecarlo_media import assert_all_agree, hazy_earth
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.transport.beam import beam_at_one
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
+from montecarlo_media import assert_all_agree, hazy_earth, slab
 from scipy.stats import chi2, norm
 
-from tests.montecarlo_media import assert_all_agree, hazy_earth, slab
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 from twilight.solvers.montecarlo import QUALITIES, MonteCarloSettings, prepare

@@ -2,9 +2,9 @@
 
 A solver is a module with `prepare(medium, settings, *, observer_altitude_km=0.0, progress=None) -> Field`, where
 `Field.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)` gives the sun-normalised radiance [sr^-1], and with
-`QUALITIES`: the names of its presets and their frozen settings.  `progress(doing, share)` takes a few words and the share
-of this call's work that is done, 0 to 1.  A solver with a standard error has `Field.radiance_with_error`, whose result has
-`radiance` and `standard_error`.
+`QUALITIES`: the names of its presets and their frozen settings.  `progress(doing, share)` takes a few words and the
+share of this call's work that is done, 0 to 1.  A solver with a standard error has `Field.radiance_with_error`, whose
+result has `radiance` and `standard_error`.
 """
 
 from __future__ import annotations

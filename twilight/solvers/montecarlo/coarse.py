@@ -37,7 +37,7 @@ from twilight.solvers.montecarlo.steering import (
     empty_steering,
     sun_index,
 )
-from twilight.solvers.montecarlo.threads import in_slices
+from twilight.threads import in_slices
 
 MAX_LENGTH_KM = 80.0
 MAX_DEPTH = 1.0

@@ -20,7 +20,7 @@ from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.steering import Steering
 from twilight.solvers.montecarlo.suntable import prepare_sun_table
 from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, Tally
-from twilight.solvers.montecarlo.threads import in_slices
+from twilight.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
 Progress = Callable[[str, float], None]

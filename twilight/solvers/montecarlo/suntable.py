@@ -15,7 +15,7 @@ from numba import njit
 
 from twilight.solvers.montecarlo.air import Air
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.threads import in_slices
+from twilight.threads import in_slices
 from twilight.transport.beam import beam_at_one
 
 N_ALTITUDE = 64
