@@ -306,6 +306,15 @@ def test_more_ground_more_light_more_absorber_less():
     assert np.all(darker < light[0])
 
 
+def test_scattering_is_followed_until_it_converges():
+    field = cells.prepare(air(albedo=1.0, aerosol=0.4, ground=0.9), COARSE)
+    radiance = field.radiance(30.0, [10.0, 80.0], 90.0)
+    assert field.convergence.residual < COARSE.tolerance
+    loose = cells.prepare(air(albedo=1.0, aerosol=0.4, ground=0.9), replace(COARSE, tolerance=1e-5))
+    np.testing.assert_allclose(radiance, loose.radiance(30.0, [10.0, 80.0], 90.0), rtol=2e-3)
+    assert loose.convergence.events > field.convergence.events
+
+
 def test_one_thread_and_two_are_bit_identical():
     before = numba.get_num_threads()
     results = []

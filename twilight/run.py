@@ -66,6 +66,7 @@ class _Radiance:
     direct: list[np.ndarray] = field(default_factory=list)
     bending_deg: float = 0.0
     seconds: float = 0.0
+    convergence: dict[str, Any] = field(default_factory=dict)
 
 
 def run(config: Config, progress: Progress | None = None) -> Sky:
@@ -227,6 +228,8 @@ def _frame(
         "quality": solver[1],
         "left_out": [item.part for item in plan.left_out],
     }
+    if result.convergence:
+        provenance["convergence"] = result.convergence
     place = sun.section if isinstance(sun.section, SunAt) else None
 
     def sky(texture: list, error: list, elevation: np.ndarray, azimuth: np.ndarray) -> Sky:
@@ -274,6 +277,12 @@ def _evaluate(
         values.append(value)
         if error is not None:
             errors.append(error)
+    converged = getattr(made, "convergence", None)
+    if converged is not None:  # the worst block of wavelengths
+        result.convergence = {
+            "events": max(result.convergence.get("events", 0), converged.events),
+            "residual": max(result.convergence.get("residual", 0.0), converged.residual),
+        }
 
 
 def _on_grid(

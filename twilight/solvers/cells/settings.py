@@ -12,14 +12,19 @@ from twilight.errors import TwilightError
 class CellsSettings:
     """Haber's cells and what goes beyond them.
 
+    Both modes:
+    multiple_scattering: 'exact' keeps the phase functions at every event, on points around the observer; 'isotropic' is
+        Haber's, on his cells: the first event with its phase function, later ones isotropic in air whose aerosol is
+        reduced by similarity; 'none' is single scattering
+    max_events: most scattering events that are followed
+    tolerance: stop earlier when what is missing is known to this share of the light at every point (exact: a geometric
+        series is added for it) or an event adds less than this share (isotropic); 0 follows max_events
+    refraction: bend and spread the sunbeam
+
+    Isotropic mode:
     azimuth_cells: S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation
     inner_radius_km: R_min, radius of the innermost shell
     active_shell_step: every n-th shell takes part in multiple scattering
-    max_events: most scattering events that are followed
-    tolerance: stop earlier when an event adds less than this share to the source anywhere it matters
-    multiple_scattering: 'exact' keeps the phase functions at every event; 'isotropic' is Haber's: the first event
-    with its
-        phase function, later ones isotropic in air whose aerosol is reduced by similarity; 'none' is single scattering
     operator: how isotropic events are computed: 'fourier' (one matrix per azimuthal mode, reused for every sun) or
         'pairs' (Haber's loop over pairs of cells)
     second_event: light that is scattered once before a cell gets it: 'table' (a table over altitude and solar zenith
@@ -27,18 +32,19 @@ class CellsSettings:
     left_right_symmetry, mirrored_pairs, ring_reuse: Haber's exact savings, for operator 'pairs'
     azimuth_modes: Fourier modes kept by operator 'fourier' (0 keeps all)
     subcells: points per edge that average the coefficients over a cell (1 is the value at its centre)
-    close_energy: scale each row of the operator so that uniform light stays uniform
-    degree: of the Legendre series that the exact mode keeps (delta-scaled beyond)
-    polar_directions: directions per hemisphere of the exact mode; azimuth_directions: around
-    azimuth_nodes: of the exact mode, a multiple of azimuth_directions
-    node_density: of the exact mode's points in altitude and radius, 1 is standard
-    refraction: bend and spread the sunbeam
+    close_energy: scale each column of the operator so that it extinguishes as much light as rays through the air do
+
+    Exact mode:
+    degree: of the Legendre series that is kept (delta-scaled beyond)
+    polar_directions: directions per hemisphere; azimuth_directions: around
+    azimuth_nodes: azimuths of the points, a multiple of azimuth_directions
+    node_density: of the points in altitude and radius, 1 is standard
     """
 
     azimuth_cells: int = 60
     inner_radius_km: float = 0.1
     active_shell_step: int = 4
-    max_events: int = 20
+    max_events: int = 60
     tolerance: float = 1e-3
     multiple_scattering: Literal["exact", "isotropic", "none"] = "exact"
     operator: Literal["fourier", "pairs"] = "fourier"
@@ -98,12 +104,9 @@ class CellsSettings:
 
 
 QUALITIES: dict[str, CellsSettings] = {
-    "draft": CellsSettings(
-        azimuth_cells=36, degree=4, polar_directions=4, azimuth_directions=10, azimuth_nodes=20, node_density=0.7
-    ),
+    "draft": CellsSettings(degree=4, polar_directions=4, azimuth_directions=10, azimuth_nodes=20, node_density=0.7),
     "standard": CellsSettings(),
     "reference": CellsSettings(
-        azimuth_cells=120,
         degree=8,
         polar_directions=8,
         azimuth_directions=18,
