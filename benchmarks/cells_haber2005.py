@@ -17,16 +17,16 @@ from twilight.run import run
 def main() -> None:
     settings = {"climate": "haber2005", "solver.name": "cells", "solver.quality": "haber2005", "sun.elevation_deg": 9}
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    times = []
+    times, peaks = [], []
     for _ in range(2):  # the first run compiles
         start = time.perf_counter()
         sky = run(load({"version": 1, **{"climate": settings["climate"]}}, {
             k: v for k, v in settings.items() if k != "climate"}))  # fmt: skip
         times.append(time.perf_counter() - start)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     assert np.all(np.isfinite(sky.sun_normalised_radiance))
     print(f"with compilation {times[0]:.1f} s, compiled {times[1]:.1f} s")
-    print(f"peak memory {peak / 1024:.0f} MiB, of which {before / 1024:.0f} MiB before the first run")
+    print(f"peak memory of one run {peaks[0] / 1024:.0f} MiB, of which {before / 1024:.0f} MiB before it")
     print(f"zenith luminance {sky.luminance()[-1].mean():.0f} cd/m^2")
 
 

@@ -59,7 +59,7 @@ class CellsSettings:
     polar_directions: int = 6
     azimuth_directions: int = 14
     azimuth_nodes: int = 28
-    node_density: float = 1.0
+    node_density: float = 0.8
     refraction: bool = True
 
     def __post_init__(self):
