@@ -295,6 +295,17 @@ def test_left_and_right_are_alike_and_azimuth_is_periodic():
     np.testing.assert_allclose(field.radiance(5.0, 30.0, [400.0, -190.0]), a, rtol=1e-10)
 
 
+def test_ground_is_seen_at_the_wavelengths_that_reach_it():
+    """A first wavelength at which the air is black must not hide the ground from the others."""
+    clear = air(ground=0.5)
+    black = clear.absorption_per_km.copy()
+    black[:, 0] = 300.0 * np.exp(-clear.altitude_km / 8.0)
+    half = replace(clear, absorption_per_km=black)
+    expected = cells.prepare(clear, COARSE).radiance(30.0, 60.0, 90.0)[1]
+    got = cells.prepare(half, COARSE).radiance(30.0, 60.0, 90.0)[1]
+    assert got == pytest.approx(expected, rel=0.01)
+
+
 def test_more_ground_more_light_more_absorber_less():
     light = [
         cells.prepare(medium, COARSE).radiance(20.0, [10.0, 50.0, 90.0], 70.0)

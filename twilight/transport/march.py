@@ -61,6 +61,7 @@ def march(profile, jumps, altitude_km, cos_zenith, fineness, edges):
     s = start
     n = 0
     depth = 0.0
+    depth_max = 0.0
     while n < MAX_STEPS - 1:
         z = altitude_along(altitude_km, cos_zenith, s, radius)
         slope = ((radius + altitude_km) * cos_zenith + s) / (radius + z)
@@ -78,7 +79,11 @@ def march(profile, jumps, altitude_km, cos_zenith, fineness, edges):
         if k_max * ds * fineness > 0.7:
             # wavelengths that are dark by now may be stepped over coarsely
             limit = 0.7 if depth < 12.0 else 3.0
-            ds = min(ds, max(limit / (k_max * fineness), 1e-3))
+            shortest = max(limit / (k_max * fineness), 1e-4)
+            if depth_max > 30.0:
+                # a wavelength that is black by now must not use up the steps of the others
+                shortest = max(shortest, 0.25 * (s - start) / fineness)
+            ds = min(ds, shortest)
         for j in range(jumps.size):
             if abs(jumps[j] - z) > 1e-9:
                 mu = min(1.0, max(-1.0, slope))
@@ -89,6 +94,7 @@ def march(profile, jumps, altitude_km, cos_zenith, fineness, edges):
             ds = end - s
         s += ds
         depth += k_min * ds
+        depth_max += k_max * ds
         n += 1
         edges[n] = s
         if s >= end or depth > 25.0:

@@ -30,8 +30,7 @@ class Scattered:
     """All light scattered at least once, for one sun.
 
     moments (n_lm, P, A, W): of the radiance at the nodes; ground (P, A, W): radiance of the ground under each node
-    events: how many scattering events were followed; residual: largest share of the source that the last one added
-    order_share (events,): mean share of each order in the scattered light at the observer's node
+    events: how many scattering events were followed; residual: what the remainder may be wrong by, largest share
     """
 
     moments: np.ndarray
@@ -242,7 +241,8 @@ def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out, be
                     n_azimuth,
                     total,
                 )
-                if stencils.ground_weight[ray, 0] > 0.0:
+                # the air may hide the ground at some wavelengths only
+                if np.max(stencils.ground_weight[ray]) > 0.0:
                     gather(ground, ray, ray + 1, log_ground, float(j), sign, n_azimuth, total)
                 for w in range(n_wavelengths):
                     out[d, p, j, w] = total[w]

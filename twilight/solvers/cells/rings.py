@@ -167,8 +167,9 @@ class RingOperator:
     """kernel (modes, W, G, G): power extinguished in ring t per power scattered by ring c, group weights and ground
     inside.
 
-    ring (G,): index of the active rings in the grid; spread (all rings, G): interpolation of the mean radiance
-    extinguished_to_scattered (G, W); closure (G, W): the factors that closed the energy balance (1 = nothing to do)
+    ring (G,): index of the active rings in the grid; group (G, W): power of all cells that a ring stands for, over
+    its own
+    closure (G, W): the factors that closed the energy balance (1 = nothing to do)
     captured, to_ground (G, W): exact shares of the light of each ring; the rest leaves the volume
     """
 

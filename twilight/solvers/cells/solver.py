@@ -70,9 +70,9 @@ class Field:
         self.beam = prepare_beam(lit, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
         self.jumps = jump_altitudes(self.profile)
-        # On the line of sight light that was scattered once keeps its narrow forward peak only: taking all that
-        # similarity
-        # calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it would lose light.
+        # On the line of sight light that was scattered once keeps its narrow forward peak only: taking all
+        # that similarity calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it
+        # would lose light.
         self.sight = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
         self.sight_profile = prepare_profile(self.sight.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
@@ -87,7 +87,8 @@ class Field:
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
 
-        Directions may look down: then the Lambertian ground is seen through the air.
+        Directions may look down: then the Lambertian ground is seen through the air; in the isotropic mode it is lit by
+        the sun only, in the exact mode by the sky too.
         """
         if not -90.0 <= sun_elevation_deg <= 90.0:
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")

@@ -26,8 +26,8 @@ def coarse_elevations(lowest_deg: float, highest_deg: float, n: int) -> np.ndarr
 def gather_views(
     profile, jumps, mesh, altitude0, directions, fineness, log_source, per_direction, log_ground, out, begin, end
 ):
-    """Multiple scattering along lines of sight: log_source[direction or 0, point, azimuth, wavelength] -> out (D,
-    W)."""
+    """Multiple scattering along lines of sight: out (D, W) from
+    log_source[direction or 0, point, azimuth, wavelength]."""
     n_wavelengths = profile.extinction.shape[1]
     n_azimuth = log_source.shape[2]
     z0 = profile.earth_radius_km + altitude0
@@ -51,7 +51,7 @@ def gather_views(
         total = np.zeros(n_wavelengths, np.float32)
         row = log_source[d if per_direction else 0]
         gather(entries, 0, count, row, 0.0, 1.0, n_azimuth, total)
-        if g_weight[0, 0] > 0.0:
+        if np.max(g_weight) > 0.0:
             gather((g_corner, g_corner_weight, g_azimuth, g_weight), 0, 1, log_ground, 0.0, 1.0, n_azimuth, total)
         for w in range(n_wavelengths):
             out[d, w] = total[w]
