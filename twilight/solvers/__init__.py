@@ -15,6 +15,9 @@ from types import ModuleType
 SOLVERS: dict[str, str] = {
     "cells": "twilight.solvers.cells",
     "montecarlo": "twilight.solvers.montecarlo",
+    "zones": "twilight.solvers.zones",
+    "preetham": "twilight.solvers.analytic.preetham",
+    "cie": "twilight.solvers.analytic.cie",
 }
 DEFAULT = "cells"
 

@@ -7,7 +7,6 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.cells.nodes import make_directions, make_nodes
 from twilight.solvers.cells.ordinates import Ordinates, Scattered, mirror, once_scattered
-from twilight.solvers.cells.scaling import ScaledMedium
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import unit_vectors
 from twilight.solvers.cells.stencils import make_mesh, make_stencils
@@ -15,6 +14,7 @@ from twilight.solvers.cells.view import exact_view
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam
 from twilight.transport.profile import Profile
+from twilight.transport.scaling import ScaledMedium
 
 
 class ExactCells:

@@ -14,7 +14,6 @@ from twilight.solvers.cells.nodes import gauss_directions, graded_altitudes
 from twilight.solvers.cells.ordinates import TINY
 from twilight.solvers.cells.pairs import make_rings, pair_pass
 from twilight.solvers.cells.rings import RingOperator, active_rings, make_operator, spread_matrix
-from twilight.solvers.cells.scaling import ScaledMedium
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import single_scattering, species_phase, unit_vectors
 from twilight.solvers.cells.stencils import Mesh
@@ -22,6 +21,7 @@ from twilight.solvers.cells.view import isotropic_view
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.profile import Profile, locate
+from twilight.transport.scaling import ScaledMedium
 
 
 @njit(cache=True, nogil=True)

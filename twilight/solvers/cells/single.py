@@ -9,11 +9,11 @@ from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import altitude_along
-from twilight.phase import rayleigh_phase
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
 from twilight.transport.profile import Profile
+from twilight.transport.scaling import species_phase
 
 REFERENCE_BEND_RAD = math.radians(0.5)
 """Phase functions are taken at the true and at this bent direction of the sun, and linearly between and beyond."""
@@ -23,23 +23,6 @@ def unit_vectors(elevation_deg, azimuth_deg) -> np.ndarray:
     """Directions (D, 3) in the observer's frame: z up, x towards the sun's azimuth."""
     e, a = np.radians(elevation_deg), np.radians(azimuth_deg)
     return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
-
-
-def species_phase(medium: Medium, forward_share: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
-    """Exact phase functions of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1].
-
-    Those of the aerosol are divided by 1 - f, so that they multiply the scaled scattering coefficient.
-    """
-    air = rayleigh_phase_array(cos_angle, medium.depolarisation)
-    rows = [air]
-    for phase, f in zip(medium.phase_functions, forward_share, strict=True):
-        rows.append(phase(cos_angle).T / (1.0 - f))
-    return np.ascontiguousarray(np.stack(rows, axis=1))
-
-
-def rayleigh_phase_array(cos_angle: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
-    """(D, W)"""
-    return rayleigh_phase.py_func(cos_angle[:, None], depolarisation[None, :])
 
 
 def single_scattering(

@@ -11,13 +11,13 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.solvers.cells.exact import ExactCells
 from twilight.solvers.cells.isotropic import IsotropicCells
-from twilight.solvers.cells.scaling import delta_scaled
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
 from twilight.solvers.cells.single import single_scattering, unit_vectors
 from twilight.solvers.cells.view import MultipleView, coarse_elevations, horizon_deg
 from twilight.transport.beam import prepare_beam
 from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled
 
 Progress = Callable[[str, float], None]
 

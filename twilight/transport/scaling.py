@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.phase import rayleigh_phase
 
 
 @dataclass(frozen=True)
@@ -51,3 +52,20 @@ def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
         aerosol_share=medium.aerosol_share * (1.0 - f[:, None]) / (1.0 - mixed),
     )
     return ScaledMedium(scaled, moments, f)
+
+
+def species_phase(medium: Medium, forward_share: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
+    """Exact phase functions of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1].
+
+    Those of the aerosol are divided by 1 - f, so that they multiply the scaled scattering coefficient.
+    """
+    air = rayleigh_phase_array(cos_angle, medium.depolarisation)
+    rows = [air]
+    for phase, f in zip(medium.phase_functions, forward_share, strict=True):
+        rows.append(phase(cos_angle).T / (1.0 - f))
+    return np.ascontiguousarray(np.stack(rows, axis=1))
+
+
+def rayleigh_phase_array(cos_angle: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
+    """(D, W)"""
+    return rayleigh_phase.py_func(cos_angle[:, None], depolarisation[None, :])

@@ -1,0 +1,186 @@
+"""prepare and Field: the zones solver behind the interface that all solvers share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.zones.grid import altitude_nodes, make_angles, zenith_nodes
+from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
+from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution
+from twilight.solvers.zones.sunlight import make_sunlight
+from twilight.solvers.zones.view import REFERENCE_LIFT_RAD, view_multiple, view_single
+from twilight.threads import in_slices
+from twilight.transport.beam import prepare_beam
+from twilight.transport.lines import refractive_gradient
+from twilight.transport.march import jump_altitudes
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled, species_phase
+
+Progress = Callable[[str, float], None]
+LAST_ZENITH_DEG = 132.0
+"""Solar zenith angle beyond which the field is taken as it is here: 42 deg below the horizon it is e^-60 of the day's."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """events: scattering events followed; residual: largest share of the scattered light that may be missing or wrong
+    because no more were."""
+
+    events: int
+    residual: float
+
+
+def prepare(
+    medium: Medium,
+    settings: ZonesSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """Solve the field of a medium for every position of the sun.
+
+    observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
+    above it.  `progress(doing, share)` is called now and then.
+    """
+    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+
+
+class Field:
+    """The sky of one medium for any sun, observer and direction."""
+
+    def __init__(
+        self,
+        medium: Medium,
+        settings: ZonesSettings,
+        observer_altitude_km: float = 0.0,
+        progress: Progress | None = None,
+    ):
+        self.medium, self.settings = medium, settings
+        self.observer_altitude_km = self._checked(observer_altitude_km)
+        tell = progress or (lambda doing, share: None)
+        self.scaled = delta_scaled(medium, settings.degree)
+        tell("sunbeam", 0.0)
+        self.beam = prepare_beam(self.scaled.medium, refraction=settings.refraction)
+        self.profile = prepare_profile(self.scaled.medium)
+        self.jumps = jump_altitudes(self.profile)
+        self.gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
+        altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
+        self.nodes = Nodes.of(altitude, zenith_nodes(0.0, LAST_ZENITH_DEG, settings.zenith_density))
+        self.convergence: Convergence | None = None
+        self.solutions: list[Solution] = []
+        if settings.max_events > 1:
+            self._solve(tell)
+        tell("field", 1.0)
+
+    def _checked(self, observer_altitude_km: float) -> float:
+        if not observer_altitude_km >= self.medium.bottom_km or not math.isfinite(observer_altitude_km):
+            raise TwilightError(
+                f"observer.altitude_km is {observer_altitude_km:g}; allowed is {self.medium.bottom_km:g} (the ground) "
+                "and more"
+            )
+        return float(observer_altitude_km)
+
+    def _solve(self, tell: Progress) -> None:
+        s, n = self.settings, self.nodes
+        angles = make_angles(s.polar_directions, s.azimuth_directions, s.degree)
+        start = np.repeat(n.altitude_km, angles.cosine.size)
+        tell("rays", 0.05)
+        rays = trace_rays(
+            self.profile, self.gradient, self.jumps, start, np.tile(angles.cosine, n.altitude_km.size), s.step_density
+        )
+        longest = float(max(rays.place[:, 1].max(), rays.ground_angle_rad.max()))
+        turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
+        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)
+        n_blocks = -(-self.medium.n_wavelengths // LANES)
+        for block in range(n_blocks):
+            points = make_points(rays, self.scaled.medium, self.scaled.moments, n.altitude_km, turning, block)
+            passes = Passes(n, angles, rays, points, turning, self.medium, block)
+
+            def report(event: int, residual: float, block: int = block) -> None:
+                tell(f"scattering event {event}", 0.1 + 0.9 * (block + min(0.95, event / 12)) / n_blocks)
+
+            solution = passes.solve(sunlight, self.scaled.moments, s.max_events, s.tolerance, report)
+            self.solutions.append(solution)
+        self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
+
+    def radiance(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Directions may look down: then the Lambertian ground is seen through the air, lit by the sun and the sky.
+        """
+        if not -90.0 <= sun_elevation_deg <= 90.0:
+            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        elevation, azimuth = np.broadcast_arrays(
+            np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
+        )
+        e, a = elevation.ravel(), azimuth.ravel()
+        row_elevation, row_of = np.unique(e, return_inverse=True)
+        order = np.argsort(row_of, kind="stable")
+        row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
+        cos_azimuth = np.cos(np.radians(a))[order]
+        rays = trace_rays(
+            self.profile,
+            self.gradient,
+            self.jumps,
+            np.full(row_elevation.size, altitude),
+            np.sin(np.radians(row_elevation)),
+            self.settings.sight_density,
+        )
+        zenith = math.radians(90.0 - sun_elevation_deg)
+        sorted_elevation = np.radians(e[order])
+        out = self._single(rays, zenith, np.radians(row_elevation), row_first, sorted_elevation, cos_azimuth)
+        for block, solution in enumerate(self.solutions):
+            part = slice(block * LANES, min((block + 1) * LANES, out.shape[1]))
+            out[:, part] += self._multiple(rays, zenith, row_first, cos_azimuth, block, solution)[
+                :, : part.stop - part.start
+            ]
+        result = np.empty_like(out)
+        result[order] = out
+        return result.reshape(*elevation.shape, -1)
+
+    def _single(self, rays, zenith, row_elevation, row_first, elevation, cos_azimuth) -> np.ndarray:
+        """Light scattered once, (D, W), directions sorted by ray."""
+        phases = []
+        for lift in (0.0, REFERENCE_LIFT_RAD):
+            t = zenith - lift
+            cosine = np.sin(elevation) * math.cos(t) + np.cos(elevation) * math.sin(t) * cos_azimuth
+            phases.append(species_phase(self.medium, self.scaled.forward_share, cosine))
+        slope = (phases[1] - phases[0]) / REFERENCE_LIFT_RAD
+        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
+        out = np.zeros((cos_azimuth.size, self.medium.n_wavelengths))
+        in_slices(
+            lambda begin, end: view_single(
+                self.beam, rays.first, rays.place, rays.weight, share, row_elevation, zenith, row_first, cos_azimuth,
+                phases[0], slope, rays.ground_weight, rays.ground_angle_rad, self.medium.bottom_km,
+                self.medium.ground_albedo, out, begin, end,
+            ),
+            row_elevation.size,
+        )  # fmt: skip
+        return out
+
+    def _multiple(self, rays, zenith, row_first, cos_azimuth, block: int, solution: Solution) -> np.ndarray:
+        """Light scattered at least twice, (D, LANES)."""
+        n = self.nodes
+        turning = make_turning(n.zenith_rad[:1], np.zeros(1), n.fine_rad, 1.0, n=3)  # only its step is used
+        points = make_points(rays, self.scaled.medium, self.scaled.moments, n.altitude_km, turning, block)
+        out = np.zeros((cos_azimuth.size, LANES))
+        ground_weight = lanes_of(rays.ground_weight, block)
+        in_slices(
+            lambda begin, end: view_multiple(
+                rays.first, rays.place, points, zenith, row_first, cos_azimuth, n.fine_rad, n.zenith_rad,
+                solution.log_mean, solution.ratio, solution.log_ground, ground_weight, rays.ground_angle_rad,
+                n.first, n.weight, PER_INTERVAL, self.settings.degree, out, begin, end,
+            ),
+            row_first.size - 1,
+        )  # fmt: skip
+        return out

@@ -1,0 +1,70 @@
+"""What a user can set of the zones solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twilight.errors import TwilightError
+
+
+@dataclass(frozen=True)
+class ZonesSettings:
+    """Nodes, directions and harmonics of the field, and what physics it keeps.
+
+    degree: of the Legendre series that is kept (delta-scaled beyond)
+    polar_directions: directions per hemisphere; azimuth_directions: over half a turn
+    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
+    step_density: of the points along the rays between nodes; sight_density: along lines of sight
+    max_events: most scattering events that are followed; 1 is single scattering
+    tolerance: stop earlier when what is missing is known to this share of the light at every node (a geometric series
+        is added for it); 0 follows max_events
+    refraction: bend and spread the sunbeam
+    bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
+    """
+
+    degree: int = 8
+    polar_directions: int = 8
+    azimuth_directions: int = 10
+    altitude_density: float = 1.0
+    zenith_density: float = 1.0
+    step_density: float = 0.7
+    sight_density: float = 1.5
+    max_events: int = 60
+    tolerance: float = 1e-3
+    refraction: bool = True
+    bent_lines_of_sight: bool = True
+
+    def __post_init__(self):
+        ranges = {
+            "degree": (2, 32),
+            "polar_directions": (2, 48),
+            "azimuth_directions": (3, 96),
+            "altitude_density": (0.2, 10.0),
+            "zenith_density": (0.2, 10.0),
+            "step_density": (0.3, 10.0),
+            "sight_density": (0.3, 10.0),
+            "max_events": (1, 1000),
+            "tolerance": (0.0, 0.5),
+        }
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if not low <= value <= high:
+                raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
+        if self.azimuth_directions < self.degree + 1:
+            raise TwilightError(
+                f"solver.azimuth_directions is {self.azimuth_directions}; degree {self.degree} needs at least "
+                f"{self.degree + 1}"
+            )
+
+
+QUALITIES: dict[str, ZonesSettings] = {
+    "draft": ZonesSettings(
+        degree=4, polar_directions=5, azimuth_directions=5, altitude_density=0.6, zenith_density=0.6, step_density=0.5,
+        sight_density=1.0, tolerance=3e-3,
+    ),
+    "standard": ZonesSettings(),
+    "reference": ZonesSettings(
+        degree=12, polar_directions=14, azimuth_directions=14, altitude_density=2.0, zenith_density=2.0,
+        step_density=1.0, sight_density=2.5, tolerance=3e-4,
+    ),
+}  # fmt: skip

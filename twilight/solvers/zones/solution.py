@@ -1,0 +1,183 @@
+"""The field of one block of wavelengths: all orders of scattering at every node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones.grid import Angles, lagrange_refinement
+from twilight.solvers.zones.passes import scatter, scatter_sunlight
+from twilight.solvers.zones.paths import Points, Rays, Turning, lanes_of
+from twilight.solvers.zones.sunlight import Sunlight
+from twilight.threads import in_slices
+
+TINY = 1e-30
+PER_INTERVAL = 3
+"""Steps of the fine grid of solar zenith angles in every interval of the nodes."""
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """altitude_km (Z,); zenith_rad (T,) solar zenith angles; fine_rad (T',) with the cubic rule that leads to it."""
+
+    altitude_km: np.ndarray
+    zenith_rad: np.ndarray
+    fine_rad: np.ndarray
+    first: np.ndarray
+    weight: np.ndarray
+
+    @staticmethod
+    def of(altitude_km: np.ndarray, zenith_deg: np.ndarray) -> Nodes:
+        zenith = np.radians(zenith_deg)
+        fine, first, weight = lagrange_refinement(zenith, PER_INTERVAL)
+        return Nodes(altitude_km, zenith, fine, first.astype(np.int64), weight.astype(np.float32))
+
+    def refine(self, values: np.ndarray) -> np.ndarray:
+        """Values (T, ...) on the fine grid."""
+        corners = values[self.first[:, None] + np.arange(4)]
+        return np.ascontiguousarray(np.einsum("tj,tj...->t...", self.weight, corners), dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Light scattered at least once, all orders, for one block of wavelengths.
+
+    log_mean (Z, T, LANES): of the mean radiance; ratio (Z, T, C, LANES): moments relative to it
+    log_ground (T', LANES): radiance of the ground that the sky lights, on the fine grid of zenith angles
+    events: scattering events; residual: share of the light that may be missing or wrong because no more were followed
+    """
+
+    log_mean: np.ndarray
+    ratio: np.ndarray
+    log_ground: np.ndarray
+    events: int
+    residual: float
+
+
+@dataclass(frozen=True)
+class Passes:
+    """All that the orders of one block share."""
+
+    nodes: Nodes
+    angles: Angles
+    rays: Rays
+    points: Points
+    turning: Turning
+    medium: Medium
+    block: int
+
+    def _ground(self) -> tuple[np.ndarray, np.ndarray]:
+        return (
+            lanes_of(self.rays.ground_weight, self.block),
+            (self.rays.ground_angle_rad / self.turning.step_rad).astype(np.float32),
+        )
+
+    def _empty(self) -> np.ndarray:
+        a = self.angles
+        return np.zeros(
+            (self.nodes.altitude_km.size, a.cosine.size, self.nodes.zenith_rad.size, a.azimuth.size, 8), np.float32
+        )
+
+    def first(self, sunlight: Sunlight, moments: np.ndarray) -> np.ndarray:
+        """Radiance of sunlight scattered once."""
+        out = self._empty()
+        z = self.rays.place[:, 0]
+        row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
+        share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
+        a = self.angles
+        mu = a.cosine[:, None, None]
+        t = self.nodes.zenith_rad[None, :, None]
+        cosine = mu * np.cos(t) + np.sqrt(1 - mu**2) * np.sin(t) * np.cos(a.azimuth)
+        degree = moments.shape[1] - 1
+        legendre = np.polynomial.legendre.legvander(cosine, degree) * ((2 * np.arange(degree + 1) + 1) / (4 * np.pi))
+        phase = lanes_of(np.einsum("mtfl,slw->mtfsw", legendre, moments), self.block)
+        albedo = lanes_of(self.medium.ground_albedo, self.block)
+        ground_weight, ground_angle = self._ground()
+        log_light, log_ground = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
+        in_slices(
+            lambda begin, end: scatter_sunlight(
+                self.rays.first, self.points, self.turning.place, row, share.astype(np.float32), sunlight.edge_rad,
+                log_light, log_ground, sunlight.edge_rad[0], sunlight.span_rad, phase, ground_weight, ground_angle,
+                (albedo / np.pi).astype(np.float32), a.cosine.size, out, begin, end,
+            ),
+            out.shape[0],
+        )  # fmt: skip
+        return out
+
+    def next(self, mean: np.ndarray, moments: np.ndarray, ground: np.ndarray) -> np.ndarray:
+        """Radiance of the next order from the mean (Z, T, 8), the moments and the ground (T, 8) of the one before."""
+        out = self._empty()
+        n = self.nodes
+        log_mean, ratio = normalised(mean, moments)
+        log_ground = n.refine(np.log(np.maximum(ground, TINY)))
+        ground_weight, ground_angle = self._ground()
+        in_slices(
+            lambda begin, end: scatter(
+                self.rays.first, self.points, self.turning.place, log_mean, ratio, log_ground, ground_weight,
+                ground_angle, n.first, n.weight, PER_INTERVAL, self.angles.cosine.size,
+                int(self.angles.degree.max()), out, begin, end,
+            ),
+            out.shape[0],
+        )  # fmt: skip
+        return out
+
+    def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(mean (Z, T, 8), moments (Z, T, C, 8), radiance of the lit ground (T, 8)) of a radiance at the nodes."""
+        a = self.angles
+        moments = np.stack(
+            [np.tensordot(a.analysis.astype(np.float32), node, axes=([1, 2], [0, 2])) for node in radiance]
+        )  # (Z, C, T, 8)
+        moments = np.ascontiguousarray(moments.transpose(0, 2, 1, 3))
+        mean = moments[:, :, 0]
+        up = np.maximum(a.cosine, 0.0) * a.weight
+        # a uniform dome gives exactly pi
+        flux = np.pi / up.sum() * np.einsum("m,mtfw->tw", up / a.azimuth.size, radiance[0])
+        return mean, moments, flux * lanes_of(self.medium.ground_albedo, self.block) / np.pi
+
+    def solve(
+        self,
+        sunlight: Sunlight,
+        moments: np.ndarray,
+        max_events: int,
+        tolerance: float,
+        progress: Callable[[int, float], None],
+    ) -> Solution:
+        """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series."""
+        mean, order, ground = self.analyse(self.first(sunlight, moments))
+        total, total_ground = order.copy(), ground.copy()
+        events, residual = 1, 1.0
+        ratio = previous = None
+        while events + 1 < max_events:
+            before = mean
+            mean, order, ground = self.analyse(self.next(mean, order, ground))
+            total += order
+            total_ground += ground
+            events += 1
+            previous, ratio = ratio, np.clip(mean / np.maximum(before, TINY), 0.0, 0.97)
+            lit = total[:, :, 0] > 1e-24
+            share = np.where(lit, mean / np.maximum(total[:, :, 0], TINY), 0.0)
+            residual = float(share.max())
+            if previous is not None:
+                residual = float((share * np.abs(ratio - previous) / (1.0 - ratio) ** 2).max())
+            progress(events, residual)
+            if tolerance > 0.0 and residual < tolerance:
+                rest = ratio / (1.0 - ratio)
+                total += order * rest[:, :, None]
+                total_ground += ground * rest[0]
+                break
+        log_mean, relative = normalised(total[:, :, 0], total)
+        log_ground = self.nodes.refine(np.log(np.maximum(total_ground, TINY)))
+        return Solution(log_mean, relative, log_ground, events + 1, residual)
+
+
+def normalised(mean: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(logarithm of the mean, moments relative to it); no light is isotropic and tiny."""
+    lit = mean > TINY
+    safe = np.where(lit, mean, 1.0)
+    ratio = np.where(lit[:, :, None], moments / safe[:, :, None], 0.0)
+    ratio[:, :, 0] = 1.0
+    log_mean = np.log(np.where(lit, safe, TINY))
+    return np.ascontiguousarray(log_mean, np.float32), np.ascontiguousarray(ratio, np.float32)

@@ -1,0 +1,82 @@
+"""The direct sun beam on a grid over altitude and distance to the edge of the shadow, for the inner loops.
+
+At every altitude the beam is tabulated by the angle to the edge of the Earth's shadow, which is where it is sharp;
+interpolation is linear in its logarithm and never mixes light with shadow.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.threads import in_slices
+from twilight.transport.beam import Beam, beam_at
+
+DARK = np.float32(-87.0)
+"""Logarithm that counts as no light."""
+N_ANGLE = 320
+
+
+class Sunlight(NamedTuple):
+    """altitude_km (A,), a doubled one is a jump; edge_rad (A,): solar zenith angle of the shadow's edge.
+
+    log_light (A, N_ANGLE + 1, W): logarithm of the beam's irradiance over F0 at the angle span_rad (j/N_ANGLE)^2
+    inside the edge; ground (N_ANGLE + 1, W): logarithm of the irradiance on the horizontal ground.
+    """
+
+    altitude_km: np.ndarray
+    edge_rad: np.ndarray
+    log_light: np.ndarray
+    ground: np.ndarray
+    span_rad: float
+
+
+@njit(cache=True, nogil=True)
+def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
+    n_w = log_light.shape[2]
+    light = np.empty(n_w)
+    for k in range(begin, end):
+        z = altitude[k]
+        low, high = 0.5 * math.pi, math.pi
+        for _ in range(48):
+            middle = 0.5 * (low + high)
+            beam_at(beam, z, math.cos(middle), light)
+            if light.max() > 0.0:
+                low = middle
+            else:
+                high = middle
+        edge[k] = low
+        for j in range(N_ANGLE + 1):
+            angle = max(0.0, low - span * (j / N_ANGLE) ** 2)
+            bending = beam_at(beam, z, math.cos(angle), light)
+            for w in range(n_w):
+                log_light[k, j, w] = max(DARK, math.log(max(light[w], 1e-38)))
+                if k == 0:
+                    incidence = max(0.0, math.cos(max(0.0, angle - bending)))
+                    ground[j, w] = max(DARK, math.log(max(light[w] * incidence, 1e-38)))
+
+
+def make_sunlight(beam: Beam, bottom_km: float, top_km: float, jumps_km: np.ndarray) -> Sunlight:
+    """Tabulate `beam` at altitudes 0.1 km to 3 % apart."""
+    edges = [bottom_km, *jumps_km, top_km]
+    pieces = []
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        z = [a]
+        while z[-1] < b:
+            z.append(z[-1] + 0.1 + 0.02 * (z[-1] - bottom_km))
+        nodes = a + (np.array(z) - a) * (b - a) / (z[-1] - a)
+        # a value on a jump is the one above it: stay just below
+        nodes[-1] = b - 1e-7
+        nodes[0] = a
+        pieces.append(nodes)
+    altitude = np.concatenate(pieces)
+    n_w = beam.n_wavelengths
+    edge = np.empty(altitude.size)
+    log_light = np.empty((altitude.size, N_ANGLE + 1, n_w), np.float32)
+    ground = np.empty((N_ANGLE + 1, n_w), np.float32)
+    span = math.pi
+    in_slices(lambda begin, end: _fill(beam, altitude, span, edge, log_light, ground, begin, end), altitude.size)
+    return Sunlight(altitude, edge, log_light, ground, span)
