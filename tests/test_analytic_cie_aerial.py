@@ -1,0 +1,190 @@
+"""The CIE standard skies, and aerial perspective against quadrature and limits."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from test_analytic_preetham import air, as_sky
+
+from twilight.errors import TwilightError
+from twilight.solvers.analytic import aerial, cie, preetham
+from twilight.solvers.analytic.aerial import AerialPerspective, path_integrals
+from twilight.solvers.analytic.cie import CieSettings
+from twilight.solvers.analytic.ground import hemisphere
+from twilight.solvers.analytic.perez import angles
+
+# --- standard skies ---
+
+
+def test_type_12_is_the_clear_sky_that_the_paper_quotes():
+    """Preetham 1999 eq. 1, Kittler's clear sky."""
+    field = cie.prepare(air(), CieSettings(sky_type=12))
+    e, a = np.meshgrid(np.linspace(0.5, 90.0, 20), np.linspace(0.0, 180.0, 19), indexing="ij")
+    cosine, gamma = angles(40.0, e, a)
+    sun_zenith = np.radians(50.0)
+
+    def indicatrix(angle):
+        return 0.91 + 10.0 * np.exp(-3.0 * angle) + 0.45 * np.cos(angle) ** 2
+
+    quoted = indicatrix(gamma) * (1 - np.exp(-0.32 / cosine)) / (indicatrix(sun_zenith) * (1 - np.exp(-0.32)))
+    np.testing.assert_allclose(field.relative_luminance(40.0, e, a), quoted, rtol=3e-4)
+
+
+def test_overcast_skies():
+    e = np.linspace(0.0, 90.0, 10)
+    uniform = cie.prepare(air(), CieSettings(sky_type=5)).relative_luminance(30.0, e, 0.0)
+    np.testing.assert_allclose(uniform, 1.0)
+    traditional = cie.prepare(air(), CieSettings(sky_type=16))
+    np.testing.assert_allclose(traditional.relative_luminance(30.0, e, 77.0), (1 + 2 * np.sin(np.radians(e))) / 3)
+    # Moon and Spencer's sky lights a plane with 7 pi / 9 times its zenith
+    expected = 9.0 / (7.0 * np.pi) * (300.0 + 21000.0 * 0.5)
+    assert traditional.zenith_luminance(30.0) == pytest.approx(expected, rel=1e-6)
+    assert as_sky(traditional, 30.0).illuminance_lux() == pytest.approx(10800.0, rel=0.02)
+    steep = cie.prepare(air(), CieSettings(sky_type=1)).relative_luminance(30.0, np.array([0.0, 90.0]), 0.0)
+    assert steep[0] / steep[1] == pytest.approx(1.0 / 3.0, rel=0.01)
+
+
+@pytest.mark.parametrize("sky_type", range(1, 17))
+def test_every_type_is_finite_and_positive(sky_type):
+    field = cie.prepare(air(), CieSettings(sky_type=sky_type))
+    for sun in (0.0, 10.0, 60.0, 90.0):
+        radiance = field.radiance(sun, np.array([-90.0, -1.0, 0.0, 1e-9, sun, 90.0])[:, None], np.array([0.0, 180.0]))
+        assert np.isfinite(radiance).all() and (radiance > 0).all()
+        assert field.relative_luminance(sun, 90.0, 0.0) == pytest.approx(1.0)
+
+
+def test_zenith_luminance_and_colour_can_be_set():
+    field = cie.prepare(air(), CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0, colour_temperature_k=6504.0))
+    sky = as_sky(field, 50.0)
+    zenith = sky.resample([85.0, 90.0], [0.0, 180.0]).luminance()[1, 0]
+    assert zenith == pytest.approx(1234.0, rel=0.05)
+    assert field.zenith_luminance(50.0) == 1234.0
+    clear = cie.prepare(air(3.0))
+    expected = preetham.prepare(air(3.0)).coefficients.zenith_luminance_cd_per_m2(40.0, 3.0)
+    assert clear.zenith_luminance(50.0) == pytest.approx(expected, rel=2e-3)
+
+
+def test_flat_spectrum_is_constant_in_wavelength():
+    sky = as_sky(cie.prepare(air(), CieSettings(sky_type=16, spectrum="flat")), 50.0)
+    radiance = sky.radiance[3, 4]
+    assert radiance / radiance.mean() == pytest.approx(1.0, abs=0.01)
+    assert sky.luminance()[3, 4] == pytest.approx(
+        cie.prepare(air(), CieSettings(sky_type=16)).luminance(50.0, sky.elevation_deg[3], 40.0), rel=0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: cie.prepare(air()).radiance(-2.0, 10.0, 0.0), "cie solver .* sun.elevation_deg is -2"),
+        (lambda: CieSettings(sky_type=17), "solver.sky_type is 17; allowed is 1 to 16"),
+        (lambda: CieSettings(sky_type=1, turbidity=3.0), "solver.turbidity does nothing for sky_type 1"),
+        (lambda: CieSettings(spectrum="flat", colour_temperature_k=6500.0), "colour_temperature_k does nothing"),
+        (lambda: CieSettings(colour_temperature_k=3000.0), "allowed is 4000 to 25000"),
+        (lambda: cie.prepare(air(), observer_altitude_km=9.0), "observer.altitude_km is 9"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(make, words):
+    with pytest.raises(TwilightError, match=words):
+        make()
+
+
+# --- aerial perspective ---
+
+THREE_NM = np.array([380.0, 550.0, 720.0])
+RAYS = [
+    (0.0, 0.0, 1.0),
+    (0.0, 0.0, 100.0),
+    (0.0, 1e-7, 50.0),
+    (0.0, 0.02, 100.0),
+    (1.0, -0.05, 20.0),
+    (2.0, -0.02, 100.0),
+    (1.0, -1.0, 1.0),
+    (0.0, 0.1, 20.0),
+    (0.0, 0.3, 10.0),
+    (0.0, 1.0, 0.01),
+    (0.0, 1.0, 10.0),
+]
+
+
+@pytest.mark.parametrize("turbidity", [2.0, 6.0])
+@pytest.mark.parametrize(("height", "cosine", "distance"), RAYS)
+def test_closed_form_against_quadrature(turbidity, height, cosine, distance):
+    haze = aerial.haze_scattering_per_km(THREE_NM, turbidity)
+    clean = aerial.air_scattering_per_km(THREE_NM)
+    made = path_integrals(haze, clean, height, [cosine], [distance])
+
+    def column(decay, x):
+        a = decay * cosine * x
+        return np.exp(-decay * height) * x * (1.0 if abs(a) < 1e-9 else -np.expm1(-a) / a)
+
+    pairs = ((aerial.HAZE_DECAY_PER_KM, made.haze[0]), (aerial.AIR_DECAY_PER_KM, made.air[0]))
+    for j in range(3):
+        depth = (
+            haze[j] * column(aerial.HAZE_DECAY_PER_KM, distance),
+            clean[j] * column(aerial.AIR_DECAY_PER_KM, distance),
+        )
+        assert (made.haze_depth[0, j], made.air_depth[0, j]) == pytest.approx(depth, rel=1e-10)
+        for decay, value in pairs:
+
+            def integrand(x, j=j, decay=decay):
+                tau = haze[j] * column(aerial.HAZE_DECAY_PER_KM, x) + clean[j] * column(aerial.AIR_DECAY_PER_KM, x)
+                return np.exp(-decay * (height + x * cosine) - tau)
+
+            edges = np.linspace(0.0, distance, 9)
+            exact = sum(quad(integrand, p, q, epsrel=1e-9)[0] for p, q in pairwise(edges))
+            assert value[j] == pytest.approx(exact, rel=4e-3)
+
+
+def test_scattering_coefficients_keep_the_definition_of_turbidity():
+    """Optical depths of haze over air at 550 nm: T - 1, within the 10 % of the paper's rounded constants."""
+    for turbidity in (2.0, 4.0, 6.0):
+        haze = aerial.haze_scattering_per_km(550.0, turbidity) / aerial.HAZE_DECAY_PER_KM
+        clean = aerial.air_scattering_per_km(550.0) / aerial.AIR_DECAY_PER_KM
+        assert haze / clean == pytest.approx(turbidity - 1.0, rel=0.1)
+        assert clean == pytest.approx(0.098, rel=0.06)
+
+
+def test_phase_functions_integrate_to_one():
+    mu, weight = np.polynomial.legendre.leggauss(400)
+    haze = aerial.haze_phase(np.arccos(mu), THREE_NM)
+    assert 2 * np.pi * weight @ haze == pytest.approx(1.0, abs=2e-3)
+    assert 2 * np.pi * weight @ aerial.air_phase(np.arccos(mu)) == pytest.approx(1.0, abs=1e-9)
+    # the table itself, at one of its nodes: eta / (2 pi K)
+    assert aerial.haze_phase(np.radians(90.0), np.array([550.0])) == pytest.approx(
+        0.1320 / (2 * np.pi * 0.677739), rel=3e-3
+    )
+
+
+def test_a_uniform_sky_over_level_ground_fills_half_of_what_the_air_takes():
+    """Level ray, no haze, no sun: air sees the upper half of all directions, so Lin = (1 - tau) / 2."""
+    made = AerialPerspective(THREE_NM, 0.0)
+    sky = lambda e, a: np.ones((e.size, 3))  # noqa: E731
+    transmittance, light = made(sky, np.zeros(3), 40.0, 0.0, 0.0, np.array([0.0, 90.0]), 30.0)
+    np.testing.assert_allclose(light, 0.5 * (1 - transmittance), rtol=1e-6)
+
+
+def test_perspective_of_the_solver():
+    field = preetham.prepare(air(3.0))
+    distance = np.array([0.0, 0.001, 1.0, 10.0, 50.0])
+    transmittance, light = field.aerial_perspective(20.0, 0.0, 90.0, distance)
+    assert transmittance.shape == light.shape == (5, field.medium.n_wavelengths)
+    assert (transmittance[0] == 1).all() and (light[0] == 0).all()
+    assert (np.diff(transmittance, axis=0) < 0).all() and (np.diff(light, axis=0) > 0).all()
+    # the blue goes first, and what comes in instead is bluer near than far
+    assert (np.diff(transmittance[3]) > 0).all()
+    assert light[2, 0] / light[2, -1] > light[4, 0] / light[4, -1]
+    # towards the sun the haze glows
+    glow = field.aerial_perspective(20.0, 0.0, 0.0, 5.0)[1]
+    assert (glow > 2 * field.aerial_perspective(20.0, 0.0, 120.0, 5.0)[1]).all()
+    with pytest.raises(TwilightError, match="distance_km must be finite"):
+        field.aerial_perspective(20.0, 0.0, 0.0, -1.0)
+
+
+def test_quadrature_of_the_hemisphere():
+    elevation, _, solid = hemisphere()
+    sine = np.sin(np.radians(elevation))
+    assert solid.sum() == pytest.approx(2 * np.pi)
+    assert solid @ sine == pytest.approx(np.pi)
+    assert solid @ sine**4 == pytest.approx(2 * np.pi / 5)

@@ -1,0 +1,334 @@
+"""Preetham 1999: sun, sunlight, turbidity, sky, and what the solver refuses."""
+
+import datetime as dt
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+
+from twilight import spectrum
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.phase import PhaseFunction
+from twilight.sky import Sky, texture_grid
+from twilight.solvers.analytic import preetham, sunlight
+from twilight.solvers.analytic.coefficients import load_coefficients, parse_coefficients
+from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y
+from twilight.solvers.analytic.perez import angles, perez_ratio
+from twilight.solvers.analytic.preetham import PreethamSettings
+from twilight.solvers.analytic.sun_position import solar_time_h, sun_angles
+from twilight.solvers.analytic.turbidity import turbidity_of
+from twilight.sun.ephemeris import sun_position
+
+WAVELENGTH_NM = np.linspace(380.0, 720.0, 18)
+
+
+def air(turbidity=3.0, wavelength_nm=WAVELENGTH_NM, albedo=0.2) -> Medium:
+    """Exponential air and aerosol of that turbidity at 550 nm."""
+    z = np.linspace(0.0, 60.0, 61)
+    relative = np.asarray(wavelength_nm, float) / 550.0
+    scattering = 0.0125 * np.exp(-z / 8.0)[:, None] * relative**-4.08
+    aerosol = 0.0125 * 8.0 / 1.2 * (turbidity - 1.0) * np.exp(-z / 1.2)[:, None] * relative**-1.3
+    # the rule between levels is exponential, so the columns are exact up to the top
+    aerosol *= (1 - np.exp(-60 / 8.0)) / (1 - np.exp(-60 / 1.2))
+    one = np.ones_like(scattering)
+    n = relative.size
+    return Medium(
+        wavelength_nm=np.asarray(wavelength_nm, float),
+        altitude_km=z,
+        air_scattering_per_km=scattering,
+        absorption_per_km=0.0 * one,
+        aerosol_extinction_per_km=aerosol,
+        aerosol_single_scattering_albedo=one,
+        aerosol_share=one[None],
+        phase_functions=(PhaseFunction.henyey_greenstein(np.full(n, 0.7)),),
+        refractivity=0.0 * one,
+        depolarisation=np.zeros(n),
+        ground_albedo=np.full(n, albedo),
+        overhead_absorption_optical_depth=np.zeros(n),
+        name="test-air",
+    )
+
+
+def as_sky(field, sun: float) -> Sky:
+    elevation, azimuth = texture_grid(10.0)
+    radiance = field.radiance(sun, elevation[:, None], azimuth)
+    return Sky(field.medium.wavelength_nm, elevation, azimuth, radiance, sun_elevation_deg=sun)
+
+
+# --- sun ---
+
+
+@pytest.mark.parametrize(("latitude", "longitude"), [(50.0, 8.0), (0.0, 0.0), (-33.0, 151.0), (10.0, 77.0)])
+def test_the_sun_of_the_paper_is_that_of_the_ephemeris_to_a_degree(latitude, longitude):
+    start = dt.datetime(2025, 1, 1, tzinfo=dt.UTC)
+    times = [(day, hour) for day in range(1, 366, 13) for hour in range(0, 24, 2)]
+    kept = sun_position([start + dt.timedelta(days=d - 1, hours=h) for d, h in times], latitude, longitude)
+    day, hour = np.array(times, float).T
+    made = sun_angles(solar_time_h(hour, day, longitude), day, latitude)
+    assert np.abs(made.elevation_deg - kept.elevation_deg).max() < 1.0
+    clear = np.abs(kept.elevation_deg) < 60.0
+    turn = np.mod(made.azimuth_deg - kept.azimuth_deg + 180.0, 360.0) - 180.0
+    assert np.abs(turn[clear]).max() < 2.0
+
+
+def test_standard_meridian_moves_the_clock():
+    assert solar_time_h(12.0, 100, 15.0, 15.0) == pytest.approx(solar_time_h(12.0, 100, 0.0))
+    assert solar_time_h(12.0, 100, 16.0, 15.0) > solar_time_h(12.0, 100, 15.0, 15.0)
+
+
+# --- sunlight ---
+
+
+def test_optical_mass_is_one_overhead_and_38_or_so_at_the_horizon():
+    assert sunlight.relative_optical_mass(0.0) == pytest.approx(1.0, abs=1e-3)
+    assert sunlight.relative_optical_mass(60.0) == pytest.approx(2.0, abs=0.01)
+    assert 36.0 < sunlight.relative_optical_mass(90.0) < 39.0
+    with pytest.raises(TwilightError, match="0 to 90"):
+        sunlight.relative_optical_mass(91.0)
+
+
+@pytest.mark.parametrize("turbidity", [2.0, 3.0, 4.0, 5.0, 6.0])
+def test_angstroms_beta_keeps_the_definition_of_turbidity(turbidity):
+    """(tau_air + tau_aerosol) / tau_air at 550 nm is the turbidity."""
+    depth = {k: -np.log(v[0]) for k, v in sunlight.transmittances([550.0], 0.0, turbidity).items()}
+    assert (depth["air"] + depth["aerosol"]) / depth["air"] == pytest.approx(turbidity, rel=0.01)
+
+
+def test_sunlight_is_dimmed_by_each_constituent_and_reddened_by_the_path():
+    wavelength = np.arange(380.0, 781.0, 10.0)
+    parts = sunlight.transmittances(wavelength, 60.0, 3.0)
+    assert set(parts) == {"air", "aerosol", "ozone", "mixed_gases", "water"}
+    assert all(((v > 0) & (v <= 1)).all() and v.min() < 1 for v in parts.values())
+    product = sunlight.direct_transmittance(wavelength, 60.0, 3.0)
+    np.testing.assert_allclose(product, np.prod(list(parts.values()), axis=0))
+    low = sunlight.direct_transmittance(wavelength, 85.0, 3.0)
+    assert (low < product).all() and low[0] / product[0] < low[-10] / product[-10]
+    none = sunlight.transmittances(wavelength, 60.0, 3.0, ozone_cm=0.0, precipitable_water_cm=0.0)
+    assert (none["ozone"] == 1).all() and (none["water"] == 1).all()
+
+
+def test_the_papers_sun_has_the_solar_irradiance():
+    wavelength = np.arange(400.0, 741.0, 10.0)
+    disc = sunlight.sun_radiance(wavelength, 30.0, 2.0) / sunlight.direct_transmittance(wavelength, 30.0, 2.0)
+    irradiance = disc * 6.8e-5  # solid angle of the disc [sr]
+    assert irradiance / spectrum.solar_irradiance(wavelength) == pytest.approx(1.0, abs=0.08)
+    with pytest.raises(TwilightError, match="380 to 750"):
+        sunlight.sun_radiance([800.0], 30.0, 2.0)
+
+
+# --- spectra ---
+
+
+def test_daylight_spectra_have_the_chromaticity_they_were_made_from():
+    functions = spectrum.colour_matching_functions("cie1931_2deg")
+    nodes = np.arange(300.0, 831.0, 10.0)
+    for x, y in [(0.25, 0.26), (0.3127, 0.329), (0.36, 0.36), (0.24, 0.25)]:
+        at_1_nm = np.interp(spectrum.VISIBLE_NM, nodes, daylight_spectrum(x, y))
+        xyz = at_1_nm @ functions
+        assert xyz[:2] / xyz.sum() == pytest.approx([x, y], abs=1.5e-3)
+        assert spectrum.LUMINOUS_EFFICACY_LM_PER_W * xyz[1] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_daylight_of_6504_k_is_d65():
+    assert daylight_chromaticity(6504.0) == pytest.approx((0.3127, 0.3290), abs=2e-4)
+
+
+# --- the sky formula ---
+
+
+def test_angles_near_and_far_from_the_sun():
+    cosine, gamma = angles(30.0, np.array([30.0, 30.0 + 1e-6, 90.0, 30.0]), np.array([0.0, 0.0, 0.0, 180.0]))
+    np.testing.assert_allclose(cosine, [0.5, 0.5, 1.0, 0.5], atol=1e-7)
+    np.testing.assert_allclose(np.degrees(gamma), [0.0, 1e-6, 60.0, 120.0], rtol=1e-6, atol=1e-12)
+
+
+def test_distribution_is_one_in_the_zenith():
+    cosine, gamma = angles(25.0, 90.0, 0.0)
+    assert perez_ratio([-1.1, -0.28, 5.0, -2.3, 0.2], np.radians(65.0), cosine, gamma) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("turbidity", [2.0, 3.0, 4.0, 5.0, 6.0])
+def test_the_papers_coefficients_keep_the_limits_that_decide_their_signs(turbidity):
+    own = load_coefficients("preetham1999")
+    sun_zenith = np.linspace(0.0, 85.0, 18)
+    x, y = own.zenith_chromaticity(sun_zenith, turbidity)
+    assert np.abs(y - locus_y(x)).max() < 0.015
+    assert (x > 0.23).all() and (x < 0.30).all()
+    e, a = np.meshgrid(np.linspace(0.0, 90.0, 31), np.linspace(0.0, 180.0, 37), indexing="ij")
+    for zenith in sun_zenith:
+        luminance, x, y = own.sky(turbidity, 90.0 - zenith, e, a)
+        assert luminance.min() > 1000.0 and luminance.max() < 80000.0
+        assert 0.22 < x.min() and x.max() < 0.47 and 0.22 < y.min() and y.max() < 0.49
+        # brightest beside the sun or at the horizon below it; the zenith of a low sun is darker than the sun's side
+        assert a[np.unravel_index(np.argmax(luminance), e.shape)] == 0.0 or zenith < 1.0
+
+
+def test_one_wrong_sign_is_noticed():
+    """Each coefficient's sign matters: the opposite one breaks positivity, the locus, or moves the sky visibly."""
+    own = load_coefficients("preetham1999")
+    e, a = np.meshgrid(np.linspace(1.0, 90.0, 12), np.linspace(0.0, 180.0, 13), indexing="ij")
+    for quantity, polynomials in own.distribution.items():
+        right = own.sky(4.0, 30.0, e, a)[["luminance", "x", "y"].index(quantity)]
+        for i, polynomial in enumerate(polynomials):
+            for j in range(len(polynomial)):
+                parameters = own.parameters(quantity, 4.0)
+                parameters[i] -= 2 * polynomial[j] * 4.0 ** (len(polynomial) - 1 - j)
+                cosine, gamma = angles(30.0, e, a)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    ratio = perez_ratio(parameters, np.radians(60.0), cosine, gamma)
+                zenith = right[-1, 0]
+                moved = np.abs(ratio * zenith / right - 1.0).max()
+                assert not moved < 5e-4
+
+
+# --- turbidity ---
+
+
+def test_turbidity_of_a_medium():
+    assert turbidity_of(air(3.0)) == pytest.approx(3.0, rel=1e-3)
+    assert turbidity_of(air(1.0)) == 1.0
+    assert turbidity_of(air(3.0, np.array([450.0]))) == pytest.approx(3.0, rel=1e-3)
+    assert turbidity_of(air(3.0, np.array([600.0, 700.0]))) == pytest.approx(3.0, rel=1e-3)
+
+
+# --- the solver ---
+
+
+def test_the_solver_gives_the_luminance_and_chromaticity_of_the_formula():
+    field = preetham.prepare(air(3.0))
+    sky = as_sky(field, 35.0)
+    luminance, x, y = field.coefficients.sky(field.turbidity, 35.0, sky.elevation_deg[:, None], sky.azimuth_deg)
+    assert sky.luminance() / luminance == pytest.approx(1.0, abs=0.02)
+    weight = spectrum.colour_matching_functions("cie1931_2deg") * spectrum.solar_at_visible()[:, None]
+    xyz = spectrum.integrate(sky.sun_normalised_radiance, sky.wavelength_nm, weight)
+    total = xyz.sum(axis=-1)
+    assert xyz[..., 0] / total == pytest.approx(x, abs=0.006)
+    assert xyz[..., 1] / total == pytest.approx(y, abs=0.006)
+
+
+def test_bins_make_the_same_sky_at_any_sampling():
+    coarse = as_sky(preetham.prepare(air(3.0, np.linspace(380.0, 720.0, 8))), 35.0).luminance()
+    fine = as_sky(preetham.prepare(air(3.0, np.arange(380.0, 741.0, 2.0))), 35.0).luminance()
+    assert coarse / fine == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("sun", [0.0, 1.0, 5.0, 45.0, 89.9, 90.0])
+@pytest.mark.parametrize("turbidity", [2.0, 6.0])
+def test_every_direction_is_finite_and_not_negative(sun, turbidity):
+    settings = PreethamSettings(turbidity=turbidity)
+    field = preetham.prepare(air(3.0, np.arange(300.0, 831.0, 10.0)), settings)
+    elevation = np.array([-90.0, -10.0, -1e-9, 0.0, 1e-9, 0.01, sun, min(sun + 1e-7, 90.0), 90.0])[:, None]
+    radiance = field.radiance(sun, elevation, np.array([0.0, 1e-8, 90.0, 180.0, 360.0]))
+    assert radiance.shape == (9, 5, 54)
+    assert np.isfinite(radiance).all() and (radiance >= 0).all()
+    assert (radiance.sum(axis=-1) > 0).all()
+    np.testing.assert_allclose(radiance[:, 0], radiance[:, 4], rtol=1e-9)
+
+
+def test_below_the_horizon_is_the_ground_under_this_sky():
+    field = preetham.prepare(air(3.0, albedo=0.5))
+    ground = field.radiance(35.0, -20.0, 10.0)
+    sky = as_sky(field, 35.0)
+    irradiance = sky.irradiance_factor() + field.sunlight(35.0) * np.sin(np.radians(35.0))
+    assert ground == pytest.approx(0.5 / np.pi * irradiance, rel=0.01)
+    assert not preetham.prepare(air(3.0, albedo=0.0)).radiance(35.0, -20.0, 10.0).any()
+
+
+def test_a_set_turbidity_takes_the_place_of_the_mediums():
+    set_up = preetham.prepare(air(3.0), PreethamSettings(turbidity=5.0))
+    np.testing.assert_allclose(
+        set_up.radiance(20.0, 40.0, 50.0), preetham.prepare(air(5.0)).radiance(20.0, 40.0, 50.0), rtol=2e-3
+    )
+    assert set_up.turbidity == 5.0 and set_up.medium_turbidity is None
+
+
+def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
+    with pytest.warns(UserWarning, match="turbidity of test-air is 1; the preetham solver takes 2"):
+        field = preetham.prepare(air(1.0))
+    assert (field.turbidity, field.medium_turbidity) == (2.0, 1.0)
+    with pytest.warns(UserWarning, match="takes 6"):
+        preetham.prepare(air(9.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        preetham.prepare(air(4.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: preetham.prepare(air()).radiance(-0.1, 10.0, 0.0), "sun.elevation_deg is -0.1, allowed is 0 to 90"),
+        (lambda: preetham.prepare(air()).radiance(float("nan"), 10.0, 0.0), "sun.elevation_deg is nan"),
+        (lambda: preetham.prepare(air(), observer_altitude_km=400.0), "observer.altitude_km is 400, allowed is 0 to 1"),
+        (lambda: preetham.prepare(air(), PreethamSettings(turbidity=1.5)), "solver.turbidity is 1.5; .* allows 2 to 6"),
+        (
+            lambda: preetham.prepare(air(1.0), PreethamSettings(outside="refuse")),
+            "turbidity of test-air is 1; .* 2 to 6",
+        ),
+        (lambda: preetham.prepare(air(3.0, np.array([500.0, 900.0]))), "300 to 830 nm: wavelengths holds 900 nm"),
+        (lambda: PreethamSettings(ozone_cm=-1.0), "solver.ozone_cm is -1; allowed is 0 to 10"),
+        (lambda: PreethamSettings(outside="clip"), "solver.outside is 'clip'; allowed is nearest, refuse"),
+        (lambda: preetham.prepare(air(), PreethamSettings(coefficients="hosek")), "hosek; allowed are .*preetham1999"),
+        (lambda: preetham.prepare(air(), PreethamSettings(coefficients="no.yaml")), "no.yaml: cannot be read"),
+        (lambda: preetham.prepare(air()).aerial_perspective(20.0, -30.0, 0.0, 1.0), "ends below it"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(make, words):
+    with pytest.raises(TwilightError, match=words) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+# --- sets of coefficients ---
+
+
+def as_document(**changes) -> dict:
+    own = load_coefficients("preetham1999")
+    data: dict = {"version": 1, "name": "copy", "turbidity": list(own.turbidity), "sun_zenith_deg": [0, 80]}
+    for quantity in ("luminance", "x", "y"):
+        distribution = {p: list(v) for p, v in zip("ABCDE", own.distribution[quantity], strict=True)}
+        data[quantity] = {"distribution": distribution, "zenith": [list(row) for row in own.zenith[quantity]]}
+    names = ("slope", "constant", "chi")
+    luminance = data["luminance"]
+    luminance["zenith_kcd_per_m2"] = dict(zip(names, luminance.pop("zenith"), strict=True))
+    return data | changes
+
+
+def test_a_file_of_coefficients_is_used(tmp_path):
+    path = tmp_path / "set.yaml"
+    path.write_text(yaml.safe_dump(as_document()), encoding="utf-8")
+    field = preetham.prepare(air(), PreethamSettings(coefficients=str(path)))
+    np.testing.assert_array_equal(field.radiance(20.0, 40.0, 50.0), preetham.prepare(air()).radiance(20.0, 40.0, 50.0))
+    with pytest.raises(TwilightError, match="allowed is 10 to 90"):
+        field.radiance(5.0, 40.0, 50.0)
+
+
+def broken(*path, value):
+    data = as_document()
+    inner = data
+    for part in path[:-1]:
+        inner = inner[part]
+    if value is None:
+        del inner[path[-1]]
+    else:
+        inner[path[-1]] = value
+    return data
+
+
+@pytest.mark.parametrize(
+    ("document", "words"),
+    [
+        (broken("version", value=2), "version must be 1"),
+        (broken("turbidity", value=[6, 2]), "turbidity must be two numbers"),
+        (broken("x", "distribution", "C", value=None), "x.distribution.C is missing"),
+        (broken("y", "zenith", value=[[1.0]]), "y.zenith must be four lists"),
+        (broken("luminance", "distribution", "A", value=["a"]), "luminance.distribution.A must be a list"),
+        (broken("luminance", "distribution", "B", value=[0.5]), "luminance.distribution.B is 0.5"),
+        (broken("luminance", "distribution", "A", value=[-3.0]), "a luminance that is not positive"),
+        (broken("x", "zenith", value=[[5.0]] * 4), "a chromaticity outside 0 to 1"),
+    ],
+)
+def test_a_broken_set_is_refused(document, words):
+    with pytest.raises(TwilightError, match="here: .*" + words):
+        parse_coefficients(yaml.safe_dump(document), "here")

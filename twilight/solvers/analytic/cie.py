@@ -1,0 +1,173 @@
+"""The standard general skies of the CIE as a solver: 15 luminance distributions (ISO 15469:2004) and the traditional
+overcast sky, each in one colour.
+
+A standard sky is relative to its zenith.  The zenith luminance is set, or follows the sun: for skies without direct sun
+(1 to 6 and 16) so that the horizontal illuminance is 300 lx + 21000 lx sin(elevation) (Krochmann and Seidl 1974), for
+the others it is Preetham's for the turbidity of the medium.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.analytic.coefficients import load_coefficients
+from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity
+from twilight.solvers.analytic.ground import ground_radiance, hemisphere
+from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
+from twilight.solvers.analytic.perez import angles, cie, traditional_overcast
+from twilight.solvers.analytic.sunlight import direct_transmittance
+from twilight.solvers.analytic.tables import table
+
+Progress = Callable[[str, float], None]
+
+WAVELENGTH_BLOCK = 2000
+"""All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
+TRADITIONAL_OVERCAST = 16
+WITHOUT_SUN = (*range(1, 7), TRADITIONAL_OVERCAST)
+OVERCAST_TEMPERATURE_K = 6500.0
+
+
+@dataclass(frozen=True)
+class CieSettings:
+    """sky_type: 1 to 15 of ISO 15469 (1 and 5 overcast, 7 to 10 partly cloudy, 11 to 15 clear; 12 is the clear sky that
+        Preetham 1999 quotes as eq. 1), or 16, the traditional overcast sky
+    zenith_luminance_cd_per_m2: null: by the sun and, for types 7 to 15, the turbidity
+    turbidity, outside: as in the preetham solver, for types 7 to 15
+    spectrum: 'daylight' of one colour temperature everywhere, or 'flat', constant in wavelength
+    colour_temperature_k: 4000 to 25000; null: 6500 for overcast skies, Preetham's zenith for the others
+    """
+
+    sky_type: int = 12
+    zenith_luminance_cd_per_m2: float | None = None
+    turbidity: float | None = None
+    outside: Literal["nearest", "refuse"] = "nearest"
+    spectrum: Literal["daylight", "flat"] = "daylight"
+    colour_temperature_k: float | None = None
+
+    def __post_init__(self):
+        ranges = {
+            "sky_type": (1, 16),
+            "zenith_luminance_cd_per_m2": (1e-6, 1e6),
+            "turbidity": (1.0, 100.0),
+            "colour_temperature_k": (4000.0, 25000.0),
+        }
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if value is not None and not low <= value <= high:
+                raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
+        for key, choices in (("outside", OUTSIDE), ("spectrum", ("daylight", "flat"))):
+            if getattr(self, key) not in choices:
+                raise TwilightError(f"solver.{key} is {getattr(self, key)!r}; allowed is {', '.join(choices)}")
+        if self.turbidity is not None and self.sky_type in WITHOUT_SUN:
+            raise TwilightError(f"solver.turbidity does nothing for sky_type {self.sky_type}: leave it out")
+        if self.spectrum == "flat" and self.colour_temperature_k is not None:
+            raise TwilightError("solver.colour_temperature_k does nothing where solver.spectrum is flat: leave one out")
+
+
+QUALITIES: dict[str, CieSettings] = {"standard": CieSettings()}
+
+
+def prepare(
+    medium: Medium,
+    settings: CieSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """The standard sky above this medium's ground; nothing is computed yet.
+
+    Raises TwilightError for an observer high above the ground, wavelengths outside 300 to 830 nm, and a turbidity that
+    is needed and not covered.
+    """
+    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+
+
+class Field:
+    """One standard sky for any sun above the horizon.
+
+    turbidity: the one in use, None where the sky does not need one.
+    """
+
+    def __init__(self, medium: Medium, settings: CieSettings, altitude_km: float, progress: Progress | None):
+        check_observer(medium, altitude_km, "cie")
+        self.medium, self.settings = medium, settings
+        self.clear = settings.sky_type not in WITHOUT_SUN
+        self.turbidity: float | None = None
+        self._zenith = load_coefficients("preetham1999")
+        needs_colour = settings.spectrum == "daylight" and settings.colour_temperature_k is None
+        if self.clear and (settings.zenith_luminance_cd_per_m2 is None or needs_colour or medium.ground_albedo.any()):
+            self.turbidity, _ = chosen_turbidity(
+                settings.turbidity, settings.outside, self._zenith.turbidity, medium, "cie"
+            )
+        self._bins = SpectralBins(medium.wavelength_nm, "cie")
+        self._progress = progress or (lambda doing, share: None)
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Errors: TwilightError for a sun below the horizon.
+        """
+        check_sun(sun_elevation_deg, "cie")
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        e, a = elevation.ravel(), azimuth.ravel()
+        out = np.empty((e.size, self.medium.n_wavelengths))
+        up = e >= 0.0
+        spectral = self._spectrum(sun_elevation_deg)
+        out[up] = self.luminance(sun_elevation_deg, e[up], a[up])[:, None] * spectral
+        if not up.all():
+            direct = np.zeros_like(spectral)
+            if self.turbidity is not None:
+                direct = direct_transmittance(self.medium.wavelength_nm, 90.0 - sun_elevation_deg, self.turbidity)
+            out[~up] = ground_radiance(
+                lambda e, a: self.luminance(sun_elevation_deg, e, a)[:, None] * spectral,
+                direct,
+                sun_elevation_deg,
+                self.medium.ground_albedo,
+            )
+        self._progress("sky", 1.0)
+        return out.reshape(*elevation.shape, out.shape[1])
+
+    def luminance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Luminance [cd m^-2] of directions at or above the horizon."""
+        relative = self.relative_luminance(sun_elevation_deg, elevation_deg, azimuth_deg)
+        return self.zenith_luminance(sun_elevation_deg) * relative
+
+    def relative_luminance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Luminance over that of the zenith."""
+        cosine, gamma = angles(sun_elevation_deg, elevation_deg, azimuth_deg)
+        if self.settings.sky_type == TRADITIONAL_OVERCAST:
+            return traditional_overcast(cosine)
+        parameters = table("cie_standard_skies")[1][self.settings.sky_type - 1, 1:]
+        zenith = cie(parameters, 1.0, np.radians(90.0 - sun_elevation_deg))
+        return cie(parameters, cosine, gamma) / zenith
+
+    def zenith_luminance(self, sun_elevation_deg: float) -> float:
+        """Luminance of the zenith [cd m^-2]."""
+        if self.settings.zenith_luminance_cd_per_m2 is not None:
+            return self.settings.zenith_luminance_cd_per_m2
+        if self.clear:
+            assert self.turbidity is not None
+            return float(self._zenith.zenith_luminance_cd_per_m2(90.0 - sun_elevation_deg, self.turbidity))
+        e, a, solid = hemisphere(24, 24)
+        relative = self.relative_luminance(sun_elevation_deg, e, a)
+        illuminance = 300.0 + 21000.0 * np.sin(np.radians(sun_elevation_deg))
+        return float(illuminance / np.sum(solid * np.sin(np.radians(e)) * relative))
+
+    def _spectrum(self, sun_elevation_deg: float) -> np.ndarray:
+        """Sun-normalised radiance per luminance, (W,) [sr^-1 per cd m^-2]."""
+        if self.settings.spectrum == "flat":
+            return self._bins.from_flat_spectrum(1.0)
+        if self.settings.colour_temperature_k is not None:
+            x, y = daylight_chromaticity(self.settings.colour_temperature_k)
+        elif self.clear:
+            assert self.turbidity is not None
+            x, y = map(float, self._zenith.zenith_chromaticity(90.0 - sun_elevation_deg, self.turbidity))
+        else:
+            x, y = daylight_chromaticity(OVERCAST_TEMPERATURE_K)
+        return self._bins.from_chromaticity(1.0, x, y)

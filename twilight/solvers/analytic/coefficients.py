@@ -1,0 +1,191 @@
+"""Sets of coefficients of Preetham's sky: his own, and those of fits, from files of one layout.
+
+A set is a YAML (or JSON) file with the keys
+
+    version: 1
+    name, source: text
+    turbidity: [lowest, highest]            sun_zenith_deg: [lowest, highest]
+    luminance: {distribution: {A, B, C, D, E}, zenith_kcd_per_m2: {slope, constant, chi}}
+    x: {distribution: {A, B, C, D, E}, zenith: four lists}
+    y: likewise
+
+Every list is a polynomial in the turbidity T, highest power first.  The zenith luminance is slope tan(chi (pi - 2 z)) +
+constant, z the sun's zenith angle [rad]; the zenith's x and y are polynomials in z whose coefficients, z^3 first, are
+the four lists.  Everything else in the file is for people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight.errors import TwilightError
+from twilight.solvers.analytic.perez import angles, perez_ratio
+
+PARAMETERS = ("A", "B", "C", "D", "E")
+QUANTITIES = ("luminance", "x", "y")
+ZENITH_LUMINANCE = ("slope", "constant", "chi")
+_PREFIX = "perez_"
+
+
+@dataclass(frozen=True)
+class SkyCoefficients:
+    """Distribution and zenith of luminance and chromaticity x, y for a range of turbidities and sun positions.
+
+    distribution: for each of `luminance`, `x`, `y` five polynomials in the turbidity (A to E), highest power first.
+    zenith: for `luminance` the polynomials slope, constant and chi [kcd m^-2]; for `x` and `y` four, of the powers 3 to
+        0 of the sun's zenith angle [rad].
+    """
+
+    name: str
+    source: str
+    turbidity: tuple[float, float]
+    sun_zenith_deg: tuple[float, float]
+    distribution: Mapping[str, tuple[tuple[float, ...], ...]]
+    zenith: Mapping[str, tuple[tuple[float, ...], ...]]
+
+    def parameters(self, quantity: str, turbidity: float) -> np.ndarray:
+        """A, B, C, D, E of one of `luminance`, `x`, `y`."""
+        return np.array([np.polyval(p, turbidity) for p in self.distribution[quantity]])
+
+    def zenith_luminance_cd_per_m2(self, sun_zenith_deg, turbidity: float) -> np.ndarray:
+        """Y_z = slope tan(chi (pi - 2 z)) + constant, in cd m^-2."""
+        slope, constant, chi = (np.polyval(p, turbidity) for p in self.zenith["luminance"])
+        return 1000.0 * (slope * np.tan(chi * (np.pi - 2.0 * np.radians(sun_zenith_deg))) + constant)
+
+    def zenith_chromaticity(self, sun_zenith_deg, turbidity: float) -> tuple[np.ndarray, np.ndarray]:
+        """CIE 1931 x and y of the zenith."""
+        z = np.radians(sun_zenith_deg)
+        x, y = (np.polyval([np.polyval(p, turbidity) for p in self.zenith[q]], z) for q in ("x", "y"))
+        return x, y
+
+    def sky(self, turbidity: float, sun_elevation_deg: float, elevation_deg, azimuth_deg):
+        """Luminance [cd m^-2] and CIE 1931 x, y of directions at or above the horizon; azimuth from the sun."""
+        cosine, gamma = angles(sun_elevation_deg, elevation_deg, azimuth_deg)
+        sun_zenith = np.radians(90.0 - sun_elevation_deg)
+        zenith = (
+            self.zenith_luminance_cd_per_m2(90.0 - sun_elevation_deg, turbidity),
+            *self.zenith_chromaticity(90.0 - sun_elevation_deg, turbidity),
+        )
+        return tuple(
+            value * perez_ratio(self.parameters(quantity, turbidity), float(sun_zenith), cosine, gamma)
+            for quantity, value in zip(QUANTITIES, zenith, strict=True)
+        )
+
+    def check(self, where: str) -> None:
+        """Raise TwilightError where a luminance is not positive or a chromaticity not one, anywhere in the range."""
+        elevation, azimuth = np.meshgrid([0.0, 1.0, 3.0, 10.0, 30.0, 60.0, 90.0], np.linspace(0.0, 180.0, 13))
+        for turbidity in np.linspace(*self.turbidity, 9):
+            for quantity in QUANTITIES:
+                b = self.parameters(quantity, turbidity)[1]
+                if b > 0:
+                    raise TwilightError(
+                        f"{where}: {quantity}.distribution.B is {b:g} at turbidity {turbidity:g}; "
+                        "it must not be positive, or the horizon would be infinitely bright"
+                    )
+            for sun_zenith in np.linspace(*self.sun_zenith_deg, 13):
+                y_z, x, y = self.sky(turbidity, 90.0 - sun_zenith, elevation, azimuth)
+                fault = ""
+                if not (np.isfinite(y_z).all() and (y_z > 0).all()):
+                    fault = "a luminance that is not positive"
+                elif not ((x > 0).all() and (y > 0).all() and (x + y < 1).all()):
+                    fault = "a chromaticity outside 0 to 1"
+                if fault:
+                    raise TwilightError(
+                        f"{where}: gives {fault} at turbidity {turbidity:g} and sun zenith angle {sun_zenith:g} deg"
+                    )
+
+
+def shipped_sets() -> list[str]:
+    """Names of the sets that come with twilight."""
+    folder = resources.files("twilight").joinpath("data/analytic")
+    names = [entry.name for entry in folder.iterdir() if entry.name.startswith(_PREFIX)]
+    return sorted(name.removeprefix(_PREFIX).removesuffix(".yaml") for name in names)
+
+
+def load_coefficients(name: str) -> SkyCoefficients:
+    """The shipped set of that name, or the one in the file (.yaml, .yml or .json) of that path.
+
+    Raises TwilightError for a set that does not exist, cannot be read, or gives a sky that cannot be.
+    """
+    if name in shipped_sets():
+        text = resources.files("twilight").joinpath(f"data/analytic/{_PREFIX}{name}.yaml").read_text(encoding="utf-8")
+        return parse_coefficients(text, name)
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml", ".json"):
+        raise TwilightError(
+            f"solver.coefficients is {name}; allowed are {', '.join(shipped_sets())} and the path of a .yaml or "
+            ".json file"
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not text"
+        raise TwilightError(f"solver.coefficients: {path}: cannot be read: {reason}") from None
+    return parse_coefficients(text, str(path))
+
+
+def parse_coefficients(text: str, where: str) -> SkyCoefficients:
+    """A set from the text of its file; TwilightError that names ``where`` and the key otherwise."""
+    import yaml
+
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise TwilightError(f"{where}: is not YAML or JSON") from None
+    if not isinstance(data, dict) or data.get("version") != 1:
+        raise TwilightError(f"{where}: version must be 1: this is not a set of sky coefficients")
+    made = SkyCoefficients(
+        name=str(data.get("name", where)),
+        source=str(data.get("source", "")),
+        turbidity=_range(data, "turbidity", where, (1.0, 100.0)),
+        sun_zenith_deg=_range(data, "sun_zenith_deg", where, (0.0, 90.0)),
+        distribution={q: tuple(_numbers(data, (q, "distribution", p), where) for p in PARAMETERS) for q in QUANTITIES},
+        zenith={
+            "luminance": tuple(_numbers(data, ("luminance", "zenith_kcd_per_m2", p), where) for p in ZENITH_LUMINANCE),
+            "x": _rows(data, "x", where),
+            "y": _rows(data, "y", where),
+        },
+    )
+    made.check(where)
+    return made
+
+
+def _range(data: dict, key: str, where: str, limits: tuple[float, float]) -> tuple[float, float]:
+    values = _numbers(data, (key,), where)
+    if len(values) != 2 or not limits[0] <= values[0] <= values[1] <= limits[1]:
+        raise TwilightError(f"{where}: {key} must be two numbers that do not fall, from {limits[0]:g} to {limits[1]:g}")
+    return values[0], values[1]
+
+
+def _rows(data: dict, quantity: str, where: str) -> tuple[tuple[float, ...], ...]:
+    rows = _get(data, (quantity, "zenith"), where)
+    if not isinstance(rows, list) or len(rows) != 4:
+        raise TwilightError(f"{where}: {quantity}.zenith must be four lists of numbers")
+    return tuple(_as_numbers(row, f"{quantity}.zenith[{i}]", where) for i, row in enumerate(rows))
+
+
+def _numbers(data: dict, path: tuple[str, ...], where: str) -> tuple[float, ...]:
+    return _as_numbers(_get(data, path, where), ".".join(path), where)
+
+
+def _get(data: Any, path: tuple[str, ...], where: str) -> Any:
+    for part in path:
+        if not isinstance(data, dict) or part not in data:
+            raise TwilightError(f"{where}: {'.'.join(path)} is missing")
+        data = data[part]
+    return data
+
+
+def _as_numbers(value: Any, key: str, where: str) -> tuple[float, ...]:
+    numbers = isinstance(value, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and np.isfinite(v) for v in value
+    )
+    if not numbers or not 1 <= len(value) <= 5:
+        raise TwilightError(f"{where}: {key} must be a list of one to five numbers")
+    return tuple(float(v) for v in value)

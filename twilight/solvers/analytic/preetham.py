@@ -1,0 +1,154 @@
+"""The sky of Preetham, Shirley and Smits 1999 as a solver: a formula in turbidity and sun position, sun above the
+horizon.
+
+The turbidity is that of the medium (``turbidity.turbidity_of``) unless it is set; everything else about the air, and
+the ground's albedo, does not change the sky.  Directions below the horizon see the ground, a Lambertian reflector of
+the medium's albedo under this sky and this sun.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.analytic.aerial import AerialPerspective
+from twilight.solvers.analytic.coefficients import load_coefficients
+from twilight.solvers.analytic.daylight import SpectralBins
+from twilight.solvers.analytic.ground import ground_radiance
+from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
+from twilight.solvers.analytic.sunlight import direct_transmittance
+
+Progress = Callable[[str, float], None]
+
+WAVELENGTH_BLOCK = 2000
+"""All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
+
+
+@dataclass(frozen=True)
+class PreethamSettings:
+    """turbidity: at 550 nm; null: that of the medium.
+    outside: 'nearest' takes the nearest turbidity that the coefficients cover where the medium's is not, and warns;
+        'refuse' does not.
+    coefficients: 'preetham1999', another set that comes with twilight, or the path of a set that `twilight fit perez`
+        wrote
+    ozone_cm, precipitable_water_cm: of the direct sunlight on the ground that is seen below the horizon
+    """
+
+    turbidity: float | None = None
+    outside: Literal["nearest", "refuse"] = "nearest"
+    coefficients: str = "preetham1999"
+    ozone_cm: float = 0.35
+    precipitable_water_cm: float = 2.0
+
+    def __post_init__(self):
+        ranges = {"turbidity": (1.0, 100.0), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if value is not None and not low <= value <= high:
+                raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
+        if self.outside not in OUTSIDE:
+            raise TwilightError(f"solver.outside is {self.outside!r}; allowed is {', '.join(OUTSIDE)}")
+
+
+QUALITIES: dict[str, PreethamSettings] = {"standard": PreethamSettings()}
+
+
+def prepare(
+    medium: Medium,
+    settings: PreethamSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """The sky of this medium's turbidity; nothing is computed yet.
+
+    Raises TwilightError for an observer high above the ground, wavelengths outside 300 to 830 nm, coefficients that do
+    not exist, and a turbidity that they do not cover.
+    """
+    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+
+
+class Field:
+    """The sky of one turbidity for any sun above the horizon.
+
+    turbidity: the one in use; medium_turbidity: that of the medium, None where a turbidity was set.
+    """
+
+    def __init__(self, medium: Medium, settings: PreethamSettings, altitude_km: float, progress: Progress | None):
+        check_observer(medium, altitude_km, "preetham")
+        self.medium, self.settings = medium, settings
+        self.height_km = altitude_km - medium.bottom_km
+        self.coefficients = load_coefficients(settings.coefficients)
+        self.turbidity, self.medium_turbidity = chosen_turbidity(
+            settings.turbidity, settings.outside, self.coefficients.turbidity, medium, "preetham"
+        )
+        self._bins = SpectralBins(medium.wavelength_nm, "preetham")
+        self._progress = progress or (lambda doing, share: None)
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Errors: TwilightError for a sun below the horizon or outside the fit of the coefficients.
+        """
+        self._check(sun_elevation_deg)
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        e, a = elevation.ravel(), azimuth.ravel()
+        out = np.empty((e.size, self.medium.n_wavelengths))
+        up = e >= 0.0
+        out[up] = self._sky(sun_elevation_deg, e[up], a[up])
+        if not up.all():
+            out[~up] = self._ground(sun_elevation_deg)
+        self._progress("sky", 1.0)
+        return out.reshape(*elevation.shape, out.shape[1])
+
+    def sunlight(self, sun_elevation_deg: float) -> np.ndarray:
+        """The model's own direct sunlight at the ground at normal incidence over F0, (W,)."""
+        self._check(sun_elevation_deg)
+        return direct_transmittance(
+            self.medium.wavelength_nm,
+            90.0 - sun_elevation_deg,
+            self.turbidity,
+            ozone_cm=self.settings.ozone_cm,
+            precipitable_water_cm=self.settings.precipitable_water_cm,
+        )
+
+    def aerial_perspective(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, distance_km
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(transmittance, inscattered sun-normalised radiance [sr^-1]) over a distance, directions plus (W,) each.
+
+        What is seen of an object is its own radiance times the first plus the second (Preetham 1999 sec. 4).
+        Rays must end above or on the ground: TwilightError otherwise.
+        """
+        self._check(sun_elevation_deg)
+        perspective = AerialPerspective(self.medium.wavelength_nm, self.turbidity)
+        return perspective(
+            lambda e, a: self._sky(sun_elevation_deg, e, a),
+            self.sunlight(sun_elevation_deg),
+            sun_elevation_deg,
+            self.height_km,
+            elevation_deg,
+            azimuth_deg,
+            distance_km,
+        )
+
+    def _check(self, sun_elevation_deg: float) -> None:
+        lowest, highest = (90.0 - z for z in reversed(self.coefficients.sun_zenith_deg))
+        check_sun(sun_elevation_deg, "preetham", lowest, highest)
+
+    def _sky(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        luminance, x, y = self.coefficients.sky(self.turbidity, sun_elevation_deg, elevation_deg, azimuth_deg)
+        return self._bins.from_chromaticity(luminance, x, y)
+
+    def _ground(self, sun_elevation_deg: float) -> np.ndarray:
+        return ground_radiance(
+            lambda e, a: self._sky(sun_elevation_deg, e, a),
+            self.sunlight(sun_elevation_deg),
+            sun_elevation_deg,
+            self.medium.ground_albedo,
+        )
