@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import render, show
+from twilight.cli import compare, render, show
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -15,7 +15,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (render.render, show.climates, show.configs, show.describe, show.solvers, show.schema):
+for command in (render.render, compare.compare, show.climates, show.configs, show.describe, show.solvers, show.schema):
     app.command()(sentences(command))
 
 

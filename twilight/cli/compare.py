@@ -1,0 +1,133 @@
+"""`twilight compare`: error against run time of the solvers on one scene."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.errors import TwilightError
+
+
+def _option(metavar: str, help: str, *names: str) -> Any:
+    return typer.Option(*names, metavar=metavar, help=help)
+
+
+def compare(
+    scene: Annotated[
+        str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate, or file of a configuration.")
+    ],
+    solvers: Annotated[
+        str | None, _option("NAMES", "Comma-separated, e.g. cells,montecarlo:draft; without it, all qualities of all.")
+    ] = None,
+    sun_elevation: Annotated[
+        str | None, _option("DEG,...", "True elevations of the sun; without it, the scene's, or the table's.")
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        _option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them."),
+    ] = None,
+    reference_stderr: Annotated[
+        float, _option("SHARE", "Relative standard error of the radiances that montecarlo makes.")
+    ] = 0.003,
+    directions: Annotated[int, _option("N", "Directions of the texture in which montecarlo makes them.")] = 48,
+    time_limit: Annotated[
+        float, _option("SECONDS", "For one solver at one quality, all suns together, and for one sun of montecarlo's.")
+    ] = 900.0,
+    repeats: Annotated[int, _option("N", "Most timed runs of each, of which the median is given.")] = 3,
+    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, _option("DIR", "Folder for tables, picture and finished rows.")] = None,
+) -> None:
+    """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. Takes up what is there."""
+    from twilight.config import load_series
+    from twilight.config.load import parse_setting
+
+    chosen: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    for text in settings or ():
+        key, value = parse_setting(text)
+        chosen[key], names[key] = value, f"--set {key}"
+    suns = None if sun_elevation is None else _numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
+    _within(reference_stderr, "--reference-stderr", 1e-4, 0.1)
+    _within(directions, "--directions", 4, 100_000)
+    _within(time_limit, "--time-limit", 1.0, 1e7)
+    _within(repeats, "--repeats", 1, 100)
+    cases = load_series(scene, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); compare takes one")
+    config = cases[0].config
+    folder = output or Path("out") / ("compare-" + (re.sub(r"[^\w.+-]+", "-", config.title).strip("-.") or "scene"))
+    wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
+    _compare(config, wanted, suns, reference, reference_stderr, directions, time_limit, repeats, folder)
+
+
+def _compare(
+    config: Any,
+    wanted: list[str] | None,
+    suns: list[float] | None,
+    reference: Path | None,
+    reference_stderr: float,
+    directions: int,
+    time_limit_s: float,
+    repeats: int,
+    folder: Path,
+) -> None:
+    from twilight.compare import comparison, figure, report
+    from twilight.compare.bench import Bench
+    from twilight.compare.directions import stratified_directions, sun_elevations
+    from twilight.compare.referee import Referee, read_references, some_suns, write_references
+    from twilight.io.whole import check_folder
+    from twilight.run import check_size
+
+    rungs = comparison.ladder(wanted)
+    check_size(config)
+    stored = None if reference is None else read_references(reference)
+    if suns is None and (stored is None or "sun" in config.model_fields_set):
+        suns = sun_elevations(config)
+    references = None if stored is None else some_suns(stored, suns, str(reference))
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: list[comparison.Row] = []
+    made = 0.0
+    with progress_bar() as progress:
+        if references is None:
+            made = 0.3
+            referee = Referee(config, folder / "rows", reference_stderr, time_limit_s)
+            grid = stratified_directions(config.texture.shape, directions)
+            references = referee.references(suns or [], grid, lambda doing, share: progress(made * share, doing))
+            write_references(folder / "referee.csv", references)
+        bench = Bench(folder / "rows", time_limit_s)
+        steps = comparison.compare(
+            config,
+            rungs,
+            references,
+            bench,
+            repeats=repeats,
+            progress=lambda doing, share: progress(made + (1 - made) * share, doing),
+        )
+        for found in steps:
+            rows += found
+            report.write_tables(rows, folder)
+    drawn = figure.draw(figure.points(rows), folder / "error-against-time.png", title=config.title)
+    print_table(list(report.PRINTED), report.printed(rows), right=tuple(range(2, len(report.PRINTED))))
+    for line in report.remarks(rows):
+        print(line)
+    print(f"wrote compare.csv, wavelengths.csv{', error-against-time.png' if drawn else ''} to {folder}/")
+
+
+def _numbers(text: str, option: str, low: float, high: float) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise TwilightError(f"{option}: {text} must be numbers with commas between them, e.g. 5,0,-6") from None
+    for value in values:
+        _within(value, option, low, high)
+    return list(dict.fromkeys(values))
+
+
+def _within(value: float, option: str, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise TwilightError(f"{option}: {value:g} is not allowed; it must be from {low:g} to {high:g}")

@@ -1,0 +1,172 @@
+"""The picture of a comparison: error against run time, a small multiple for each sun, a line for each solver."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twilight.compare.comparison import Row
+from twilight.errors import TwilightError
+from twilight.io.whole import whole_file
+
+# Okabe and Ito's colours, which differ for every kind of colour vision
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+LADDER = ("draft", "standard", "reference")
+"""Qualities that a line joins; others stand alone."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One mark: the error [%] over the directions and wavelengths, and the time of one sky [s].
+
+    noise_percent: the part of the error that the reference's own noise would give, already taken out.
+    """
+
+    solver: str
+    quality: str
+    sun_elevation_deg: float
+    time_s: float
+    error_percent: float
+    noise_percent: float = 0.0
+
+    @property
+    def resolved(self) -> bool:
+        return self.error_percent >= 0.5 * self.noise_percent
+
+    @property
+    def drawn_percent(self) -> float:
+        return max(self.error_percent, 0.5 * self.noise_percent, 1e-3)
+
+
+def points(rows: Iterable[Row]) -> list[Point]:
+    """The marks of the rows that hold both an error and a time: 95th percentiles."""
+    return [
+        Point(r.rung.solver, r.rung.quality, r.sun_elevation_deg, r.time_s, r.error.p95, r.error.noise_p95)
+        for r in rows
+        if r.error is not None and r.timing is not None
+    ]
+
+
+def read_points(path: str | Path) -> list[Point]:
+    """The marks of a `compare.csv`, or of any table with its columns solver, quality, sun_elevation_deg, time_s and
+    p95_percent (and noise_p95_percent).
+
+    Errors: TwilightError for a file that cannot be read or has other columns.
+    """
+    found = []
+    try:
+        with open(path, newline="", encoding="utf-8") as stream:
+            for row in csv.DictReader(line for line in stream if not line.startswith("#")):
+                if row["time_s"] and row["p95_percent"]:
+                    found.append(
+                        Point(
+                            row["solver"],
+                            row["quality"],
+                            float(row["sun_elevation_deg"]),
+                            float(row["time_s"]),
+                            float(row["p95_percent"]),
+                            float(row.get("noise_p95_percent") or 0.0),
+                        )
+                    )
+    except (OSError, KeyError, ValueError) as error:
+        raise TwilightError(f"{path}: is not a table of errors and times: {error}") from None
+    return found
+
+
+def draw(
+    marks: Sequence[Point],
+    path: Path,
+    *,
+    title: str = "",
+    subtitle: str = "",
+    columns: int = 4,
+    panel_inches: tuple[float, float] = (2.5, 2.3),
+) -> bool:
+    """PNG of the marks, log-log; False where there is nothing to draw and no file is written."""
+    marks = [m for m in marks if m.time_s > 0]
+    if not marks:
+        return False
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    suns = sorted({m.sun_elevation_deg for m in marks}, reverse=True)
+    columns = min(columns, len(suns))
+    rows = math.ceil(len(suns) / columns)
+    with pyplot.rc_context({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False}):
+        figure: Any
+        figure, grid = pyplot.subplots(
+            rows,
+            columns,
+            figsize=(max(columns * panel_inches[0], 5.0) + 0.5, rows * panel_inches[1] + 1.1),
+            sharex=True,
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
+        )
+        solvers = list(dict.fromkeys(m.solver for m in marks))
+        for axes, sun in zip(grid.flat, suns, strict=False):
+            _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
+            axes.set_title(f"sun {sun:+g}°".replace("-", "−"), fontsize=10, loc="left")
+        for axes in grid.flat[len(suns) :]:
+            axes.set_visible(False)
+        _limits(grid[0, 0], marks)
+        figure.supxlabel("time for one sky, set-up included [s]", fontsize=10)
+        figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=10)
+        _heading(figure, grid, solvers, title, subtitle)
+        try:
+            with whole_file(path) as temporary:
+                figure.savefig(temporary, dpi=150)
+        finally:
+            pyplot.close(figure)
+    return True
+
+
+def _panel(axes: Any, marks: Sequence[Point], solvers: Sequence[str]) -> None:
+    axes.set(xscale="log", yscale="log")
+    axes.grid(which="major", color="0.88", linewidth=0.8)
+    axes.set_axisbelow(True)
+    noise = [m.noise_percent for m in marks if m.noise_percent > 0]
+    if noise:
+        axes.axhspan(1e-6, 0.5 * max(noise), color="0.93", linewidth=0)
+    for solver in solvers:
+        style = {"color": COLOURS[solvers.index(solver) % len(COLOURS)]}
+        marker = MARKERS[solvers.index(solver) % len(MARKERS)]
+        own = [m for m in marks if m.solver == solver]
+        rungs = sorted((m for m in own if m.quality in LADDER), key=lambda m: LADDER.index(m.quality))
+        axes.plot([m.time_s for m in rungs], [m.drawn_percent for m in rungs], linewidth=1.6, **style)
+        for m in own:
+            fill = style["color"] if m.resolved and m.quality in LADDER else "white"
+            axes.plot(
+                m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style
+            )
+
+
+def _limits(axes: Any, marks: Sequence[Point]) -> None:
+    from matplotlib.ticker import FuncFormatter
+
+    times = [m.time_s for m in marks]
+    errors = [m.drawn_percent for m in marks]
+    axes.set_xlim(min(times) / 1.7, max(times) * 1.7)
+    axes.set_ylim(min(errors) / 1.7, max(errors) * 1.7)
+    plain = FuncFormatter(lambda value, position: f"{value:g}")
+    axes.xaxis.set_major_formatter(plain)
+    axes.yaxis.set_major_formatter(plain)
+
+
+def _heading(figure: Any, grid: Any, solvers: Sequence[str], title: str, subtitle: str) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], linewidth=1.6, label=name)
+        for i, name in enumerate(solvers)
+    ]
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), frameon=False, fontsize=10)
+    if title:
+        figure.suptitle(title + (f"\n{subtitle}" if subtitle else ""), fontsize=10, x=0.01, ha="left")

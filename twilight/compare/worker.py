@@ -1,0 +1,238 @@
+"""Runs one job in a process of its own, so that peak memory means something: python -m twilight.compare.worker
+
+Reads a job (JSON) from standard input and writes one JSON object a line to standard output:
+{"progress": [words, share]}, {"sun": deg, "timing": {...}}, {"sun": deg, "radiance": [[...]]}, {"sun": deg,
+"reason": "..."}, {"compiled_s": s} and nothing after it where machine code had to be made.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from twilight.air import climate_medium, wavelengths_of
+from twilight.compare.directions import texture_centres
+from twilight.config.scene import Config
+from twilight.errors import TwilightError
+
+Send = Callable[[dict[str, Any]], None]
+
+
+class Compiled(Exception):
+    """Machine code was made, which takes time and memory that do not belong to a run."""
+
+
+class _CompilationClock:
+    """Seconds that numba spent compiling in this process."""
+
+    def __init__(self) -> None:
+        from numba.core.event import install_recorder
+
+        self._context = install_recorder("numba:compile")
+        self._recorder = self._context.__enter__()
+
+    @property
+    def seconds(self) -> float:
+        """The union of all compilations; those within others are not counted twice."""
+        depth, begun, total = 0, 0.0, 0.0
+        for at, event in self._recorder.buffer:
+            if event.is_start:
+                begun, depth = (at if depth == 0 else begun), depth + 1
+            elif depth:
+                depth -= 1
+                total += at - begun if depth == 0 else 0.0
+        return total
+
+
+class _Clocks:
+    """Wall and processor seconds of every block that ended well."""
+
+    def __init__(self) -> None:
+        self.wall_s: list[float] = []
+        self.cpu_s: list[float] = []
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter(), time.process_time()
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if kind is None:
+            self.wall_s.append(time.perf_counter() - self._start[0])
+            self.cpu_s.append(time.process_time() - self._start[1])
+
+
+def execute(message: dict[str, Any], send: Send) -> None:
+    """Compute a job and send what comes out; a scene that the solver cannot do is sent as its reason."""
+    _Execution(message, send).all_suns()
+
+
+class _Execution:
+    def __init__(self, message: dict[str, Any], send: Send):
+        self.message, self.send = message, send
+        self.config = Config.model_validate(message["config"])
+        self.solver = import_module(message["module"])
+        self.settings = replace(self.solver.QUALITIES[message["quality"]], **message["options"])
+        self.suns: list[float] = message["suns"]
+        self.timed: list[float] = message["timed"]
+        self.directions = dict(zip(self.suns, message["directions"], strict=True))
+        self.failed: set[float] = set()
+        self.sent: set[float] = set()
+        self.share = 0.0
+
+    def all_suns(self) -> None:
+        wavelength_nm = wavelengths_of(self.config)
+        medium = climate_medium(self.config.climate, wavelength_nm)
+        clock = _CompilationClock()
+        self._warm_up(medium)
+        if clock.seconds > 0.0:
+            self.send({"compiled_s": clock.seconds})
+            raise Compiled
+        if self.timed:
+            self._timed_runs(medium, clock)
+        for wanted in dict.fromkeys(_wavelengths(d) for d in self.directions.values()):
+            there = medium if wanted is None else climate_medium(self.config.climate, np.array(wanted))
+            here = [s for s in self.suns if _wavelengths(self.directions[s]) == wanted]
+            made = None
+            for sun in (s for s in here if s not in self.failed | self.sent):
+                try:
+                    made = made or self._prepare(there)
+                    self._send_radiance(made, sun)
+                except TwilightError as error:
+                    self._fail(sun, error)
+
+    def _warm_up(self, medium: Any) -> None:
+        """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""
+        one = climate_medium(self.config.climate, medium.wavelength_nm[:1].copy())
+        grid = np.meshgrid([3.0, 60.0], [0.0, 90.0], indexing="ij")
+        try:
+            made = self._prepare(one)
+            for sun in self.suns[:1]:
+                made.radiance(sun, *grid)
+        except TwilightError:
+            pass  # the run itself will say so
+
+    def _prepare(self, medium: Any) -> Any:
+        altitude_km = self.config.observer.altitude_km
+        return self.solver.prepare(medium, self.settings, observer_altitude_km=altitude_km, progress=self._progress)
+
+    def _progress(self, doing: str | float, share: float | str) -> None:
+        if isinstance(share, str):  # montecarlo tells the share first
+            doing, share = share, doing
+        self.send({"progress": [str(doing), self.share]})
+
+    def _timed_runs(self, medium: Any, clock: _CompilationClock) -> None:
+        begun = time.perf_counter()
+        set_up = _Clocks()
+        skies = {sun: _Clocks() for sun in self.timed}
+        before = _peak_mib()
+        while not set_up.wall_s or (
+            len(set_up.wall_s) < self.message["repeats"]
+            and time.perf_counter() - begun < self.message["repeat_budget_s"]
+        ):
+            compiled = clock.seconds
+            try:
+                with set_up:
+                    made = self._prepare(medium)
+            except TwilightError as error:
+                for sun in self.suns:
+                    self._fail(sun, error)
+                return
+            for i, sun in enumerate(self.timed):
+                if sun in self.failed:
+                    continue
+                self.share = i / len(self.timed)
+                directions = self._texture(made, sun)
+                try:
+                    with skies[sun]:
+                        made.radiance(sun, *directions)
+                except TwilightError as error:
+                    self._fail(sun, error)
+                    continue
+                self._send_timing(sun, set_up, skies[sun], self._counted(made, directions), before)
+                if len(set_up.wall_s) == 1 and _wavelengths(self.directions[sun]) is None:
+                    self._send_radiance(made, sun)
+            if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
+                self.send({"compiled_s": clock.seconds})
+                raise Compiled
+
+    def _texture(self, made: Any, sun: float) -> tuple[np.ndarray, np.ndarray]:
+        """A deterministic solver is asked for half the texture, as a render does; a stochastic one, whose time grows
+        with the directions, for those that are compared."""
+        if hasattr(made, "radiance_with_error"):
+            d = self.directions[sun]
+            return np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])
+        elevation, azimuth = texture_centres(self.config.texture.shape)
+        e, a = np.meshgrid(elevation, azimuth[azimuth <= 180.0 + 1e-9], indexing="ij")
+        return e, a
+
+    def _counted(self, made: Any, directions: tuple[np.ndarray, np.ndarray]) -> int:
+        rows, columns = self.config.texture.shape
+        return directions[0].size if hasattr(made, "radiance_with_error") else rows * columns
+
+    def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int, before_mib: float) -> None:
+        import numba
+
+        timing = {
+            "set_up_s": set_up.wall_s,
+            "sky_s": sky.wall_s,
+            "set_up_cpu_s": set_up.cpu_s,
+            "sky_cpu_s": sky.cpu_s,
+            "directions": directions,
+            "peak_mib": _peak_mib(),
+            "before_mib": before_mib,
+            "threads": numba.get_num_threads(),
+            "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
+        }
+        self.send({"sun": sun, "timing": timing})
+
+    def _send_radiance(self, made: Any, sun: float) -> None:
+        d = self.directions[sun]
+        radiance = made.radiance(sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
+        if not (np.isfinite(radiance).all() and (radiance >= 0).all()):
+            self._fail(sun, TwilightError("gave radiance that is negative or not a number"))
+            return
+        self.sent.add(sun)
+        self.send({"sun": sun, "radiance": radiance.tolist()})
+
+    def _fail(self, sun: float, error: TwilightError) -> None:
+        self.failed.add(sun)
+        self.send({"sun": sun, "reason": str(error)})
+
+
+def _wavelengths(directions: dict[str, Any]) -> tuple[float, ...] | None:
+    wanted = directions["wavelength_nm"]
+    return None if wanted is None else tuple(wanted)
+
+
+def _peak_mib() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
+
+
+def main() -> int:
+    """Read, compute, write; what solvers print goes to standard error."""
+    out = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)
+
+    def send(message: dict[str, Any]) -> None:
+        out.write(json.dumps(message) + "\n")
+
+    try:
+        execute(json.load(sys.stdin), send)
+    except Compiled:
+        return 0
+    except BrokenPipeError:  # nobody reads any more
+        os._exit(1)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
