@@ -51,8 +51,8 @@ def air(turbidity=3.0, wavelength_nm=WAVELENGTH_NM, albedo=0.2) -> Medium:
     )
 
 
-def as_sky(field, sun: float) -> Sky:
-    elevation, azimuth = texture_grid(10.0)
+def as_sky(field, sun: float, step_deg: float = 10.0) -> Sky:
+    elevation, azimuth = texture_grid(step_deg)
     radiance = field.radiance(sun, elevation[:, None], azimuth)
     return Sky(field.medium.wavelength_nm, elevation, azimuth, radiance, sun_elevation_deg=sun)
 

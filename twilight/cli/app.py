@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import compare, render, show
+from twilight.cli import compare, fit, render, show
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
 )
 for command in (render.render, compare.compare, show.climates, show.configs, show.describe, show.solvers, show.schema):
     app.command()(sentences(command))
+app.add_typer(fit.app)
 
 
 @app.callback(invoke_without_command=True)

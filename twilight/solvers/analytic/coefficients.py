@@ -77,6 +77,26 @@ class SkyCoefficients:
             for quantity, value in zip(QUANTITIES, zenith, strict=True)
         )
 
+    def as_document(self) -> dict[str, Any]:
+        """The set as its file has it, numbers to 7 digits."""
+
+        def rounded(values: tuple[float, ...]) -> list[float]:
+            return [float(f"{v:.7g}") for v in values]
+
+        made: dict[str, Any] = {
+            "version": 1,
+            "name": self.name,
+            "source": self.source,
+            "turbidity": list(self.turbidity),
+            "sun_zenith_deg": list(self.sun_zenith_deg),
+        }
+        for q in QUANTITIES:
+            parameters = zip(PARAMETERS, map(rounded, self.distribution[q]), strict=True)
+            made[q] = {"distribution": dict(parameters), "zenith": [rounded(row) for row in self.zenith[q]]}
+        rows = made["luminance"].pop("zenith")
+        made["luminance"]["zenith_kcd_per_m2"] = dict(zip(ZENITH_LUMINANCE, rows, strict=True))
+        return made
+
     def check(self, where: str) -> None:
         """Raise TwilightError where a luminance is not positive or a chromaticity not one, anywhere in the range."""
         elevation, azimuth = np.meshgrid([0.0, 1.0, 3.0, 10.0, 30.0, 60.0, 90.0], np.linspace(0.0, 180.0, 13))

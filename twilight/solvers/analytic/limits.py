@@ -10,6 +10,7 @@ from twilight.solvers.analytic.turbidity import turbidity_of
 
 HIGHEST_OBSERVER_KM = 1.0
 """The formulae are those of the sky seen from the ground; up to here above it they are taken for it."""
+ROUNDING_DEG = 1e-6
 OUTSIDE = ("nearest", "refuse")
 
 
@@ -25,7 +26,7 @@ def check_observer(medium: Medium, altitude_km: float, solver: str) -> None:
 
 def check_sun(sun_elevation_deg: float, solver: str, lowest_deg: float = 0.0, highest_deg: float = 90.0) -> None:
     """Raise TwilightError for a sun below the horizon or outside a fit."""
-    if not lowest_deg <= sun_elevation_deg <= highest_deg:
+    if not lowest_deg - ROUNDING_DEG <= sun_elevation_deg <= highest_deg + ROUNDING_DEG:
         raise TwilightError(
             f"the {solver} solver has no sky for this sun: sun.elevation_deg is {sun_elevation_deg:g}, allowed is "
             f"{lowest_deg:g} to {highest_deg:g}; `twilight solvers` lists those that compute twilight"

@@ -1,0 +1,191 @@
+"""Fits of Perez's sky: what is put in comes out, and the command writes what the solver takes."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from test_analytic_preetham import as_sky
+from typer.testing import CliRunner
+
+from twilight.cli import fit as command
+from twilight.cli.app import app
+from twilight.config import load
+from twilight.errors import TwilightError
+from twilight.fit.errors import error_of
+from twilight.fit.perez import fit_set, fit_sky, single_set
+from twilight.fit.truth import ColourSky, air_of_turbidity, colour_sky, spiral
+from twilight.io.netcdf import write_sky
+from twilight.solvers.analytic import preetham
+from twilight.solvers.analytic.coefficients import QUANTITIES, load_coefficients
+from twilight.solvers.analytic.turbidity import turbidity_of
+
+
+def paper_sky(turbidity: float, sun: float, directions: int = 150) -> ColourSky:
+    elevation, azimuth = spiral(directions)
+    values = load_coefficients("preetham1999").sky(turbidity, sun, elevation, azimuth)
+    weight = np.full(directions, 1.0 / directions)
+    return ColourSky(sun, turbidity, elevation, azimuth, weight, *values)
+
+
+def test_directions_divide_the_sky_evenly():
+    elevation, azimuth = spiral(343)
+    assert elevation.size == 343 and (elevation > 0).all() and ((azimuth >= 0) & (azimuth <= 180)).all()
+    sine = np.sin(np.radians(elevation))
+    assert sine.mean() == pytest.approx(0.5, abs=1e-3) and (sine**2).mean() == pytest.approx(1 / 3, abs=1e-3)
+    east = np.cos(np.radians(elevation)) * np.cos(np.radians(azimuth))
+    assert east.mean() == pytest.approx(0.0, abs=0.005) and (east**2).mean() == pytest.approx(1 / 3, abs=0.005)
+
+
+@pytest.mark.parametrize("sun", [60.0, 25.0, 5.0])
+def test_five_parameters_of_one_sky_come_back(sun):
+    own = load_coefficients("preetham1999")
+    for fit in fit_sky(paper_sky(3.0, sun)):
+        assert fit.p95_error < 1e-3
+        assert fit.median_error <= fit.p95_error
+        if fit.quantity == "luminance":
+            np.testing.assert_allclose(fit.parameters, own.parameters("luminance", 3.0), rtol=0.02, atol=0.01)
+            assert fit.zenith == pytest.approx(own.zenith_luminance_cd_per_m2(90.0 - sun, 3.0), rel=1e-3)
+
+
+def test_a_fit_to_one_sky_serves_the_solver():
+    sky = paper_sky(3.0, 25.0)
+    made = single_set(sky, fit_sky(sky), "one", "test")
+    made.check("one")
+    error = error_of(made, [sky])
+    assert error.luminance_p95 < 2e-3 and abs(error.luminance_bias) < 1e-3 and error.chromaticity_p95 < 1e-3
+
+
+def test_the_papers_procedure_gives_the_papers_skies_back():
+    skies = [paper_sky(t, s) for t in (2.0, 4.0, 6.0) for s in (10.0, 25.0, 40.0, 55.0, 70.0)]
+    made = fit_set(skies, "again", "test")
+    error = error_of(made, skies)
+    assert error.luminance_p95 < 0.03 and error.distribution_p95 < 0.01 and error.chromaticity_p95 < 2e-3
+    own = load_coefficients("preetham1999")
+    for t in (2.0, 4.0, 6.0):
+        np.testing.assert_allclose(
+            made.parameters("luminance", t), own.parameters("luminance", t), rtol=0.02, atol=0.02
+        )
+    # and the paper's own set is exact on them, which is what errors are measured from
+    assert error_of(own, skies).luminance_p95 < 1e-12
+    doubled = [ColourSky(**{**vars(s), "luminance": s.luminance / 2}) for s in skies]
+    worse = error_of(own, doubled)
+    assert worse.luminance_bias == pytest.approx(np.log(2)) and worse.luminance_median == pytest.approx(1.0)
+    assert worse.distribution_p95 < 1e-12
+
+
+def test_too_few_skies_are_refused():
+    with pytest.raises(TwilightError, match="at least 3 turbidities and 4 suns; got 2 and 1"):
+        fit_set([paper_sky(2.0, 30.0), paper_sky(3.0, 30.0)], "few", "test")
+    with pytest.raises(TwilightError, match=r"sun.elevation_deg is -3"):
+        fit_sky(ColourSky(**{**vars(paper_sky(3.0, 5.0)), "sun_elevation_deg": -3.0}))
+
+
+def test_colour_of_a_sky_leaves_the_aureole_out():
+    elevation, azimuth = np.array([30.0, 31.0, 60.0]), np.array([0.0, 1.0, 90.0])
+    wavelength = np.array([450.0, 550.0, 650.0])
+    sky = colour_sky(np.ones((3, 3)), wavelength, elevation, azimuth, np.ones(3) / 3, 30.0)
+    assert sky.elevation_deg.tolist() == [60.0] and sky.weight.tolist() == [1.0]
+    # sunlight itself: the chromaticity and luminous efficacy of the solar spectrum
+    assert (sky.x[0], sky.y[0]) == pytest.approx((0.323, 0.333), abs=0.006)
+    assert sky.luminance[0] == pytest.approx(133_000.0, rel=0.03)
+    with pytest.raises(TwilightError, match="480 to 600 nm"):
+        colour_sky(np.ones((3, 1)), wavelength[:1], elevation, azimuth, np.ones(3) / 3, 30.0)
+
+
+@pytest.mark.parametrize("haze", ["climate", "preetham1999"])
+def test_air_of_a_turbidity_has_it(haze):
+    config = load("continental-average", {"wavelengths": {"list_nm": [450.0, 550.0, 650.0]}})
+    for turbidity in (2.0, 5.0):
+        medium = air_of_turbidity(config, turbidity, haze)
+        # the column of exponential levels is not quite that of an exponential
+        assert turbidity_of(medium) == pytest.approx(turbidity, rel=0.01)
+
+
+def test_air_that_cannot_have_a_turbidity_is_refused():
+    with pytest.raises(TwilightError, match="pure-air: has no aerosol"):
+        air_of_turbidity(load("pure-air"), 3.0)
+    with pytest.raises(TwilightError, match="haze: fog is not known; allowed are climate, preetham1999"):
+        air_of_turbidity(load("continental-average"), 3.0, "fog")
+
+
+# --- the command ---
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    """Fewer skies; the sky that is fitted is the paper's own, so that its coefficients must come out as exact."""
+    monkeypatch.setattr(command, "TURBIDITIES", (2.2, 4.0, 5.8))
+    monkeypatch.setattr(command, "HELD_OUT_TURBIDITIES", (3.0,))
+    monkeypatch.setattr(command, "SUNS", 5)
+    monkeypatch.setattr(command, "DIRECTIONS", 90)
+    return SimpleNamespace(
+        path=tmp_path / "set.yaml", run=lambda *words: CliRunner().invoke(app, ["fit", "perez", *words])
+    )
+
+
+def test_the_command_writes_a_set_that_the_solver_takes(small):
+    result = small.run(
+        "pure-air",
+        "--haze",
+        "preetham1999",
+        "--solver",
+        "preetham",
+        "--set",
+        "wavelengths.count=16",
+        "--output",
+        str(small.path),
+    )
+    assert result.exit_code == 0, result.output
+    data = yaml.safe_load(small.path.read_text(encoding="utf-8"))
+    assert data["fit"]["solver"] == "preetham" and data["fit"]["directions"] == 90
+    # what is left is the sampling in wavelength
+    assert data["fit"]["errors"]["preetham1999, fitted skies"]["luminance_p95"] < 0.03
+    assert data["fit"]["errors"]["this fit, held-out skies"]["luminance_p95"] < 0.2
+    assert "CPU hours (Preetham 1999: 600)" in result.output and f"wrote {small.path}" in result.output
+    made = load_coefficients(str(small.path))
+    assert set(made.distribution) == set(QUANTITIES)
+    config = load("pure-air", {"solver": {"name": "preetham", "coefficients": str(small.path), "turbidity": 3.0}})
+    assert config.solver["coefficients"] == str(small.path)
+
+
+def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
+    scene = ["pure-air", "--set", "solver.turbidity=3.0", "--solver", "preetham", "--sun-elevation", "30"]
+    result = small.run(*scene, "--per-sky", "--output", str(small.path))
+    assert result.exit_code == 0, result.output
+    assert [line.split("\t")[1] for line in result.output.splitlines() if "\t" in line] == ["quantity", *QUANTITIES]
+    made = load_coefficients(str(small.path))
+    own = load_coefficients("preetham1999")
+    np.testing.assert_allclose(made.parameters("luminance", 9.0), own.parameters("luminance", 3.0), rtol=0.1, atol=0.05)
+    with pytest.warns(UserWarning):
+        medium = preetham.prepare(air_of_turbidity(load("pure-air"), 1.0, "preetham1999")).medium
+    field = preetham.prepare(medium, preetham.PreethamSettings(coefficients=str(small.path)))
+    assert (field.radiance(30.0, 45.0, 90.0) > 0).all()
+    write_sky(as_sky(field, 30.0, 5.0), tmp_path / "sky.h5")
+    again = small.run(str(tmp_path / "sky.h5"), "--per-sky", "--output", str(tmp_path / "b.yaml"))
+    assert again.exit_code == 0, again.output
+    np.testing.assert_allclose(
+        load_coefficients(str(tmp_path / "b.yaml")).parameters("x", 1.0), made.parameters("x", 1.0), rtol=0.1, atol=0.02
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--output", "set.json"], "--output: set.json must end in .yaml"),
+        (["--per-sky", "--haze", "climate"], "--haze: takes part in the fit over turbidities"),
+        (["--sun-elevation", "3"], "--sun-elevation: is for --per-sky"),
+        (["pure-air"], "pure-air: has no aerosol"),
+        (["--haze", "fog"], "haze: fog is not known"),
+        (["no-such-air"], "no-such-air"),
+        (["none.h5", "--per-sky"], "none.h5: no such file"),
+        (["none.h5", "--per-sky", "--sun-elevation", "3"], "--sun-elevation: none.h5 is a computed sky"),
+        (["pure-air", "--per-sky", "--solver", "preetham", "--sun-elevation", "-3"], "sun.elevation_deg is -3"),
+    ],
+)
+def test_what_cannot_be_fitted_is_one_sentence(words, sentence, small, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    result = small.run(*words)
+    assert result.exit_code == 2
+    assert sentence in result.output and "Traceback" not in result.output
+    assert not list(tmp_path.rglob("*.yaml"))

@@ -1,0 +1,221 @@
+"""`twilight fit`: analytic models fitted to computed skies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.render import _option
+from twilight.cli.terminal import print_table, progress_bar, sentences
+from twilight.errors import TwilightError
+
+TURBIDITIES = (2.0, 3.0, 4.0, 5.0, 6.0)
+SUNS = 12
+LOWEST_SUN_DEG = 5.0
+DIRECTIONS = 343
+"""Preetham 1999 sec. 3.2: five turbidities, twelve suns, 343 directions."""
+HELD_OUT_TURBIDITIES = (2.5, 4.5, 5.5)
+HELD_OUT_SUN_ZENITH_DEG = (12.0, 43.0, 66.0, 81.0)
+
+
+def perez(
+    scene: Annotated[
+        str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Climate or configuration; with --per-sky also a sky.h5.")
+    ] = "continental-average",
+    per_sky: Annotated[
+        bool, typer.Option("--per-sky", help="Fit the five parameters to each sky of the scene.")
+    ] = False,
+    sun_elevation: Annotated[float | None, _option("DEG", "With --per-sky: true elevation of the sun.")] = None,
+    haze: Annotated[
+        str | None, _option("NAME", "Aerosol of the skies: climate (default), scaled, or preetham1999, the paper's.")
+    ] = None,
+    solver: Annotated[str | None, _option("NAME", "See `twilight solvers`.")] = None,
+    quality: Annotated[str | None, _option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, _option("FILE.yaml", "Coefficients; without it, out/perez_NAME.yaml.")] = None,
+) -> None:
+    """Fit Perez's sky, as Preetham did: 5 turbidities, 12 suns, 343 directions; or five parameters to one sky."""
+    if output is not None and output.suffix not in (".yaml", ".yml"):
+        raise TwilightError(f"--output: {output} must end in .yaml")
+    if per_sky and haze is not None:
+        raise TwilightError("--haze: takes part in the fit over turbidities, not in --per-sky")
+    if not per_sky and sun_elevation is not None:
+        raise TwilightError("--sun-elevation: is for --per-sky; the fit over turbidities has its own suns")
+    chosen, names = _chosen(sun_elevation, solver, quality, settings)
+    if per_sky:
+        _each_sky(scene, chosen, names, output)
+    else:
+        _set(scene, chosen, names, haze or "climate", output)
+
+
+def _chosen(
+    sun_elevation: float | None, solver: str | None, quality: str | None, settings: list[str] | None
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Dotted keys with their values, and what to call each in errors."""
+    from twilight.config.load import parse_setting
+
+    sun = None if sun_elevation is None else {"elevation_deg": sun_elevation}
+    given = {
+        "sun": (sun, "--sun-elevation"),
+        "solver.name": (solver, "--solver"),
+        "solver.quality": (quality, "--quality"),
+    }
+    chosen = {key: value for key, (value, _) in given.items() if value is not None}
+    names = {key: option for key, (_, option) in given.items()}
+    for text in settings or ():
+        key, value = parse_setting(text)
+        chosen[key], names[key] = value, f"--set {key}"
+    return chosen, names
+
+
+def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, output: Path | None) -> None:
+    import numpy as np
+
+    from twilight.config import load_series
+    from twilight.fit.document import write_set
+    from twilight.fit.errors import error_of
+    from twilight.fit.perez import fit_set
+    from twilight.fit.truth import compute_truth
+    from twilight.run import resolve_solver_of
+    from twilight.solvers.analytic.coefficients import load_coefficients
+
+    cases = load_series(scene, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{scene}: describes {len(cases)} cases; the fit takes one climate")
+    config = cases[0].config
+    name = config.title if haze == "climate" else f"{config.title}-{haze}"
+    path = _path(output, name)
+    solver, quality, _ = resolve_solver_of(config)
+    suns = [float(z) for z in np.linspace(0.0, 90.0 - LOWEST_SUN_DEG, SUNS)]
+    with progress_bar() as bar:
+        share = len(TURBIDITIES) / (len(TURBIDITIES) + len(HELD_OUT_TURBIDITIES))
+        truth = compute_truth(
+            config, TURBIDITIES, suns, DIRECTIONS, haze, lambda doing, done: bar(0.9 * share * done, doing)
+        )
+        held_out = compute_truth(
+            config,
+            HELD_OUT_TURBIDITIES,
+            HELD_OUT_SUN_ZENITH_DEG,
+            DIRECTIONS,
+            haze,
+            lambda doing, done: bar(0.9 * (share + (1 - share) * done), f"held out: {doing}"),
+        )
+        bar(0.9, "least squares")
+        made = fit_set(truth.skies, name, f"twilight fit perez, {solver} ({quality}), haze: {haze}")
+    sets = {"preetham1999": load_coefficients("preetham1999"), "this fit": made}
+    groups = {"fitted skies": truth.skies, "held-out skies": held_out.skies}
+    errors = {(s, g): error_of(coefficients, skies) for s, coefficients in sets.items() for g, skies in groups.items()}
+    facts = {
+        "climate": config.climate.name,
+        "haze": haze,
+        "solver": solver,
+        "quality": quality,
+        "ground_albedo": config.climate.ground.model_dump(mode="json")["albedo"],
+        "turbidities": list(TURBIDITIES),
+        "sun_zenith_deg": [round(z, 3) for z in suns],
+        "directions": DIRECTIONS,
+        "cpu_hours": round(truth.cpu_s / 3600.0, 4),
+        "errors": {
+            f"{s}, {g}": {key: round(value, 4) for key, value in vars(error).items()}
+            for (s, g), error in errors.items()
+        },
+    }
+    write_set(made, facts, path)
+    columns = ["coefficients", "skies", "mean", "luminance", "distribution", "u'v'"]
+    rows = [[s, g, *_error_cells(error)] for (s, g), error in errors.items()]
+    print_table(columns, rows, right=(2, 3, 4, 5))
+    print(
+        "errors: mean of ln(model / truth); then median / 95th percentile of |model / truth - 1|, of the same with the"
+    )
+    print("best scale for every sky, and of the distance in u'v'")
+    print(
+        f"{len(truth.skies)} skies of {DIRECTIONS} directions by {solver} ({quality}): {truth.cpu_s / 3600.0:.3g} CPU "
+        f"hours (Preetham 1999: 600), {truth.wall_s:.0f} s"
+    )
+    print(f"wrote {path}")
+
+
+def _error_cells(error: Any) -> list[str]:
+    return [
+        f"{100 * error.luminance_bias:+.0f} %",
+        f"{100 * error.luminance_median:.1f} / {100 * error.luminance_p95:.0f} %",
+        f"{100 * error.distribution_median:.1f} / {100 * error.distribution_p95:.0f} %",
+        f"{error.chromaticity_median:.4f} / {error.chromaticity_p95:.4f}",
+    ]
+
+
+def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output: Path | None) -> None:
+    from twilight.fit.document import write_set
+    from twilight.fit.perez import fit_sky, single_set
+    from twilight.fit.truth import from_sky
+
+    rows = []
+    written = []
+    skies = list(_skies(scene, chosen, names))
+    _path(output, "sky")
+    for label, sky in skies:
+        colours = from_sky(sky)
+        fits = fit_sky(colours)
+        for fit in fits:
+            values = [f"{p:.4g}" for p in fit.parameters]
+            zenith = f"{fit.zenith:.4g}" + (" cd/m^2" if fit.quantity == "luminance" else "")
+            error = f"{100 * fit.median_error:.2f} / {100 * fit.p95_error:.1f} %"
+            rows.append([label, fit.quantity, *values, zenith, error])
+        target = output if output is None or len(skies) == 1 else output.with_stem(f"{output.stem}_{label}")
+        path = _path(target, label)
+        facts = {
+            "sky": label,
+            "errors": {f.quantity: {"median": round(f.median_error, 5), "p95": round(f.p95_error, 5)} for f in fits},
+        }
+        write_set(single_set(colours, fits, label, f"twilight fit perez --per-sky {scene}"), facts, path)
+        written.append(path)
+    print_table(["sky", "quantity", "A", "B", "C", "D", "E", "zenith", "error"], rows, right=tuple(range(2, 9)))
+    print("error: median / 95th percentile of |model / sky - 1| by solid angle, without the aureole")
+    print(f"wrote {', '.join(map(str, written))}")
+
+
+def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
+    """Names and skies of a scene or of a file."""
+    if Path(scene).suffix in (".h5", ".nc"):
+        from twilight.io.netcdf import read_sky
+
+        if chosen:
+            raise TwilightError(f"{names[next(iter(chosen))]}: {scene} is a computed sky and takes no settings")
+        yield Path(scene).resolve().parent.name + "_" + Path(scene).stem, read_sky(scene)
+        return
+    from twilight.config import load_series
+    from twilight.run import count_frames, frames
+
+    cases = load_series(scene, chosen, names)
+    total = sum(count_frames(case.config) for case in cases)
+    done = 0
+    with progress_bar() as bar:
+        for case in cases:
+
+            def tell(doing: str, share: float, done: int = done, case: Any = case) -> None:
+                bar((done + share * count_frames(case.config)) / total, f"{case.name} {doing}".strip())
+
+            for frame in frames(case.config, tell):
+                yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
+            done += count_frames(case.config)
+
+
+def _path(output: Path | None, name: str) -> Path:
+    """Where the coefficients go; the folder is checked before anything is computed."""
+    from twilight.io.whole import check_folder
+
+    path = output or Path("out") / f"perez_{name}.yaml"
+    check_folder(path.parent)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+app = typer.Typer(name="fit", help="Fit analytic models to computed skies.", no_args_is_help=True)
+app.command()(sentences(perez))
+
+
+@app.callback()
+def _fit() -> None:
+    """Fit analytic models to computed skies."""

@@ -1,0 +1,1 @@
+"""Analytic models fitted to computed skies."""
