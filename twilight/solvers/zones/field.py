@@ -89,12 +89,13 @@ class Field:
 
     def _solve(self, tell: Progress) -> None:
         s, n = self.settings, self.nodes
-        angles = make_angles(s.polar_directions, s.azimuth_directions, s.degree)
-        start = np.repeat(n.altitude_km, angles.cosine.size)
+        radius = self.medium.earth_radius_km
+        height = n.altitude_km - self.medium.bottom_km
+        horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
+        angles = make_angles(horizon, s.polar_directions, s.azimuth_directions, s.degree)
+        start = np.repeat(n.altitude_km, angles.cosine.shape[1])
         tell("rays", 0.05)
-        rays = trace_rays(
-            self.profile, self.gradient, self.jumps, start, np.tile(angles.cosine, n.altitude_km.size), s.step_density
-        )
+        rays = trace_rays(self.profile, self.gradient, self.jumps, start, angles.cosine.ravel(), s.step_density)
         longest = float(max(rays.place[:, 1].max(), rays.ground_angle_rad.max()))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)

@@ -7,20 +7,22 @@ sun's vertical are alike: azimuths go from 0 to 180 deg and harmonics are even.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-POLAR_POWER = 1.5
-"""Gauss points in u = cosine^(1/1.5): closer to the horizon, where the light of twilight comes from."""
+
+HORIZON_WIDTH = 0.03
+"""Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
 
 
 @dataclass(frozen=True)
 class Angles:
-    """Directions of a node and the even harmonics that describe radiance there.
+    """Directions of every node altitude and the even harmonics that describe radiance there.
 
-    cosine (M,), azimuth (F,) [rad], weight (M,): of a polar angle over the sphere, sum 1
+    cosine (Z, M) of the zenith angle, azimuth (F,) [rad], weight (Z, M): of a polar angle over the sphere, sum 1
     degree, order (C,): of each harmonic, sorted by order; harmonics are normalised to a mean square of 1
-    analysis (C, M, F): moments from radiances, by weighted least squares: exact for what the harmonics span
+    analysis (Z, C, M, F): moments from radiances, by weighted least squares: exact for what the harmonics span
     """
 
     cosine: np.ndarray
@@ -31,27 +33,38 @@ class Angles:
     analysis: np.ndarray
 
 
-def make_angles(per_hemisphere: int, around: int, degree: int) -> Angles:
-    """2 x `per_hemisphere` polar angles times `around` azimuths, harmonics up to `degree`."""
-    x, w = np.polynomial.legendre.leggauss(per_hemisphere)
-    u = 0.5 * (x + 1.0)
-    w = w * u ** (POLAR_POWER - 1.0)
-    w *= 0.5 / w.sum()
-    cosine = np.concatenate([-(u[::-1] ** POLAR_POWER), u**POLAR_POWER])
-    weight = np.concatenate([w[::-1], w])
+def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int) -> Angles:
+    """`per_side` polar angles above and as many below the horizon of each altitude, times `around` azimuths.
+
+    horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
+    """
+    n_below = max(per_side - per_side // 4, 2)
+    cosine, weight = np.empty((horizon_cosine.size, per_side + n_below)), None
+    weight = np.empty_like(cosine)
+    for k, h in enumerate(horizon_cosine):
+        below, w_below = _clustered(-1.0, h, h, n_below)
+        above, w_above = _clustered(h, 1.0, 0.5 * h, per_side)
+        cosine[k] = np.concatenate([below, above])
+        weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
-    orders, degrees = [], []
-    for m in range(degree + 1):
-        for n in range(m, degree + 1):
-            orders.append(m)
-            degrees.append(n)
-    order, deg = np.array(orders), np.array(degrees)
-    polar = even_harmonics(cosine, degree)  # (M, C)
-    basis = polar[:, None, :] * np.cos(order * azimuth[:, None])[None]
-    flat = basis.reshape(-1, order.size)
-    weighted = (flat * np.repeat(weight / around, around)[:, None]).T
-    analysis = np.linalg.solve(weighted @ flat, weighted).reshape(order.size, cosine.size, around)
-    return Angles(cosine, azimuth, weight, deg, order, analysis)
+    order = np.array([m for m in range(degree + 1) for _ in range(m, degree + 1)])
+    deg = np.array([n for m in range(degree + 1) for n in range(m, degree + 1)])
+    wave = np.cos(order * azimuth[:, None])
+    analysis = []
+    for mu, share in zip(cosine, weight, strict=True):
+        basis = (even_harmonics(mu, degree)[:, None, :] * wave[None]).reshape(-1, order.size)
+        weighted = (basis * np.repeat(share / around, around)[:, None]).T
+        analysis.append(weighted.reshape(order.size, mu.size, around))
+    return Angles(cosine, azimuth, weight, deg, order, np.array(analysis))
+
+
+def _clustered(low: float, high: float, centre: float, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points and weights on low..high, close together around `centre`: uniform in asinh((x - centre)/width)."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    a, b = np.arcsinh((low - centre) / HORIZON_WIDTH), np.arcsinh((high - centre) / HORIZON_WIDTH)
+    t = a + (b - a) * 0.5 * (x + 1.0)
+    w = w * np.cosh(t)
+    return centre + HORIZON_WIDTH * np.sinh(t), w * ((high - low) / w.sum())
 
 
 def even_harmonics(cosine: np.ndarray, degree: int) -> np.ndarray:
@@ -78,14 +91,12 @@ def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, densit
     """Altitudes [km] with spacing (0.6 + 0.14 height)/density, and one at every jump of the medium."""
     edges = [bottom_km, *jumps_km, top_km]
     out = [bottom_km]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         rough = [a]
         while rough[-1] < b:
             rough.append(rough[-1] + (0.6 + 0.14 * (rough[-1] - bottom_km)) / density)
-        n = max(1, len(rough) - 1)
         # the same grading, stretched to end at b
         out.extend(a + (np.array(rough[1:]) - a) * (b - a) / (rough[-1] - a))
-        assert n
     return np.array(out)
 
 

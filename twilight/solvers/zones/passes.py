@@ -42,9 +42,9 @@ def slab(point, k, log_mean, ratio, first, weight, per_interval, degree, low, hi
                 continue
             for w in range(LANES):
                 wave[w] = ZERO
-            for l in range(m, degree + 1):
+            for n in range(m, degree + 1):
                 y0, y1 = g * polar[c], f * polar[c]
-                r0, r1, x = below[t, c], above[t, c], chi[l]
+                r0, r1, x = below[t, c], above[t, c], chi[n]
                 for w in range(LANES):
                     wave[w] += x[w] * (y0 * r0[w] + y1 * r1[w])
                 c += 1
@@ -152,7 +152,7 @@ def scatter_sunlight(
     """The first order: sunlight scattered once, out[node, polar, zenith, azimuth, LANES].
 
     sun_row (P,), sun_share (P,): place of a point between the altitudes of the sunlight table; edge: of the shadow
-    phase (polar, zenith, azimuth, S, LANES): phase function of each species from the sun into each direction
+    phase (node, polar, zenith, azimuth, S, LANES): phase function of each species from the sun into each direction
     ground_factor (LANES,): albedo / pi
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
@@ -194,7 +194,7 @@ def scatter_sunlight(
                         for w in range(LANES):
                             exponent[w] = b0 * u[w] + b1 * v[w]
                             series[w] = ZERO
-                        of_species = phase[i, t, a]
+                        of_species = phase[node, i, t, a]
                         for s in range(n_species):
                             r0, r1 = share[s], of_species[s]
                             for w in range(LANES):
@@ -222,3 +222,19 @@ def scatter_sunlight(
                                 * ground_factor[w]
                                 * math.exp((ONE - b1) * log_ground_light[j, w] + b1 * log_ground_light[j + 1, w])
                             )
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def moments_of(radiance, analysis, moments, begin, end):
+    """Moments (Z, T, C, LANES) of a radiance (Z, M, T, F, LANES), for node altitudes begin..end."""
+    n_polar, n_zenith, n_azimuth = radiance.shape[1:4]
+    for z in range(begin, end):
+        for t in range(n_zenith):
+            out = moments[z, t]
+            for i in range(n_polar):
+                for a in range(n_azimuth):
+                    row = radiance[z, i, t, a]
+                    for c in range(out.shape[0]):
+                        factor = analysis[z, c, i, a]
+                        for w in range(LANES):
+                            out[c, w] += factor * row[w]

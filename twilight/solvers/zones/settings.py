@@ -23,8 +23,8 @@ class ZonesSettings:
     """
 
     degree: int = 8
-    polar_directions: int = 8
-    azimuth_directions: int = 10
+    polar_directions: int = 10
+    azimuth_directions: int = 9
     altitude_density: float = 1.0
     zenith_density: float = 1.0
     step_density: float = 0.7

@@ -9,8 +9,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.grid import Angles, lagrange_refinement
-from twilight.solvers.zones.passes import scatter, scatter_sunlight
-from twilight.solvers.zones.paths import Points, Rays, Turning, lanes_of
+from twilight.solvers.zones.passes import moments_of, scatter, scatter_sunlight
+from twilight.solvers.zones.paths import LANES, Points, Rays, Turning, lanes_of
 from twilight.solvers.zones.sunlight import Sunlight
 from twilight.threads import in_slices
 
@@ -78,7 +78,8 @@ class Passes:
     def _empty(self) -> np.ndarray:
         a = self.angles
         return np.zeros(
-            (self.nodes.altitude_km.size, a.cosine.size, self.nodes.zenith_rad.size, a.azimuth.size, 8), np.float32
+            (self.nodes.altitude_km.size, a.cosine.shape[1], self.nodes.zenith_rad.size, a.azimuth.size, LANES),
+            np.float32,
         )
 
     def first(self, sunlight: Sunlight, moments: np.ndarray) -> np.ndarray:
@@ -88,12 +89,12 @@ class Passes:
         row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
         share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
         a = self.angles
-        mu = a.cosine[:, None, None]
-        t = self.nodes.zenith_rad[None, :, None]
+        mu = a.cosine[:, :, None, None]
+        t = self.nodes.zenith_rad[None, None, :, None]
         cosine = mu * np.cos(t) + np.sqrt(1 - mu**2) * np.sin(t) * np.cos(a.azimuth)
         degree = moments.shape[1] - 1
         legendre = np.polynomial.legendre.legvander(cosine, degree) * ((2 * np.arange(degree + 1) + 1) / (4 * np.pi))
-        phase = lanes_of(np.einsum("mtfl,slw->mtfsw", legendre, moments), self.block)
+        phase = lanes_of(np.einsum("zmtfl,slw->zmtfsw", legendre, moments, optimize=True), self.block)
         albedo = lanes_of(self.medium.ground_albedo, self.block)
         ground_weight, ground_angle = self._ground()
         log_light, log_ground = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
@@ -101,7 +102,7 @@ class Passes:
             lambda begin, end: scatter_sunlight(
                 self.rays.first, self.points, self.turning.place, row, share.astype(np.float32), sunlight.edge_rad,
                 log_light, log_ground, sunlight.edge_rad[0], sunlight.span_rad, phase, ground_weight, ground_angle,
-                (albedo / np.pi).astype(np.float32), a.cosine.size, out, begin, end,
+                (albedo / np.pi).astype(np.float32), a.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
@@ -117,7 +118,7 @@ class Passes:
         in_slices(
             lambda begin, end: scatter(
                 self.rays.first, self.points, self.turning.place, log_mean, ratio, log_ground, ground_weight,
-                ground_angle, n.first, n.weight, PER_INTERVAL, self.angles.cosine.size,
+                ground_angle, n.first, n.weight, PER_INTERVAL, self.angles.cosine.shape[1],
                 int(self.angles.degree.max()), out, begin, end,
             ),
             out.shape[0],
@@ -127,12 +128,11 @@ class Passes:
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(mean (Z, T, 8), moments (Z, T, C, 8), radiance of the lit ground (T, 8)) of a radiance at the nodes."""
         a = self.angles
-        moments = np.stack(
-            [np.tensordot(a.analysis.astype(np.float32), node, axes=([1, 2], [0, 2])) for node in radiance]
-        )  # (Z, C, T, 8)
-        moments = np.ascontiguousarray(moments.transpose(0, 2, 1, 3))
+        moments = np.zeros((radiance.shape[0], radiance.shape[2], a.degree.size, LANES), np.float32)
+        analysis = a.analysis.astype(np.float32)
+        in_slices(lambda begin, end: moments_of(radiance, analysis, moments, begin, end), radiance.shape[0])
         mean = moments[:, :, 0]
-        up = np.maximum(a.cosine, 0.0) * a.weight
+        up = np.maximum(a.cosine[0], 0.0) * a.weight[0]
         # a uniform dome gives exactly pi
         flux = np.pi / up.sum() * np.einsum("m,mtfw->tw", up / a.azimuth.size, radiance[0])
         return mean, moments, flux * lanes_of(self.medium.ground_albedo, self.block) / np.pi

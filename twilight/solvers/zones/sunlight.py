@@ -7,6 +7,7 @@ interpolation is linear in its logarithm and never mixes light with shadow.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +64,7 @@ def make_sunlight(beam: Beam, bottom_km: float, top_km: float, jumps_km: np.ndar
     """Tabulate `beam` at altitudes 0.1 km to 3 % apart."""
     edges = [bottom_km, *jumps_km, top_km]
     pieces = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         z = [a]
         while z[-1] < b:
             z.append(z[-1] + 0.1 + 0.02 * (z[-1] - bottom_km))
