@@ -25,7 +25,7 @@ from twilight.transport.scaling import delta_scaled, species_phase
 
 Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
-"""Solar zenith angle beyond which the field is taken as it is here: 42 deg below the horizon it is e^-60 of the day's."""
+"""Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Field:
         self.jumps = jump_altitudes(self.profile)
         self.gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
         altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
-        self.nodes = Nodes.of(altitude, zenith_nodes(0.0, LAST_ZENITH_DEG, settings.zenith_density))
+        self.nodes = Nodes.of(altitude, zenith_nodes(0.0, LAST_ZENITH_DEG, settings.zenith_density), self.jumps)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
         if settings.max_events > 1:
@@ -101,7 +101,7 @@ class Field:
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
-            points = make_points(rays, self.scaled.medium, self.scaled.moments, n.altitude_km, turning, block)
+            points = make_points(rays, self.scaled.medium, self.scaled.moments, n.fine_altitude_km, turning, block)
             passes = Passes(n, angles, rays, points, turning, self.medium, block)
 
             def report(event: int, residual: float, block: int = block) -> None:
@@ -173,14 +173,14 @@ class Field:
         """Light scattered at least twice, (D, LANES)."""
         n = self.nodes
         turning = make_turning(n.zenith_rad[:1], np.zeros(1), n.fine_rad, 1.0, n=3)  # only its step is used
-        points = make_points(rays, self.scaled.medium, self.scaled.moments, n.altitude_km, turning, block)
+        points = make_points(rays, self.scaled.medium, self.scaled.moments, n.fine_altitude_km, turning, block)
         out = np.zeros((cos_azimuth.size, LANES))
         ground_weight = lanes_of(rays.ground_weight, block)
         in_slices(
             lambda begin, end: view_multiple(
                 rays.first, rays.place, points, zenith, row_first, cos_azimuth, n.fine_rad, n.zenith_rad,
                 solution.log_mean, solution.ratio, solution.log_ground, ground_weight, rays.ground_angle_rad,
-                n.first, n.weight, PER_INTERVAL, self.settings.degree, out, begin, end,
+                *n.zenith_rule, PER_INTERVAL, self.settings.degree, out, begin, end,
             ),
             row_first.size - 1,
         )  # fmt: skip

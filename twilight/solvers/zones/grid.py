@@ -11,7 +11,6 @@ from itertools import pairwise
 
 import numpy as np
 
-
 HORIZON_WIDTH = 0.03
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
 
@@ -101,16 +100,16 @@ def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, densit
 
 
 def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarray:
-    """Solar zenith angles [deg]: close together from 84 deg on, where the field falls by e within a degree."""
+    """Solar zenith angles [deg]: close together from 88 deg on, where the field falls by e within a degree."""
     out = [0.0]
     while out[-1] < 180.0:
         x = out[-1]
-        if x < 84.0:
-            step = min(12.0, 1.5 + 0.17 * (84.0 - x))
-        elif x < 112.0:
-            step = 1.25
+        if x < 88.0:
+            step = min(12.0, 0.85 + 0.18 * (88.0 - x))
+        elif x < 99.0:
+            step = 0.85
         else:
-            step = min(6.0, 1.25 + 0.15 * (x - 112.0))
+            step = min(6.0, 0.85 + 0.06 * (x - 99.0))
         out.append(x + step / density)
     nodes = np.array(out)
     first = max(0, int(np.searchsorted(nodes, first_deg, side="right")) - 1)
@@ -118,23 +117,30 @@ def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarra
     return nodes[first : last + 1]
 
 
-def lagrange_refinement(coarse: np.ndarray, per_interval: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def cubic_refinement(
+    coarse: np.ndarray, per_interval: int, breaks: np.ndarray | tuple = ()
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A grid with `per_interval` steps in every interval of `coarse`, and cubic interpolation to it.
 
-    Returns (fine (n,), first (n,), weight (n, 4)): value = sum_j weight[j] coarse_value[first + j].
+    Interpolation never looks across one of the `breaks`, nodes at which the values bend.
+    Returns (fine (n,), node (n, 4), weight (n, 4)): value = sum_j weight[j] coarse_value[node[j]].
     """
-    n = coarse.size
     t = np.arange(per_interval) / per_interval
     fine = np.append((coarse[:-1, None] + np.diff(coarse)[:, None] * t[None]).ravel(), coarse[-1])
-    interval = np.clip(np.searchsorted(coarse, fine, side="right") - 1, 0, n - 2)
-    width = min(4, n)
-    first = np.clip(interval - 1, 0, n - width)
+    interval = np.clip(np.searchsorted(coarse, fine, side="right") - 1, 0, coarse.size - 2)
+    ends = np.unique([0, *np.flatnonzero(np.isin(coarse, breaks)), coarse.size - 1])
+    piece = np.clip(np.searchsorted(ends, interval, side="right") - 1, 0, ends.size - 2)
+    low, high = ends[piece], ends[piece + 1]
+    width = np.minimum(4, high - low + 1)
+    first = np.clip(interval - 1, low, high + 1 - width)
+    node = np.minimum(first[:, None] + np.arange(4), coarse.size - 1)
     weight = np.zeros((fine.size, 4))
-    for j in range(width):
-        w = np.ones(fine.size)
-        for k in range(width):
+    for j in range(4):
+        w = np.where(j < width, 1.0, 0.0)
+        for k in range(4):
             if k != j:
-                xj, xk = coarse[first + j], coarse[first + k]
-                w *= (fine - xk) / (xj - xk)
+                used = (j < width) & (k < width)
+                gap = np.where(used, coarse[node[:, j]] - coarse[node[:, k]], 1.0)
+                w *= np.where(used, (fine - coarse[node[:, k]]) / gap, 1.0)
         weight[:, j] = w
-    return fine, np.minimum(first, max(0, n - 4)), weight
+    return fine, node, weight

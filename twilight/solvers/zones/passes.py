@@ -20,7 +20,7 @@ ZERO, ONE = np.float32(0.0), np.float32(1.0)
 
 
 @njit(cache=True, inline="always")
-def slab(point, k, log_mean, ratio, first, weight, per_interval, degree, low, high, fine_log, fine_wave):
+def slab(point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree, low, high, fine_log, fine_wave):
     """The field at the altitude and in the polar angle of point k, over solar zenith angles low..high of the nodes.
 
     fine_log (T', LANES): logarithm of the mean on the fine grid; fine_wave (T', degree + 1, LANES): amplitude of
@@ -58,29 +58,28 @@ def slab(point, k, log_mean, ratio, first, weight, per_interval, degree, low, hi
                 for w in range(LANES):
                     out[w] = a * u[w] + b * v[w]
     for t in range(low * per_interval, high * per_interval + 1):
-        i = first[t]
         out = fine_log[t]
         for w in range(LANES):
             out[w] = ZERO
         for j in range(4):
-            y0, y1 = g * weight[t, j], f * weight[t, j]
-            r0, r1 = here[i + j], there[i + j]
+            y0, y1 = g * rule_weight[t, j], f * rule_weight[t, j]
+            r0, r1 = here[rule_node[t, j]], there[rule_node[t, j]]
             for w in range(LANES):
                 out[w] += y0 * r0[w] + y1 * r1[w]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def scatter(
-    rays_first, point, turning, log_mean, ratio, log_ground, ground_weight, ground_angle, first, weight, per_interval,
-    n_polar, degree, out, begin, end,
+    rays_first, point, turning, log_mean, ratio, log_ground, ground_weight, ground_angle, rule_node, rule_weight,
+    per_interval, n_polar, degree, out, begin, end,
 ):  # fmt: skip
     """Radiance out[node, polar, zenith, azimuth, LANES] from the moments of the order before, for nodes begin..end.
 
-    log_mean (Z, T, LANES), ratio (Z, T, C, LANES), log_ground (T', LANES): logarithm of the radiance of the ground on
+    log_mean (Z', T, LANES), ratio (Z', T, C, LANES), log_ground (T', LANES): logarithm of the radiance of the ground on
     the fine grid.
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
-    n_fine = first.size
+    n_fine = rule_node.shape[0]
     fine_log = np.zeros((n_fine, LANES), np.float32)
     fine_wave = np.zeros((n_fine, degree + 1, LANES), np.float32)
     exponent = np.zeros(LANES, np.float32)
@@ -92,7 +91,18 @@ def scatter(
             sums = out[node, i]
             for k in range(rays_first[ray], rays_first[ray + 1]):
                 slab(
-                    point, k, log_mean, ratio, first, weight, per_interval, degree, 0, n_zenith - 1, fine_log, fine_wave
+                    point,
+                    k,
+                    log_mean,
+                    ratio,
+                    rule_node,
+                    rule_weight,
+                    per_interval,
+                    degree,
+                    0,
+                    n_zenith - 1,
+                    fine_log,
+                    fine_wave,
                 )
                 place = point.angle[k]
                 step = min(int(place), last)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.zones.grid import Angles, lagrange_refinement
+from twilight.solvers.zones.grid import Angles, cubic_refinement
 from twilight.solvers.zones.passes import moments_of, scatter, scatter_sunlight
 from twilight.solvers.zones.paths import LANES, Points, Rays, Turning, lanes_of
 from twilight.solvers.zones.sunlight import Sunlight
@@ -21,31 +21,53 @@ PER_INTERVAL = 3
 
 @dataclass(frozen=True)
 class Nodes:
-    """altitude_km (Z,); zenith_rad (T,) solar zenith angles; fine_rad (T',) with the cubic rule that leads to it."""
+    """altitude_km (Z,), zenith_rad (T,): where the field is solved; fine_altitude_km (Z',), fine_rad (T',): finer grids
+    to which it is interpolated by cubics, between which it is linear."""
 
     altitude_km: np.ndarray
     zenith_rad: np.ndarray
+    fine_altitude_km: np.ndarray
     fine_rad: np.ndarray
-    first: np.ndarray
-    weight: np.ndarray
+    altitude_rule: tuple[np.ndarray, np.ndarray]
+    zenith_rule: tuple[np.ndarray, np.ndarray]
 
     @staticmethod
-    def of(altitude_km: np.ndarray, zenith_deg: np.ndarray) -> Nodes:
+    def of(altitude_km: np.ndarray, zenith_deg: np.ndarray, jumps_km: np.ndarray) -> Nodes:
         zenith = np.radians(zenith_deg)
-        fine, first, weight = lagrange_refinement(zenith, PER_INTERVAL)
-        return Nodes(altitude_km, zenith, fine, first.astype(np.int64), weight.astype(np.float32))
+        fine, node, weight = cubic_refinement(zenith, PER_INTERVAL)
+        fine_km, node_km, weight_km = cubic_refinement(altitude_km, PER_INTERVAL, jumps_km)
+        return Nodes(
+            altitude_km,
+            zenith,
+            fine_km,
+            fine,
+            (node_km, weight_km.astype(np.float32)),
+            (node, weight.astype(np.float32)),
+        )
 
-    def refine(self, values: np.ndarray) -> np.ndarray:
-        """Values (T, ...) on the fine grid."""
-        corners = values[self.first[:, None] + np.arange(4)]
-        return np.ascontiguousarray(np.einsum("tj,tj...->t...", self.weight, corners), dtype=np.float32)
+    def refine_zenith(self, values: np.ndarray) -> np.ndarray:
+        """Values (T, ...) on the fine grid of solar zenith angles."""
+        return _apply(self.zenith_rule, values)
+
+    def refine_altitude(self, values: np.ndarray) -> np.ndarray:
+        """Values (Z, ...) on the fine grid of altitudes."""
+        return _apply(self.altitude_rule, values)
+
+
+def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarray:
+    node, weight = rule
+    flat = np.asarray(values, np.float32).reshape(values.shape[0], -1)
+    out = np.zeros((node.shape[0], flat.shape[1]), np.float32)
+    for j in range(4):
+        out += weight[:, j, None] * flat[node[:, j]]
+    return out.reshape(-1, *values.shape[1:])
 
 
 @dataclass(frozen=True)
 class Solution:
     """Light scattered at least once, all orders, for one block of wavelengths.
 
-    log_mean (Z, T, LANES): of the mean radiance; ratio (Z, T, C, LANES): moments relative to it
+    log_mean (Z', T, LANES): of the mean radiance; ratio (Z', T, C, LANES): moments relative to it, at fine altitudes
     log_ground (T', LANES): radiance of the ground that the sky lights, on the fine grid of zenith angles
     events: scattering events; residual: share of the light that may be missing or wrong because no more were followed
     """
@@ -112,13 +134,13 @@ class Passes:
         """Radiance of the next order from the mean (Z, T, 8), the moments and the ground (T, 8) of the one before."""
         out = self._empty()
         n = self.nodes
-        log_mean, ratio = normalised(mean, moments)
-        log_ground = n.refine(np.log(np.maximum(ground, TINY)))
+        log_mean, ratio = (n.refine_altitude(values) for values in normalised(mean, moments))
+        log_ground = n.refine_zenith(np.log(np.maximum(ground, TINY)))
         ground_weight, ground_angle = self._ground()
         in_slices(
             lambda begin, end: scatter(
                 self.rays.first, self.points, self.turning.place, log_mean, ratio, log_ground, ground_weight,
-                ground_angle, n.first, n.weight, PER_INTERVAL, self.angles.cosine.shape[1],
+                ground_angle, *n.zenith_rule, PER_INTERVAL, self.angles.cosine.shape[1],
                 int(self.angles.degree.max()), out, begin, end,
             ),
             out.shape[0],
@@ -168,8 +190,8 @@ class Passes:
                 total += order * rest[:, :, None]
                 total_ground += ground * rest[0]
                 break
-        log_mean, relative = normalised(total[:, :, 0], total)
-        log_ground = self.nodes.refine(np.log(np.maximum(total_ground, TINY)))
+        log_mean, relative = (self.nodes.refine_altitude(values) for values in normalised(total[:, :, 0], total))
+        log_ground = self.nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
         return Solution(log_mean, relative, log_ground, events + 1, residual)
 
 

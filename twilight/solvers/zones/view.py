@@ -18,7 +18,7 @@ REFERENCE_LIFT_RAD = math.radians(0.5)
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def view_multiple(
     rays_first, place, point, zenith, row_first, cos_azimuth, fine, zenith_nodes, log_mean, ratio, log_ground,
-    ground_weight, ground_angle, first, weight, per_interval, degree, out, begin, end,
+    ground_weight, ground_angle, rule_node, rule_weight, per_interval, degree, out, begin, end,
 ):  # fmt: skip
     """Light scattered at least twice, out (D, LANES), in directions row_first[r]..row_first[r + 1] of ray r.
 
@@ -37,7 +37,9 @@ def view_multiple(
             high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
             low = min(low, n_nodes - 2)
             high = max(high, low + 1)
-            slab(point, k, log_mean, ratio, first, weight, per_interval, degree, low, high, fine_log, fine_wave)
+            slab(
+                point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree, low, high, fine_log, fine_wave
+            )
             strength = point.weight[k]
             highest = point.highest[k]
             cp, sp = math.cos(psi), math.sin(psi)
