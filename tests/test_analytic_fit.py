@@ -14,7 +14,7 @@ from twilight.config import load
 from twilight.errors import TwilightError
 from twilight.fit.errors import error_of
 from twilight.fit.perez import fit_set, fit_sky, single_set
-from twilight.fit.truth import ColourSky, air_of_turbidity, colour_sky, spiral
+from twilight.fit.truth import ColourSky, air_of_turbidity, colour_sky, compute_truth, spiral
 from twilight.io.netcdf import write_sky
 from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.coefficients import QUANTITIES, load_coefficients
@@ -107,6 +107,25 @@ def test_air_that_cannot_have_a_turbidity_is_refused():
         air_of_turbidity(load("pure-air"), 3.0)
     with pytest.raises(TwilightError, match="haze: fog is not known; allowed are climate, preetham1999"):
         air_of_turbidity(load("continental-average"), 3.0, "fog")
+
+
+@pytest.mark.slow
+def test_a_refit_is_nearer_to_computed_skies_than_the_paper():
+    """On the paper's own haze: what is left is the form, and skies between the fitted ones are no worse."""
+    config = load(
+        "pure-air",
+        {"solver": {"name": "zones", "quality": "draft"}, "wavelengths.list_nm": [420.0, 500.0, 580.0, 660.0]},
+    )
+    zenith = [0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0]
+    truth = compute_truth(config, [2.0, 4.0, 6.0], zenith, 120, "preetham1999")
+    held_out = compute_truth(config, [3.0, 5.0], [20.0, 50.0, 75.0], 120, "preetham1999")
+    assert truth.cpu_s > 0 and len(truth.skies) == 21
+    made = fit_set(truth.skies, "again", "test")
+    for skies in (truth.skies, held_out.skies):
+        own, again = error_of(load_coefficients("preetham1999"), skies), error_of(made, skies)
+        assert again.luminance_median < 0.1 < 0.3 < own.luminance_median
+        assert again.distribution_median < 0.06 < own.distribution_median
+        assert again.chromaticity_median < 0.004 < own.chromaticity_median
 
 
 # --- the command ---

@@ -13,7 +13,7 @@ from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 from twilight.sky import Sky, texture_grid
 from twilight.solvers.analytic import preetham, sunlight
-from twilight.solvers.analytic.coefficients import load_coefficients, parse_coefficients
+from twilight.solvers.analytic.coefficients import load_coefficients, parse_coefficients, shipped_sets
 from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y
 from twilight.solvers.analytic.perez import angles, perez_ratio
 from twilight.solvers.analytic.preetham import PreethamSettings
@@ -302,6 +302,26 @@ def test_a_file_of_coefficients_is_used(tmp_path):
     np.testing.assert_array_equal(field.radiance(20.0, 40.0, 50.0), preetham.prepare(air()).radiance(20.0, 40.0, 50.0))
     with pytest.raises(TwilightError, match="allowed is 10 to 90"):
         field.radiance(5.0, 40.0, 50.0)
+
+
+@pytest.mark.parametrize("name", shipped_sets())
+def test_every_set_that_is_shipped_is_used(name):
+    own = load_coefficients(name)
+    field = preetham.prepare(air(3.0), PreethamSettings(coefficients=name))
+    lowest = 90.0 - own.sun_zenith_deg[1]
+    radiance = np.concatenate([field.radiance(sun, np.linspace(0.0, 90.0, 10), 60.0) for sun in (lowest, 30.0, 90.0)])
+    assert np.isfinite(radiance).all() and (radiance >= 0).all() and (radiance.sum(axis=1) > 0).all()
+
+
+def test_the_refitted_set_is_darker_than_the_papers_and_goes_the_same_way():
+    """Preetham's luminances are known to be high; both fall with the sun and rise with the turbidity."""
+    own, refit = load_coefficients("preetham1999"), load_coefficients("continental-average")
+    zenith = np.linspace(30.0, 80.0, 6)
+    for turbidity in (2.0, 4.0, 6.0):
+        paper, again = (s.zenith_luminance_cd_per_m2(zenith, turbidity) for s in (own, refit))
+        assert (again < paper).all() and (again > 0.2 * paper).all()
+        assert (np.diff(again) < 0).all()
+    assert (refit.zenith_luminance_cd_per_m2(zenith, 5.0) > refit.zenith_luminance_cd_per_m2(zenith, 2.0)).all()
 
 
 def broken(*path, value):
