@@ -38,6 +38,9 @@ def compare(
         float, _option("SECONDS", "For one solver at one quality, all suns together, and for one sun of montecarlo's.")
     ] = 900.0,
     repeats: Annotated[int, _option("N", "Most timed runs of each, of which the median is given.")] = 3,
+    ablations: Annotated[
+        bool, typer.Option("--ablations", help="Instead: what each simplification changes, and the time it saves.")
+    ] = False,
     settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     output: Annotated[Path | None, _option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
@@ -60,6 +63,11 @@ def compare(
         raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); compare takes one")
     config = cases[0].config
     folder = output or Path("out") / ("compare-" + (re.sub(r"[^\w.+-]+", "-", config.title).strip("-.") or "scene"))
+    if ablations:
+        if solvers is not None or reference is not None:
+            raise TwilightError("--ablations: compares runs of one solver; it takes no --solvers and no --reference")
+        _ablate(scene, config, chosen, suns, time_limit, repeats, folder)
+        return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
     _compare(config, wanted, suns, reference, reference_stderr, directions, time_limit, repeats, folder)
 
@@ -116,6 +124,39 @@ def _compare(
     for line in report.remarks(rows):
         print(line)
     print(f"wrote compare.csv, wavelengths.csv{', error-against-time.png' if drawn else ''} to {folder}/")
+
+
+def _ablate(
+    scene: str,
+    config: Any,
+    chosen: dict[str, Any],
+    suns: list[float] | None,
+    time_limit_s: float,
+    repeats: int,
+    folder: Path,
+) -> None:
+    from twilight.compare import ablations, report
+    from twilight.compare.bench import Bench
+    from twilight.compare.directions import sun_elevations
+    from twilight.io.whole import check_folder
+
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: list[ablations.AblationRow] = []
+    with progress_bar() as progress:
+        steps = ablations.ablate(
+            scene,
+            chosen,
+            tuple(suns or sun_elevations(config)),
+            Bench(folder / "rows", time_limit_s),
+            repeats=repeats,
+            progress=lambda doing, share: progress(share, doing),
+        )
+        for found in steps:
+            rows += found
+            report.write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
+    print_table(list(ablations.COLUMNS), ablations.lines(rows), right=tuple(range(1, len(ablations.COLUMNS) - 1)))
+    print(f"wrote ablations.csv to {folder}/")
 
 
 def _numbers(text: str, option: str, low: float, high: float) -> list[float]:

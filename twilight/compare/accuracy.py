@@ -33,7 +33,8 @@ def radiance_spread(value: np.ndarray, reference: np.ndarray, standard_error: np
     Directions where the reference is black have no relative error and are left out; None where none is left.
 
     Each of the three quantiles q becomes sqrt(q^2 - n^2), n being what normal noise of the given standard errors would
-    give by itself; 0 where n is the larger.  This is exact for errors that are normal themselves.
+    give by itself; 0 where n is the larger.  This is exact for errors that are normal themselves; an error that is the
+    same everywhere comes out too large at the upper end, by 1.64 standard errors of the reference at most for p95.
     """
     value, reference, standard_error = (np.asarray(a, float).ravel() for a in (value, reference, standard_error))
     lit = reference > 0

@@ -19,6 +19,9 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 LADDER = ("draft", "standard", "reference")
 """Qualities that a line joins; others stand alone."""
 
+LARGEST_PERCENT = 200.0
+"""Errors beyond this are drawn here, with their value beside them."""
+
 
 @dataclass(frozen=True)
 class Point:
@@ -40,7 +43,7 @@ class Point:
 
     @property
     def drawn_percent(self) -> float:
-        return max(self.error_percent, 0.5 * self.noise_percent, 1e-3)
+        return min(max(self.error_percent, 0.5 * self.noise_percent, 1e-3), LARGEST_PERCENT)
 
 
 def points(rows: Iterable[Row]) -> list[Point]:
@@ -83,9 +86,8 @@ def draw(
     path: Path,
     *,
     title: str = "",
-    subtitle: str = "",
     columns: int = 4,
-    panel_inches: tuple[float, float] = (2.5, 2.3),
+    panel_inches: tuple[float, float] = (2.4, 2.1),
 ) -> bool:
     """PNG of the marks, log-log; False where there is nothing to draw and no file is written."""
     marks = [m for m in marks if m.time_s > 0]
@@ -99,7 +101,7 @@ def draw(
     suns = sorted({m.sun_elevation_deg for m in marks}, reverse=True)
     columns = min(columns, len(suns))
     rows = math.ceil(len(suns) / columns)
-    with pyplot.rc_context({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False}):
+    with pyplot.rc_context({"font.size": 11, "axes.spines.top": False, "axes.spines.right": False}):
         figure: Any
         figure, grid = pyplot.subplots(
             rows,
@@ -113,13 +115,13 @@ def draw(
         solvers = list(dict.fromkeys(m.solver for m in marks))
         for axes, sun in zip(grid.flat, suns, strict=False):
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
-            axes.set_title(f"sun {sun:+g}°".replace("-", "−"), fontsize=10, loc="left")
+            axes.set_title(f"sun {sun:+g}°".replace("-", "−"), fontsize=11, loc="left")
         for axes in grid.flat[len(suns) :]:
             axes.set_visible(False)
         _limits(grid[0, 0], marks)
-        figure.supxlabel("time for one sky, set-up included [s]", fontsize=10)
-        figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=10)
-        _heading(figure, grid, solvers, title, subtitle)
+        figure.supxlabel("time for one sky, set-up included [s]", fontsize=11)
+        figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=11)
+        _heading(figure, solvers, title)
         try:
             with whole_file(path) as temporary:
                 figure.savefig(temporary, dpi=150)
@@ -146,27 +148,44 @@ def _panel(axes: Any, marks: Sequence[Point], solvers: Sequence[str]) -> None:
             axes.plot(
                 m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style
             )
+            if m.error_percent > LARGEST_PERCENT:
+                text = f"↑ {m.error_percent:.0f} %"
+                axes.annotate(
+                    text, (m.time_s, m.drawn_percent), (5, -3), textcoords="offset points", fontsize=8, **style
+                )
 
 
 def _limits(axes: Any, marks: Sequence[Point]) -> None:
-    from matplotlib.ticker import FuncFormatter
+    """The same limits for all panels, of at least a decade each so that every axis has a labelled tick."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
 
-    times = [m.time_s for m in marks]
-    errors = [m.drawn_percent for m in marks]
-    axes.set_xlim(min(times) / 1.7, max(times) * 1.7)
-    axes.set_ylim(min(errors) / 1.7, max(errors) * 1.7)
     plain = FuncFormatter(lambda value, position: f"{value:g}")
-    axes.xaxis.set_major_formatter(plain)
-    axes.yaxis.set_major_formatter(plain)
+    for axis, values, set_limits in (
+        (axes.xaxis, [m.time_s for m in marks], axes.set_xlim),
+        (axes.yaxis, [m.drawn_percent for m in marks], axes.set_ylim),
+    ):
+        low, high = math.log10(min(values)) - 0.2, math.log10(max(values)) + 0.2
+        more = max(0.0, 1.05 - (high - low)) / 2.0
+        set_limits(10.0 ** (low - more), 10.0 ** (high + more))
+        axis.set_major_formatter(plain)
+        axis.set_minor_formatter(NullFormatter())
 
 
-def _heading(figure: Any, grid: Any, solvers: Sequence[str], title: str, subtitle: str) -> None:
+def _heading(figure: Any, solvers: Sequence[str], title: str) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
         Line2D([], [], color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], linewidth=1.6, label=name)
         for i, name in enumerate(solvers)
     ]
-    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), frameon=False, fontsize=10)
-    if title:
-        figure.suptitle(title + (f"\n{subtitle}" if subtitle else ""), fontsize=10, x=0.01, ha="left")
+    figure.legend(
+        handles=handles,
+        title=title or None,
+        alignment="left",
+        loc="outside upper left",
+        ncols=len(handles),
+        frameon=False,
+        columnspacing=1.4,
+        handletextpad=0.5,
+        borderaxespad=0.2,
+    )

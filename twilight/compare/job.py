@@ -121,7 +121,7 @@ def code_digest(module: str) -> str:
     """SHA-256 over the solver's source and the parts that all solvers share."""
     package = Path(__file__).resolve().parents[1]
     if module.startswith("twilight."):
-        own = package.joinpath(*module.split(".")[1:])
+        own = package.joinpath(*module.split(".")[1:3])  # with its neighbours, where the solver is in a package
         places = [own if own.is_dir() else own.with_suffix(".py"), *(package / part for part in _SHARED)]
     else:
         places = [package / part for part in _SHARED]

@@ -13,6 +13,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import Any
@@ -85,7 +86,7 @@ class _Execution:
         self.directions = dict(zip(self.suns, message["directions"], strict=True))
         self.failed: set[float] = set()
         self.sent: set[float] = set()
-        self.share = 0.0
+        self.phase = (0.0, 0.5)
 
     def all_suns(self) -> None:
         wavelength_nm = wavelengths_of(self.config)
@@ -126,7 +127,8 @@ class _Execution:
     def _progress(self, doing: str | float, share: float | str) -> None:
         if isinstance(share, str):  # montecarlo tells the share first
             doing, share = share, doing
-        self.send({"progress": [str(doing), self.share]})
+        start, width = self.phase
+        self.send({"progress": [str(doing), start + width * min(max(float(share), 0.0), 1.0)]})
 
     def _timed_runs(self, medium: Any, clock: _CompilationClock) -> None:
         begun = time.perf_counter()
@@ -148,7 +150,7 @@ class _Execution:
             for i, sun in enumerate(self.timed):
                 if sun in self.failed:
                     continue
-                self.share = i / len(self.timed)
+                self.phase = (0.5 + 0.5 * i / len(self.timed), 0.5 / len(self.timed))
                 directions = self._texture(made, sun)
                 try:
                     with skies[sun]:
@@ -213,6 +215,14 @@ def _wavelengths(directions: dict[str, Any]) -> tuple[float, ...] | None:
 
 
 def _peak_mib() -> float:
+    """Most memory this process has held [MiB].
+
+    Linux counts into ru_maxrss what the parent held when it started this process; VmHWM is this process alone.
+    """
+    with suppress(OSError), open("/proc/self/status") as status:
+        for line in status:
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) / 1024.0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
 

@@ -1,0 +1,478 @@
+"""Error against run time: statistics, the referee's tables, worker processes, and the command from end to end."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from twilight import solvers
+from twilight.cli.app import app
+from twilight.compare import bench as bench_module
+from twilight.compare.ablations import ABLATIONS, Ablation, ablate
+from twilight.compare.accuracy import colour_spread, noise_largest, noise_quantile, radiance_spread
+from twilight.compare.bench import Bench
+from twilight.compare.comparison import Rung, compare, ladder, with_rung
+from twilight.compare.directions import half_texture, stratified_directions
+from twilight.compare.figure import LARGEST_PERCENT, Point, draw, read_points
+from twilight.compare.job import Directions, Job
+from twilight.compare.referee import COLUMNS, Referee, Reference, read_references, write_references
+from twilight.config import load
+from twilight.errors import TwilightError
+
+TOY = '''
+"""A solver with a closed form and a known error; it knows no sun below -10 deg."""
+
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.errors import TwilightError
+
+
+@dataclass(frozen=True)
+class Settings:
+    error_percent: float = 1.0
+    wait_s: float = 0.0
+    hold_mib: int = 0
+    crash: bool = False
+
+
+QUALITIES = {"draft": Settings(10.0), "standard": Settings()}
+
+
+def truth(sun, elevation, azimuth, wavelength_nm):
+    elevation, azimuth = np.broadcast_arrays(elevation, azimuth)
+    shape = 10.0 ** (sun / 10.0) * (2.0 + np.cos(np.radians(azimuth))) * (2.0 - np.sin(np.radians(elevation)))
+    return shape[..., None] * (np.asarray(wavelength_nm) / 550.0) ** -3.0
+
+
+class Field:
+    def __init__(self, medium, settings, progress):
+        self.medium, self.settings, self.progress = medium, settings, progress
+
+    def radiance(self, sun, elevation, azimuth):
+        if sun < -10.0:
+            raise TwilightError("the toy solver needs a sun at -10 deg or higher")
+        if self.settings.crash:
+            raise ZeroDivisionError("the toy broke")
+        hold = np.ones(self.settings.hold_mib * 2**17)
+        self.progress("toy", 0.5)
+        time.sleep(self.settings.wait_s)
+        right = truth(sun, elevation, azimuth, self.medium.wavelength_nm)
+        return right * (1.0 + self.settings.error_percent / 100.0) + 0.0 * hold.sum()
+
+
+def prepare(medium, settings, *, observer_altitude_km=0.0, progress=None):
+    if os.environ.get("TOY_LOG"):
+        with open(os.environ["TOY_LOG"], "a") as log:
+            log.write(f"{medium.n_wavelengths} {os.getpid()}\\n")
+    return Field(medium, settings, progress)
+'''
+NM = (450.0, 550.0, 680.0)
+SCENE = {"version": 1, "climate": {"version": 1, "name": "toy air"}, "wavelengths": {"list_nm": list(NM)}}
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """The registered solver `toy`, known to worker processes too."""
+    folder = tmp_path / "modules"
+    folder.mkdir()
+    (folder / "toy_compared.py").write_text(TOY)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setitem(solvers.SOLVERS, "toy", "toy_compared")
+    yield __import__("toy_compared")
+    sys.modules.pop("toy_compared")
+
+
+def reference(toy, sun, stderr=0.0, nm=NM, seed=1):
+    elevation, azimuth = stratified_directions((30, 120), 40)
+    right = toy.truth(sun, elevation, azimuth, nm)
+    noise = 1.0 + stderr * np.random.default_rng(seed).standard_normal(right.shape)
+    return Reference(elevation, azimuth, np.array(nm), right * noise, stderr * right)
+
+
+def scene(**solver):
+    return load(SCENE | {"solver": {"name": "toy", **solver}})
+
+
+# Statistics -----------------------------------------------------------------------------------------------------
+
+
+def test_noise_quantiles_are_those_of_the_normal_distribution():
+    same = np.full(50, 0.3)
+    assert noise_quantile(same, 0.5) == pytest.approx(0.3 * 0.6744898, rel=1e-6)
+    assert noise_quantile(same, 0.95) == pytest.approx(0.3 * 1.9599640, rel=1e-6)
+    assert noise_quantile(np.zeros(5), 0.95) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_noise_of_unequal_deviations_agrees_with_draws():
+    sigma = np.geomspace(0.01, 1.0, 60)
+    draws = np.abs(sigma * np.random.default_rng(0).standard_normal((20_000, 60)))
+    for share in (0.5, 0.95):
+        assert noise_quantile(sigma, share) == pytest.approx(np.quantile(draws, share), rel=0.02)
+    assert noise_largest(sigma) == pytest.approx(np.median(draws.max(axis=1)), rel=0.02)
+
+
+def test_errors_without_noise_are_plain_quantiles():
+    reference = np.array([1.0, 2.0, 4.0, 5.0, 0.0])
+    spread = radiance_spread(np.array([1.01, 1.96, 4.0, 5.5, 3.0]), reference, np.zeros(5))
+    assert spread.median == pytest.approx(1.5)  # of 0, 1, 2 and 10 %; the black direction does not count
+    assert spread.largest == pytest.approx(10.0)
+    assert spread.mean == pytest.approx((1 - 2 + 0 + 10) / 4)
+    assert radiance_spread(np.ones(3), np.zeros(3), np.zeros(3)) is None
+
+
+@pytest.mark.parametrize("true_percent", (0.0, 0.5, 2.0))
+def test_the_referees_noise_is_taken_out(true_percent):
+    rng = np.random.default_rng(3)
+    n = 200_000
+    value = 1.0 + true_percent / 100.0 * rng.standard_normal(n)
+    noisy = 1.0 + 0.01 * rng.standard_normal(n)
+    spread = radiance_spread(value, noisy, np.full(n, 0.01))
+    assert spread.noise_median == pytest.approx(0.6745, rel=0.02)
+    for found, factor in ((spread.median, 0.67449), (spread.p95, 1.95996)):
+        # the quadratic difference of two quantiles that are each known to 0.3 %
+        assert abs(found**2 - (factor * true_percent) ** 2) < 0.02 * factor**2 * (1 + true_percent**2)
+
+
+def test_a_change_of_brightness_alone_has_its_closed_form_colour_difference():
+    grey = np.full((5, 8), 0.01)
+    nm = np.linspace(380.0, 720.0, 8)
+    spread = colour_spread(1.1 * grey, grey, None, nm)
+    assert spread.luminance.median == pytest.approx(10.0, rel=1e-6)
+    # a spectrum in proportion to the sun's is nearly neutral; its lightness is that of middle grey, and 1.1 times it
+    lightness = [116.0 * y ** (1 / 3) - 16.0 for y in (0.18, 0.18 * 1.1)]
+    mean = 0.5 * sum(lightness)
+    weight = 1.0 + 0.015 * (mean - 50.0) ** 2 / np.sqrt(20.0 + (mean - 50.0) ** 2)
+    assert spread.ciede2000.median == pytest.approx((lightness[1] - lightness[0]) / weight, rel=0.05)
+    same = colour_spread(grey, grey, None, nm)
+    assert same.ciede2000.largest == 0.0 and same.luminance.largest < 1e-9
+
+
+def test_noise_shows_in_the_colours_and_narrow_spectra_have_none():
+    nm = np.array(NM)
+    right = np.full((400, 3), 0.01)
+    noisy = right * (1.0 + 0.02 * np.random.default_rng(5).standard_normal(right.shape))
+    spread = colour_spread(right, noisy, 0.02 * right, nm)
+    assert spread.ciede2000.noise_median > 0.2
+    assert spread.ciede2000.median < 0.5 * spread.ciede2000.noise_median
+    assert spread.luminance.median < 0.5 * spread.luminance.noise_median
+    assert colour_spread(right, right, None, np.array([500.0, 550.0, 590.0])) is None
+
+
+# Directions and tables ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", (24, 48, 240))
+def test_directions_are_pixels_spread_over_the_half_texture(count):
+    elevation, azimuth = stratified_directions((30, 120), count)
+    assert 0.97 * count <= elevation.size <= count
+    assert len({*zip(elevation, azimuth, strict=True)}) == elevation.size
+    assert np.allclose((elevation - 1.5) % 3.0, 0.0) and np.allclose(azimuth % 3.0, 0.0)
+    assert azimuth.min() >= 0.0 and azimuth.max() <= 180.0
+    whole = half_texture((30, 120))
+    for f in (lambda e, a: np.cos(np.radians(a)), lambda e, a: e / 90.0, lambda e, a: e / 90.0 * np.cos(np.radians(a))):
+        assert abs(f(elevation, azimuth).mean() - f(*whole).mean()) < 1.5 / count
+
+
+def test_many_directions_are_the_half_texture():
+    assert stratified_directions((10, 40), 10_000)[0].size == 10 * 21
+
+
+def test_a_table_of_references_survives_the_file(toy, tmp_path):
+    stored = {sun: reference(toy, sun, stderr=0.01, nm=(428.57142857142856, 600.0)) for sun in (5.0, -6.5)}
+    write_references(tmp_path / "t.csv", stored)
+    again = read_references(tmp_path / "t.csv")
+    assert list(again) == [5.0, -6.5]
+    for sun, r in stored.items():
+        order = np.lexsort((r.azimuth_deg, r.elevation_deg))
+        assert np.array_equal(again[sun].azimuth_deg, r.azimuth_deg[order])
+        assert again[sun].wavelength_nm.tolist() == [428.57142857142856, 600.0]
+        assert np.allclose(again[sun].radiance, r.radiance[order], rtol=1e-5)
+        assert np.allclose(again[sun].standard_error, r.standard_error[order], rtol=1e-2)
+
+
+HEADER = ",".join(COLUMNS)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    (
+        ("", "lacks the column"),
+        (HEADER, "holds no radiances"),
+        (HEADER.replace("azimuth_deg,", "") + "\n5,10,500,1,0", "lacks the column azimuth_deg"),
+        (HEADER + "\n5,10,0,500,nan,0", "radiance_per_sr is 'nan'"),
+        (HEADER + "\n5,10,0,500,-1,0", "radiance_per_sr is '-1'"),
+        (HEADER + "\n5,10,0,500,1", "standard_error_per_sr is None"),
+        (HEADER + "\n5,100,0,500,1,0", "elevation_deg is '100'"),
+        (HEADER + "\n5,10,0,500,1,0\n5,10,0,500,1,0", "one row for each direction"),
+        (HEADER + "\n5,10,0,500,1,0\n5,20,0,600,1,0", "one row for each direction"),
+    ),
+)
+def test_a_bad_table_is_one_sentence(tmp_path, text, says):
+    path = tmp_path / "bad.csv"
+    path.write_text(text + "\n")
+    with pytest.raises(TwilightError, match=says) as caught:
+        read_references(path)
+    assert "bad.csv" in str(caught.value)
+
+
+def test_binary_and_missing_tables_are_one_sentence(tmp_path):
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x81")
+    for name in ("bytes.csv", "none.csv", "."):
+        with pytest.raises(TwilightError):
+            read_references(tmp_path / name)
+
+
+def test_the_ladder_names_solvers_and_qualities(toy):
+    assert ladder(["toy"]) == [Rung("toy", "draft"), Rung("toy", "standard")]
+    assert ladder(["toy:draft", " toy "]) == [Rung("toy", "draft"), Rung("toy", "standard")]
+    assert {r.solver for r in ladder(None)} == set(solvers.SOLVERS)
+    for names, says in ((["tiy"], "did you mean toy"), (["toy:fine"], "quality of toy")):
+        with pytest.raises(TwilightError, match=says):
+            ladder(names)
+
+
+def test_options_of_the_scene_stay_with_the_solver_that_it_names(toy):
+    config = scene(error_percent=3.0)
+    assert with_rung(config, Rung("toy", "draft")).solver["error_percent"] == 3.0
+    assert "error_percent" not in with_rung(config, Rung("cells", "draft")).solver
+
+
+# Workers --------------------------------------------------------------------------------------------------------
+
+
+def job(toy, suns=(5.0, -6.0), repeats=1, **solver):
+    directions = {sun: Directions((10.0, 80.0), (0.0, 90.0)) for sun in suns}
+    return Job(scene(**solver), tuple(suns), directions, repeats=repeats)
+
+
+def test_a_job_gives_radiances_times_and_memory_and_is_kept(toy, tmp_path, monkeypatch):
+    work = Bench(tmp_path / "rows")
+    outcomes = work.measure(job(toy, repeats=2, wait_s=0.05, hold_mib=100))
+    for sun, outcome in outcomes.items():
+        assert np.allclose(outcome.radiance, 1.01 * toy.truth(sun, (10.0, 80.0), (0.0, 90.0), NM))
+        timing = outcome.timing
+        assert len(timing.set_up_s) == len(timing.sky_s) == 2 and timing.directions == 3600
+        assert min(timing.sky_s) >= 0.05
+    timing = outcomes[-6.0].timing
+    assert timing.peak_mib >= 100 and timing.before_mib < timing.peak_mib
+
+    def never(*args, **kwargs):
+        raise AssertionError("a worker was started")
+
+    monkeypatch.setattr(bench_module.subprocess, "Popen", never)
+    again = work.measure(job(toy, repeats=2, wait_s=0.05, hold_mib=100))
+    assert np.array_equal(again[5.0].radiance, outcomes[5.0].radiance) and again[5.0].timing == outcomes[5.0].timing
+    with pytest.raises(AssertionError):
+        work.measure(job(toy, repeats=2, wait_s=0.05, hold_mib=100, error_percent=2.0))
+
+
+def test_damaged_results_are_made_again(toy, tmp_path):
+    work = Bench(tmp_path / "rows")
+    first = work.measure(job(toy, suns=(5.0,)))
+    radiance, timing = sorted((tmp_path / "rows").iterdir())
+    radiance.write_text('{"radiance": [[1, "x"')
+    timing.write_text('{"timing": {"a": 1}}')
+    again = work.measure(job(toy, suns=(5.0,)))
+    assert np.array_equal(first[5.0].radiance, again[5.0].radiance) and again[5.0].timing is not None
+
+
+def test_wavelengths_of_a_stored_reference_are_computed_apart(toy, tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
+    directions = Directions((10.0,), (0.0,), (500.0, 600.0))
+    outcome = Bench(tmp_path / "rows").measure(Job(scene(), (5.0,), {5.0: directions}, repeats=1))[5.0]
+    assert np.allclose(outcome.radiance, 1.01 * toy.truth(5.0, [10.0], [0.0], (500.0, 600.0)))
+    counts = [int(line.split()[0]) for line in (tmp_path / "log").read_text().splitlines()]
+    assert counts == [1, 3, 2]  # warming up, the timed run, the reference's wavelengths
+
+
+@pytest.mark.parametrize("solver, says", (({"crash": True}, "the toy broke"), ({"wait_s": 20.0}, "stopped after 4 s")))
+def test_a_solver_that_breaks_or_lasts_is_a_reason(toy, tmp_path, solver, says):
+    limit_s = 4.0 if "wait_s" in solver else 100.0
+    outcome = Bench(tmp_path / "rows", time_limit_s=limit_s).measure(job(toy, suns=(5.0,), **solver))[5.0]
+    assert outcome.radiance is None and says in outcome.reason
+
+
+def test_a_time_limit_is_remembered_until_it_grows(toy, tmp_path, monkeypatch):
+    slow = job(toy, suns=(5.0,), wait_s=1.5)
+    assert Bench(tmp_path / "rows", 1.0).measure(slow)[5.0].reason
+    started = []
+    monkeypatch.setattr(bench_module, "_Worker", lambda *a: started.append(a) or pytest.fail("a worker was started"))
+    assert Bench(tmp_path / "rows", 1.0).measure(slow)[5.0].reason and not started
+    monkeypatch.undo()
+
+
+def test_known_errors_come_out_and_refused_suns_are_listed(toy, tmp_path):
+    references = {sun: reference(toy, sun, stderr=0.002) for sun in (5.0, -12.0)}
+    rows = [
+        r for found in compare(scene(), ladder(["toy"]), references, Bench(tmp_path / "rows"), repeats=1) for r in found
+    ]
+    by = {(r.rung.quality, r.sun_elevation_deg): r for r in rows}
+    assert by["draft", 5.0].error.median == pytest.approx(10.0, rel=0.02)
+    assert by["standard", 5.0].error.mean == pytest.approx(1.0, abs=0.1)
+    assert by["standard", 5.0].colour.luminance.median == pytest.approx(1.0, abs=0.3)
+    assert set(by["draft", 5.0].by_wavelength) == set(NM)
+    for quality in ("draft", "standard"):
+        assert by[quality, -12.0].error is None and "-10 deg or higher" in by[quality, -12.0].reason
+
+
+# The command ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def files(toy, tmp_path):
+    """A scene's file and a table of references for two suns."""
+    path = tmp_path / "air.yaml"
+    path.write_text("version: 1\nclimate: {version: 1, name: air}\nwavelengths: {list_nm: [450, 550, 680]}\n")
+    write_references(tmp_path / "right.csv", {sun: reference(toy, sun, stderr=0.003) for sun in (5.0, -6.0)})
+    return path, tmp_path / "right.csv", tmp_path / "out"
+
+
+def test_the_command_writes_tables_and_a_picture(files):
+    path, right, out = files
+    arguments = ["compare", str(path), "--solvers", "toy", "--reference", str(right), "--output", str(out)]
+    result = CliRunner().invoke(app, [*arguments, "--repeats", "1"])
+    assert result.exit_code == 0, result.output
+    with open(out / "compare.csv") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(r["quality"], r["sun_elevation_deg"]) for r in rows] == [
+        (q, s) for q in ("draft", "standard") for s in ("5", "-6")
+    ]
+    for row in rows:
+        true_percent = 10.0 if row["quality"] == "draft" else 1.0
+        # of a constant error the referee's 0.3 % widens the upper end, by 1.64 standard deviations at most
+        assert true_percent - 0.2 < float(row["p95_percent"]) < true_percent + 0.6
+        assert float(row["mean_percent"]) == pytest.approx(true_percent, abs=0.15)
+        assert float(row["time_s"]) > 0 and float(row["peak_memory_mib"]) > 20
+        assert not row["reason"]
+    with open(out / "wavelengths.csv") as stream:
+        assert len(list(csv.DictReader(stream))) == 12
+    assert (out / "error-against-time.png").stat().st_size > 5000
+    assert {p.solver for p in read_points(out / "compare.csv")} == {"toy"}
+    assert "referee's own error" in result.output
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    (
+        (["--solvers", "tiy"], "did you mean toy"),
+        (["--sun-elevation", "5,x"], "numbers with commas"),
+        (["--sun-elevation", "95"], "from -90 to 90"),
+        (["--sun-elevation", "4"], "no sun at 4 deg; it has 5, -6"),
+        (["--reference", "missing.csv"], "cannot be read"),
+        (["--reference-stderr", "0"], "--reference-stderr"),
+        (["--directions", "0"], "--directions"),
+        (["--time-limit", "nan"], "--time-limit"),
+        (["--repeats", "0"], "--repeats"),
+        (["--ablations"], "takes no --solvers"),
+        (["--set", "vary={observer.altitude_km: [0, 1]}"], "series of 2 scenes"),
+    ),
+)
+def test_bad_arguments_are_one_sentence(files, arguments, says):
+    path, right, out = files
+    fixed = ["compare", str(path), "--solvers", "toy", "--reference", str(right), "--output", str(out)]
+    result = CliRunner().invoke(app, [*fixed, *arguments])
+    assert result.exit_code == 2 and says in result.output, result.output
+    assert "Traceback" not in result.output and not out.exists()
+
+
+def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, monkeypatch):
+    path, right, out = files
+    log = out.with_name("log")
+    program = (
+        "from twilight import solvers; solvers.SOLVERS['toy'] = 'toy_compared'; from twilight.cli import main; main()"
+    )
+    settings = ["--set", "solver.name=toy", "--set", "solver.wait_s=1.0"]
+    arguments = ["compare", str(path), "--solvers", "toy:draft", "--reference", str(right), "--output", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *arguments, *settings, "--repeats", "1"],
+        env={**os.environ, "TOY_LOG": str(log)},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60
+    while not list(out.glob("rows/*radiance*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    error = process.communicate(timeout=20)[1]
+    assert process.returncode == 130 and "Traceback" not in error
+    worker = int(log.read_text().split()[-1])
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    kept = {f.name: f.read_bytes() for f in out.glob("rows/*")}
+    assert any("radiance" in name for name in kept) and not any(".part" in name for name in kept)
+    before = len(log.read_text().splitlines())
+    result = CliRunner().invoke(app, [*arguments, *settings, "--repeats", "1"], env={"TOY_LOG": str(log)})
+    assert result.exit_code == 0, result.output
+    assert all((out / "rows" / name).read_bytes() == content for name, content in kept.items())
+    assert len(log.read_text().splitlines()) > before
+
+
+# Picture, ablations, referee ------------------------------------------------------------------------------------
+
+
+def test_the_picture_needs_marks_and_holds_errors_of_any_size(tmp_path):
+    assert not draw([], tmp_path / "none.png") and not (tmp_path / "none.png").exists()
+    marks = [
+        Point("a", "draft", 5.0, 0.1, 1e4, 0.2),
+        Point("a", "standard", 5.0, 10.0, 0.0, 0.2),
+        Point("b", "other", -6.0, 1.0, 3.0),
+    ]
+    assert marks[0].drawn_percent == LARGEST_PERCENT and marks[1].drawn_percent == pytest.approx(0.1)
+    assert not marks[1].resolved and marks[2].resolved
+    assert draw(marks, tmp_path / "p.png", title="x")
+    with pytest.raises(TwilightError, match="not a table"):
+        (tmp_path / "t.csv").write_text("a,b\n1,2\n")
+        read_points(tmp_path / "t.csv")
+
+
+def test_an_ablation_is_the_difference_of_two_runs(toy, tmp_path):
+    base = {"solver.name": "toy"}
+    ablations = (
+        Ablation("worse", {**base, "solver.error_percent": 3.0}, base),
+        Ablation("top", {**base, "atmosphere.top_km": 500.0}, base),
+    )
+    found = list(ablate(SCENE, {}, (5.0, -12.0), Bench(tmp_path / "rows"), ablations=ablations))
+    day, deep = found[0]
+    for percent in (day.difference.median, day.difference.largest, day.difference.mean):
+        assert percent == pytest.approx(100.0 * (1.03 / 1.01 - 1.0))
+    assert day.colour.luminance.mean == pytest.approx(100.0 * (1.03 / 1.01 - 1.0))
+    assert "-10 deg or higher" in deep.reason
+    assert "top_km" in found[1][0].reason
+
+
+def test_every_ablation_is_a_configuration_that_can_be_read():
+    assert len({a.name for a in ABLATIONS}) == len(ABLATIONS)
+    for ablation in ABLATIONS:
+        simple, full = load("continental-average", ablation.settings), load("continental-average", ablation.against)
+        assert simple != full, ablation.name
+
+
+def test_the_referee_keeps_each_sun(tmp_path, monkeypatch):
+    config = load({"version": 1, "climate": "pure-air", "wavelengths": {"list_nm": [550.0]}})
+    referee = Referee(config, tmp_path / "rows", 0.05)
+    directions = (np.array([10.0, 60.0]), np.array([0.0, 90.0]))
+    shares = []
+    found = referee.references([5.0], directions, lambda doing, share: shares.append(share))
+    assert found[5.0].radiance.shape == (2, 1) and (found[5.0].radiance > 0).all()
+    assert (found[5.0].standard_error < 0.1 * found[5.0].radiance).all()
+    assert shares and max(shares) <= 1.0
+    monkeypatch.setattr(solvers.load("montecarlo"), "prepare", None)
+    again = referee.references([5.0], directions, lambda doing, share: None)
+    assert np.array_equal(again[5.0].radiance, found[5.0].radiance)
+    with pytest.raises(TypeError):
+        replace(referee, target_stderr=0.04).references([5.0], directions, lambda doing, share: None)
