@@ -15,7 +15,7 @@ from twilight.colour import colour_is_defined
 from twilight.config.scene import Config
 from twilight.errors import TwilightError
 from twilight.plan import make_plan
-from twilight.run import resolve_solver_of
+from twilight.run import WAVELENGTH_BLOCK, resolve_solver_of
 from twilight.sky import Sky
 
 if TYPE_CHECKING:
@@ -168,7 +168,13 @@ def compute_truth(
     haze: str = "climate",
     progress: Progress | None = None,
 ) -> Truth:
-    """Skies of all turbidities and suns by the configuration's solver, `directions` each."""
+    """Skies of all turbidities and suns by the configuration's solver, `directions` each.
+
+    Raises TwilightError for more wavelengths than a solver holds at once: colours do not need them.
+    """
+    wavelength_nm = wavelengths_of(config)
+    if wavelength_nm is not None and len(wavelength_nm) > WAVELENGTH_BLOCK:
+        raise TwilightError(f"wavelengths holds {len(wavelength_nm)}; the fit takes {WAVELENGTH_BLOCK} at most")
     tell = progress or (lambda doing, share: None)
     begin = time.process_time(), time.perf_counter()
     skies = list(_skies(config, turbidities, sun_zenith_deg, directions, haze, tell))
