@@ -1,0 +1,99 @@
+"""One job in a process of its own, so that time and peak memory are its own: python -m peers.job JOB.json
+
+The job: {"model": "sasktran2:SETTING" | "SOLVER:QUALITY", "task": "error" | "one" | "thirty", "threads": n,
+"referee": path, "output": path of an .npz}.  `error` gives the radiances of the referee's rows; `one` and `thirty` are
+whole half-skies at eight wavelengths for one sun or thirty.
+Writes {"wall_s", "cpu_s", "memory_mib", "memory_before_mib"} to standard output.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+
+
+def main() -> None:
+    with open(sys.argv[1]) as stream:
+        job = json.load(stream)
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: job["threads"]])
+    os.environ["NUMBA_NUM_THREADS"] = str(job["threads"])
+    from peers import case  # numba reads its thread count when it is imported
+
+    model, _, variant = job["model"].partition(":")
+    if job["task"] == "error":
+        medium = case.straight_air(case.Referee.read(job["referee"]).wavelengths())
+    else:
+        medium = case.straight_air(case.WAVELENGTHS_NM)
+    work = _sasktran2 if model == "sasktran2" else _twilight
+    set_up = work(model, variant, job)
+    before = _peak_mib()
+    wall, cpu = time.perf_counter(), time.process_time()
+    radiance = set_up(medium)
+    measured = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+    np.savez(job["output"], radiance=radiance)
+    json.dump(measured | {"memory_mib": _peak_mib(), "memory_before_mib": before}, sys.stdout)
+
+
+def _peak_mib() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def _questions(job: dict) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """(sun, elevations, azimuths) of every sky that is asked for; rows of the referee in its own order."""
+    from peers import case
+
+    if job["task"] == "error":
+        referee = case.Referee.read(job["referee"])
+        directions = referee.directions()
+        return [(float(sun), *directions) for sun in referee.suns_deg]
+    suns = case.THIRTY_SUNS_DEG if job["task"] == "thirty" else (case.ONE_SUN_DEG,)
+    return [(sun, *case.texture()) for sun in suns]
+
+
+def _sasktran2(model: str, variant: str, job: dict):
+    import sasktran2  # noqa: F401  (its import is not timed)
+
+    from peers.sasktran2_sky import radiance
+    from peers.settings import SETTINGS
+
+    setting = SETTINGS[variant]
+    questions = _questions(job)
+
+    def run(medium):
+        if not job.get("together"):
+            return np.stack([radiance(medium, setting, *q, threads=job["threads"]) for q in questions])
+        suns = np.array([q[0] for q in questions])[:, None]
+        return radiance(medium, setting, suns, questions[0][1], questions[0][2], threads=job["threads"])
+
+    return run
+
+
+def _twilight(model: str, variant: str, job: dict):
+    from peers import case
+    from twilight import solvers
+
+    solver = solvers.load(model)
+    settings = solver.QUALITIES[variant]
+    questions = _questions(job)
+    # every kernel is loaded (compiled where the cache is empty) by a sky that costs little
+    small = case.straight_air(case.WAVELENGTHS_NM[[3]])
+    quick = solver.QUALITIES["draft"]
+    if hasattr(quick, "max_events"):
+        quick = replace(quick, max_events=2)
+    solver.prepare(small, quick).radiance(0.0, np.array([10.0]), np.array([0.0]))
+
+    def run(medium):
+        field = solver.prepare(medium, settings)
+        return np.stack([field.radiance(*q) for q in questions])
+
+    return run
+
+
+if __name__ == "__main__":
+    main()
