@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -134,8 +135,7 @@ def load_coefficients(name: str) -> SkyCoefficients:
     Raises TwilightError for a set that does not exist, cannot be read, or gives a sky that cannot be.
     """
     if name in shipped_sets():
-        text = resources.files("twilight").joinpath(f"data/analytic/{_PREFIX}{name}.yaml").read_text(encoding="utf-8")
-        return parse_coefficients(text, name)
+        return _shipped(name)
     path = Path(name)
     if path.suffix not in (".yaml", ".yml", ".json"):
         raise TwilightError(
@@ -148,6 +148,12 @@ def load_coefficients(name: str) -> SkyCoefficients:
         reason = error.strerror if isinstance(error, OSError) else "is not text"
         raise TwilightError(f"solver.coefficients: {path}: cannot be read: {reason}") from None
     return parse_coefficients(text, str(path))
+
+
+@lru_cache(maxsize=8)
+def _shipped(name: str) -> SkyCoefficients:
+    text = resources.files("twilight").joinpath(f"data/analytic/{_PREFIX}{name}.yaml").read_text(encoding="utf-8")
+    return parse_coefficients(text, name)
 
 
 def parse_coefficients(text: str, where: str) -> SkyCoefficients:
