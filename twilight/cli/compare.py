@@ -155,7 +155,9 @@ def _ablate(
         for found in steps:
             rows += found
             report.write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
-    print_table(list(ablations.COLUMNS), ablations.lines(rows), right=tuple(range(1, len(ablations.COLUMNS) - 1)))
+    print_table(list(ablations.PRINTED), ablations.printed(rows), right=tuple(range(1, len(ablations.PRINTED))))
+    for name, reason in dict.fromkeys((row.name, row.reason) for row in rows if row.reason):
+        print(f"{name}: {reason}")
     print(f"wrote ablations.csv to {folder}/")
 
 

@@ -209,6 +209,25 @@ def lines(rows: list[AblationRow]) -> list[list[str]]:
     return [_line(row) for row in rows]
 
 
+PRINTED = (
+    "ablation",
+    "sun",
+    "median %",
+    "95 % of all %",
+    "mean %",
+    "CIEDE2000",
+    "luminance %",
+    "time s",
+    "without s",
+)
+
+
+def printed(rows: list[AblationRow]) -> list[list[str]]:
+    """Lines of the columns `PRINTED`."""
+    shown = [0, 1, 2, 3, 5, 6, 9, 12, 13]
+    return [[line[i] for i in shown] for line in lines(rows)]
+
+
 def _line(row: AblationRow) -> list[str]:
     d, c = row.difference, row.colour
     numbers: list[float | None] = [None] * 14

@@ -55,23 +55,24 @@ def points(rows: Iterable[Row]) -> list[Point]:
     ]
 
 
-def read_points(path: str | Path) -> list[Point]:
+def read_points(path: str | Path, *, processor: bool = False) -> list[Point]:
     """The marks of a `compare.csv`, or of any table with its columns solver, quality, sun_elevation_deg, time_s and
-    p95_percent (and noise_p95_percent).
+    p95_percent (and noise_p95_percent); with `processor` their times are processor times, from the column cpu_s.
 
     Errors: TwilightError for a file that cannot be read or has other columns.
     """
     found = []
+    column = "cpu_s" if processor else "time_s"
     try:
         with open(path, newline="", encoding="utf-8") as stream:
             for row in csv.DictReader(line for line in stream if not line.startswith("#")):
-                if row["time_s"] and row["p95_percent"]:
+                if row[column] and row["p95_percent"]:
                     found.append(
                         Point(
                             row["solver"],
                             row["quality"],
                             float(row["sun_elevation_deg"]),
-                            float(row["time_s"]),
+                            float(row[column]),
                             float(row["p95_percent"]),
                             float(row.get("noise_p95_percent") or 0.0),
                         )
@@ -86,10 +87,15 @@ def draw(
     path: Path,
     *,
     title: str = "",
+    faint: Sequence[Sequence[Point]] = (),
+    time_label: str = "time for one sky, set-up included [s]",
     columns: int = 4,
     panel_inches: tuple[float, float] = (2.4, 2.1),
 ) -> bool:
-    """PNG of the marks, log-log; False where there is nothing to draw and no file is written."""
+    """PNG of the marks, log-log; False where there is nothing to draw and no file is written.
+
+    `faint` are further sets of marks (other scenes, say) of which only the lines are drawn, pale, behind the first.
+    """
     marks = [m for m in marks if m.time_s > 0]
     if not marks:
         return False
@@ -114,12 +120,14 @@ def draw(
         )
         solvers = list(dict.fromkeys(m.solver for m in marks))
         for axes, sun in zip(grid.flat, suns, strict=False):
+            for others in faint:
+                _lines(axes, [m for m in others if m.sun_elevation_deg == sun], solvers, linewidth=1.0, alpha=0.3)
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
             axes.set_title(f"sun {sun:+g}°".replace("-", "−"), fontsize=11, loc="left")
         for axes in grid.flat[len(suns) :]:
             axes.set_visible(False)
         _limits(grid[0, 0], marks)
-        figure.supxlabel("time for one sky, set-up included [s]", fontsize=11)
+        figure.supxlabel(time_label, fontsize=11)
         figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=11)
         _heading(figure, solvers, title)
         try:
@@ -137,12 +145,11 @@ def _panel(axes: Any, marks: Sequence[Point], solvers: Sequence[str]) -> None:
     noise = [m.noise_percent for m in marks if m.noise_percent > 0]
     if noise:
         axes.axhspan(1e-6, 0.5 * max(noise), color="0.93", linewidth=0)
+    _lines(axes, marks, solvers, linewidth=1.6)
     for solver in solvers:
         style = {"color": COLOURS[solvers.index(solver) % len(COLOURS)]}
         marker = MARKERS[solvers.index(solver) % len(MARKERS)]
         own = [m for m in marks if m.solver == solver]
-        rungs = sorted((m for m in own if m.quality in LADDER), key=lambda m: LADDER.index(m.quality))
-        axes.plot([m.time_s for m in rungs], [m.drawn_percent for m in rungs], linewidth=1.6, **style)
         for m in own:
             fill = style["color"] if m.resolved and m.quality in LADDER else "white"
             axes.plot(
@@ -153,6 +160,13 @@ def _panel(axes: Any, marks: Sequence[Point], solvers: Sequence[str]) -> None:
                 axes.annotate(
                     text, (m.time_s, m.drawn_percent), (5, -3), textcoords="offset points", fontsize=8, **style
                 )
+
+
+def _lines(axes: Any, marks: Sequence[Point], solvers: Sequence[str], **style: Any) -> None:
+    for i, solver in enumerate(solvers):
+        rungs = [m for m in marks if m.solver == solver and m.quality in LADDER]
+        rungs.sort(key=lambda m: LADDER.index(m.quality))
+        axes.plot([m.time_s for m in rungs], [m.drawn_percent for m in rungs], color=COLOURS[i % len(COLOURS)], **style)
 
 
 def _limits(axes: Any, marks: Sequence[Point]) -> None:

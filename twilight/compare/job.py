@@ -92,6 +92,7 @@ class Timing:
 
     set_up: what does not depend on the sun; sky: one sky of `directions` directions.  Processor time is that of all
     threads, and hardly depends on what else the machine does.
+    before_mib: with the air ready, before the solver is first called.
     compiled_s: machine code made before the runs, in a process of its own.
     """
 

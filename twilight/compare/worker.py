@@ -92,6 +92,7 @@ class _Execution:
         wavelength_nm = wavelengths_of(self.config)
         medium = climate_medium(self.config.climate, wavelength_nm)
         clock = _CompilationClock()
+        self.before_mib = _peak_mib()
         self._warm_up(medium)
         if clock.seconds > 0.0:
             self.send({"compiled_s": clock.seconds})
@@ -134,7 +135,6 @@ class _Execution:
         begun = time.perf_counter()
         set_up = _Clocks()
         skies = {sun: _Clocks() for sun in self.timed}
-        before = _peak_mib()
         while not set_up.wall_s or (
             len(set_up.wall_s) < self.message["repeats"]
             and time.perf_counter() - begun < self.message["repeat_budget_s"]
@@ -158,7 +158,7 @@ class _Execution:
                 except TwilightError as error:
                     self._fail(sun, error)
                     continue
-                self._send_timing(sun, set_up, skies[sun], self._counted(made, directions), before)
+                self._send_timing(sun, set_up, skies[sun], self._counted(made, directions))
                 if len(set_up.wall_s) == 1 and _wavelengths(self.directions[sun]) is None:
                     self._send_radiance(made, sun)
             if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
@@ -179,7 +179,7 @@ class _Execution:
         rows, columns = self.config.texture.shape
         return directions[0].size if hasattr(made, "radiance_with_error") else rows * columns
 
-    def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int, before_mib: float) -> None:
+    def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int) -> None:
         import numba
 
         timing = {
@@ -189,7 +189,7 @@ class _Execution:
             "sky_cpu_s": sky.cpu_s,
             "directions": directions,
             "peak_mib": _peak_mib(),
-            "before_mib": before_mib,
+            "before_mib": self.before_mib,
             "threads": numba.get_num_threads(),
             "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
         }

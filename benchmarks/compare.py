@@ -1,0 +1,69 @@
+"""Error against run time of every solver, over four climates and eight suns.
+
+    python benchmarks/compare.py                   runs what is missing and writes benchmarks/compare/*.csv
+    python benchmarks/compare.py urban desert      the same for some climates
+    python benchmarks/compare.py picture           draws docs/error-against-time.png from the tables
+
+For each climate:
+
+    twilight compare configs/compare.yaml --set climate=CLIMATE --reference benchmarks/reference/CLIMATE.csv
+
+with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from twilight.compare.figure import draw, read_points
+from twilight.io.whole import whole_file
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLES = ROOT / "benchmarks" / "compare"
+PEERS = ROOT / "benchmarks" / "compare_peers.csv"
+DRAWN = "continental-average"
+EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie"
+SOLVERS = {
+    DRAWN: "zones,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,preetham,cie",
+    "urban": EVERYWHERE,
+    "desert": EVERYWHERE,
+    "maritime-clean": EVERYWHERE,
+}
+
+
+def run(climate: str) -> None:
+    """Compare on one climate and copy its tables."""
+    folder = ROOT / "out" / f"benchmark-{climate}"
+    command = [
+        *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
+        *("--set", f"climate={climate}", "--reference", f"benchmarks/reference/{climate}.csv"),
+        *("--solvers", SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
+    ]
+    subprocess.run(command, cwd=ROOT, check=True)
+    TABLES.mkdir(exist_ok=True)
+    for name, target in (("compare.csv", f"{climate}.csv"), ("wavelengths.csv", f"{climate}-wavelengths.csv")):
+        with whole_file(TABLES / target) as temporary:
+            shutil.copyfile(folder / name, temporary)
+
+
+def picture() -> None:
+    """One climate in full colour, the others faint behind it."""
+    marks = read_points(TABLES / f"{DRAWN}.csv", processor=True)
+    faint = [read_points(TABLES / f"{c}.csv", processor=True) for c in SOLVERS if (TABLES / f"{c}.csv").exists()]
+    draw(
+        marks,
+        ROOT / "docs" / "error-against-time.png",
+        faint=faint,
+        time_label="processor time of one sky [s]",
+    )
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["picture"]:
+        picture()
+    else:
+        for name in sys.argv[1:] or SOLVERS:
+            run(name)
