@@ -36,13 +36,17 @@ def medium_of(row):
     return slab(depth, albedo, phase)
 
 
-def check(cases, target, seed=3):
-    """z-tests of all radiances of some problems together."""
+SYSTEMATIC = 5e-4
+"""Relative error that is not noise: tables of the beam, and a planet that is not quite flat."""
+
+
+def check(cases, samples, seed=3):
+    """z-tests of all radiances of some problems together; a count fixed in advance, so that errors are known well."""
     value, error, truth = [], [], []
     for case in cases:
         rows = problems()[case]
         mu0, flux, depth = (float(rows[0][k]) for k in ("mu0", "beam_flux", "tau_total"))
-        settings = MonteCarloSettings(target_stderr=target, max_samples=100_000, seed=seed)
+        settings = MonteCarloSettings(target_stderr=None, samples=samples, seed=seed)
         field = prepare(medium_of(rows[0]), settings)
         for tau in sorted({row["tau"] for row in rows}):
             some = [row for row in rows if row["tau"] == tau]
@@ -53,35 +57,36 @@ def check(cases, target, seed=3):
             value += list(result.radiance[:, 0])
             error += list(result.standard_error[:, 0])
             truth += list(radiance / flux)
-    assert_all_agree(np.array(value), np.array(error), np.array(truth))
+    value, error, truth = np.array(value), np.array(error), np.array(truth)
+    assert_all_agree(value, np.hypot(error, SYSTEMATIC * truth), truth)
 
 
 def test_isotropic_and_rayleigh():
-    check([("1", "1"), ("1", "2"), ("2", "1"), ("2", "2")], 0.005)
+    check([("1", "1"), ("1", "2"), ("2", "1"), ("2", "2")], 2000)
 
 
 def test_henyey_greenstein_and_haze():
-    check([("3", "1"), ("4", "1")], 0.02)
+    check([("3", "1"), ("4", "1")], 300)
 
 
 @pytest.mark.slow
 def test_henyey_greenstein_and_haze_closely():
-    check([("3", "1"), ("4", "1"), ("4", "2")], 0.006)
+    check([("3", "1"), ("4", "1"), ("4", "2")], 4000)
 
 
 @pytest.mark.slow
 def test_haze_slanted_beam():
-    check([("4", "3")], 0.01)
+    check([("4", "3")], 2000)
 
 
 @pytest.mark.slow
 def test_thick():
-    check([("2", "3"), ("2", "4"), ("3", "2")], 0.004)
+    check([("2", "3"), ("2", "4"), ("3", "2")], 4000)
 
 
 @pytest.mark.slow
 def test_very_thick_absorbing():
-    check([("1", "4")], 0.006)
+    check([("1", "4")], 2000)
 
 
 def test_conservative_slab_over_white_ground_returns_all_light():

@@ -1,8 +1,11 @@
 """The medium as the random walk sees it: fine levels to look up, coarse shells to step through, phase tables to sample.
 
 Between the refined levels coefficients go linearly; `medium.refined` places them so that this departs from the medium's
-exponential rule by less than LEVEL_TOLERANCE of a coefficient.  A shell is a run of levels over which Simpson's rule
-integrates the extinction to SHELL_TOLERANCE; no shell contains a jump.
+exponential rule by less than LEVEL_TOLERANCE of a coefficient.  A line is cut in two ways.  Where it is steep, optical
+depth is the integral over altitude of extinction x secant: the secant is a parabola in altitude over a whole *layer*,
+and integrals of extinction x altitude^n are tabulated, whatever the extinction does in between.  Close to the
+horizontal it is cut at *shells*, runs of levels over which Simpson's rule integrates the extinction along the line to
+SHELL_TOLERANCE; no shell contains a jump, and a layer is a whole number of shells.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ from twilight.solvers.montecarlo.kernel import INNER
 
 LEVEL_TOLERANCE = 1e-4
 SHELL_TOLERANCE = 2e-4
+LAYER_KM = 0.8
+LAYER_GROWTH = 0.35
 N_BINS = 4096
 N_SAMPLING = 1024
 N_SMOOTH = 128
@@ -33,7 +38,11 @@ class Air(NamedTuple):
         per_km (N - 1,): 1 / thickness between levels.
     table (W, N, 2 + C) [km^-1]: extinction of diffuse light; scattering at an event of order two and above; scattering
         of the direct beam by each species.
+    moment (W, N, 3): integrals from the ground to a level of extinction x h^n, n = 0, 1, 2, h the height above ground.
+    refractivity (W, N): n - 1.
     shell_km (M + 1,); shell_first, shell_last (M,): levels at the two ends of a shell.
+    layer_km (Y + 1,); layer_first, layer_last (Y,): the same for layers; layer_of_shell (M,); layer_shell (Y + 1,): the
+        lowest shell of a layer.
     sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant stand-ins for the phase functions, to draw from.
     smooth (W, C, N_SMOOTH): phase functions blurred by SMOOTHING_RAD, over the cosine.
     """
@@ -43,9 +52,16 @@ class Air(NamedTuple):
     bins_per_km: float
     per_km: np.ndarray
     table: np.ndarray
+    moment: np.ndarray
+    refractivity: np.ndarray
     shell_km: np.ndarray
     shell_first: np.ndarray
     shell_last: np.ndarray
+    layer_km: np.ndarray
+    layer_first: np.ndarray
+    layer_last: np.ndarray
+    layer_of_shell: np.ndarray
+    layer_shell: np.ndarray
     phase_kind: np.ndarray
     phase_asymmetry: np.ndarray
     phase_log_table: np.ndarray
@@ -82,6 +98,7 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
     bins_per_km = N_BINS / (z[-1] - z[0])
     starts = z[0] + np.arange(N_BINS + 1) / bins_per_km
     first, last = shells(z, table[:, :, EXTINCTION], event > 0)
+    start = layers(z, first, last, event > 0)
     cdf, density = _sampling_tables(medium)
     return Air(
         np.ascontiguousarray(z),
@@ -89,9 +106,16 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         float(bins_per_km),
         np.ascontiguousarray(1.0 / np.where(np.diff(z) > 0, np.diff(z), 1.0)),
         np.ascontiguousarray(table),
+        moments(z, table[:, :, EXTINCTION]),
+        joined_refractivity(medium, z),
         np.ascontiguousarray(np.append(z[first], z[-1])),
         first,
         last,
+        np.ascontiguousarray(np.append(z[first[start[:-1]]], z[-1])),
+        first[start[:-1]],
+        last[start[1:] - 1],
+        np.repeat(np.arange(start.size - 1), np.diff(start)),
+        start,
         arrays.phase_kind,
         arrays.phase_asymmetry,
         arrays.phase_log_table,
@@ -153,6 +177,50 @@ def shells(altitude_km, extinction, scatters, tolerance: float = SHELL_TOLERANCE
         last.append(b)
         a = b
     return np.array(first, dtype=np.int64), np.array(last, dtype=np.int64)
+
+
+def layers(altitude_km, first, last, scatters) -> np.ndarray:
+    """First shell of every layer, and the number of shells: LAYER_KM thick at the ground and thicker above.
+
+    Like a shell, a layer holds scattering (N, W) throughout or nowhere.
+    """
+    z = altitude_km
+    pattern = scatters[:-1] | scatters[1:]
+    thin = min(LAYER_KM, 0.2 * (z[-1] - z[0]))
+    start = [0]
+    for k in range(1, first.size):
+        a = first[start[-1]]
+        width = z[last[k]] - z[a]
+        if width > max(thin, LAYER_GROWTH * (z[a] - z[0])) or np.any(pattern[first[k]] != pattern[a]):
+            start.append(k)
+    return np.array([*start, first.size], dtype=np.int64)
+
+
+def joined_refractivity(medium: Medium, altitude_km) -> np.ndarray:
+    """n - 1, (W, N): exponential between the levels of the medium, a jump of the index joined at the mean of its sides.
+
+    At a jump all rays close to the horizontal would be reflected, which is a property of layers and not of air.
+    """
+    z, place = np.unique(medium.altitude_km, return_inverse=True)
+    count = np.bincount(place)
+    out = []
+    for column in medium.refractivity.T:
+        mean = np.bincount(place, column) / count
+        floor = 1e-6 * max(float(mean.max()), 1e-300)
+        out.append(np.exp(np.interp(altitude_km, z, np.log(np.maximum(mean, floor)))) if mean.max() > 0 else 0.0 * altitude_km)
+    return np.ascontiguousarray(out)
+
+
+def moments(altitude_km, extinction) -> np.ndarray:
+    """Integrals (W, N, 3) from the ground to every level of extinction (W, N) x h^n, h above the ground, n = 0, 1, 2."""
+    h = altitude_km - altitude_km[0]
+    d = np.diff(h)
+    lower, slope = extinction[:, :-1], np.diff(extinction, axis=1)
+    m0 = d * (lower + slope / 2)
+    m1 = d**2 * (lower / 2 + slope / 3)
+    m2 = d**3 * (lower / 3 + slope / 4)
+    steps = np.stack([m0, m1 + h[:-1] * m0, m2 + 2 * h[:-1] * m1 + h[:-1] ** 2 * m0], axis=-1)
+    return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
 
 
 def sampling_cosines() -> np.ndarray:
@@ -220,6 +288,25 @@ def locate(air, z, first, last):
 def interpolate(air, w, i, f, column):
     """One coefficient of the table [km^-1]."""
     return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
+
+
+@njit(inline="always", **INNER)
+def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
+    """Integral from the ground of extinction x (c0 + c1 h + c2 h^2) to the fraction f of the way above level i.
+
+    table, moment: of one wavelength; h [km]: height of level i above the ground; d [km]: distance to the next level.
+    """
+    y = f * d
+    lower = table[i, EXTINCTION]
+    slope = (table[i + 1, EXTINCTION] - lower) * f
+    m0 = y * (lower + slope * 0.5)
+    m1 = y * y * (lower * 0.5 + slope * (1.0 / 3.0))
+    m2 = y * y * y * (lower * (1.0 / 3.0) + slope * 0.25)
+    return (
+        c0 * (moment[i, 0] + m0)
+        + c1 * (moment[i, 1] + m1 + h * m0)
+        + c2 * (moment[i, 2] + m2 + h * (2.0 * m1 + h * m0))
+    )
 
 
 @njit(**INNER)

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from twilight.solvers.montecarlo.air import Air
+from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import (
     BUFFER_COLUMNS,
@@ -35,6 +35,7 @@ from twilight.solvers.montecarlo.steering import (
     altitude_index,
     altitudes,
     empty_steering,
+    source_directions,
     sun_index,
 )
 from twilight.threads import in_slices
@@ -58,20 +59,35 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
         in_slices(partial(_system, air, sun, steering, w, z, source, kernel), n)
         light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
         floor = math.exp(DARK)
-        steering.log_light[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun)
+        steering.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun, 1)
         steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
+        phase = _source_phase(air, steering, w, z)
         for _ in range(sweeps):
             radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
             in_slices(partial(_sweep, air, sun, steering, w, z, radiance), n)
-            _store(steering, w, radiance)
+            _store(steering, w, phase, radiance)
     return steering
 
 
-def _store(steering: Steering, w: int, radiance: np.ndarray) -> None:
+def _source_phase(air: Air, steering: Steering, w: int, altitude_km: np.ndarray) -> np.ndarray:
+    """Mean blurred phase function (A, N_SOURCE, D) between the directions of the source and those of the light."""
+    cosine = np.einsum("sk,adk->asd", source_directions(), steering.centre)
+    cell = np.clip((0.5 * N_SMOOTH * (cosine + 1.0)).astype(int), 0, N_SMOOTH - 1)
+    if air.isotropic_events:
+        return np.full(cosine.shape, 0.25 / np.pi)
+    beta = np.stack([np.interp(altitude_km, air.level_km, b) for b in air.table[w, :, SPECIES:].T], axis=-1)
+    total = beta.sum(axis=-1, keepdims=True)
+    beta = np.where(total > 0, beta / np.where(total > 0, total, 1.0), 1.0 / beta.shape[1])
+    return np.stack([(b @ air.smooth[w])[c] for b, c in zip(beta, cell, strict=True)])
+
+
+def _store(steering: Steering, w: int, phase: np.ndarray, radiance: np.ndarray) -> None:
     weighted = radiance * steering.solid_angle[:, None, :]
     total = weighted.sum(axis=-1)
     floor = math.exp(DARK)
-    steering.log_light[w] = np.log(np.maximum(total / (4 * np.pi), floor))
+    steering.log_mean[w] = np.log(np.maximum(total / (4 * np.pi), floor))
+    source = np.einsum("asd,azd->azs", phase, weighted)
+    steering.log_source[w] = np.log(np.maximum(source, floor))
     down = (weighted[0] * np.maximum(steering.centre[0, :, 2], 0.0)).sum(axis=-1)
     steering.log_ground[w] = np.log(np.maximum(down, floor))
     steering.log_radiance[w] = np.log(np.maximum(radiance, floor))

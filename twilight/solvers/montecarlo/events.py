@@ -7,11 +7,13 @@ import math
 from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
-from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, SPECIES, interpolate, locate
+from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, SPECIES, interpolate, locate, weighted_depth
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import (
+    BASE,
     DEPTH,
     FIRST,
+    IN_SHELL,
     LAST,
     LENGTH,
     LOWER,
@@ -29,10 +31,15 @@ from twilight.solvers.montecarlo.steering import (
     cell_solid_angle,
     draw_from,
     horizon_sine,
+    log_light_from,
     nearest_node,
     sampling_cell,
     weigh_cells,
 )
+
+
+DEFENCE = 0.05
+"""Share of the mean light that a direction counts as having at least, so that no weight can grow beyond bounds."""
 
 
 @njit(**INNER)
@@ -87,11 +94,20 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
 
 
 @njit(**INNER)
-def event_weight(air, w, pieces, k, t, z, i, f):
+def event_weight(air, w, pieces, k, t, i, f):
     """Transmittance x scattering x length of a piece, at its fraction t: the weight but for the probability."""
     length = pieces[k, LENGTH]
-    depth = pieces[k, DEPTH] + depth_within(pieces[k, LOWER], pieces[k, MIDDLE], pieces[k, UPPER], length, t)
-    return length * math.exp(-depth) * interpolate(air, w, i, f, EVENT)
+    lower = pieces[k, LOWER]
+    middle = pieces[k, MIDDLE]
+    upper = pieces[k, UPPER]
+    base = pieces[k, BASE]
+    if base == IN_SHELL:
+        within = depth_within(lower, middle, upper, length, t)
+    else:
+        h = air.level_km[i] - air.shell_km[0]
+        d = 1.0 / air.per_km[i]
+        within = abs(weighted_depth(air.table[w], air.moment[w], h, d, i, f, lower, middle, upper) - base)
+    return length * math.exp(-pieces[k, DEPTH] - within) * interpolate(air, w, i, f, EVENT)
 
 
 @njit(**INNER)
@@ -202,75 +218,92 @@ def local_frame(px, py, pz, sx, sy, sz, frame):
 
 @njit(**INNER)
 def choose_direction(
-    air,
-    steering,
-    w,
-    z,
-    cos_sun,
-    i,
-    f,
-    on_ground,
-    frame,
-    dx,
-    dy,
-    dz,
-    table_fraction,
-    cumulative,
-    blurred,
-    u,
-    stream,
-    new,
-):
-    """Draw the next leg's direction into `new`; returns (p / probability density, cell of directions).
+    air, steering, w, z, cos_sun, i, f, on_ground, frame, dx, dy, dz, table_fraction, n_candidates,
+    cumulative, blurred, u, stream, trial, new,
+):  # fmt: skip
+    """Draw the next leg's direction into `new`; returns (p / probability density, its cell of directions).
 
-    The density is table_fraction x (tabulated light x blurred phase function) + the rest x (phase function, or the
-    cosine law on the ground); the weight stays below 1 / (1 - table_fraction).  u: three numbers in [0, 1) that decide.
+    Candidates have the density table_fraction x (tabulated light x blurred phase function) + the rest x (phase function,
+    or the cosine law on the ground).  Of n_candidates one is taken in proportion to g / density, where g is the exact
+    phase function x (interpolated light + a share of its mean), and counts mean(g / density) / g instead of 1 / density
+    (Talbot, Cline & Egbert 2005, importance resampling): unbiased whatever the tables say.
+    u: three numbers in [0, 1) that decide the first candidate; trial (3,): work space.
     """
     horizon = horizon_sine(steering, z)
     total = 0.0
+    floor = 1.0
     if table_fraction > 0.0:
         ni, nj = nearest_node(steering, z, cos_sun)
+        floor = DEFENCE * math.exp(steering.log_mean[w, ni, nj])
         vx = frame[0, 0] * dx + frame[0, 1] * dy + frame[0, 2] * dz
         vy = frame[1, 0] * dx + frame[1, 1] * dy + frame[1, 2] * dz
         vz = frame[2, 0] * dx + frame[2, 1] * dy + frame[2, 2] * dz
         total = weigh_cells(steering, air, w, ni, nj, i, f, horizon, vx, vy, vz, on_ground, cumulative, blurred)
     from_table = table_fraction if total > 0.0 else 0.0
-    if u[0] < from_table:
-        cell = draw_from(cumulative, u[0] / from_table * total)
-        row = cell // N_AZIMUTHS
-        g = steering.row_edges[row]
-        # the two sides of the horizon are scaled apart, and a cell lies on one of them
-        scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
-        g += u[1] * (steering.row_edges[row + 1] - g)
-        up = horizon + scale * g
-        a = cell % N_AZIMUTHS
-        psi = steering.azimuth_edges[a]
-        psi += u[2] * (steering.azimuth_edges[a + 1] - psi)
-        level = math.sqrt(max(0.0, 1.0 - up * up))
-        for m in range(3):
-            new[m] = level * math.cos(psi) * frame[0, m] + level * math.sin(psi) * frame[1, m] + up * frame[2, m]
-    elif on_ground:
-        turn(frame[2, 0], frame[2, 1], frame[2, 2], math.sqrt(u[1]), 2.0 * math.pi * u[2], new)
-    else:
-        cosine = draw_cosine(air, w, i, f, u[1], stream)
-        turn(dx, dy, dz, cosine, 2.0 * math.pi * u[2], new)
-    lx = frame[0, 0] * new[0] + frame[0, 1] * new[1] + frame[0, 2] * new[2]
-    ly = frame[1, 0] * new[0] + frame[1, 1] * new[1] + frame[1, 2] * new[2]
-    lz = frame[2, 0] * new[0] + frame[2, 1] * new[1] + frame[2, 2] * new[2]
-    cell = cell_of(steering, horizon, lx, ly, lz)
-    density = 0.0
-    if from_table > 0.0:
-        share = cumulative[cell]
-        if cell > 0:
-            share -= cumulative[cell - 1]
-        density = from_table * share / total / cell_solid_angle(steering, horizon, cell)
-    if on_ground:
-        p = max(0.0, lz) / math.pi
-        density += (1.0 - from_table) * p
-    else:
-        cosine = min(1.0, max(-1.0, dx * new[0] + dy * new[1] + dz * new[2]))
-        p, q = phase_and_density(air, w, i, f, cosine)
-        density += (1.0 - from_table) * q
-    if p <= 0.0 or density <= 0.0:
-        return 0.0, cell
-    return p / density, cell
+    if from_table == 0.0:
+        n_candidates = 1
+    sum_weights = 0.0
+    taken = -1
+    ratio = 0.0
+    for candidate in range(n_candidates):
+        x = u[0] if candidate == 0 else uniform(stream)
+        a = u[1] if candidate == 0 else uniform(stream)
+        b = u[2] if candidate == 0 else uniform(stream)
+        if x < from_table:
+            cell = draw_from(cumulative, x / from_table * total)
+            row = cell // N_AZIMUTHS
+            g = steering.row_edges[row]
+            # the two sides of the horizon are scaled apart, and a cell lies on one of them
+            scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
+            g += a * (steering.row_edges[row + 1] - g)
+            up = horizon + scale * g
+            k = cell % N_AZIMUTHS
+            psi = steering.azimuth_edges[k]
+            psi += b * (steering.azimuth_edges[k + 1] - psi)
+            level = math.sqrt(max(0.0, 1.0 - up * up))
+            cos_psi = level * math.cos(psi)
+            sin_psi = level * math.sin(psi)
+            for m in range(3):
+                trial[m] = cos_psi * frame[0, m] + sin_psi * frame[1, m] + up * frame[2, m]
+        else:
+            if on_ground:
+                turn(frame[2, 0], frame[2, 1], frame[2, 2], math.sqrt(a), 2.0 * math.pi * b, trial)
+            else:
+                cosine = draw_cosine(air, w, i, f, a, stream)
+                turn(dx, dy, dz, cosine, 2.0 * math.pi * b, trial)
+            lx = frame[0, 0] * trial[0] + frame[0, 1] * trial[1] + frame[0, 2] * trial[2]
+            ly = frame[1, 0] * trial[0] + frame[1, 1] * trial[1] + frame[1, 2] * trial[2]
+            up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
+            cell = cell_of(steering, horizon, lx, ly, up)
+        density = 0.0
+        if from_table > 0.0:
+            share = cumulative[cell]
+            if cell > 0:
+                share -= cumulative[cell - 1]
+            density = from_table * share / total / cell_solid_angle(steering, horizon, cell)
+        if on_ground:
+            p = max(0.0, up) / math.pi
+            density += (1.0 - from_table) * p
+        else:
+            cosine = min(1.0, max(-1.0, dx * trial[0] + dy * trial[1] + dz * trial[2]))
+            p, q = phase_and_density(air, w, i, f, cosine)
+            density += (1.0 - from_table) * q
+        if p <= 0.0 or density <= 0.0:
+            continue
+        if n_candidates == 1:
+            taken = cell
+            ratio = p / density
+            for m in range(3):
+                new[m] = trial[m]
+            break
+        light = floor + math.exp(log_light_from(steering, w, z, cos_sun, cell))
+        weight = p * light / density
+        sum_weights += weight
+        if uniform(stream) * sum_weights < weight:
+            taken = cell
+            ratio = 1.0 / light
+            for m in range(3):
+                new[m] = trial[m]
+    if n_candidates > 1:
+        ratio *= sum_weights / n_candidates
+    return ratio, taken

@@ -230,9 +230,11 @@ class _Run:
         limits = np.zeros(pixel.size, dtype=np.int64)
         wavelength_key = np.round(1000.0 * field.medium.wavelength_nm).astype(np.uint64)
 
+        walk = self.settings.walk(field.medium.has_refraction)
+
         def work(first: int, end: int) -> None:
             run_chunks(
-                field.air, field.sight, field.sun, field.steering, self.settings.walk, np.uint64(self.settings.seed),
+                field.air, field.sight, field.sun, field.steering, walk, np.uint64(self.settings.seed),
                 pixels.key, wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth,
                 field.observer_altitude_km,
                 pixel, wavelength, chunk, samples, first, end, sums, squares, limits,

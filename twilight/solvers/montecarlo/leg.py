@@ -1,8 +1,9 @@
 """One straight leg of a path: cut into pieces, single scattering gathered on the way, weights for the next event.
 
 A leg starts at a point and runs against the light until it leaves the air or meets the ground.  Every piece lies in one
-shell, so its extinction is a parabola in the distance (Simpson).  One point per piece, drawn uniformly, carries the
-sunlight scattered there towards the start of the leg, so the estimate is unbiased whatever the length of the pieces.
+layer or, close to the horizontal, in one shell; see :mod:`twilight.solvers.montecarlo.air` for how its optical depth
+follows.  One point per piece, drawn uniformly, carries the sunlight scattered there towards the start of the leg, so
+the estimate is unbiased whatever the length of the pieces.
 """
 
 from __future__ import annotations
@@ -13,21 +14,24 @@ from typing import NamedTuple
 from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
-from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate_level, shell_of
+from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate_level, shell_of, weighted_depth
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.random import uniform
-from twilight.solvers.montecarlo.steering import log_ground_light, log_mean_light
+from twilight.solvers.montecarlo.steering import log_ground_light, log_source_light
 from twilight.solvers.montecarlo.suntable import BLACK, SunTable, quick_sun
 from twilight.transport.beam import Beam, beam_at_one
 
 # columns of the buffer that holds the pieces of a leg; a piece is one row, which keeps it in one or two cache lines
-START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, FIRST, LAST, STEERED, PLAIN = range(10)
-BUFFER_COLUMNS = 10
+START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, BASE, FIRST, LAST, STEERED, PLAIN = range(11)
+BUFFER_COLUMNS = 11
+IN_SHELL = -1.0
+"""In BASE: the piece lies in a shell, LOWER, MIDDLE, UPPER are extinctions; else they are c0, c1, c2 of the secant."""
 BUFFER_PIECES = 4096
 OPAQUE_DEPTH = 60.0
 REFERENCE_RADIUS_KM = 6371.0
 BENDING_STEP_RAD = 0.01
-RISE = 0.15
+SMOOTH = 0.2
+"""A secant counts as a parabola where the square of the cosine changes by less than this from the middle of a layer."""
 
 
 @njit(inline="always", **INNER)
@@ -67,12 +71,6 @@ def depth_within(lower, middle, upper, length, f):
         * f
         * (lower + f * (0.5 * (4.0 * middle - 3.0 * lower - upper) + f * (2.0 / 3.0) * (lower + upper - 2.0 * middle)))
     )
-
-
-@njit(inline="always", **INNER)
-def extinction_within(lower, middle, upper, f):
-    """Extinction [km^-1] at the fraction f of a piece."""
-    return lower + f * (4.0 * middle - 3.0 * lower - upper + 2.0 * f * (lower + upper - 2.0 * middle))
 
 
 class Sun(NamedTuple):
@@ -161,21 +159,23 @@ def trace(
     bins_per_km = air.bins_per_km
     per_km = air.per_km
     table = air.table[w]
+    moment = air.moment[w]
     shell_km = air.shell_km
     shell_first = air.shell_first
     shell_last = air.shell_last
+    layer_km = air.layer_km
     earth_radius = air.earth_radius_km
     edge_km = sun.table.edge_km[w]
     high = sun.table.high[w]
     low = sun.table.low[w]
-    log_light = steering.log_light[w]
+    source = steering.log_source[w]
     nodes = steering.cos_sun
     hint = steering.hint
     check_rate = sun.check_rate
     bottom = shell_km[0]
     n_shells = shell_first.size
     top = shell_km[n_shells]
-    thickness = top - bottom
+    per_depth = 1.0 / (top - bottom)
     r = math.sqrt(px * px + py * py + pz * pz)
     z = r - earth_radius
     mu = (px * dx + py * dy + pz * dz) / r
@@ -193,8 +193,10 @@ def trace(
             s = distance_down(z, r, mu, top)
             if s < 0.0:
                 return 0
+        z_enter = top
     else:
-        z = max(z, shell_km[0])
+        z = max(z, bottom)
+        z_enter = z
         k = shell_of(air, z)
         if mu < 0.0 and z <= shell_km[k] and k > 0:
             k -= 1
@@ -203,7 +205,6 @@ def trace(
     cos_sun_slope = dx * sx + dy * sy + dz * sz
     s_lowest = -r * mu
     falling = mu < 0.0
-    lowest = False
     n_species = air.table.shape[2] - SPECIES
     for c in range(n_species):
         for m in range(2):
@@ -217,83 +218,129 @@ def trace(
     steered = 0.0
     plain = 0.0
     while True:
-        # end of the stretch inside shell k
+        # a whole layer where the secant is smooth over it, else one shell
         lands = False
-        if falling:
-            end = distance_down(z, r, mu, shell_km[k])
-            if end < 0.0:
-                end = s_lowest
-                next_k = k
-                still_falling = False
-            else:
-                next_k = k - 1
-                still_falling = True
-                lands = next_k < 0
+        layer = air.layer_of_shell[k]
+        u = abs(s - s_lowest)
+        r_enter = earth_radius + z_enter
+        smooth = False
+        z_leave = layer_km[layer] if falling else layer_km[layer + 1]
+        rise = z_leave - z_enter
+        uu = u * u + rise * (rise + 2.0 * r_enter)
+        if abs(rise) > 1e-9 and uu > 0.0:
+            mid_uu = 0.5 * (u * u + uu)
+            smooth = abs(rise) * r_enter < SMOOTH * mid_uu
+        if smooth:
+            u_leave = math.sqrt(uu)
+            end = s + abs(u_leave - u)
+            first = air.layer_first[layer]
+            last = air.layer_last[layer]
+            next_k = air.layer_shell[layer] - 1 if falling else air.layer_shell[layer + 1]
+            still_falling = falling
+            lands = next_k < 0
         else:
-            end = distance_up(z, r, mu, shell_km[k + 1])
-            next_k = k + 1
-            still_falling = False
-        if end > s:
             first = shell_first[k]
             last = shell_last[k]
-            stretch = end - s
-            z_enter = altitude_at(z, r, mu, s)
-            if n == 0 or lowest:
-                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_enter, first, last)
-                upper = column(table, i, f, EXTINCTION)
+            next_k = k + 1
+            still_falling = False
+            if falling:
+                z_leave = shell_km[k]
+                end = distance_down(z, r, mu, z_leave)
+                if end < 0.0:
+                    end = s_lowest
+                    z_leave = altitude_at(z, r, mu, end)
+                    next_k = k
+                else:
+                    next_k = k - 1
+                    still_falling = True
+                    lands = next_k < 0
             else:
-                upper = table[last if falling else first, EXTINCTION]
-            # extinction and altitude where the line leaves the shell, or at its lowest point
-            if falling and not still_falling:
-                z_leave = altitude_at(z, r, mu, end)
+                z_leave = shell_km[k + 1]
+                end = distance_up(z, r, mu, z_leave)
+        if end > s:
+            stretch = end - s
+            lower = 0.0
+            middle = 0.0
+            upper = 0.0
+            base = IN_SHELL
+            if smooth:
+                z_middle = 0.5 * (z_enter + z_leave)
+                f0 = r_enter / u
+                f1 = (earth_radius + z_middle) / math.sqrt(
+                    u * u + (z_middle - z_enter) * (z_middle - z_enter + 2.0 * r_enter)
+                )
+                f2 = (earth_radius + z_leave) / u_leave
+                h = z_enter - bottom
+                upper = 2.0 * (f0 + f2 - 2.0 * f1) / (rise * rise)
+                slope = (4.0 * f1 - 3.0 * f0 - f2) / rise
+                middle = slope - 2.0 * upper * h
+                lower = f0 - slope * h + upper * h * h
+                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_enter, first, last)
+                base = weighted_depth(table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper)
+                i = first if falling else last
+                final = lower * moment[i, 0] + middle * moment[i, 1] + upper * moment[i, 2]
+                dense = abs(final - base)
+            else:
+                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_enter, first, last)
+                after = column(table, i, f, EXTINCTION)
                 i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_leave, first, last)
                 leave = column(table, i, f, EXTINCTION)
-                lowest = True
-            else:
-                z_leave = shell_km[k if falling else k + 1]
-                leave = table[first if falling else last, EXTINCTION]
-                lowest = False
-            i, f = locate_level(
-                levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, s + 0.5 * stretch), first, last
-            )
-            middle = column(table, i, f, EXTINCTION)
-            parts = math.ceil(
-                max(
-                    stretch / longest,
-                    stretch * max(upper, middle, leave) / max_depth,
-                    abs(z_leave - z_enter) / (RISE * longest),
+                i, f = locate_level(
+                    levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, s + 0.5 * stretch), first, last
                 )
-            )
-            parts = max(1, min(parts, 100000))
+                middle = column(table, i, f, EXTINCTION)
+                dense = stretch * max(after, middle, leave)
+            parts = int(max(1.0, min(math.ceil(max(stretch / longest, dense / max_depth)), 100000.0)))
             length = stretch / parts
             for part in range(parts):
                 if n >= pieces.shape[0]:
                     return -1
-                lower = upper
                 start = s + part * length
-                if parts > 1:
-                    i, f = locate_level(
-                        levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + 0.5 * length), first, last
-                    )
-                    middle = column(table, i, f, EXTINCTION)
-                if part == parts - 1:
-                    upper = leave
+                if not smooth:
+                    lower = after
+                    if parts > 1:
+                        i, f = locate_level(
+                            levels, bin_start, bins_per_km, per_km,
+                            altitude_at(z, r, mu, start + 0.5 * length), first, last,
+                        )  # fmt: skip
+                        middle = column(table, i, f, EXTINCTION)
+                    if part == parts - 1:
+                        upper = leave
+                    else:
+                        i, f = locate_level(
+                            levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + length), first, last
+                        )
+                        upper = column(table, i, f, EXTINCTION)
+                    after = upper
+                    through = length * (lower + 4.0 * middle + upper) / 6.0
+                elif part == parts - 1:
+                    after = final
+                    through = abs(after - base)
                 else:
                     i, f = locate_level(
                         levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + length), first, last
                     )
-                    upper = column(table, i, f, EXTINCTION)
+                    after = weighted_depth(
+                        table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper
+                    )
+                    through = abs(after - base)
                 t = uniform(stream) if jitter > 0 else 0.5
                 here = start + t * length
                 zp = altitude_at(z, r, mu, here)
-                radius = earth_radius + zp
-                mu_sun = min(1.0, max(-1.0, (cos_sun_start + here * cos_sun_slope) / radius))
+                mu_sun = min(1.0, max(-1.0, (cos_sun_start + here * cos_sun_slope) / (earth_radius + zp)))
                 i, f = locate_level(levels, bin_start, bins_per_km, per_km, zp, first, last)
-                depth_here = depth + depth_within(lower, middle, upper, length, t)
-                weight = length * math.exp(-depth_here)
                 scattering = column(table, i, f, EVENT)
                 if scattering > 0.0:
-                    light, bending = quick_sun(edge_km, high, low, bottom, thickness, earth_radius, zp, mu_sun)
+                    if smooth:
+                        within = abs(
+                            weighted_depth(table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper)
+                            - base
+                        )
+                    else:
+                        within = depth_within(lower, middle, upper, length, t)
+                    weight = length * math.exp(-depth - within)
+                    root = math.sqrt(max(0.0, (zp - bottom) * per_depth))
+                    light, bending = quick_sun(edge_km, high, low, earth_radius, zp, root, mu_sun)
                     quick = 0.0
                     if light > BLACK:
                         for c in range(n_species):
@@ -307,34 +354,40 @@ def trace(
                         quick += (exact - quick) / check_rate
                     out[0] += weight * quick
                     plain += weight * scattering
+                    up = (here - s_lowest) / (earth_radius + zp)
                     steered += (
                         weight
                         * scattering
-                        * math.exp(log_mean_light(log_light, nodes, hint, bottom, thickness, zp, mu_sun))
+                        * math.exp(log_source_light(source, nodes, hint, root, mu_sun, up, cos_sun_slope))
                     )
-                pieces[n, START] = start
-                pieces[n, LENGTH] = length
-                pieces[n, DEPTH] = depth
-                pieces[n, LOWER] = lower
-                pieces[n, MIDDLE] = middle
-                pieces[n, UPPER] = upper
-                pieces[n, FIRST] = first
-                pieces[n, LAST] = last
-                pieces[n, STEERED] = steered
-                pieces[n, PLAIN] = plain
-                depth += length * (lower + 4.0 * middle + upper) / 6.0
+                row = pieces[n]
+                row[START] = start
+                row[LENGTH] = length
+                row[DEPTH] = depth
+                row[LOWER] = lower
+                row[MIDDLE] = middle
+                row[UPPER] = upper
+                row[BASE] = base
+                row[FIRST] = first
+                row[LAST] = last
+                row[STEERED] = steered
+                row[PLAIN] = plain
+                depth += through
+                if smooth:
+                    base = after
                 n += 1
                 if depth > OPAQUE_DEPTH:
                     out[3] = 0.0
                     return n
             s = end
+        z_enter = z_leave
         if lands:
             transmittance = math.exp(-depth)
             out[2] = end
             out[3] = transmittance
             albedo = air.ground_albedo[w]
             if albedo > 0.0:
-                mu_sun = (cos_sun_start + end * cos_sun_slope) / (earth_radius + shell_km[0])
+                mu_sun = (cos_sun_start + end * cos_sun_slope) / (earth_radius + bottom)
                 mu_sun = min(1.0, max(-1.0, mu_sun))
                 reflected = transmittance * albedo / math.pi
                 out[1] = reflected * ground_sunlight(air, sun.beam, w, mu_sun)

@@ -25,6 +25,8 @@ class MonteCarloSettings:
         isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third
         Legendre moment.
     refraction, spreading: bend the direct beam; let bending thin it out.
+    bent_lines_of_sight: directions asked for are apparent ones, and the first leg follows the refracted ray; later legs
+        are straight.  It needs `refraction` (without it lines are straight).
     seed: any integer; chunk_samples: samples per random stream; both change the noise.
     pilot_samples: samples of each of two arms from which the other arm's count is set.
     """
@@ -37,16 +39,20 @@ class MonteCarloSettings:
     approximation: str = "none"
     refraction: bool = True
     spreading: bool = True
+    bent_lines_of_sight: bool = True
     seed: int = 1
     chunk_samples: int = 256
     pilot_samples: int = 8
     # steering
     sub_paths: int = 8
-    steering_sweeps: int = 1
+    steering_sweeps: int = 3
     steered_fraction: float = 0.95
     table_fraction: float = 0.9
+    candidates: int = 6
     roulette: float = 0.3
-    first_length_km: float = 15.0
+    continuation: float = 1.0
+    coarse_control: bool = True
+    first_length_km: float = 10.0
     first_depth: float = 0.2
     later_length_km: float = 40.0
     later_depth: float = 0.7
@@ -66,7 +72,9 @@ class MonteCarloSettings:
             "steering_sweeps": (0, 50),
             "steered_fraction": (0.0, 0.99),
             "table_fraction": (0.0, 0.99),
+            "candidates": (1, 1000),
             "roulette": (0.0, 100.0),
+            "continuation": (0.01, 100.0),
             "first_length_km": (0.1, 1000.0),
             "first_depth": (0.01, 1.0),
             "later_length_km": (0.1, 1000.0),
@@ -82,9 +90,8 @@ class MonteCarloSettings:
                 f"montecarlo setting approximation must be one of {', '.join(APPROXIMATIONS)}, not {self.approximation}"
             )
 
-    @property
-    def walk(self) -> Walk:
-        """The part that kernels take."""
+    def walk(self, has_refraction: bool) -> Walk:
+        """The part that kernels take, in air with or without refraction."""
         return Walk(
             self.first_length_km,
             self.first_depth,
@@ -93,7 +100,11 @@ class MonteCarloSettings:
             self.sub_paths,
             self.steered_fraction,
             self.table_fraction,
+            self.candidates,
             self.roulette,
+            self.continuation,
+            self.coarse_control and self.max_orders is None and self.steering_sweeps > 0,
+            has_refraction and self.refraction and self.bent_lines_of_sight,
             NO_CUT if self.max_orders is None else self.max_orders,
         )
 

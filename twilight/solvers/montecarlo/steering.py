@@ -17,6 +17,9 @@ from twilight.solvers.montecarlo.kernel import INNER
 
 N_ALTITUDES = 20
 N_HINTS = 4096
+N_SOURCE_ROWS = 12
+N_SOURCE_AZIMUTHS = 10
+N_SOURCE = N_SOURCE_ROWS * N_SOURCE_AZIMUTHS
 DARK = -80.0
 SUN_ZENITH_DEG = np.concatenate(
     [
@@ -38,8 +41,10 @@ N_DIRECTIONS = (ABOVE_HORIZON_DEG.size - 1) * N_AZIMUTHS
 class Steering(NamedTuple):
     """Tables over A altitudes, Z cosines of the local solar zenith angle, D directions of the local sky.
 
-    log_light (W, A, Z): logarithm of the mean diffuse radiance [sr^-1]; log_ground (W, Z): of the diffuse downward
-    irradiance at the ground; log_radiance (W, A, Z, D): of the diffuse radiance; share (W, A, Z, D): radiance times
+    log_mean (W, A, Z): logarithm of the mean diffuse radiance [sr^-1].
+    log_source (W, A, Z, N_SOURCE): logarithm of the diffuse light that an event scatters per unit of scattering [sr^-1],
+    over directions in cells uniform in the sine of the elevation and in the sine of half the azimuth from the sun;
+    log_ground (W, Z): of the diffuse downward irradiance at the ground; log_radiance (W, A, Z, D): of the diffuse radiance; share (W, A, Z, D): radiance times
     solid angle, sums to 1.
 
     Directions are cells of azimuth from the sun and of height above the horizon of the altitude, which is where the
@@ -53,7 +58,8 @@ class Steering(NamedTuple):
     depth_km: float
     cos_sun: np.ndarray
     hint: np.ndarray
-    log_light: np.ndarray
+    log_mean: np.ndarray
+    log_source: np.ndarray
     log_ground: np.ndarray
     log_radiance: np.ndarray
     share: np.ndarray
@@ -88,6 +94,7 @@ def empty_steering(air: Air) -> Steering:
         cos_sun,
         np.clip(np.searchsorted(cos_sun, starts, side="right") - 1, 0, cos_sun.size - 2).astype(np.int64),
         np.full(shape, DARK),
+        np.full((*shape, N_SOURCE), DARK, dtype=np.float32),
         np.full((n_wavelengths, cos_sun.size), DARK),
         np.full((*shape, N_DIRECTIONS), DARK, dtype=np.float32),
         np.broadcast_to((solid_angle / (4 * np.pi)).astype(np.float32)[:, None], (*shape, N_DIRECTIONS)).copy(),
@@ -122,15 +129,34 @@ def sun_index(nodes, hint, cos_sun):
     return j, (cos_sun - nodes[j]) / (nodes[j + 1] - nodes[j])
 
 
-@njit(**INNER)
-def log_mean_light(log_light, nodes, hint, bottom_km, depth_km, z, cos_sun):
-    """Logarithm of the mean diffuse radiance [sr^-1] at a point; log_light of one wavelength."""
-    x = math.sqrt(max(0.0, (z - bottom_km) / depth_km)) * (N_ALTITUDES - 1)
+def source_directions() -> np.ndarray:
+    """Middles (N_SOURCE, 3) of the cells of directions of the source, in the frame (towards the sun, sideways, up)."""
+    up = -1.0 + 2.0 * (np.arange(N_SOURCE_ROWS) + 0.5) / N_SOURCE_ROWS
+    azimuth = 2.0 * np.arcsin((np.arange(N_SOURCE_AZIMUTHS) + 0.5) / N_SOURCE_AZIMUTHS)
+    level = np.sqrt(1.0 - up**2)[:, None]
+    parts = (level * np.cos(azimuth), level * np.sin(azimuth), up[:, None] + 0.0 * azimuth)
+    return np.stack(parts, axis=-1).reshape(N_SOURCE, 3)
+
+
+@njit(inline="always", **INNER)
+def log_source_light(source, nodes, hint, root, mu_sun, up, cos_to_sun):
+    """Logarithm of the diffuse light scattered at a point towards the viewer per unit of scattering [sr^-1].
+
+    source: log_source of one wavelength; root: of the relative altitude; mu_sun, up: cosines to the vertical of the
+    sun and of the direction of view; cos_to_sun: cosine between the two.
+    """
+    x = root * (N_ALTITUDES - 1)
     i = min(int(x), N_ALTITUDES - 2)
     a = min(1.0, x - i)
-    j, b = sun_index(nodes, hint, cos_sun)
-    t = log_light
-    return (t[i, j] * (1 - b) + t[i, j + 1] * b) * (1 - a) + (t[i + 1, j] * (1 - b) + t[i + 1, j + 1] * b) * a
+    j, b = sun_index(nodes, hint, mu_sun)
+    levels = math.sqrt(max(1e-20, (1.0 - up * up) * (1.0 - mu_sun * mu_sun)))
+    half = math.sqrt(min(1.0, max(0.0, 0.5 - 0.5 * (cos_to_sun - up * mu_sun) / levels)))
+    row = min(N_SOURCE_ROWS - 1, max(0, int((up + 1.0) * (0.5 * N_SOURCE_ROWS))))
+    d = row * N_SOURCE_AZIMUTHS + min(N_SOURCE_AZIMUTHS - 1, int(half * N_SOURCE_AZIMUTHS))
+    t = source
+    return (t[i, j, d] * (1 - b) + t[i, j + 1, d] * b) * (1 - a) + (
+        t[i + 1, j, d] * (1 - b) + t[i + 1, j + 1, d] * b
+    ) * a
 
 
 @njit(inline="always", **INNER)

@@ -98,12 +98,13 @@ def lowest_drop(r, cosine):
 
 
 @njit(**INNER)
-def quick_sun(edge_km, high, low, bottom_km, depth_km, radius_km, z, cosine):
+def quick_sun(edge_km, high, low, radius_km, z, root, cosine):
     """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow.
 
+    root: of the altitude above the ground relative to the depth of the air.
     edge_km, high, low: of one wavelength; passed as arrays because this is the innermost loop.
     """
-    x = math.sqrt(max(0.0, (z - bottom_km) / depth_km)) * N_ALTITUDE
+    x = root * N_ALTITUDE
     a = min(int(x), N_ALTITUDE - 1)
     x = min(1.0, x - a)
     if cosine >= 0.0:
