@@ -23,7 +23,6 @@ from twilight.io.whole import whole_file
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "compare"
-PEERS = ROOT / "benchmarks" / "compare_peers.csv"
 DRAWN = "continental-average"
 EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie"
 SOLVERS = {
@@ -52,11 +51,12 @@ def run(climate: str) -> None:
 def picture() -> None:
     """One climate in full colour, the others faint behind it."""
     marks = read_points(TABLES / f"{DRAWN}.csv", processor=True)
-    faint = [read_points(TABLES / f"{c}.csv", processor=True) for c in SOLVERS if (TABLES / f"{c}.csv").exists()]
+    others = [c for c in SOLVERS if c != DRAWN and (TABLES / f"{c}.csv").exists()]
     draw(
         marks,
         ROOT / "docs" / "error-against-time.png",
-        faint=faint,
+        title=f"{DRAWN} air" + (f"; pale: {', '.join(others)}" if others else ""),
+        faint=[read_points(TABLES / f"{c}.csv", processor=True) for c in others],
         time_label="processor time of one sky [s]",
     )
 

@@ -20,7 +20,7 @@ LADDER = ("draft", "standard", "reference")
 """Qualities that a line joins; others stand alone."""
 
 LARGEST_PERCENT = 200.0
-"""Errors beyond this are drawn here, with their value beside them."""
+"""Errors beyond this are drawn here, hollow."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def draw(
     faint: Sequence[Sequence[Point]] = (),
     time_label: str = "time for one sky, set-up included [s]",
     columns: int = 4,
-    panel_inches: tuple[float, float] = (2.4, 2.1),
+    panel_inches: tuple[float, float] = (2.4, 2.5),
 ) -> bool:
     """PNG of the marks, log-log; False where there is nothing to draw and no file is written.
 
@@ -123,7 +123,7 @@ def draw(
             for others in faint:
                 _lines(axes, [m for m in others if m.sun_elevation_deg == sun], solvers, linewidth=1.0, alpha=0.3)
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
-            axes.set_title(f"sun {sun:+g}°".replace("-", "−"), fontsize=11, loc="left")
+            axes.set_title(f"sun {sun:g}°".replace("-", "−"), fontsize=11, loc="left")
         for axes in grid.flat[len(suns) :]:
             axes.set_visible(False)
         _limits(grid[0, 0], marks)
@@ -151,15 +151,11 @@ def _panel(axes: Any, marks: Sequence[Point], solvers: Sequence[str]) -> None:
         marker = MARKERS[solvers.index(solver) % len(MARKERS)]
         own = [m for m in marks if m.solver == solver]
         for m in own:
-            fill = style["color"] if m.resolved and m.quality in LADDER else "white"
+            solid = m.resolved and m.quality in LADDER and m.error_percent <= LARGEST_PERCENT
+            fill = style["color"] if solid else "white"
             axes.plot(
                 m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style
             )
-            if m.error_percent > LARGEST_PERCENT:
-                text = f"↑ {m.error_percent:.0f} %"
-                axes.annotate(
-                    text, (m.time_s, m.drawn_percent), (5, -3), textcoords="offset points", fontsize=8, **style
-                )
 
 
 def _lines(axes: Any, marks: Sequence[Point], solvers: Sequence[str], **style: Any) -> None:
