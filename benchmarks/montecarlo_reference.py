@@ -1,11 +1,16 @@
-"""Referee radiances of two tabulated media: two climates without their aerosol, one with a Henyey-Greenstein one.
+"""Referee radiances: of shipped climates, and of two tabulated media that any code can be run on.
 
-    python benchmarks/montecarlo_reference.py media        writes benchmarks/reference/{pure,hazy}-air.csv
-    python benchmarks/montecarlo_reference.py pure 0.0     appends to benchmarks/reference/pure-air-albedo-0.0.csv
+    python benchmarks/montecarlo_reference.py climate continental-average   appends to reference/continental-average.csv
+    python benchmarks/montecarlo_reference.py climate continental-average unrefracted    ... -unrefracted.csv
+    python benchmarks/montecarlo_reference.py media        writes reference/{pure,hazy}-air.csv
+    python benchmarks/montecarlo_reference.py pure 0.0     appends to reference/pure-air-albedo-0.csv
     python benchmarks/montecarlo_reference.py hazy 0.3     and so on
 
-The media are read back from their tables, so any code can be run on exactly the same air.  Sun-normalised radiances
-[sr^-1] with standard errors, per wavelength, sun and direction, with the first orders apart; an observer on the ground.
+The media are read back from their tables: two climates without their aerosol, one with a Henyey-Greenstein one.
+Climates are built at the three wavelengths, with their Mie phase functions and ground; pure-air is written to
+pure-air-climate.csv.  Sun-normalised radiances [sr^-1] with standard errors, per wavelength, sun and direction, with
+the first orders apart; an observer on the ground; the elevation of a direction is the apparent one (bent lines of
+sight), but in the tables of media and the unrefracted ones lines are straight.  A run goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -13,8 +18,10 @@ from __future__ import annotations
 import csv
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numba
 import numpy as np
 
 HERE = Path(__file__).parent / "reference"
@@ -26,6 +33,20 @@ DIRECTIONS_DEG = (
     (20.0, 0.0),
     (5.0, 180.0),
     (45.0, 90.0),
+    (90.0, 0.0),
+)
+CLIMATE_SUNS_DEG = (0.0, -4.0, 30.0, -6.0, -12.0, 5.0, -9.0, -18.0)
+UNREFRACTED_SUNS_DEG = (0.0, -4.0, 30.0, -6.0, -12.0, 5.0, -9.0, -15.0)
+CLIMATE_DIRECTIONS_DEG = (
+    *((elevation, azimuth) for elevation in (1.0, 2.5, 6.0, 12.0) for azimuth in (0.0, 180.0)),
+    *((elevation, azimuth) for elevation in (20.0, 35.0) for azimuth in (30.0, 105.0, 180.0)),
+    *((8.0, azimuth) for azimuth in (5.0, 50.0, 130.0)),
+    (1.5, 90.0),
+    (27.0, 0.0),
+    (33.0, 8.0),
+    (45.0, 90.0),
+    *((60.0, azimuth) for azimuth in (0.0, 90.0, 180.0)),
+    (75.0, 45.0),
     (90.0, 0.0),
 )
 HEADER = (
@@ -71,23 +92,50 @@ def target(sun_elevation_deg: float) -> float:
     return 0.003 if sun_elevation_deg >= -6.0 else 0.006
 
 
-def compute(name: str, albedo: float) -> None:
-    """Append the suns that the result file does not hold yet."""
+def climate_target(sun_elevation_deg: float) -> float:
+    """0.15 % down to -6 deg, 0.3 % to -12, 0.6 % below."""
+    if sun_elevation_deg >= -6.0:
+        return 0.0015
+    return 0.003 if sun_elevation_deg >= -12.0 else 0.006
+
+
+def compute_table(name: str, albedo: float) -> None:
+    """A tabulated medium."""
     from twilight.atmosphere.table import medium_from_table
-    from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
     medium = medium_from_table(HERE / f"{name}-air.csv", ground_albedo=albedo)
     path = HERE / f"{name}-air-albedo-{albedo:g}.csv"
+    compute(medium, path, SUNS_DEG, DIRECTIONS_DEG, target, bent_lines_of_sight=False)
+
+
+def compute_climate(name: str, refraction: bool) -> None:
+    """A shipped climate, with all refraction or without any."""
+    from twilight.air import climate_medium
+    from twilight.config.load import load_climate
+
+    medium = climate_medium(load_climate(name), np.array(WAVELENGTHS_NM))
+    file = "pure-air-climate" if name == "pure-air" else name
+    path = HERE / (f"{file}.csv" if refraction else f"{file}-unrefracted.csv")
+    suns = CLIMATE_SUNS_DEG if refraction else UNREFRACTED_SUNS_DEG
+    compute(medium, path, suns, CLIMATE_DIRECTIONS_DEG, climate_target, refraction=refraction)
+
+
+def compute(medium, path: Path, suns_deg, directions_deg, target, **change) -> None:
+    """Append the suns that the result file does not hold yet."""
+    from twilight.solvers.montecarlo import MonteCarloSettings, prepare
+
     done = set()
     if path.exists():
         with open(path) as stream:
             done = {float(row["sun_elevation_deg"]) for row in csv.DictReader(stream)}
-    elevation, azimuth = np.array(DIRECTIONS_DEG).T
-    for sun in SUNS_DEG:
+    elevation, azimuth = np.array(directions_deg).T
+    settings = MonteCarloSettings(max_samples=400_000, pilot_samples=64, seed=20, **change)
+    field = prepare(medium, settings)
+    for sun in suns_deg:
         if sun in done:
             continue
         start = time.process_time()
-        field = prepare(medium, MonteCarloSettings(target_stderr=target(sun), max_samples=200_000, seed=20))
+        field = replace(field, settings=replace(settings, target_stderr=target(sun)))
         result = field.radiance_with_error(sun, elevation, azimuth)
         lines = [] if path.exists() else [HEADER]
         for d in range(elevation.size):
@@ -103,7 +151,7 @@ def compute(name: str, albedo: float) -> None:
             stream.write("\n".join(lines) + "\n")
         error = 100 * result.standard_error / result.radiance
         print(
-            f"{name} albedo {albedo:g} sun {sun:5.1f}: error {np.median(error):.2f} % (largest {error.max():.2f} %), "
+            f"{path.stem} sun {sun:5.1f}: error {np.median(error):.2f} % (largest {error.max():.2f} %), "
             f"{time.process_time() - start:.0f} s",
             flush=True,
         )
@@ -112,5 +160,8 @@ def compute(name: str, albedo: float) -> None:
 if __name__ == "__main__":
     if sys.argv[1:] == ["media"]:
         write_media()
+    elif sys.argv[1] == "climate":
+        numba.set_num_threads(1)
+        compute_climate(sys.argv[2], sys.argv[3:] != ["unrefracted"])
     else:
-        compute(sys.argv[1], float(sys.argv[2]))
+        compute_table(sys.argv[1], float(sys.argv[2]))

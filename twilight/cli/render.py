@@ -29,6 +29,9 @@ def render(
     altitude_km: Annotated[float | None, _option("KM", "Altitude of the observer.")] = None,
     solver: Annotated[str | None, _option("NAME", "See `twilight solvers`.")] = None,
     quality: Annotated[str | None, _option("NAME", "Preset of the solver.")] = None,
+    target_stderr: Annotated[
+        float | None, _option("SHARE", "Relative standard error of every pixel, e.g. 0.01; montecarlo only.")
+    ] = None,
     settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     target: Annotated[
         str | None, _option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
@@ -56,11 +59,25 @@ def render(
     for text in settings or ():
         key, value = parse_setting(text)
         chosen[key], names[key] = value, f"--set {key}"
+    if target_stderr is not None:
+        _check_montecarlo(load_series(scene, chosen, names))
+        choose("solver.target_stderr", target_stderr, "--target-stderr")
     cases = load_series(scene, chosen, names)
     if plan:
         _print_plans(cases)
     else:
         _render(cases, scene, output)
+
+
+def _check_montecarlo(cases: list[Any]) -> None:
+    from twilight import solvers
+
+    others = {case.config.solver.get("name", solvers.DEFAULT) for case in cases} - {"montecarlo"}
+    if others:
+        raise TwilightError(
+            f"--target-stderr: only the solver montecarlo stops at a standard error, not {', '.join(sorted(others))}; "
+            "add --solver montecarlo"
+        )
 
 
 def _sun(

@@ -207,12 +207,13 @@ def joined_refractivity(medium: Medium, altitude_km) -> np.ndarray:
     for column in medium.refractivity.T:
         mean = np.bincount(place, column) / count
         floor = 1e-6 * max(float(mean.max()), 1e-300)
-        out.append(np.exp(np.interp(altitude_km, z, np.log(np.maximum(mean, floor)))) if mean.max() > 0 else 0.0 * altitude_km)
+        joined = np.exp(np.interp(altitude_km, z, np.log(np.maximum(mean, floor))))
+        out.append(joined if mean.max() > 0 else np.zeros_like(joined))
     return np.ascontiguousarray(out)
 
 
 def moments(altitude_km, extinction) -> np.ndarray:
-    """Integrals (W, N, 3) from the ground to every level of extinction (W, N) x h^n, h above the ground, n = 0, 1, 2."""
+    """Integrals (W, N, 3) from the ground to every level of extinction (W, N) x h^n, h the height, n = 0, 1, 2."""
     h = altitude_km - altitude_km[0]
     d = np.diff(h)
     lower, slope = extinction[:, :-1], np.diff(extinction, axis=1)

@@ -37,7 +37,6 @@ from twilight.solvers.montecarlo.steering import (
     weigh_cells,
 )
 
-
 DEFENCE = 0.05
 """Share of the mean light that a direction counts as having at least, so that no weight can grow beyond bounds."""
 
@@ -223,10 +222,10 @@ def choose_direction(
 ):  # fmt: skip
     """Draw the next leg's direction into `new`; returns (p / probability density, its cell of directions).
 
-    Candidates have the density table_fraction x (tabulated light x blurred phase function) + the rest x (phase function,
-    or the cosine law on the ground).  Of n_candidates one is taken in proportion to g / density, where g is the exact
-    phase function x (interpolated light + a share of its mean), and counts mean(g / density) / g instead of 1 / density
-    (Talbot, Cline & Egbert 2005, importance resampling): unbiased whatever the tables say.
+    Candidates have the density table_fraction x (tabulated light x blurred phase function) + the rest x (phase
+    function, or the cosine law on the ground).  Of n_candidates one is taken in proportion to g / density, where g is
+    the exact phase function x (interpolated light + a share of its mean), and counts mean(g / density) / g instead of
+    1 / density (importance resampling, Talbot, Cline & Egbert 2005): unbiased whatever the tables say.
     u: three numbers in [0, 1) that decide the first candidate; trial (3,): work space.
     """
     horizon = horizon_sine(steering, z)

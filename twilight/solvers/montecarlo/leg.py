@@ -14,7 +14,15 @@ from typing import NamedTuple
 from numba import njit
 
 from twilight.phase import aerosol_phase, rayleigh_phase
-from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, SPECIES, interpolate, locate_level, shell_of, weighted_depth
+from twilight.solvers.montecarlo.air import (
+    EVENT,
+    EXTINCTION,
+    SPECIES,
+    interpolate,
+    locate_level,
+    shell_of,
+    weighted_depth,
+)
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import log_ground_light, log_source_light
@@ -333,7 +341,9 @@ def trace(
                 if scattering > 0.0:
                     if smooth:
                         within = abs(
-                            weighted_depth(table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper)
+                            weighted_depth(
+                                table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper
+                            )
                             - base
                         )
                     else:

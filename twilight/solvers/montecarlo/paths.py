@@ -156,11 +156,11 @@ def push_events(
 
 @njit(**INNER)
 def one_sample(air, sun, steering, walk, w, bent, to_sun, line, n_line, summary, stream, work, orders):
-    """Add one estimate of the light scattered more than once, order by order, to `orders`; returns 1 if a limit was met.
+    """Add one estimate of the light scattered more than once, order by order, to `orders`; 1 if a limit was met.
 
-    orders[n] is light with n + 1 events (a reflection by the ground is one); the one before the last takes the rest, and
-    the last is the coarse field's part: its light along every leg, less what the events drawn on that leg stand for.
-    The sum of that over the legs of a path has the mean 0, and takes away most of the noise of the orders' sum.
+    orders[n] is light with n + 1 events (a reflection by the ground is one); the one before the last takes the rest,
+    and the last is the coarse field's part: its light along every leg, less what the events drawn on that leg stand
+    for.  The sum of that over the legs of a path has the mean 0, and takes away most of the noise of the orders' sum.
     From every leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none
     (roulette) or many (splitting), so that the weights of long paths do not drift apart.
     line, n_line, summary: the line of sight, from `look`.

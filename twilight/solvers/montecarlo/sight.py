@@ -56,8 +56,8 @@ LONGEST_KM = 2e4
 RISE = 0.15
 CUTS, EDGE_CUTS = 6, 40
 STEEP = 1.5
-"""A piece over which the scattered sunlight changes by more than this factor is cut into CUTS parts, and one that the edge of the
-shadow crosses into EDGE_CUTS."""
+"""A piece over which the scattered sunlight changes by more than this factor is cut into CUTS parts, and one that the
+edge of the shadow crosses into EDGE_CUTS."""
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(3)
 GAUSS_NODE, GAUSS_WEIGHT = 0.5 * (_NODE + 1.0), 0.5 * _WEIGHT
 
@@ -154,7 +154,8 @@ def look(air, sun, steering, w, bent, point, direction, to_sun, max_length, max_
                 chord = CHORD_RISE_KM * scale / abs(mu)
             if abs(k0) * chord * chord > 8.0 * SAG_KM:
                 chord = math.sqrt(8.0 * SAG_KM / abs(k0))
-            k1 = curvature(air, w, x + 0.5 * chord * math.sin(psi), z + 0.5 * chord * math.cos(psi), psi + 0.5 * k0 * chord)
+            half = 0.5 * chord
+            k1 = curvature(air, w, x + half * math.sin(psi), z + half * math.cos(psi), psi + half * k0)
             heading = psi + 0.5 * k1 * chord
             psi += k1 * chord
             mu = (math.sin(heading) * x + math.cos(heading) * z) / r
@@ -223,7 +224,7 @@ def look(air, sun, steering, w, bent, point, direction, to_sun, max_length, max_
                     again = 0.0
                     free = 0.0
                     cuts = 1
-                    for attempt in range(2):
+                    for _ in range(2):
                         single = 0.0
                         again = 0.0
                         free = 0.0

@@ -41,10 +41,10 @@ N_DIRECTIONS = (ABOVE_HORIZON_DEG.size - 1) * N_AZIMUTHS
 class Steering(NamedTuple):
     """Tables over A altitudes, Z cosines of the local solar zenith angle, D directions of the local sky.
 
-    log_mean (W, A, Z): logarithm of the mean diffuse radiance [sr^-1].
-    log_source (W, A, Z, N_SOURCE): logarithm of the diffuse light that an event scatters per unit of scattering [sr^-1],
-    over directions in cells uniform in the sine of the elevation and in the sine of half the azimuth from the sun;
-    log_ground (W, Z): of the diffuse downward irradiance at the ground; log_radiance (W, A, Z, D): of the diffuse radiance; share (W, A, Z, D): radiance times
+    log_mean (W, A, Z): logarithm of the mean diffuse radiance [sr^-1]; log_source (W, A, Z, N_SOURCE): logarithm of the
+    diffuse light that an event scatters per unit of scattering [sr^-1], over directions in cells uniform in the sine of
+    the elevation and in the sine of half the azimuth from the sun; log_ground (W, Z): of the diffuse downward
+    irradiance at the ground; log_radiance (W, A, Z, D): of the diffuse radiance; share (W, A, Z, D): radiance times
     solid angle, sums to 1.
 
     Directions are cells of azimuth from the sun and of height above the horizon of the altitude, which is where the
