@@ -13,7 +13,7 @@ from twilight.errors import TwilightError
 from twilight.solvers.zones.grid import altitude_nodes, make_angles, zenith_nodes
 from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution
+from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution, solve_orders
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_LIFT_RAD, view_multiple, view_single
 from twilight.threads import in_slices
@@ -88,28 +88,45 @@ class Field:
         return float(observer_altitude_km)
 
     def _solve(self, tell: Progress) -> None:
-        s, n = self.settings, self.nodes
-        radius = self.medium.earth_radius_km
-        height = n.altitude_km - self.medium.bottom_km
-        horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
-        angles = make_angles(horizon, s.polar_directions, s.azimuth_directions, s.degree)
-        start = np.repeat(n.altitude_km, angles.cosine.shape[1])
+        s = self.settings
         tell("rays", 0.05)
-        rays = trace_rays(self.profile, self.gradient, self.jumps, start, angles.cosine.ravel(), s.step_density)
-        longest = float(max(rays.place[:, 1].max(), rays.ground_angle_rad.max()))
-        turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
+        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree)
+        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree)
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
-            points = make_points(rays, self.scaled.medium, self.scaled.moments, n.fine_altitude_km, turning, block)
-            passes = Passes(n, angles, rays, points, turning, self.medium, block)
 
             def report(event: int, residual: float, block: int = block) -> None:
                 tell(f"scattering event {event}", 0.1 + 0.9 * (block + min(0.95, event / 12)) / n_blocks)
 
-            solution = passes.solve(sunlight, self.scaled.moments, s.max_events, s.tolerance, report)
-            self.solutions.append(solution)
+            self.solutions.append(
+                solve_orders(
+                    early(block), late(block), s.early_events, sunlight, self.scaled.moments, s.max_events,
+                    s.tolerance, report,
+                )
+            )  # fmt: skip
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
+
+    def _stage(self, polar: int, around: int, degree: int) -> Callable[[int], Passes]:
+        """What orders of scattering need at one number of directions and harmonics, for each block of wavelengths."""
+        n = self.nodes
+        radius = self.medium.earth_radius_km
+        height = n.altitude_km - self.medium.bottom_km
+        horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
+        angles = make_angles(horizon, polar, around, degree)
+        start = np.repeat(n.altitude_km, angles.cosine.shape[1])
+        rays = trace_rays(
+            self.profile, self.gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
+        )
+        longest = float(max(rays.place[:, 1].max(), rays.ground_angle_rad.max()))
+        turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
+        moments = self.scaled.moments[:, : degree + 1]
+
+        def of(block: int) -> Passes:
+            points = make_points(rays, self.scaled.medium, moments, n.fine_altitude_km, turning, block)
+            return Passes(n, angles, rays, points, turning, self.medium, block)
+
+        return of
 
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
 HORIZON_WIDTH = 0.03
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
 
@@ -30,6 +31,10 @@ class Angles:
     degree: np.ndarray
     order: np.ndarray
     analysis: np.ndarray
+
+    def harmonics_up_to(self, degree: int) -> np.ndarray:
+        """Which of the harmonics have at most this degree; their order is that of a smaller set."""
+        return np.flatnonzero(self.degree <= degree)
 
 
 def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int) -> Angles:
@@ -87,13 +92,13 @@ def even_harmonics(cosine: np.ndarray, degree: int) -> np.ndarray:
 
 
 def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, density: float) -> np.ndarray:
-    """Altitudes [km] with spacing (0.6 + 0.14 height)/density, and one at every jump of the medium."""
+    """Altitudes [km] with spacing (LOWEST_STEP_KM + STEP_GROWTH x height)/density, and one at every jump of the medium."""
     edges = [bottom_km, *jumps_km, top_km]
     out = [bottom_km]
     for a, b in pairwise(edges):
         rough = [a]
         while rough[-1] < b:
-            rough.append(rough[-1] + (0.6 + 0.14 * (rough[-1] - bottom_km)) / density)
+            rough.append(rough[-1] + (LOWEST_STEP_KM + STEP_GROWTH * (rough[-1] - bottom_km)) / density)
         # the same grading, stretched to end at b
         out.extend(a + (np.array(rough[1:]) - a) * (b - a) / (rough[-1] - a))
     return np.array(out)

@@ -13,24 +13,30 @@ class ZonesSettings:
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
     polar_directions: directions per hemisphere; azimuth_directions: over half a turn
+    early_events: scattering events that are followed with these; later ones, whose light is smooth, with
+    late_degree, late_polar_directions, late_azimuth_directions
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
     step_density: of the points along the rays between nodes; sight_density: along lines of sight
     max_events: most scattering events that are followed; 1 is single scattering
-    tolerance: stop earlier when what is missing is known to this share of the light at every node (a geometric series
-        is added for it); 0 follows max_events
+    tolerance: stop earlier when one more event changes the sum, with a geometric series for the rest, by less than this
+        share at every node; 0 follows max_events and adds no rest
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
     """
 
-    degree: int = 8
+    degree: int = 12
     polar_directions: int = 10
-    azimuth_directions: int = 9
+    azimuth_directions: int = 13
+    early_events: int = 2
+    late_degree: int = 6
+    late_polar_directions: int = 7
+    late_azimuth_directions: int = 7
     altitude_density: float = 1.0
     zenith_density: float = 1.0
     step_density: float = 0.7
     sight_density: float = 1.5
     max_events: int = 60
-    tolerance: float = 1e-3
+    tolerance: float = 2e-3
     refraction: bool = True
     bent_lines_of_sight: bool = True
 
@@ -39,6 +45,10 @@ class ZonesSettings:
             "degree": (2, 32),
             "polar_directions": (2, 48),
             "azimuth_directions": (3, 96),
+            "early_events": (1, 1000),
+            "late_degree": (2, 32),
+            "late_polar_directions": (2, 48),
+            "late_azimuth_directions": (3, 96),
             "altitude_density": (0.2, 10.0),
             "zenith_density": (0.2, 10.0),
             "step_density": (0.3, 10.0),
@@ -50,21 +60,26 @@ class ZonesSettings:
             value = getattr(self, key)
             if not low <= value <= high:
                 raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
-        if self.azimuth_directions < self.degree + 1:
-            raise TwilightError(
-                f"solver.azimuth_directions is {self.azimuth_directions}; degree {self.degree} needs at least "
-                f"{self.degree + 1}"
-            )
+        for stage in ("", "late_"):
+            degree, around = getattr(self, stage + "degree"), getattr(self, stage + "azimuth_directions")
+            if around < degree + 1:
+                raise TwilightError(
+                    f"solver.{stage}azimuth_directions is {around}; {stage}degree {degree} needs at least {degree + 1}"
+                )
+        if self.late_degree > self.degree:
+            raise TwilightError(f"solver.late_degree is {self.late_degree}; allowed is 2 to degree, {self.degree}")
 
 
 QUALITIES: dict[str, ZonesSettings] = {
     "draft": ZonesSettings(
-        degree=4, polar_directions=5, azimuth_directions=5, altitude_density=0.6, zenith_density=0.6, step_density=0.5,
+        degree=4, polar_directions=5, azimuth_directions=5, late_degree=4, late_polar_directions=5,
+        late_azimuth_directions=5, altitude_density=0.6, zenith_density=0.6, step_density=0.5,
         sight_density=1.0, tolerance=3e-3,
     ),
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
-        degree=12, polar_directions=14, azimuth_directions=14, altitude_density=2.0, zenith_density=2.0,
+        degree=16, polar_directions=14, azimuth_directions=17, early_events=3, late_degree=8, late_polar_directions=12,
+        late_azimuth_directions=9, altitude_density=2.0, zenith_density=2.0,
         step_density=1.0, sight_density=2.5, tolerance=3e-4,
     ),
 }  # fmt: skip

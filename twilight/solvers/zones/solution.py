@@ -15,6 +15,8 @@ from twilight.solvers.zones.sunlight import Sunlight
 from twilight.threads import in_slices
 
 TINY = 1e-30
+FAINT = 1e-12
+"""Radiance over F0 that convergence does not look at: about a thousandth of a moonless night's own light."""
 PER_INTERVAL = 3
 """Steps of the fine grid of solar zenith angles in every interval of the nodes."""
 
@@ -69,7 +71,8 @@ class Solution:
 
     log_mean (Z', T, LANES): of the mean radiance; ratio (Z', T, C, LANES): moments relative to it, at fine altitudes
     log_ground (T', LANES): radiance of the ground that the sky lights, on the fine grid of zenith angles
-    events: scattering events; residual: share of the light that may be missing or wrong because no more were followed
+    events: scattering events; residual: largest change of the light at a node that the last event made to the sum with
+    its estimated rest
     """
 
     log_mean: np.ndarray
@@ -159,40 +162,54 @@ class Passes:
         flux = np.pi / up.sum() * np.einsum("m,mtfw->tw", up / a.azimuth.size, radiance[0])
         return mean, moments, flux * lanes_of(self.medium.ground_albedo, self.block) / np.pi
 
-    def solve(
-        self,
-        sunlight: Sunlight,
-        moments: np.ndarray,
-        max_events: int,
-        tolerance: float,
-        progress: Callable[[int, float], None],
-    ) -> Solution:
-        """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series."""
-        mean, order, ground = self.analyse(self.first(sunlight, moments))
-        total, total_ground = order.copy(), ground.copy()
-        events, residual = 1, 1.0
-        ratio = previous = None
-        while events + 1 < max_events:
-            before = mean
-            mean, order, ground = self.analyse(self.next(mean, order, ground))
-            total += order
-            total_ground += ground
-            events += 1
-            previous, ratio = ratio, np.clip(mean / np.maximum(before, TINY), 0.0, 0.97)
-            lit = total[:, :, 0] > 1e-24
-            share = np.where(lit, mean / np.maximum(total[:, :, 0], TINY), 0.0)
-            residual = float(share.max())
-            if previous is not None:
-                residual = float((share * np.abs(ratio - previous) / (1.0 - ratio) ** 2).max())
-            progress(events, residual)
-            if tolerance > 0.0 and residual < tolerance:
-                rest = ratio / (1.0 - ratio)
-                total += order * rest[:, :, None]
-                total_ground += ground * rest[0]
-                break
-        log_mean, relative = (self.nodes.refine_altitude(values) for values in normalised(total[:, :, 0], total))
-        log_ground = self.nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
-        return Solution(log_mean, relative, log_ground, events + 1, residual)
+
+def solve_orders(
+    early: Passes,
+    late: Passes,
+    early_events: int,
+    sunlight: Sunlight,
+    moments: np.ndarray,
+    max_events: int,
+    tolerance: float,
+    progress: Callable[[int, float], None],
+) -> Solution:
+    """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series.
+
+    `early` computes the first `early_events` orders; light that has been scattered more often is smooth, and `late` may
+    do with fewer directions and harmonics.  moments (1 + K, degree + 1, W): of the scaled phase functions.
+    """
+    mean, order, ground = early.analyse(early.first(sunlight, moments))
+    total, total_ground = order.copy(), ground.copy()
+    kept = np.arange(order.shape[2])
+    events, residual = 1, 1.0
+    previous = None
+    while events + 1 < max_events:
+        passes = early if events < early_events else late
+        if passes is late and events == max(early_events, 1) and late is not early:
+            kept = early.angles.harmonics_up_to(int(late.angles.degree.max()))
+            order = np.ascontiguousarray(order[:, :, kept])
+        before = mean
+        mean, order, ground = passes.analyse(passes.next(mean, order, ground))
+        total[:, :, kept] += order
+        total_ground += ground
+        events += 1
+        ratio = np.clip(mean / np.maximum(before, TINY), 0.0, 0.97)
+        # what is left behaves like a geometric series at every node; two such guesses in a row show how well
+        guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
+        if previous is not None:
+            lit = guess > FAINT
+            residual = float(np.max(np.abs(previous[lit] / guess[lit] - 1.0), initial=0.0))
+        previous = guess
+        progress(events, residual)
+        if tolerance > 0.0 and residual < tolerance:
+            rest = ratio / (1.0 - ratio)
+            total[:, :, kept] += order * rest[:, :, None]
+            total_ground += ground * rest[0]
+            break
+    nodes = early.nodes
+    log_mean, relative = (nodes.refine_altitude(values) for values in normalised(total[:, :, 0], total))
+    log_ground = nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
+    return Solution(log_mean, relative, log_ground, events + 1, residual)
 
 
 def normalised(mean: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
