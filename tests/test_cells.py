@@ -14,7 +14,7 @@ from twilight.solvers import cells
 from twilight.solvers.cells import QUALITIES, CellsSettings
 from twilight.solvers.cells.grid import make_grid, outer_radius_km, shell_radii
 from twilight.solvers.cells.pairs import sphere_capture
-from twilight.solvers.cells.scaling import delta_scaled
+from twilight.transport.scaling import delta_scaled
 
 COARSE = CellsSettings(
     azimuth_cells=24,
