@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import re
+import math
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -16,6 +16,7 @@ from twilight.config.library import find
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.config.validate import Origins, unknown, validate
+from twilight.config.vary import Axis, axes_of
 from twilight.errors import TwilightError
 
 MAX_CASES = 1000
@@ -105,7 +106,7 @@ def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:
 def load_series(
     target: Target, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
 ) -> list[Case]:
-    """All configurations that `target` describes: one, or the product of its `vary` lists.
+    """All configurations that `target` describes: one, or the product of its `vary` axes.
 
     target: name of a climate or configuration, path of such a file, or the same as a mapping.
     settings: dotted keys and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95};
@@ -114,31 +115,50 @@ def load_series(
 
     Errors: TwilightError that names the file or setting, the key, and what is allowed.
     """
+    series = load_axes(target, settings, names)
+    if not series.axes:
+        return [Case("", series.config({}))]
+    if math.prod(len(axis.points) for axis in series.axes) > MAX_CASES:
+        raise TwilightError(f"{series.where}: vary asks for more than {MAX_CASES} cases")
+    cases = []
+    for chosen in itertools.product(*(zip(axis.points, axis.labels, strict=True) for axis in series.axes)):
+        point = {key: value for settings, _ in chosen for key, value in settings.items()}
+        cases.append(Case("_".join(text for _, text in chosen), series.config(point)))
+    if len({case.name for case in cases}) < len(cases):
+        raise TwilightError(f"{series.where}: vary lists the same value twice")
+    return cases
+
+
+@dataclass(frozen=True)
+class Series:
+    """A configuration and the axes of its `vary` section, whose members are made one by one."""
+
+    axes: tuple[Axis, ...]
+    where: str
+    _draft: _Draft
+
+    def config(self, point: Mapping[str, Any]) -> Config:
+        """The configuration with these dotted keys set, as values of `vary`; {}: without any.
+
+        Errors: TwilightError that names the file, the key, and what is allowed.
+        """
+        folder = Path(self.where).parent if Path(self.where).is_file() else Path()
+        one = deepcopy(self._draft)
+        for name, value in point.items():
+            one.set(name, deepcopy(value), f"{self.where}: vary", folder)
+        return one.validated()
+
+
+def load_axes(
+    target: Target, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
+) -> Series:
+    """What `target` describes, with its series not yet multiplied out; arguments and errors as `load_series`."""
     draft = _read(target)
     for name, value in (settings or {}).items():
         draft.set(name, deepcopy(value), (names or {}).get(name, f"setting {name}"), Path())
-    vary = draft.data.get("vary") or {}
-    if not isinstance(vary, dict) or any(not isinstance(v, list | tuple) or not v for v in vary.values()):
-        where = Origins(draft.origins).describe(("vary",))[0]
-        raise TwilightError(f"{where}: vary must map dotted keys to lists, e.g. {{observer.altitude_km: [0, 10]}}")
-    if not vary:
-        return [Case("", draft.validated())]
     where = Origins(draft.origins).describe(("vary",))[0]
-    folder = Path(where).parent if Path(where).is_file() else Path()
-    products = list(itertools.islice(itertools.product(*vary.values()), MAX_CASES + 1))
-    if len(products) > MAX_CASES:
-        raise TwilightError(f"{where}: vary asks for more than {MAX_CASES} cases")
-    cases = []
-    for values in products:
-        one = deepcopy(draft)
-        one.data.pop("vary")
-        for name, value in zip(vary, values, strict=True):
-            one.set(name, deepcopy(value), f"{where}: vary", folder)
-        labels = [_label(name, value) for name, value in zip(vary, values, strict=True)]
-        cases.append(Case("_".join(labels), one.validated()))
-    if len({case.name for case in cases}) < len(cases):
-        raise TwilightError(f"{where}: vary lists the same value twice")
-    return cases
+    vary = draft.data.pop("vary", None)
+    return Series(axes_of({} if vary is None else vary, where), where, draft)
 
 
 def load_climate(target: str | Path) -> Climate:
@@ -192,14 +212,3 @@ def _route(dotted_key: str, where: str) -> tuple[str, ...]:
         return ("climate", *path)
     names: Iterable[str] = {*Config.model_fields, *Climate.model_fields}
     raise TwilightError(f"{where}: {path[0]} {unknown(path[0], names)}")
-
-
-def _label(name: str, value: Any) -> str:
-    """A folder's name: `continental-average`, `relative_humidity_percent=80`."""
-    if name == "climate":
-        text = Path(value).stem if isinstance(value, str) else str(value.get("name", "climate"))
-    elif isinstance(value, dict):
-        text = "_".join(_label(k, v) for k, v in value.items())
-    else:
-        text = f"{name.rsplit('.', 1)[-1]}={value}"
-    return re.sub(r"[^\w.=+-]+", "-", text).strip("-.") or "case"

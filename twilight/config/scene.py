@@ -6,7 +6,7 @@ import itertools
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
@@ -287,19 +287,14 @@ class Config(Section):
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
     leave_out: Flag = key(True, "leave out what cannot matter (see --plan)")
-    vary: dict[str, tuple[Any, ...]] = key(
-        dict, "series: dotted keys with their values, e.g. {aerosol.relative_humidity_percent: [50, 80, 95]}"
+    vary: dict[str, Any] = key(
+        dict,
+        "series: dotted keys with lists, e.g. {aerosol.relative_humidity_percent: [50, 80, 95]}, or with ranges {from, "
+        "to, count, scale: linear | log}; list: mappings of keys that change together; latin_hypercube: {samples, "
+        "seed, ranges: {key: {from, to, scale} | [choices]}}",
     )
 
     @property
     def title(self) -> str:
         """The configuration's name, or else its climate's."""
         return self.name or self.climate.name
-
-    @field_validator("vary")
-    @classmethod
-    def _some_values(cls, value: dict[str, tuple]) -> dict[str, tuple]:
-        for name, values in value.items():
-            if not values:
-                raise ValueError(f"{name} needs at least one value")
-        return value
