@@ -134,7 +134,16 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     name, quality, settings = resolve_solver_of(config)
     solver = solvers.load(name)
     set_up_s = time.perf_counter() - started
-    blocks = [slice(i, i + WAVELENGTH_BLOCK) for i in range(0, medium.n_wavelengths, WAVELENGTH_BLOCK)]
+    at_once = getattr(solver, "WAVELENGTH_BLOCK", WAVELENGTH_BLOCK)
+    blocks = [slice(i, i + at_once) for i in range(0, medium.n_wavelengths, at_once)]
+    if len(blocks) > 1 and getattr(settings, "field_file", ""):
+        raise TwilightError(
+            f"solver.field_file: holds the field of up to {at_once} wavelengths, and {config.title} has "
+            f"{medium.n_wavelengths}"
+        )
+    more: dict[str, Any] = (
+        {"sun_elevations_deg": [sun.elevation_deg for sun in suns]} if hasattr(solver, "TAKES_SUNS") else {}
+    )
     results = [_Radiance() for _ in suns]
     elevation, azimuth = _texture(config)
     meter = _Meter(tell)
@@ -145,7 +154,7 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
         begin = time.perf_counter()
         part = medium if len(blocks) == 1 else medium.select(block)
         meter.phase("all suns" if several else "", start, phase)
-        made = solver.prepare(part, settings, observer_altitude_km=config.observer.altitude_km, progress=meter)
+        made = solver.prepare(part, settings, observer_altitude_km=config.observer.altitude_km, progress=meter, **more)
         beam = _Sunbeam(part, config.observer.altitude_km)
         set_up_s += time.perf_counter() - begin
         for s, (sun, result) in enumerate(zip(suns, results, strict=True)):
@@ -279,10 +288,11 @@ def _evaluate(
             errors.append(error)
     converged = getattr(made, "convergence", None)
     if converged is not None:  # the worst block of wavelengths
-        result.convergence = {
-            "events": max(result.convergence.get("events", 0), converged.events),
-            "residual": max(result.convergence.get("residual", 0.0), converged.residual),
-        }
+        worst = result.convergence
+        for key in ("events", "residual", "error"):
+            value = getattr(converged, key, None)
+            if value is not None:
+                worst[key] = max(worst.get(key, value), value)
 
 
 def _on_grid(

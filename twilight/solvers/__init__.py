@@ -4,7 +4,9 @@ A solver is a module with `prepare(medium, settings, *, observer_altitude_km=0.0
 `Field.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)` gives the sun-normalised radiance [sr^-1], and with
 `QUALITIES`: the names of its presets and their frozen settings.  `progress(doing, share)` takes a few words and the
 share of this call's work that is done, 0 to 1.  A solver with a standard error has `Field.radiance_with_error`, whose
-result has `radiance` and `standard_error`.
+result has `radiance` and `standard_error`.  A module with `TAKES_SUNS` has a `prepare` that also takes
+`sun_elevations_deg`, all the suns that will be asked for, and computes only what they need; one with `WAVELENGTH_BLOCK`
+says how many wavelengths it takes at once.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ SOLVERS: dict[str, str] = {
     "preetham": "twilight.solvers.analytic.preetham",
     "cie": "twilight.solvers.analytic.cie",
 }
-DEFAULT = "cells"
+DEFAULT = "zones"
 
 
 def load(name: str) -> ModuleType:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.solvers.zones.grid import altitude_nodes, make_angles, zenith_nodes
 from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
-from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution, solve_orders
+from twilight.solvers.zones.storage import save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_LIFT_RAD, view_multiple, view_single
 from twilight.threads import in_slices
-from twilight.transport.beam import prepare_beam
+from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.lines import refractive_gradient
 from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
@@ -26,30 +28,32 @@ from twilight.transport.scaling import delta_scaled, species_phase
 Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
+DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
+"""With the sun above the first, zenith angles this far beyond the observer's are enough."""
+NIGHT_START_DEG = 60.0
+"""With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """events: scattering events followed; residual: largest share of the scattered light that may be missing or wrong
-    because no more were."""
+    """events: scattering events followed; residual: largest change of the light at a node that the last one made.
+
+    error: how far two qualities differ at 95 % of the directions, where a target was asked for; otherwise None.
+    """
 
     events: int
     residual: float
+    error: float | None = None
 
 
-def prepare(
-    medium: Medium,
-    settings: ZonesSettings | None = None,
-    *,
-    observer_altitude_km: float = 0.0,
-    progress: Progress | None = None,
-) -> Field:
-    """Solve the field of a medium for every position of the sun.
-
-    observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
-    above it.  `progress(doing, share)` is called now and then.
-    """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+def zenith_range(sun_elevations_deg) -> tuple[float, float]:
+    """Solar zenith angles [deg] that a scene with these suns needs; all of them where None is given."""
+    if sun_elevations_deg is None:
+        return 0.0, LAST_ZENITH_DEG
+    lowest, highest = float(np.min(sun_elevations_deg)), float(np.max(sun_elevations_deg))
+    last = 90.0 - lowest + DAY_MARGIN_DEG if lowest > DAY_ONLY_DEG else LAST_ZENITH_DEG
+    first = NIGHT_START_DEG if highest < 0.0 else 0.0
+    return first, last
 
 
 class Field:
@@ -61,23 +65,53 @@ class Field:
         settings: ZonesSettings,
         observer_altitude_km: float = 0.0,
         progress: Progress | None = None,
+        *,
+        zenith_range_deg: tuple[float, float] = (0.0, LAST_ZENITH_DEG),
+        solved: tuple[Beam, list[Solution], Convergence | None] | None = None,
     ):
+        """Solve the field, or take a solution that is there: (sunbeam, solutions, convergence)."""
         self.medium, self.settings = medium, settings
+        self.asked = settings
+        """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = self._checked(observer_altitude_km)
+        self.zenith_range_deg = zenith_range_deg
         tell = progress or (lambda doing, share: None)
         self.scaled = delta_scaled(medium, settings.degree)
         tell("sunbeam", 0.0)
-        self.beam = prepare_beam(self.scaled.medium, refraction=settings.refraction)
+        if solved is None:
+            self.beam = prepare_beam(self.scaled.medium, refraction=settings.refraction)
+        else:
+            self.beam = solved[0]
         self.profile = prepare_profile(self.scaled.medium)
         self.jumps = jump_altitudes(self.profile)
         self.gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
         altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
-        self.nodes = Nodes.of(altitude, zenith_nodes(0.0, LAST_ZENITH_DEG, settings.zenith_density), self.jumps)
+        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), self.jumps)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
-        if settings.max_events > 1:
+        if solved is not None:
+            _, self.solutions, self.convergence = solved
+        elif settings.max_events > 1:
             self._solve(tell)
         tell("field", 1.0)
+
+    def save(self, path: str | Path) -> None:
+        """Write the field to an HDF5 file; `twilight.solvers.zones.load` reads it.
+
+        Errors: TwilightError where the file cannot be written.
+        """
+        save(self, path)
+
+    @property
+    def sun_range_deg(self) -> tuple[float, float]:
+        """Lowest and highest sun elevation [deg] that the field was solved for."""
+        first, last = self.zenith_range_deg
+        lowest = -90.0 if last >= LAST_ZENITH_DEG else 90.0 + DAY_MARGIN_DEG - last
+        return lowest, 90.0 if first <= 0.0 else 0.0
+
+    def _covers(self, sun_elevation_deg: float) -> bool:
+        lowest, highest = self.sun_range_deg
+        return lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9
 
     def _checked(self, observer_altitude_km: float) -> float:
         if not observer_altitude_km >= self.medium.bottom_km or not math.isfinite(observer_altitude_km):
@@ -137,6 +171,11 @@ class Field:
         """
         if not -90.0 <= sun_elevation_deg <= 90.0:
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        if self.solutions and not self._covers(sun_elevation_deg):
+            low, high = self.sun_range_deg
+            raise TwilightError(
+                f"sun.elevation_deg is {sun_elevation_deg:g}; the field was solved for {low:g} to {high:g} deg"
+            )
         altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
         elevation, azimuth = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)

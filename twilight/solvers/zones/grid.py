@@ -92,7 +92,7 @@ def even_harmonics(cosine: np.ndarray, degree: int) -> np.ndarray:
 
 
 def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, density: float) -> np.ndarray:
-    """Altitudes [km] with spacing (LOWEST_STEP_KM + STEP_GROWTH x height)/density, and one at every jump of the medium."""
+    """Altitudes [km] with spacing (LOWEST_STEP_KM + STEP_GROWTH x height)/density, and one at every jump."""
     edges = [bottom_km, *jumps_km, top_km]
     out = [bottom_km]
     for a, b in pairwise(edges):

@@ -22,6 +22,8 @@ class ZonesSettings:
         share at every node; 0 follows max_events and adds no rest
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
+    target_error: refine until two qualities differ by less than this share at 95 % of the directions; 0 does not
+    field_file: HDF5 file that the field is read from where it holds this very field, and written to otherwise
     """
 
     degree: int = 12
@@ -39,6 +41,8 @@ class ZonesSettings:
     tolerance: float = 2e-3
     refraction: bool = True
     bent_lines_of_sight: bool = True
+    target_error: float = 0.0
+    field_file: str = ""
 
     def __post_init__(self):
         ranges = {
@@ -55,6 +59,7 @@ class ZonesSettings:
             "sight_density": (0.3, 10.0),
             "max_events": (1, 1000),
             "tolerance": (0.0, 0.5),
+            "target_error": (0.0, 1.0),
         }
         for key, (low, high) in ranges.items():
             value = getattr(self, key)

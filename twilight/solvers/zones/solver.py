@@ -1,0 +1,101 @@
+"""prepare: solve a field, at a quality or to a target, or take it from a file."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones.field import LAST_ZENITH_DEG, Convergence, Field, Progress, zenith_range
+from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.solvers.zones.storage import field_hash, load, stored_hash
+
+LADDER = ("draft", "standard", "reference")
+TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
+"""Where two qualities are compared if the suns of the scene are not known."""
+
+
+def prepare(
+    medium: Medium,
+    settings: ZonesSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+    sun_elevations_deg: Sequence[float] | None = None,
+) -> Field:
+    """Solve the field of a medium, for every position of the sun or for those of a scene.
+
+    observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
+    above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: by day the night side is
+    then left out, by night the noon.  `progress(doing, share)` is called now and then.
+
+    Errors: TwilightError for an observer below the ground and for a field file that cannot be written.
+    Warns where target_error is not reached.
+    """
+    settings = settings or QUALITIES["standard"]
+    needed = zenith_range(sun_elevations_deg if observer_altitude_km <= 0.3 * medium.top_km else None)
+    if settings.field_file:
+        stored = stored_hash(settings.field_file)
+        for extent in (needed, (0.0, LAST_ZENITH_DEG)):
+            if stored is not None and stored == field_hash(medium, settings, extent):
+                return load(settings.field_file, observer_altitude_km=observer_altitude_km)
+    if settings.target_error > 0.0:
+        field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
+    else:
+        field = Field(medium, settings, observer_altitude_km, progress, zenith_range_deg=needed)
+    if settings.field_file:
+        field.save(settings.field_file)
+    return field
+
+
+def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
+    """The settings with the grids of a quality; physics, target and file stay as they are."""
+    kept = ("max_events", "refraction", "bent_lines_of_sight", "target_error", "field_file")
+    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in kept})
+
+
+def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
+    suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
+    tell = progress or (lambda doing, share: None)
+    before: np.ndarray | None = None
+    field = None
+    error = float("inf")
+    for k, name in enumerate(LADDER):
+
+        def report(doing: str, share: float, k: int = k, name: str = name) -> None:
+            tell(f"{name}: {doing}", (k + share) / len(LADDER))
+
+        field = Field(medium, at_quality(settings, name), observer_altitude_km, report, zenith_range_deg=needed)
+        sky = _samples(field, suns)
+        if before is not None:
+            error = _difference(before, sky)
+            if error <= settings.target_error:
+                break
+        before = sky
+    assert field is not None
+    convergence = field.convergence or Convergence(1, 0.0)
+    field.convergence = replace(convergence, error=error)
+    field.asked = settings
+    if error > settings.target_error:
+        warnings.warn(
+            f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
+            f"{error:.2g} at 95 % of the directions",
+            stacklevel=3,
+        )
+    return field
+
+
+def _samples(field: Field, suns: Sequence[float]) -> np.ndarray:
+    """Radiance (suns, directions, W) over the sky, dense near the horizon."""
+    elevation, azimuth = np.meshgrid([1.5, 4.0, 10.0, 20.0, 35.0, 60.0, 88.0], np.linspace(0.0, 180.0, 13))
+    return np.stack([field.radiance(sun, elevation.ravel(), azimuth.ravel()) for sun in suns])
+
+
+def _difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Relative difference that 95 % of the directions stay below, for the worst sun and wavelength."""
+    lit = other > 0.0
+    relative = np.abs(np.where(lit, one / np.where(lit, other, 1.0) - 1.0, 0.0))
+    return float(np.percentile(relative, 95, axis=1).max())

@@ -1,0 +1,153 @@
+"""A solved field as one HDF5 file: the medium, the settings, the sunbeam and the solution."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.phase import PhaseFunction
+from twilight.solvers.zones.settings import ZonesSettings
+from twilight.solvers.zones.solution import Solution
+from twilight.transport.beam import Beam
+
+if TYPE_CHECKING:
+    from twilight.solvers.zones.field import Field
+
+FORMAT = "twilight zones field 1"
+_MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
+
+
+def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> str:
+    """SHA-256 of all that a solution depends on."""
+    digest = hashlib.sha256(FORMAT.encode())
+    for key in _MEDIUM:
+        array = np.ascontiguousarray(getattr(medium, key), dtype=float)
+        digest.update(f"{key}{array.shape}".encode() + array.tobytes())
+    for phase in medium.phase_functions:
+        digest.update(str(phase.kind).encode())
+        digest.update(np.ascontiguousarray(phase.asymmetry, dtype=float).tobytes())
+        digest.update(np.ascontiguousarray(phase.log_table, dtype=float).tobytes())
+    digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
+    return digest.hexdigest()
+
+
+def _physics(settings: ZonesSettings) -> dict[str, Any]:
+    return {key: value for key, value in asdict(settings).items() if key != "field_file"}
+
+
+def save(field: Field, path: str | Path) -> None:
+    """Write a field; the file is written whole or not at all.
+
+    Errors: TwilightError where the folder cannot be written.
+    """
+    import h5py
+
+    path = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise TwilightError(f"{path}: cannot be written ({error.strerror})") from None
+    os.close(handle)
+    try:
+        with h5py.File(name, "w") as file:
+            file.attrs["format"] = FORMAT
+            file.attrs["hash"] = field_hash(field.medium, field.asked, field.zenith_range_deg)
+            file.attrs["settings"] = json.dumps(asdict(field.settings))
+            file.attrs["asked"] = json.dumps(asdict(field.asked))
+            file.attrs["zenith_range_deg"] = field.zenith_range_deg
+            convergence = field.convergence
+            file.attrs["convergence"] = json.dumps(asdict(convergence) if convergence else None)
+            m = file.create_group("medium")
+            m.attrs["earth_radius_km"], m.attrs["name"] = field.medium.earth_radius_km, field.medium.name
+            for key in _MEDIUM:
+                m[key] = getattr(field.medium, key)
+            for k, phase in enumerate(field.medium.phase_functions):
+                g = m.create_group(f"phase_function_{k}")
+                g.attrs["kind"], g.attrs["name"] = phase.kind, phase.name
+                g["asymmetry"], g["log_table"] = phase.asymmetry, phase.log_table
+            file["beam/pool"], file["beam/layout"] = field.beam.pool, field.beam.layout
+            for k, solution in enumerate(field.solutions):
+                g = file.create_group(f"solution_{k}")
+                g.attrs["events"], g.attrs["residual"] = solution.events, solution.residual
+                for key in ("log_mean", "ratio", "log_ground"):
+                    g[key] = getattr(solution, key)
+        os.replace(name, path)
+    except OSError as error:
+        raise TwilightError(f"{path}: cannot be written ({error})") from None
+    finally:
+        if os.path.exists(name):
+            os.unlink(name)
+
+
+def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
+    """Read a field that `save` wrote.
+
+    Errors: TwilightError for a file that is missing, broken or of another kind.
+    """
+    import h5py
+
+    from twilight.solvers.zones.field import Convergence, Field
+
+    path = Path(path)
+    if not path.is_file():
+        raise TwilightError(f"{path}: there is no such file; a field is written by Field.save or solver.field_file")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise TwilightError(f"{path}: is not a field of the zones solver ({FORMAT})")
+            m = file["medium"]
+            phases: list[PhaseFunction] = []
+            while f"phase_function_{len(phases)}" in m:
+                g = m[f"phase_function_{len(phases)}"]
+                phases.append(
+                    PhaseFunction(int(g.attrs["kind"]), g["asymmetry"][()], g["log_table"][()], str(g.attrs["name"]))
+                )
+            medium = Medium(
+                **{key: m[key][()] for key in _MEDIUM},
+                phase_functions=tuple(phases),
+                earth_radius_km=float(m.attrs["earth_radius_km"]),
+                name=str(m.attrs["name"]),
+            )
+            settings = ZonesSettings(**json.loads(file.attrs["settings"]))
+            asked = ZonesSettings(**json.loads(file.attrs["asked"]))
+            zenith_range = tuple(float(x) for x in file.attrs["zenith_range_deg"])
+            if field_hash(medium, asked, zenith_range) != file.attrs["hash"]:  # type: ignore[arg-type]
+                raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
+            solutions: list[Solution] = []
+            while f"solution_{len(solutions)}" in file:
+                g = file[f"solution_{len(solutions)}"]
+                arrays = {key: g[key][()] for key in ("log_mean", "ratio", "log_ground")}
+                solutions.append(Solution(**arrays, events=int(g.attrs["events"]), residual=float(g.attrs["residual"])))
+            beam = Beam(file["beam/pool"][()], file["beam/layout"][()])
+            convergence = json.loads(file.attrs["convergence"])
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise TwilightError(f"{path}: is not a whole field of the zones solver ({error})") from None
+    field = Field(
+        medium,
+        settings,
+        observer_altitude_km,
+        zenith_range_deg=zenith_range,  # type: ignore[arg-type]
+        solved=(beam, solutions, Convergence(**convergence) if convergence else None),
+    )
+    field.asked = asked
+    return field
+
+
+def stored_hash(path: str | Path) -> str | None:
+    """Hash of the field in a file; None where there is no file or it holds none."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs["hash"]) if file.attrs.get("format") == FORMAT else None
+    except (OSError, KeyError):
+        return None
