@@ -109,9 +109,10 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="+", default=["error", "one", "thirty"], choices=["error", "one", "thirty"])
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--referee", type=Path, default=REFERENCE / "continental-average-straight.csv")
+    parser.add_argument("--suns", nargs="+", type=float, help="only these of the referee's suns [deg]")
     parser.add_argument("--output", type=Path, default=HERE / "peers_sasktran2.csv")
     arguments = parser.parse_args()
-    referee = Referee.read(arguments.referee) if "error" in arguments.tasks else None
+    referee = Referee.read(arguments.referee, arguments.suns) if "error" in arguments.tasks else None
     errors: list[list] = []
     costs: list[list] = []
     with tempfile.TemporaryDirectory() as name:
@@ -119,7 +120,7 @@ def main() -> None:
         for model in arguments.models:
             if referee is not None:
                 job = {"model": model, "task": "error", "threads": max(arguments.threads)}
-                done = run_job(folder, job | {"referee": str(arguments.referee)})
+                done = run_job(folder, job | {"referee": str(arguments.referee), "suns": arguments.suns})
                 if done is not None:
                     rows = error_rows(model, referee, done[1])
                     for row in rows:

@@ -42,10 +42,12 @@ class Referee:
     error: np.ndarray
 
     @staticmethod
-    def read(path: Path) -> Referee:
-        """A table as benchmarks/montecarlo_reference.py writes it; rows of a black sky are left out."""
+    def read(path: Path, suns_deg: list[float] | None = None) -> Referee:
+        """A table as benchmarks/montecarlo_reference.py writes it, or some of its suns; black skies are left out."""
         rows = np.genfromtxt(path, delimiter=",", names=True)
         rows = rows[rows["radiance_per_sr"] > 0]
+        if suns_deg is not None:
+            rows = rows[np.isin(rows["sun_elevation_deg"], suns_deg)]
         names = ("sun_elevation_deg", "elevation_deg", "azimuth_deg", "wavelength_nm", "radiance_per_sr")
         return Referee(*(rows[n] for n in names), rows["standard_error_per_sr"])
 

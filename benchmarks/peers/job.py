@@ -1,8 +1,8 @@
 """One job in a process of its own, so that time and peak memory are its own: python -m peers.job JOB.json
 
 The job: {"model": "sasktran2:SETTING" | "SOLVER:QUALITY", "task": "error" | "one" | "thirty", "threads": n,
-"referee": path, "output": path of an .npz}.  `error` gives the radiances of the referee's rows; `one` and `thirty` are
-whole half-skies at eight wavelengths for one sun or thirty.
+"referee": path, "suns": some of its suns [deg] or null, "output": path of an .npz}.  `error` gives the radiances of the
+referee's rows; `one` and `thirty` are whole half-skies at eight wavelengths for one sun or thirty.
 Writes {"wall_s", "cpu_s", "memory_mib", "memory_before_mib"} to standard output.
 """
 
@@ -27,7 +27,7 @@ def main() -> None:
 
     model, _, variant = job["model"].partition(":")
     if job["task"] == "error":
-        medium = case.straight_air(case.Referee.read(job["referee"]).wavelengths())
+        medium = case.straight_air(case.Referee.read(job["referee"], job["suns"]).wavelengths())
     else:
         medium = case.straight_air(case.WAVELENGTHS_NM)
     work = _sasktran2 if model == "sasktran2" else _twilight
@@ -49,7 +49,7 @@ def _questions(job: dict) -> list[tuple[float, np.ndarray, np.ndarray]]:
     from peers import case
 
     if job["task"] == "error":
-        referee = case.Referee.read(job["referee"])
+        referee = case.Referee.read(job["referee"], job["suns"])
         directions = referee.directions()
         return [(float(sun), *directions) for sun in referee.suns_deg]
     suns = case.THIRTY_SUNS_DEG if job["task"] == "thirty" else (case.ONE_SUN_DEG,)
@@ -66,10 +66,15 @@ def _sasktran2(model: str, variant: str, job: dict):
     questions = _questions(job)
 
     def run(medium):
-        if not job.get("together"):
+        if job["task"] != "thirty":
             return np.stack([radiance(medium, setting, *q, threads=job["threads"]) for q in questions])
-        suns = np.array([q[0] for q in questions])[:, None]
-        return radiance(medium, setting, suns, questions[0][1], questions[0][2], threads=job["threads"])
+        # suns that share a solution: one solves more zenith angles, but fewer than each sun for itself
+        skies = []
+        for i in range(0, len(questions), setting.suns_together):
+            group = questions[i : i + setting.suns_together]
+            suns = np.array([q[0] for q in group])[:, None]
+            skies.append(radiance(medium, setting, suns, *group[0][1:], threads=job["threads"]))
+        return np.concatenate(skies)
 
     return run
 

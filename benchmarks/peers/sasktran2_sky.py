@@ -31,23 +31,25 @@ class Setting:
 
     single_levels: (thickness at the ground [km], growth with altitude) of the layers for single scattering.
     multiple_levels: the same for multiple scattering; growth 0: evenly spaced, and sunlight from the table.
-    source_levels: the same for the points where the diffuse source is kept.
-    n_sza: solar zenith angles of the source; widen_deg: how far they go beyond the lines of sight, to both sides.
+    source_levels: the same for the points where the diffuse source is kept; None: the middle of every layer.
+    zenith_step_deg: between the solar zenith angles of the source, near 90 deg (they are even in the cosine and
+        cover the lines of sight); None: one angle, the default.
     incoming, outgoing: directions at a source point; streams: terms of the phase function in multiple scattering
         (with delta-M scaling); moments: terms of the phase function in single scattering.
     tolerance: relative residual at which the iteration stops.
+    suns_together: of many suns, how many share one solution (memory grows with their number).
     """
 
     single_levels: tuple[float, float] = (0.02, 0.05)
     multiple_levels: tuple[float, float] = (1.0, 0.0)
-    source_levels: tuple[float, float] = (0.5, 0.15)
-    n_sza: int = 21
-    widen_deg: float = 0.0
+    source_levels: tuple[float, float] | None = (0.5, 0.15)
+    zenith_step_deg: float | None = 1.0
     incoming: int = 302
     outgoing: int = 110
     streams: int = 16
     moments: int = 513
     tolerance: float = 1e-4
+    suns_together: int = 5
 
 
 def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
@@ -110,10 +112,25 @@ def radiance(
     """
     angles = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in (sun_deg, elevation_deg, azimuth_deg)))
     rays = [a.ravel() for a in angles]
-    single = _engine(medium, setting, rays, threads, single=True)
+    single = np.empty((rays[0].size, medium.n_wavelengths))
+    for sun in np.unique(rays[0]):  # one by one: its memory grows with the lines of sight, its time gains nothing
+        here = rays[0] == sun
+        single[here] = _engine(medium, setting, [a[here] for a in rays], threads, single=True)
     multiple = _engine(medium, setting, rays, threads, single=False)
     both = tuple(part.reshape(*angles[0].shape, -1) for part in (single, multiple))
     return both if parts else both[0] + both[1]
+
+
+def _zenith_count(medium: Medium, step_deg: float | None, rays: list[np.ndarray]) -> int:
+    """Solar zenith angles that are a step apart where the sun is at the horizon, over all lines of sight."""
+    if step_deg is None:
+        return 1
+    sun, elevation, azimuth = (np.radians(a) for a in rays)
+    ratio = (medium.earth_radius_km + medium.bottom_km) / (medium.earth_radius_km + medium.top_km)
+    reach = np.arccos(ratio * np.cos(elevation)) - elevation  # from the observer to where a line of sight leaves
+    cosine = np.sin(sun) * np.cos(reach) + np.cos(sun) * np.sin(reach) * np.cos(azimuth)
+    span = max(cosine.max(), np.sin(sun).max()) - min(cosine.min(), np.sin(sun).min())
+    return 1 + max(1, round(span / np.radians(step_deg)))
 
 
 def _engine(medium: Medium, s: Setting, rays: list[np.ndarray], threads: int, *, single: bool) -> np.ndarray:
@@ -128,18 +145,19 @@ def _engine(medium: Medium, s: Setting, rays: list[np.ndarray], threads: int, *,
     config.delta_m_scaling = True
     config.num_streams = s.streams
     config.num_singlescatter_moments = s.moments if single else s.streams + 1
-    config.num_sza = s.n_sza
     config.num_successive_orders_incoming = s.incoming
     config.num_successive_orders_outgoing = s.outgoing
     config.successive_orders_relative_tolerance = s.tolerance
     config.num_successive_orders_iterations = 200
-    config.successive_orders_altitude_grid_m = 1000.0 * source_altitudes(medium, *s.source_levels)
+    if s.source_levels is not None:
+        config.successive_orders_altitude_grid_m = 1000.0 * source_altitudes(medium, *s.source_levels)
     grid = s.single_levels if single else s.multiple_levels
     three = not single and grid[1] > 0.0
     config.num_stokes = 3 if three else 1
     z = levels(medium, *grid)
     sun, elevation, azimuth = rays
     reference = 90.0 - 0.5 * (sun.min() + sun.max())
+    config.num_sza = _zenith_count(medium, s.zenith_step_deg, rays)
     geometry = sk.Geometry1D(
         np.cos(np.radians(reference)),
         0.0,
@@ -149,10 +167,7 @@ def _engine(medium: Medium, s: Setting, rays: list[np.ndarray], threads: int, *,
         sk.GeometryType.Spherical,
     )
     viewing = sk.ViewingGeometry()
-    extra = []
-    if s.widen_deg and not single:  # rays that only widen the range of solar zenith angles
-        extra = [(min(sun.max() + s.widen_deg, 90.0), 60.0, 0.0), (sun.min() - s.widen_deg, 60.0, 180.0)]
-    for d, e, a in (*zip(sun, elevation, azimuth, strict=True), *extra):
+    for d, e, a in zip(sun, elevation, azimuth, strict=True):
         viewing.add_ray(
             sk.SolarAnglesObserverLocation(
                 np.sin(np.radians(d)), np.radians(a), np.sin(np.radians(e)), 1000.0 * medium.bottom_km

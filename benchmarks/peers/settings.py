@@ -5,8 +5,10 @@ from __future__ import annotations
 from peers.sasktran2_sky import Setting
 
 SETTINGS: dict[str, Setting] = {
-    "defaults": Setting(n_sza=1, incoming=110, outgoing=110, streams=16, single_levels=(1.0, 0.0), tolerance=1e-6),
-    "coarse": Setting(n_sza=11, incoming=110, outgoing=110),
-    "middle": Setting(n_sza=21, incoming=302, outgoing=110),
-    "fine": Setting(n_sza=41, incoming=590, outgoing=302),
+    "defaults": Setting(
+        zenith_step_deg=None, single_levels=(1.0, 0.0), source_levels=None, outgoing=110, tolerance=1e-6
+    ),
+    "coarse": Setting(zenith_step_deg=1.0, incoming=110, source_levels=(1.0, 0.3)),
+    "middle": Setting(zenith_step_deg=0.5, incoming=302, source_levels=(1.0, 0.3)),
+    "fine": Setting(zenith_step_deg=0.5, incoming=770, outgoing=302, streams=24),
 }
