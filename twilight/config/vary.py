@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 import re
 from collections.abc import Mapping
@@ -18,6 +17,8 @@ LATIN_HYPERCUBE = "latin_hypercube"
 SCALES = ("linear", "log")
 MAX_POINTS = 100_000
 """Most points of one axis."""
+LARGEST = 1e150
+"""Largest end of a range; a whole number may be too large for a float, a ratio or difference of two floats as well."""
 
 _FORMS = "a list, e.g. [0, 10], or {from: 10, to: -18, count: 29}"
 
@@ -68,7 +69,9 @@ def axes_of(vary: Any, where: str) -> tuple[Axis, ...]:
 def label(name: str, value: Any) -> str:
     """A folder's name: `continental-average`, `relative_humidity_percent=80`."""
     if name == "climate":
-        text = Path(value).stem if isinstance(value, str) else str(value.get("name", "climate"))
+        text = Path(value).stem if isinstance(value, str) else "climate"
+        if isinstance(value, Mapping):
+            text = str(value.get("name", text))
     elif isinstance(value, dict):
         text = "_".join(label(k, v) for k, v in value.items())
     else:
@@ -147,7 +150,7 @@ def _range(value: Mapping[str, Any], where: str, more: tuple[str, ...] = ()) -> 
     ends = []
     for name in ("from", "to"):
         end = value.get(name)
-        if isinstance(end, bool) or not isinstance(end, int | float) or not math.isfinite(end):
+        if isinstance(end, bool) or not isinstance(end, int | float) or not -LARGEST <= end <= LARGEST:
             raise TwilightError(f"{where}.{name} must be a number, got {end!r}")
         ends.append(float(end))
     scale = value.get("scale", "linear")

@@ -32,6 +32,9 @@ PARAMETERS = ("A", "B", "C", "D", "E")
 QUANTITIES = ("luminance", "x", "y")
 ZENITH_LUMINANCE = ("slope", "constant", "chi")
 _PREFIX = "perez_"
+MAX_BYTES = 1_000_000
+LARGEST = 1e100
+"""Largest number of a set: a whole number may be too large for a float, a polynomial of larger floats overflows."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,10 @@ class SkyCoefficients:
 
     def check(self, where: str) -> None:
         """Raise TwilightError where a luminance is not positive or a chromaticity not one, anywhere in the range."""
+        with np.errstate(all="ignore"):  # what overflows is not finite, and found
+            self._check(where)
+
+    def _check(self, where: str) -> None:
         elevation, azimuth = np.meshgrid([0.0, 1.0, 3.0, 10.0, 30.0, 60.0, 90.0], np.linspace(0.0, 180.0, 13))
         for turbidity in np.linspace(*self.turbidity, 9):
             for quantity in QUANTITIES:
@@ -143,6 +150,12 @@ def load_coefficients(name: str) -> SkyCoefficients:
             ".json file"
         )
     try:
+        if not path.is_file():  # a pipe or a device could go on for ever
+            raise TwilightError(f"solver.coefficients: {path}: there is no such file")
+        if path.stat().st_size > MAX_BYTES:
+            raise TwilightError(
+                f"solver.coefficients: {path}: is larger than {MAX_BYTES // 1000} kB, which no set of coefficients is"
+            )
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not text"
@@ -162,13 +175,13 @@ def parse_coefficients(text: str, where: str) -> SkyCoefficients:
 
     try:
         data = yaml.safe_load(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):
         raise TwilightError(f"{where}: is not YAML or JSON") from None
     if not isinstance(data, dict) or data.get("version") != 1:
         raise TwilightError(f"{where}: version must be 1: this is not a set of sky coefficients")
     made = SkyCoefficients(
-        name=str(data.get("name", where)),
-        source=str(data.get("source", "")),
+        name=_text(data, "name", where, where),
+        source=_text(data, "source", "", where),
         turbidity=_range(data, "turbidity", where, (1.0, 100.0)),
         sun_zenith_deg=_range(data, "sun_zenith_deg", where, (0.0, 90.0)),
         distribution={q: tuple(_numbers(data, (q, "distribution", p), where) for p in PARAMETERS) for q in QUANTITIES},
@@ -180,6 +193,13 @@ def parse_coefficients(text: str, where: str) -> SkyCoefficients:
     )
     made.check(where)
     return made
+
+
+def _text(data: dict, key: str, default: str, where: str) -> str:
+    value = data.get(key, default)
+    if not isinstance(value, str):
+        raise TwilightError(f"{where}: {key} must be text")
+    return value
 
 
 def _range(data: dict, key: str, where: str, limits: tuple[float, float]) -> tuple[float, float]:
@@ -210,7 +230,7 @@ def _get(data: Any, path: tuple[str, ...], where: str) -> Any:
 
 def _as_numbers(value: Any, key: str, where: str) -> tuple[float, ...]:
     numbers = isinstance(value, list) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) and np.isfinite(v) for v in value
+        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= LARGEST for v in value
     )
     if not numbers or not 1 <= len(value) <= 5:
         raise TwilightError(f"{where}: {key} must be a list of one to five numbers")
