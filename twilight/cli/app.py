@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import compare, fit, render, show
+from twilight.cli import compare, fit, render, show, sweep
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -15,7 +15,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (render.render, compare.compare, show.climates, show.configs, show.describe, show.solvers, show.schema):
+commands = (
+    render.render,
+    sweep.sweep,
+    compare.compare,
+    show.climates,
+    show.configs,
+    show.describe,
+    show.solvers,
+    show.schema,
+)
+for command in commands:
     app.command()(sentences(command))
 app.add_typer(fit.app)
 

@@ -144,8 +144,8 @@ class Series:
         """
         folder = Path(self.where).parent if Path(self.where).is_file() else Path()
         one = deepcopy(self._draft)
-        for name, value in point.items():
-            one.set(name, deepcopy(value), f"{self.where}: vary", folder)
+        for name in sorted(point, key=lambda name: name.count(".")):  # a climate before what is set in it
+            one.set(name, deepcopy(point[name]), f"{self.where}: vary", folder)
         return one.validated()
 
 

@@ -1,0 +1,1 @@
+"""Sweeps: many skies, computed field by field on Dask, into one dataset that can be interrupted and continued."""

@@ -1,0 +1,137 @@
+"""Where tasks run: processes of this machine, a scheduler that is already there, or the jobs of a batch system."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from twilight.errors import TwilightError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+BATCH_SYSTEMS = {
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "sge": "SGECluster",
+    "lsf": "LSFCluster",
+    "htcondor": "HTCondorCluster",
+    "oar": "OARCluster",
+    "moab": "MoabCluster",
+}
+
+_QUIET = {
+    "distributed.scheduler.worker-ttl": None,  # a kernel that keeps the interpreter's lock is no dead worker
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.admin.tick.limit": "1h",
+    "distributed.comm.timeouts.connect": "10s",
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """What the command line says about where to compute.
+
+    scheduler: address of a running Dask scheduler; batch_system: a key of BATCH_SYSTEMS; with neither, processes of
+    this machine.  workers: processes, or jobs of the batch system; threads: of each, None for a fair share of the cores.
+    """
+
+    scheduler: str | None = None
+    batch_system: str | None = None
+    workers: int | None = None
+    threads: int | None = None
+
+
+@contextmanager
+def connect(place: Place) -> Iterator[Client]:
+    """A client of Dask's, whose cluster goes with it where this process has started it.
+
+    Errors: TwilightError where a library is missing or the scheduler cannot be reached.
+    """
+    _check_installed(place)
+    import dask
+
+    with dask.config.set(_QUIET):
+        for name in ("distributed", "distributed.nanny", "distributed.worker", "distributed.scheduler"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        if place.scheduler is not None:
+            with _client(place.scheduler) as client:
+                yield client
+            return
+        cluster = _local(place) if place.batch_system is None else _jobs(place)
+        try:
+            with _client(cluster) as client:
+                yield client
+        finally:
+            with suppress(Exception):  # it may be gone already
+                cluster.close(timeout=5)
+
+
+def _check_installed(place: Place) -> None:
+    needed = {"distributed": "batch", "zarr": "batch"}
+    if place.batch_system is not None:
+        needed["dask_jobqueue"] = "jobqueue"
+    for module, extra in needed.items():
+        if find_spec(module) is None:
+            raise TwilightError(f"sweep: needs {module.replace('_', '-')}: pip install 'twilight-sky[{extra}]'")
+
+
+@contextmanager
+def _client(where: Any) -> Iterator[Client]:
+    from distributed import Client
+
+    try:
+        client = Client(where, timeout=10, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise TwilightError(f"--scheduler: {where} cannot be reached ({str(error).splitlines()[0]})") from None
+    try:
+        yield client
+    finally:
+        with suppress(Exception):
+            client.close(timeout=5)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def share(place: Place) -> tuple[int, int]:
+    """(workers, threads of each) of a local cluster: no more threads than cores unless asked for."""
+    workers = place.workers or cores()
+    return workers, place.threads or max(1, cores() // workers)
+
+
+def _local(place: Place) -> Any:
+    from distributed import LocalCluster
+
+    workers, threads = share(place)
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+        env={name: str(threads) for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")},
+    )
+
+
+def _jobs(place: Place) -> Any:
+    import dask_jobqueue
+
+    try:
+        cluster = getattr(dask_jobqueue, BATCH_SYSTEMS[str(place.batch_system)])()
+        cluster.scale(jobs=place.workers or 1)
+    except (ValueError, OSError, RuntimeError, TypeError) as error:
+        raise TwilightError(
+            f"--batch-system: {place.batch_system} cannot be used ({str(error).splitlines()[0]}); cores, memory, queue "
+            f"and walltime are read from jobqueue.yaml in ~/.config/dask"
+        ) from None
+    return cluster

@@ -1,0 +1,325 @@
+"""A sweep as a plan: dimensions, grid, chunks, and the tasks that fill them, one solved field each."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight import __version__, solvers
+from twilight.air import climate_medium, table_sha256, wavelengths_of
+from twilight.batch.dimensions import dimensions_of, everywhere_observer, is_served
+from twilight.config.load import Series
+from twilight.config.scene import Config
+from twilight.errors import TwilightError
+from twilight.io.provenance import configuration_hash, to_json
+from twilight.run import _suns, _texture, check_size
+
+MAX_SCENES = 10_000_000
+MAX_FIELDS = 200_000
+CHUNK_BYTES = 16 * 2**20
+"""Most bytes of radiance in a chunk, before compression."""
+FEW_TASKS, FEW_SKIES = 16, 16
+"""Where a sweep would have fewer tasks than the first, its suns are divided, into no fewer than the second."""
+
+_LEFT_ASIDE = ("cli", "compare", "fit", "plotting.py", "describe.py", "colour.py", "batch", "__pycache__")
+"""Parts of the package that the radiance of a configuration does not depend on."""
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class ScenePosition:
+    """Sun and observer of one sky."""
+
+    sun_elevation_deg: float
+    sun_azimuth_deg: float | None
+    distance_au: float
+    observer_altitude_km: float
+    time_s: float | None
+    name: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """One chunk of the dataset: an index along each outer dimension, a range along each inner one."""
+
+    index: tuple[int, ...]
+    ranges: tuple[tuple[int, int], ...]
+
+    @property
+    def skies(self) -> int:
+        """How many skies it holds."""
+        return math.prod(stop - start for start, stop in self.ranges)
+
+    @property
+    def region(self) -> tuple[slice, ...]:
+        """Where it lies in an array over the sweep's dimensions."""
+        return tuple(slice(i, i + 1) for i in self.index) + tuple(slice(*r) for r in self.ranges)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its shape in that array."""
+        return (1,) * len(self.index) + tuple(stop - start for start, stop in self.ranges)
+
+    def scenes(self) -> Iterator[tuple[int, ...]]:
+        """The index of each of its skies."""
+        return itertools.product(*((i,) for i in self.index), *(range(*r) for r in self.ranges))
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one worker computes at a time: chunks that come out of one field.  key: a hash of all it depends on."""
+
+    key: str
+    field_key: str
+    blocks: tuple[Block, ...]
+
+    @property
+    def skies(self) -> int:
+        """How many skies it computes."""
+        return sum(block.skies for block in self.blocks)
+
+
+class Sweep:
+    """All that is to be computed, checked.
+
+    outer, inner: dimensions along which fields differ, and those that one field serves; the dataset has them in this
+    order.  wavelength_nm (W,); elevation_deg (E,), azimuth_deg (A,): directions; azimuths are those of the texture from
+    0 to 180 deg, the sky is its own mirror image about the sun's vertical.  chunk: shape of a chunk over the
+    dimensions.  document: what the sweep is, as JSON values.
+
+    Errors: TwilightError for a sweep that is too large, for keys that cannot be axes, and for every scene's
+    configuration that is not allowed, before anything is computed.
+    """
+
+    def __init__(self, series: Series, progress: Progress | None = None):
+        tell = progress or (lambda doing, share: None)
+        self.series, where = series, series.where
+        count = math.prod(len(axis.points) for axis in series.axes)
+        _refuse_too_many(where, count, "scenes", MAX_SCENES)
+        self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
+        check_size(self.first)
+        dimensions = dimensions_of(series.axes, self.first, where)
+        self.everywhere = everywhere_observer(series.axes, self.first)
+        self.outer = tuple(d for d in dimensions if not d.serves)
+        self.inner = tuple(d for d in dimensions if d.serves)
+        self.dimensions = self.outer + self.inner
+        self.shape = tuple(d.size for d in self.dimensions)
+        self.scenes = math.prod(self.shape)
+        _refuse_too_many(where, self.scenes, "scenes", MAX_SCENES)
+        _refuse_too_many(where, math.prod(d.size for d in self.outer), "fields", MAX_FIELDS)
+        self.elevation_deg, azimuth = _texture(self.first)
+        self.azimuth_deg = np.unique(np.round(np.minimum(azimuth, 360.0 - azimuth), 9))
+        self.wavelength_nm = self._wavelengths(self.first)
+        self.stochastic = False
+        self._position_cache = functools.lru_cache(maxsize=100_000)(self._positions)
+        field_keys = self._check_fields(tell)
+        self._check_inner()
+        self.chunk = self._chunk()
+        self.tasks = tuple(self._tasks(field_keys))
+        self.fields = len(set(field_keys.values()))
+        self.document = self._document()
+        self.hash = configuration_hash([self.document, [task.key for task in self.tasks]])
+
+    @property
+    def bytes(self) -> int:
+        """Of all radiances, before compression."""
+        return self.scenes * self._sky_bytes
+
+    @property
+    def _sky_bytes(self) -> int:
+        values = self.elevation_deg.size * self.azimuth_deg.size * self.wavelength_nm.size
+        return 4 * values * (2 if self.stochastic else 1)
+
+    def payload(self, task: Task) -> dict[str, Any]:
+        """What the worker of a task is told."""
+        config = self._field_config(task.blocks[0].index).model_dump(mode="json", exclude_unset=True)
+        if config["climate"].get("medium"):  # a worker may run in another folder, and must find the same table
+            table = config["climate"]["medium"]
+            table |= {"table": str(Path(table["table"]).absolute()), "sha256": table_sha256(table["table"])}
+        return {
+            "field_key": task.field_key,
+            "code": code_digest(),
+            "config": config,
+            "wavelength_nm": self.wavelength_nm,
+            "elevation_deg": self.elevation_deg,
+            "azimuth_deg": self.azimuth_deg,
+            "everywhere": self.everywhere,
+            "blocks": [[self.position(scene) for scene in block.scenes()] for block in task.blocks],
+        }
+
+    def position(self, scene: Sequence[int]) -> ScenePosition:
+        """Sun and observer of the scene with that index."""
+        outer, inner = scene[: len(self.outer)], scene[len(self.outer) :]
+        served = {k: v for k, v in self._outer_point(outer).items() if is_served(k, self.everywhere)}
+        along = tuple(i for d, i in zip(self.inner, inner, strict=True) if d.axis is not None)
+        own = [i for d, i in zip(self.inner, inner, strict=True) if d.axis is None]
+        return self._position_cache(to_json(served), along)[own[0] if own else 0]
+
+    def label(self, scene: Sequence[int]) -> str:
+        """What a scene is called in messages: its keys and values."""
+        parts = []
+        for dimension, i in zip(self.dimensions, scene, strict=True):
+            parts.append(self.position(scene).name if dimension.axis is None else dimension.axis.labels[i])
+        return " ".join(parts) or self.first.title
+
+    # Checks ---------------------------------------------------------------------------------------------------
+
+    def _check_fields(self, tell: Progress) -> dict[tuple[int, ...], str]:
+        """The hash of each field by its index along the outer dimensions; every configuration is validated."""
+        keys = {}
+        total = math.prod(d.size for d in self.outer)
+        wavelengths: dict[str, np.ndarray] = {}
+        for done, index in enumerate(itertools.product(*(range(d.size) for d in self.outer))):
+            if done % 100 == 0:
+                tell(f"checking {total} configurations", done / total)
+            config = self._field_config(index)
+            described = config.model_dump(
+                mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
+            )
+            table = config.climate.medium
+            if table is not None:
+                described["table"] = table_sha256(table.table)
+            if self.everywhere:
+                described.pop("observer")
+            asked = to_json([described.get("wavelengths"), described.get("table")])
+            if asked not in wavelengths:
+                wavelengths[asked] = self._wavelengths(config)
+                if not np.array_equal(wavelengths[asked], self.wavelength_nm):
+                    raise TwilightError(
+                        f"{self.series.where}: vary: {self._describe(index)} has other wavelengths than the first "
+                        f"scene; set wavelengths for all"
+                    )
+            self.stochastic = self.stochastic or _is_stochastic(config.solver.get("name", solvers.DEFAULT))
+            keys[index] = configuration_hash([described, self.wavelength_nm, code_digest()])[:24]
+        return keys
+
+    def _check_inner(self) -> None:
+        """Each value along the inner dimensions is validated alone: suns and observers do not depend on each other."""
+        for dimension in self.inner:
+            for i in range(dimension.size if dimension.axis is not None else 0):
+                self.series.config(self._first_point() | dimension.point(i))
+
+    def _wavelengths(self, config: Config) -> np.ndarray:
+        wavelength_nm = wavelengths_of(config)
+        return climate_medium(config.climate, None).wavelength_nm if wavelength_nm is None else wavelength_nm
+
+    # Configurations -------------------------------------------------------------------------------------------
+
+    def _first_point(self) -> dict[str, Any]:
+        return {k: v for d in self.dimensions for k, v in d.point(0).items()}
+
+    def _outer_point(self, index: Sequence[int]) -> dict[str, Any]:
+        return {k: v for d, i in zip(self.outer, index, strict=True) for k, v in d.point(i).items()}
+
+    def _field_config(self, index: tuple[int, ...]) -> Config:
+        return self.series.config(self._first_point() | self._outer_point(index))
+
+    def _describe(self, index: tuple[int, ...]) -> str:
+        return " ".join(d.axis.labels[i] for d, i in zip(self.outer, index, strict=True) if d.axis is not None)
+
+    def _positions(self, served: str, along: tuple[int, ...]) -> tuple[ScenePosition, ...]:
+        """The suns of a configuration with these keys of the outer and indices along the inner dimensions."""
+        point = self._first_point() | json.loads(served)
+        for dimension, i in zip((d for d in self.inner if d.axis is not None), along, strict=True):
+            point |= dimension.point(i)
+        config = self.series.config(point)
+        return tuple(
+            ScenePosition(
+                sun.elevation_deg,
+                sun.azimuth_deg,
+                sun.distance_au,
+                config.observer.altitude_km,
+                None if sun.time is None else sun.time.timestamp(),
+                sun.name,
+            )
+            for sun in _suns(config)
+        )
+
+    # Chunks and tasks -----------------------------------------------------------------------------------------
+
+    def _chunk(self) -> tuple[int, ...]:
+        """Whole along the inner dimensions while that fits; the first of them are divided first."""
+        most = max(1, CHUNK_BYTES // self._sky_bytes)
+        inner = [d.size for d in self.inner]
+        fields = math.prod(d.size for d in self.outer)
+        if fields < FEW_TASKS and inner:
+            most = min(most, max(FEW_SKIES, -(-math.prod(inner) * fields // FEW_TASKS)))
+        for i, size in enumerate(inner):
+            rest = math.prod(inner[i + 1 :])
+            inner[i] = min(size, max(1, most // rest))
+        return (1,) * len(self.outer) + tuple(inner)
+
+    def _tasks(self, field_keys: dict[tuple[int, ...], str]) -> Iterator[Task]:
+        """Chunks of the same field go to one task, as long as they fit."""
+        steps = self.chunk[len(self.outer) :]
+        ranges = [
+            [(start, min(start + step, d.size)) for start in range(0, d.size, step)]
+            for d, step in zip(self.inner, steps, strict=True)
+        ]
+        of_field: dict[str, list[Block]] = {}
+        for index, key in field_keys.items():
+            of_field.setdefault(key, []).extend(Block(index, chosen) for chosen in itertools.product(*ranges))
+        whole = math.prod(steps)
+        inner = to_json([d.axis.points if d.axis is not None else self.first.sun.model_dump() for d in self.inner])
+        for key, blocks in of_field.items():
+            listed = len({block.index for block in blocks}) > 1
+            for together in _packed(blocks, max(whole, CHUNK_BYTES // self._sky_bytes) if listed else whole):
+                suns = [[self._served(b.index), b.ranges] for b in together]
+                yield Task(configuration_hash([key, inner, suns])[:24], key, tuple(together))
+
+    def _served(self, index: tuple[int, ...]) -> dict[str, Any]:
+        return {k: v for k, v in self._outer_point(index).items() if is_served(k, self.everywhere)}
+
+    def _document(self) -> dict[str, Any]:
+        return {
+            "version": __version__,
+            "code": code_digest(),
+            "configuration": self.first.model_dump(mode="json", exclude_none=True, exclude={"vary", "output"}),
+            "dimensions": {
+                d.name: self.first.sun.model_dump(mode="json") if d.axis is None else list(d.axis.points)
+                for d in self.dimensions
+            },
+        }
+
+
+def _packed(blocks: list[Block], most: int) -> Iterator[list[Block]]:
+    """Blocks in order, put together as long as they hold no more than `most` skies."""
+    together: list[Block] = []
+    for block in blocks:
+        if together and sum(b.skies for b in together) + block.skies > most:
+            yield together
+            together = []
+        together.append(block)
+    yield together
+
+
+def _is_stochastic(solver: str) -> bool:
+    return hasattr(getattr(solvers.load(solver), "Field", None), "radiance_with_error")
+
+
+def _refuse_too_many(where: str, count: int, what: str, most: int) -> None:
+    if count > most:
+        raise TwilightError(f"{where}: vary asks for {count:,} {what}; one sweep takes {most:,} at most")
+
+
+@functools.cache
+def code_digest() -> str:
+    """SHA-256 over the parts of the program and of its data that radiances depend on."""
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for file in sorted(f for f in package.rglob("*") if f.is_file()):
+        parts = file.relative_to(package).parts
+        if parts[0] not in _LEFT_ASIDE and "__pycache__" not in parts:
+            digest.update("/".join(parts).encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()

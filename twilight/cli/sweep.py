@@ -1,0 +1,109 @@
+"""`twilight sweep`: many skies into one dataset."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.render import _option
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.errors import TwilightError
+
+LISTED_SCENES = 5
+"""Scenes of each reason that are named; all are in the dataset's journal."""
+
+
+def sweep(
+    scene: Annotated[str, typer.Argument(metavar="CONFIG", help="Name or file of a configuration with `vary`.")],
+    scheduler: Annotated[
+        str | None, _option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786; without it, this machine.")
+    ] = None,
+    batch_system: Annotated[
+        str | None, _option("NAME", "Jobs of slurm, pbs, sge, lsf, htcondor, oar or moab, as jobqueue.yaml says.")
+    ] = None,
+    workers: Annotated[int | None, _option("N", "Processes on this machine (default: its cores), or jobs.")] = None,
+    threads: Annotated[int | None, _option("N", "Of each worker; without it, cores are shared evenly.")] = None,
+    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, _option("DIR.zarr", "The dataset; continued where it is there.")] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
+) -> None:
+    """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
+    from twilight.batch.cluster import BATCH_SYSTEMS, Place
+    from twilight.batch.sweep import Sweep
+    from twilight.config.load import load_axes, parse_setting
+    from twilight.config.validate import unknown
+    from twilight.io.whole import check_folder
+
+    for name, value in (("--workers", workers), ("--threads", threads)):
+        if value is not None and not 1 <= value <= 10_000:
+            raise TwilightError(f"{name}: {value} is not allowed; it must be from 1 to 10000")
+    if batch_system is not None and batch_system not in BATCH_SYSTEMS:
+        raise TwilightError(f"--batch-system: {batch_system} {unknown(batch_system, BATCH_SYSTEMS, 'batch system')}")
+    if scheduler is not None and (batch_system is not None or workers is not None):
+        raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
+    if output is not None and output.suffix != ".zarr":
+        raise TwilightError(f"--output: {output} must end in .zarr")
+    chosen: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    for text in settings or ():
+        key, value = parse_setting(text)
+        chosen[key], names[key] = value, f"--set {key}"
+    series = load_axes(scene, chosen, names)
+    with progress_bar() as bar:
+        made = Sweep(series, lambda doing, share: bar(share, doing))
+    name = re.sub(r"[^\w.+-]+", "-", made.first.name or Path(scene).stem).strip("-.") or "sweep"
+    path = output or Path("out") / f"{name}.zarr"
+    if plan:
+        _print_plan(made, path)
+        return
+    check_folder(path.parent)
+    _run(made, path, Place(scheduler, batch_system, workers, threads))
+
+
+def _run(made: Any, path: Path, place: Any) -> None:
+    from twilight.batch.cluster import connect
+    from twilight.batch.run import failures, run_sweep
+    from twilight.batch.store import open_store
+
+    with open_store(path, made) as store, progress_bar() as bar:
+        had = len(store.done)
+        bar(0.0, "starting workers")
+        if had < len(made.tasks):
+            with connect(place) as client:
+                outcome = run_sweep(
+                    client, store, threads=place.threads, progress=lambda doing, share: bar(share, doing)
+                )
+        else:
+            from twilight.batch.run import Outcome
+
+            outcome = Outcome()
+        found = list(failures(store, outcome))
+    if found:
+        rows = [[str(len(scenes)), _some(made, scenes), reason] for reason, scenes in found]
+        print_table(["scenes", "such as", "failed because"], rows, right=(0,))
+    before = f" ({had} tasks were there)" if had else ""
+    print(
+        f"{outcome.skies:,} skies in {outcome.tasks:,} tasks{before}, {outcome.wall_s:.1f} s, "
+        f"{outcome.cpu_s:.1f} s of processor time"
+    )
+    print(f"wrote {path}: xarray.open_zarr({str(path)!r})")
+    failed = sum(len(scenes) for _, scenes in found)
+    if failed:
+        print(f"twilight: {failed:,} of {made.scenes:,} scenes failed", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def _some(made: Any, scenes: list[tuple[int, ...]]) -> str:
+    text = ", ".join(made.label(scene) for scene in scenes[:LISTED_SCENES])
+    return text + (", ..." if len(scenes) > LISTED_SCENES else "")
+
+
+def _print_plan(made: Any, path: Path) -> None:
+    rows = [[d.name, f"{d.size:,}", "shared field" if d.serves else "own field"] for d in made.dimensions]
+    print_table(["dimension", "size", "each value has"], rows, right=(1,))
+    print(f"{made.scenes:,} skies of {made.fields:,} fields in {len(made.tasks):,} tasks")
+    print(f"up to {made.bytes / 1e9:.3g} GB in {path}")
