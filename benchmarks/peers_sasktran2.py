@@ -108,7 +108,7 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", default=list(MODELS))
     parser.add_argument("--tasks", nargs="+", default=["error", "one", "thirty"], choices=["error", "one", "thirty"])
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--referee", type=Path, default=REFERENCE / "continental-average-straight.csv")
+    parser.add_argument("--referee", type=Path, default=REFERENCE / "continental-average-unrefracted.csv")
     parser.add_argument("--suns", nargs="+", type=float, help="only these of the referee's suns [deg]")
     parser.add_argument("--output", type=Path, default=HERE / "peers_sasktran2.csv")
     arguments = parser.parse_args()
