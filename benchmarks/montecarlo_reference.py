@@ -93,10 +93,10 @@ def target(sun_elevation_deg: float) -> float:
 
 
 def climate_target(sun_elevation_deg: float) -> float:
-    """0.15 % down to -6 deg, 0.3 % to -12, 0.6 % below."""
+    """0.3 % down to -6 deg, 0.6 % to -12, 1.2 % below."""
     if sun_elevation_deg >= -6.0:
-        return 0.0015
-    return 0.003 if sun_elevation_deg >= -12.0 else 0.006
+        return 0.003
+    return 0.006 if sun_elevation_deg >= -12.0 else 0.012
 
 
 def compute_table(name: str, albedo: float) -> None:
@@ -129,7 +129,7 @@ def compute(medium, path: Path, suns_deg, directions_deg, target, **change) -> N
         with open(path) as stream:
             done = {float(row["sun_elevation_deg"]) for row in csv.DictReader(stream)}
     elevation, azimuth = np.array(directions_deg).T
-    settings = MonteCarloSettings(max_samples=400_000, pilot_samples=64, seed=20, **change)
+    settings = MonteCarloSettings(max_samples=400_000, pilot_samples=48, seed=20, **change)
     field = prepare(medium, settings)
     for sun in suns_deg:
         if sun in done:

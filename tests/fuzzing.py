@@ -44,9 +44,9 @@ ODD_YAML: tuple[str, ...] = (
     "&a [*a]", "&a {x: *a}", "*a", "<<: {a: 1}", "!!python/object/apply:os.system ['true']", "!!binary aGVsbG8=",
     "!!set {a, b}", "!!timestamp 2001-99-99", "!!float .nan", "!!int 0x_", "!!omap [a: 1]", "!x y", "? [1, 2]\n: 3",
     "? {a: b}\n: c", "|\n  a\n  b", ">-\n  folded", '"\\x00\\uD800"', "'unclosed", '"unclosed', "[1, 2", "{a: 1",
-    "- - - -",     "%YAML 1.1\n---", "---\na: 1\n---\nb: 2", "...", "\t- tab", "@reserved", "`reserved", "0o17", "1_000", "12:30:45",
-    "1e400", "-1e400", "0x7fffffffffffffff", "9" * 4000, "9" * 20000, "." * 200, "{" * 300, "[" * 3000, "- " * 3000,
-    "? " * 800,     "&x " * 50, "#", ": : :", "\ufeff", "\u2028", "\x85", "a: b: c", "null: null", "1: 2", "true: 1", "[]: 1",
+    "- - - -", "%YAML 1.1\n---", "---\na: 1\n---\nb: 2", "...", "\t- tab", "@reserved", "`reserved", "0o17", "1_000",
+    "12:30:45", "1e400", "-1e400", "0x7fffffffffffffff", "9" * 4000, "9" * 20000, "." * 200, "{" * 300, "[" * 3000,
+    "- " * 3000, "? " * 800, "&x " * 50, "#", ": : :", "\ufeff", "\u2028", "\x85", "a: b: c", "null: null", "1: 2", "true: 1", "[]: 1",
 )  # fmt: skip
 
 
@@ -56,7 +56,10 @@ class Fault(AssertionError):
 
 @contextmanager
 def limited(seconds: float = CPU_SECONDS, memory_bytes: int = MEMORY_BYTES) -> Iterator[None]:
-    """Raise Fault after so much processor time or WALL_SECONDS, and MemoryError beyond so much more memory than now, where the system can do that."""
+    """Raise Fault after so much processor time or WALL_SECONDS, and MemoryError beyond so much more memory than now.
+
+    Only where the system can do that.
+    """
     if os.name != "posix" or threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -127,13 +127,6 @@ def test_single_scattering_refracted():
     compare(hazy_earth(), True, lambda field: lambda z, c: beam_at_one(field.sun.beam, z, c, 0))
 
 
-def test_refraction_switched_off_is_air_without_refractivity():
-    settings = MonteCarloSettings(target_stderr=None, samples=8, steering_sweeps=0)
-    off = prepare(hazy_earth(), replace(settings, refraction=False)).radiance(-3.0, 30.0, [0.0, 90.0])
-    none = prepare(hazy_earth(refractivity=0.0), settings).radiance(-3.0, 30.0, [0.0, 90.0])
-    np.testing.assert_array_equal(off, none)
-
-
 def test_refraction_brightens_twilight():
     # DESIGN fact 7: at -4 deg the refracted beam adds 9 % in the zenith; here single scattering alone
     views = (-4.0, 90.0, 0.0)

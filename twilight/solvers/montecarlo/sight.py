@@ -136,6 +136,7 @@ def look(air, sun, steering, w, bent, point, direction, to_sun, max_length, max_
         mu = (math.sin(psi) * x + math.cos(psi) * z) / r
         if altitude >= top - 1e-9:
             if mu >= 0.0:
+                summary[THROUGH] = math.exp(-depth)
                 return n
             s = distance_down(altitude, r, mu, top - 1e-9) if outside else 0.0
             if s < 0.0:
@@ -308,6 +309,7 @@ def look(air, sun, steering, w, bent, point, direction, to_sun, max_length, max_
                 k = next_k
                 falling = still_falling
                 if k >= n_shells:
+                    summary[THROUGH] = math.exp(-depth)
                     return n
         travelled += chord
         x += chord * math.sin(heading)
