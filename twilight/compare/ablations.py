@@ -32,6 +32,7 @@ HABER = {
     "solver.max_events": 20,
     "solver.tolerance": 1e-3,
 }
+LOW = {"atmosphere.top_km": 35.0}
 FEW_NM = {"wavelengths": {"list_nm": [440.0, 550.0, 680.0]}}
 """For what costs much and hardly depends on how many wavelengths there are."""
 
@@ -76,11 +77,16 @@ ABLATIONS: tuple[Ablation, ...] = (
         for n in (4, 8, 16)
     ),
     *(
-        _zones(f"N = {n} homogeneous layers", atmosphere__layers={"equal_air_mass": n})
+        Ablation(
+            f"N = {n} layers of equal mass, top at 35 km",
+            {**ZONES, **LOW, "atmosphere.layers": {"equal_air_mass": n}},
+            {**ZONES, **LOW},
+        )
         for n in (10, 20, 30, 50, 70, 100)
     ),
+    _zones("N = 100 layers of equal mass, top at 100 km", atmosphere__layers={"equal_air_mass": 100}),
     Ablation(
-        "isotropic multiple scattering (cells)",
+        "isotropic multiple scattering, on Haber's cells (cells)",
         {**HABER, **FEW_NM, "solver.azimuth_cells": 120},
         {**CELLS, **FEW_NM, "solver.quality": "standard"},
     ),
@@ -91,8 +97,8 @@ ABLATIONS: tuple[Ablation, ...] = (
         for n in (2, 4, 8)
     ),
     *(
-        _haber(f"S = {s} against 180 (cells)", {"solver.azimuth_cells": 180}, azimuth_cells=s)
-        for s in (36, 60, 90, 120)
+        _haber(f"S = {s} against 120 (cells)", {"solver.azimuth_cells": 120}, azimuth_cells=s)
+        for s in (36, 60, 90, 180)
     ),
 )
 

@@ -52,7 +52,7 @@ class Row:
 
     @property
     def set_up_s(self) -> float:
-        """Median over the runs of the time for what does not depend on the sun [s]."""
+        """Median over the runs of the time for what serves all suns of the comparison [s]."""
         return float(np.median(self._known.set_up_s))
 
     @property

@@ -65,6 +65,8 @@ class Job:
             if directions.wavelength_nm is not None:
                 asked.pop("wavelengths", None)
             asked["directions"] = asdict(directions)
+        elif getattr(solvers.load(self.solver), "TAKES_SUNS", False):
+            asked["all_suns"] = list(self.suns)
         asked["code"] = code_digest(solvers.SOLVERS[self.solver])
         asked["version"] = __version__
         return configuration_hash(asked)[:24]
@@ -79,6 +81,7 @@ class Job:
             "options": options,
             "config": self.config.model_dump(mode="json", exclude_unset=True, exclude={"vary"}),
             "suns": list(suns),
+            "all_suns": list(self.suns),
             "timed": list(timed),
             "directions": [asdict(self.directions[sun]) for sun in suns],
             "repeats": self.repeats,
@@ -90,7 +93,7 @@ class Job:
 class Timing:
     """Wall and processor times [s] of each run, and memory of the process [MiB].
 
-    set_up: what does not depend on the sun; sky: one sky of `directions` directions.  Processor time is that of all
+    set_up: what serves all suns of the job; sky: one sky of `directions` directions.  Processor time is that of all
     threads, and hardly depends on what else the machine does.
     before_mib: with the air ready, before the solver is first called.
     compiled_s: machine code made before the runs, in a process of its own.

@@ -123,7 +123,10 @@ class _Execution:
 
     def _prepare(self, medium: Any) -> Any:
         altitude_km = self.config.observer.altitude_km
-        return self.solver.prepare(medium, self.settings, observer_altitude_km=altitude_km, progress=self._progress)
+        more = {"sun_elevations_deg": self.message["all_suns"]} if getattr(self.solver, "TAKES_SUNS", False) else {}
+        return self.solver.prepare(
+            medium, self.settings, observer_altitude_km=altitude_km, progress=self._progress, **more
+        )
 
     def _progress(self, doing: str | float, share: float | str) -> None:
         if isinstance(share, str):  # montecarlo tells the share first
