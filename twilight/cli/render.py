@@ -32,6 +32,9 @@ def render(
     target_stderr: Annotated[
         float | None, _option("SHARE", "Relative standard error of every pixel, e.g. 0.01; montecarlo only.")
     ] = None,
+    target_error: Annotated[
+        float | None, _option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01; zones only.")
+    ] = None,
     settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     target: Annotated[
         str | None, _option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
@@ -59,8 +62,11 @@ def render(
     for text in settings or ():
         key, value = parse_setting(text)
         chosen[key], names[key] = value, f"--set {key}"
+    if target_error is not None:
+        _check_solver(load_series(scene, chosen, names), "--target-error", "zones", "refines to a target error")
+        choose("solver.target_error", target_error, "--target-error")
     if target_stderr is not None:
-        _check_montecarlo(load_series(scene, chosen, names))
+        _check_solver(load_series(scene, chosen, names), "--target-stderr", "montecarlo", "stops at a standard error")
         choose("solver.target_stderr", target_stderr, "--target-stderr")
     cases = load_series(scene, chosen, names)
     if plan:
@@ -69,14 +75,13 @@ def render(
         _render(cases, scene, output)
 
 
-def _check_montecarlo(cases: list[Any]) -> None:
+def _check_solver(cases: list[Any], option: str, solver: str, does: str) -> None:
     from twilight import solvers
 
-    others = {case.config.solver.get("name", solvers.DEFAULT) for case in cases} - {"montecarlo"}
+    others = {case.config.solver.get("name", solvers.DEFAULT) for case in cases} - {solver}
     if others:
         raise TwilightError(
-            f"--target-stderr: only the solver montecarlo stops at a standard error, not {', '.join(sorted(others))}; "
-            "add --solver montecarlo"
+            f"{option}: only the solver {solver} {does}, not {', '.join(sorted(others))}; add --solver {solver}"
         )
 
 

@@ -6,6 +6,7 @@ import functools
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -21,7 +22,8 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
-            with _leaving_on_sigterm():
+            with _leaving_on_sigterm(), warnings.catch_warnings():
+                warnings.showwarning = _say_warning
                 command(*args, **kwargs)
         except TwilightError as error:
             print(f"twilight: {error}", file=sys.stderr)
@@ -31,6 +33,12 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(130) from None
 
     return guarded
+
+
+def _say_warning(message: Any, category: type[Warning], *_: Any) -> None:
+    """What a solver warns of is a sentence to the user; other warnings are for developers and stay silent here."""
+    if category is UserWarning:
+        print(f"twilight: {message}", file=sys.stderr)
 
 
 @contextmanager

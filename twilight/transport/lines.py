@@ -55,12 +55,13 @@ def refractive_gradient(medium: Medium, profile: Profile, *, bent: bool) -> np.n
     levels = medium.altitude_km
     index = medium.refractivity[:, medium.n_wavelengths // 2]
     same = np.diff(levels) <= 0
-    if np.any(same & (np.abs(np.diff(index)) > 1e-3 * index[:-1])):
+    if np.count_nonzero(~same) > 1 and np.any(same & (np.abs(np.diff(index)) > 1e-3 * index[:-1])):
         thick = ~same
         middle = 0.5 * (levels[1:] + levels[:-1])[thick]
         value = 0.5 * (index[1:] + index[:-1])[thick]
+        lowest = value[0] * (value[0] / value[1]) ** ((middle[0] - levels[0]) / (middle[1] - middle[0]))
         levels = np.concatenate([levels[:1], middle, levels[-1:]])
-        index = np.concatenate([index[:1], value, index[-1:]])
+        index = np.concatenate([[lowest], value, index[-1:]])
     n = np.exp(np.interp(z, levels, np.log(np.maximum(index, 1e-30))))
     step = np.diff(z)
     return np.where(step > 0, np.diff(n) / np.where(step > 0, step, 1.0), 0.0)

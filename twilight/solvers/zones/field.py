@@ -17,7 +17,7 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution, solve_orders
 from twilight.solvers.zones.storage import save
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.view import REFERENCE_LIFT_RAD, view_multiple, view_single
+from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple, view_single
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.lines import refractive_gradient
@@ -30,6 +30,8 @@ LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
+SHARP = 2.0
+"""Points on a line of sight for light scattered once, over those for the rest."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
@@ -79,12 +81,22 @@ class Field:
         self.scaled = delta_scaled(medium, settings.degree)
         tell("sunbeam", 0.0)
         if solved is None:
-            self.beam = prepare_beam(self.scaled.medium, refraction=settings.refraction)
+            d = settings.beam_density
+            self.beam = prepare_beam(
+                self.scaled.medium,
+                refraction=settings.refraction,
+                altitude_nodes_per_scale=8.0 * d,
+                limb_nodes_per_scale=12.0 * d,
+                cosine_nodes=round(40 * d),
+                distance_nodes=max(8, round(12 * d)),
+                guess_nodes=round(48 * d),
+            )
         else:
             self.beam = solved[0]
         self.profile = prepare_profile(self.scaled.medium)
         self.jumps = jump_altitudes(self.profile)
-        self.gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
+        self.sight_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
+        self.path_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_paths)
         altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
         self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), self.jumps)
         self.convergence: Convergence | None = None
@@ -150,7 +162,7 @@ class Field:
         angles = make_angles(horizon, polar, around, degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
         rays = trace_rays(
-            self.profile, self.gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
+            self.profile, self.path_gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
         )
         longest = float(max(rays.place[:, 1].max(), rays.ground_angle_rad.max()))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
@@ -185,17 +197,20 @@ class Field:
         order = np.argsort(row_of, kind="stable")
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
         cos_azimuth = np.cos(np.radians(a))[order]
-        rays = trace_rays(
-            self.profile,
-            self.gradient,
-            self.jumps,
-            np.full(row_elevation.size, altitude),
-            np.sin(np.radians(row_elevation)),
-            self.settings.sight_density,
+        rays, fine_rays = (
+            trace_rays(
+                self.profile,
+                self.sight_gradient,
+                self.jumps,
+                np.full(row_elevation.size, altitude),
+                np.sin(np.radians(row_elevation)),
+                density * self.settings.sight_density,
+            )
+            for density in (1.0, SHARP)  # the shadow's edge is sharp in light scattered once
         )
         zenith = math.radians(90.0 - sun_elevation_deg)
         sorted_elevation = np.radians(e[order])
-        out = self._single(rays, zenith, np.radians(row_elevation), row_first, sorted_elevation, cos_azimuth)
+        out = self._single(fine_rays, zenith, np.radians(row_elevation), row_first, sorted_elevation, cos_azimuth)
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[1]))
             out[:, part] += self._multiple(rays, zenith, row_first, cos_azimuth, block, solution)[
@@ -208,17 +223,17 @@ class Field:
     def _single(self, rays, zenith, row_elevation, row_first, elevation, cos_azimuth) -> np.ndarray:
         """Light scattered once, (D, W), directions sorted by ray."""
         phases = []
-        for lift in (0.0, REFERENCE_LIFT_RAD):
-            t = zenith - lift
-            cosine = np.sin(elevation) * math.cos(t) + np.cos(elevation) * math.sin(t) * cos_azimuth
+        for lifted, lowered in ((0.0, 0.0), (REFERENCE_TURN_RAD, 0.0), (0.0, REFERENCE_TURN_RAD)):
+            t, e = zenith - lifted, elevation - lowered
+            cosine = np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth
             phases.append(species_phase(self.medium, self.scaled.forward_share, cosine))
-        slope = (phases[1] - phases[0]) / REFERENCE_LIFT_RAD
+        of_sun, of_ray = ((turned - phases[0]) / REFERENCE_TURN_RAD for turned in phases[1:])
         share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
         out = np.zeros((cos_azimuth.size, self.medium.n_wavelengths))
         in_slices(
             lambda begin, end: view_single(
                 self.beam, rays.first, rays.place, rays.weight, share, row_elevation, zenith, row_first, cos_azimuth,
-                phases[0], slope, rays.ground_weight, rays.ground_angle_rad, self.medium.bottom_km,
+                phases[0], of_sun, of_ray, rays.ground_weight, rays.ground_angle_rad, self.medium.bottom_km,
                 self.medium.ground_albedo, out, begin, end,
             ),
             row_elevation.size,

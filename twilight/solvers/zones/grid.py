@@ -13,6 +13,7 @@ import numpy as np
 
 LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
 HORIZON_WIDTH = 0.03
+CENTRE, SPREAD = 0.5, 0.0
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
 
 
@@ -42,12 +43,12 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
 
     horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
     """
-    n_below = max(per_side - per_side // 4, 2)
+    n_below = max(7 * per_side // 10, 2)
     cosine, weight = np.empty((horizon_cosine.size, per_side + n_below)), None
     weight = np.empty_like(cosine)
     for k, h in enumerate(horizon_cosine):
-        below, w_below = _clustered(-1.0, h, h, n_below)
-        above, w_above = _clustered(h, 1.0, 0.5 * h, per_side)
+        below, w_below = _clustered(-1.0, h, h, HORIZON_WIDTH, n_below)
+        above, w_above = _clustered(h, 1.0, CENTRE * h, HORIZON_WIDTH - SPREAD * h, per_side)
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
@@ -62,13 +63,13 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
     return Angles(cosine, azimuth, weight, deg, order, np.array(analysis))
 
 
-def _clustered(low: float, high: float, centre: float, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _clustered(low: float, high: float, centre: float, width: float, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss points and weights on low..high, close together around `centre`: uniform in asinh((x - centre)/width)."""
     x, w = np.polynomial.legendre.leggauss(n)
-    a, b = np.arcsinh((low - centre) / HORIZON_WIDTH), np.arcsinh((high - centre) / HORIZON_WIDTH)
+    a, b = np.arcsinh((low - centre) / width), np.arcsinh((high - centre) / width)
     t = a + (b - a) * 0.5 * (x + 1.0)
     w = w * np.cosh(t)
-    return centre + HORIZON_WIDTH * np.sinh(t), w * ((high - low) / w.sum())
+    return centre + width * np.sinh(t), w * ((high - low) / w.sum())
 
 
 def even_harmonics(cosine: np.ndarray, degree: int) -> np.ndarray:
@@ -118,7 +119,7 @@ def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarra
         out.append(x + step / density)
     nodes = np.array(out)
     first = max(0, int(np.searchsorted(nodes, first_deg, side="right")) - 1)
-    last = min(nodes.size - 1, int(np.searchsorted(nodes, last_deg)))
+    last = min(nodes.size - 1, max(first + 5, int(np.searchsorted(nodes, last_deg))))
     return nodes[first : last + 1]
 
 

@@ -17,18 +17,20 @@ class ZonesSettings:
     late_degree, late_polar_directions, late_azimuth_directions
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
     step_density: of the points along the rays between nodes; sight_density: along lines of sight
+    beam_density: of the nodes of the sunbeam's tables
     max_events: most scattering events that are followed; 1 is single scattering
     tolerance: stop earlier when one more event changes the sum, with a geometric series for the rest, by less than this
         share at every node; 0 follows max_events and adds no rest
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
+    bent_paths: bend the paths of light between two scattering events too
     target_error: refine until two qualities differ by less than this share at 95 % of the directions; 0 does not
     field_file: HDF5 file that the field is read from where it holds this very field, and written to otherwise
     """
 
-    degree: int = 12
-    polar_directions: int = 10
-    azimuth_directions: int = 13
+    degree: int = 16
+    polar_directions: int = 13
+    azimuth_directions: int = 17
     early_events: int = 2
     late_degree: int = 6
     late_polar_directions: int = 7
@@ -37,10 +39,12 @@ class ZonesSettings:
     zenith_density: float = 1.0
     step_density: float = 0.7
     sight_density: float = 1.5
+    beam_density: float = 1.0
     max_events: int = 60
     tolerance: float = 2e-3
     refraction: bool = True
     bent_lines_of_sight: bool = True
+    bent_paths: bool = True
     target_error: float = 0.0
     field_file: str = ""
 
@@ -57,6 +61,7 @@ class ZonesSettings:
             "zenith_density": (0.2, 10.0),
             "step_density": (0.3, 10.0),
             "sight_density": (0.3, 10.0),
+            "beam_density": (0.3, 4.0),
             "max_events": (1, 1000),
             "tolerance": (0.0, 0.5),
             "target_error": (0.0, 1.0),
@@ -77,14 +82,31 @@ class ZonesSettings:
 
 QUALITIES: dict[str, ZonesSettings] = {
     "draft": ZonesSettings(
-        degree=4, polar_directions=5, azimuth_directions=5, late_degree=4, late_polar_directions=5,
-        late_azimuth_directions=5, altitude_density=0.6, zenith_density=0.6, step_density=0.5,
-        sight_density=1.0, tolerance=3e-3,
+        degree=11,
+        polar_directions=9,
+        azimuth_directions=12,
+        late_degree=5,
+        late_polar_directions=6,
+        late_azimuth_directions=6,
+        altitude_density=0.5,
+        zenith_density=0.6,
+        step_density=0.4,
+        sight_density=1.0,
+        beam_density=0.5,
+        tolerance=1e-2,
     ),
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
-        degree=16, polar_directions=14, azimuth_directions=17, early_events=3, late_degree=8, late_polar_directions=12,
-        late_azimuth_directions=9, altitude_density=2.0, zenith_density=2.0,
-        step_density=1.0, sight_density=2.5, tolerance=3e-4,
+        degree=24,
+        polar_directions=15,
+        azimuth_directions=25,
+        late_degree=8,
+        late_polar_directions=10,
+        late_azimuth_directions=9,
+        altitude_density=1.7,
+        zenith_density=1.7,
+        step_density=1.0,
+        sight_density=2.5,
+        tolerance=5e-4,
     ),
-}  # fmt: skip
+}

@@ -53,7 +53,7 @@ def prepare(
 
 def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
     """The settings with the grids of a quality; physics, target and file stay as they are."""
-    kept = ("max_events", "refraction", "bent_lines_of_sight", "target_error", "field_file")
+    kept = ("max_events", "refraction", "bent_lines_of_sight", "bent_paths", "target_error", "field_file")
     return replace(QUALITIES[name], **{key: getattr(settings, key) for key in kept})
 
 

@@ -11,8 +11,9 @@ from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab
 from twilight.solvers.zones.paths import LANES
 from twilight.transport.beam import beam_at
 
-REFERENCE_LIFT_RAD = math.radians(0.5)
-"""Phase functions are taken with the sun at its true place and lifted by this, and linearly between and beyond."""
+REFERENCE_TURN_RAD = math.radians(0.5)
+"""Phase functions are taken with sun and ray as they are, with the sun lifted by this, and with the ray lowered by it,
+and linearly between and beyond."""
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
@@ -79,13 +80,14 @@ def view_multiple(
 
 @njit(cache=True, nogil=True)
 def view_single(
-    beam, rays_first, place, weight, share, elevation, zenith, row_first, cos_azimuth, phase, phase_slope,
+    beam, rays_first, place, weight, share, elevation, zenith, row_first, cos_azimuth, phase, of_sun, of_ray,
     ground_weight, ground_angle, ground_altitude, ground_albedo, out, begin, end,
 ):  # fmt: skip
     """Light scattered once, by air or by the ground in view, added to out (D, W).
 
     place, weight, share: points of the rays; elevation (R,) [rad]: apparent, of each ray
-    phase (D, S, W): with the sun at its true place; phase_slope: per radian by which the sun is lifted over the ray
+    phase (D, S, W): with the sun at its true and the ray at its apparent place
+    of_sun, of_ray (D, S, W): its change per radian by which the sun is lifted and the ray is lowered
     """
     n_w = out.shape[1]
     light = np.empty(n_w)
@@ -94,16 +96,17 @@ def view_single(
         for k in range(rays_first[r], rays_first[r + 1]):
             psi = place[k, 1]
             cp, sp = math.cos(psi), math.sin(psi)
-            # by how much refraction has lowered the ray so far: the sun is that much higher over it
+            # by refraction, so far
             lowered = elevation[r] - (math.asin(min(1.0, max(-1.0, place[k, 2]))) - psi)
             for d in range(row_first[r], row_first[r + 1]):
                 up = cp * ct + sp * st * cos_azimuth[d]
-                lift = lowered + beam_at(beam, place[k, 0], up, light)
+                lifted = beam_at(beam, place[k, 0], up, light)
                 for w in range(n_w):
                     if light[w] > 0.0:
                         source = 0.0
                         for s in range(share.shape[0]):
-                            source += share[s, k, w] * max(0.0, phase[d, s, w] + lift * phase_slope[d, s, w])
+                            turned = phase[d, s, w] + lifted * of_sun[d, s, w] + lowered * of_ray[d, s, w]
+                            source += share[s, k, w] * max(0.0, turned)
                         out[d, w] += weight[k, w] * light[w] * source
         if ground_weight[r].max() > 0.0:
             cp, sp = math.cos(ground_angle[r]), math.sin(ground_angle[r])

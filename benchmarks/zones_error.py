@@ -1,0 +1,98 @@
+"""Error of the zones solver against the committed Monte-Carlo referee, six climates, with run time and memory.
+
+    python benchmarks/zones_error.py                      all qualities and climates whose tables are there
+    python benchmarks/zones_error.py standard             one quality
+    python benchmarks/zones_error.py standard urban       and one climate
+
+Appends to benchmarks/zones_error.csv: relative errors of the radiance over all directions and wavelengths of
+benchmarks/reference/CLIMATE.csv.  The referee's own standard error is subtracted in the mean square:
+`excess_percent` is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8 wavelengths
+from 380 to 720 nm and all suns, with bent paths, compilation apart; memory is the peak of the process.
+"""
+
+from __future__ import annotations
+
+import csv
+import resource
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from twilight.air import climate_medium
+from twilight.config.load import load_climate
+from twilight.solvers import zones
+
+HERE = Path(__file__).parent
+CLIMATES = {
+    "continental-average": "continental-average",
+    "urban": "urban",
+    "desert": "desert",
+    "maritime-clean": "maritime-clean",
+    "pure-air": "pure-air-climate",
+    "volcanic-extreme": "volcanic-extreme",
+}
+HEADER = (
+    "climate,quality,sun_elevation_deg,median_percent,p95_percent,max_percent,mean_percent,referee_percent,"
+    "excess_percent,set_up_s,peak_mib"
+)
+
+
+def errors(field, table: np.ndarray) -> list[tuple[float, ...]]:
+    """(sun, median, 95th percentile, largest, mean, the referee's own, excess) in percent, per sun."""
+    rows = []
+    for sun in sorted(set(table["sun_elevation_deg"]), reverse=True):
+        some = table[table["sun_elevation_deg"] == sun]
+        place = np.searchsorted(field.medium.wavelength_nm, some["wavelength_nm"])
+        radiance = field.radiance(sun, some["elevation_deg"], some["azimuth_deg"])[np.arange(some.size), place]
+        error = 100.0 * (radiance / some["radiance_per_sr"] - 1.0)
+        own = 100.0 * some["standard_error_per_sr"] / some["radiance_per_sr"]
+        size = np.abs(error)
+        excess = 1.96 * np.sqrt(max(0.0, np.mean(error**2 - own**2)))
+        rows.append((sun, np.median(size), np.percentile(size, 95), size.max(), error.mean(), np.median(own), excess))
+    return rows
+
+
+def set_up(climate: str, quality: str) -> tuple[float, float]:
+    """Seconds to solve all suns at 8 wavelengths, and the peak memory of this process [MiB]."""
+    medium = climate_medium(load_climate(climate), np.linspace(380.0, 720.0, 8))
+    start = time.perf_counter()
+    field = zones.prepare(medium, zones.QUALITIES[quality])
+    start = time.perf_counter()  # the second time nothing is compiled
+    field = zones.prepare(medium, zones.QUALITIES[quality])
+    seconds = time.perf_counter() - start
+    field.radiance(-4.0, 30.0, 0.0)
+    return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def main(qualities: list[str], climates: list[str]) -> None:
+    path = HERE / "zones_error.csv"
+    for quality in qualities:
+        for climate in climates:
+            file = HERE / "reference" / f"{CLIMATES[climate]}.csv"
+            if not file.exists():
+                print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py climate {climate} makes it)")
+                continue
+            table = np.genfromtxt(file, delimiter=",", names=True)
+            wavelength_nm = np.unique(table["wavelength_nm"])
+            # the referee bends the sunbeam and lines of sight, not the paths between two scattering events
+            settings = replace(zones.QUALITIES[quality], bent_paths=False)
+            field = zones.prepare(climate_medium(load_climate(climate), wavelength_nm), settings)
+            seconds, memory = set_up(climate, quality)
+            for row in errors(field, table):
+                numbers = [f"{row[0]:g}", *(f"{x:.2f}" for x in row[1:]), f"{seconds:.1f}", f"{memory:.0f}"]
+                print(climate, quality, *numbers, sep="\t", flush=True)
+                new = not path.exists()
+                with open(path, "a", newline="") as stream:
+                    writer = csv.writer(stream, lineterminator="\n")
+                    if new:
+                        writer.writerow(HEADER.split(","))
+                    writer.writerow([climate, quality, *numbers])
+
+
+if __name__ == "__main__":
+    names = [a for a in sys.argv[1:] if a in zones.QUALITIES]
+    places = [a for a in sys.argv[1:] if a in CLIMATES]
+    main(names or list(zones.QUALITIES), places or list(CLIMATES))

@@ -1,0 +1,307 @@
+"""The zones solver against the referee, other solvers, conservation laws and itself."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from twilight.atmosphere.table import medium_from_table
+from twilight.errors import TwilightError
+from twilight.solvers import cells, zones
+from twilight.solvers.zones import solver as ladder
+from twilight.solvers.zones.grid import cubic_refinement, even_harmonics, make_angles, zenith_nodes
+from twilight.solvers.zones.solution import normalised
+from twilight.transport.beam import beam_at
+
+REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
+SMALL = replace(
+    zones.QUALITIES["draft"], altitude_density=0.35, zenith_density=0.4, polar_directions=4, beam_density=0.4
+)
+MIDDLE = replace(
+    zones.QUALITIES["standard"],
+    degree=8,
+    azimuth_directions=9,
+    polar_directions=10,
+    late_degree=5,
+    late_azimuth_directions=6,
+    altitude_density=0.7,
+    zenith_density=0.7,
+    bent_lines_of_sight=False,
+    bent_paths=False,
+)
+ELEVATION, AZIMUTH = (g.ravel() for g in np.meshgrid([2.0, 15.0, 50.0, 85.0], [0.0, 45.0, 120.0, 180.0]))
+
+
+@pytest.fixture(scope="module")
+def hazy():
+    return medium_from_table(REFERENCE / "hazy-air.csv")
+
+
+@pytest.fixture(scope="module")
+def middle(hazy):
+    return zones.prepare(hazy, MIDDLE)
+
+
+@pytest.fixture(scope="module")
+def small(hazy):
+    return zones.prepare(hazy, SMALL)
+
+
+def test_harmonics_are_orthonormal_and_moments_of_a_harmonic_are_its_own():
+    x, w = np.polynomial.legendre.leggauss(24)
+    polar = even_harmonics(x, 8)
+    angles = make_angles(np.array([0.0, -0.1]), 24, 10, 8)
+    wave = np.cos(angles.order * angles.azimuth[:, None])
+    basis = polar[:, None] * wave[None]
+    gram = np.einsum("i,iac,iad->cd", 0.5 * w, basis, basis) / angles.azimuth.size
+    np.testing.assert_allclose(gram, np.eye(angles.order.size), atol=1e-12)
+    for k in range(2):
+        own = even_harmonics(angles.cosine[k], 8)[:, None] * wave[None]
+        np.testing.assert_allclose(
+            np.einsum("cia,iad->cd", angles.analysis[k], own), np.eye(angles.order.size), atol=5e-3
+        )
+        np.testing.assert_allclose(angles.weight.sum(axis=1), 1.0)
+
+
+def test_cubic_refinement_is_exact_for_cubics_and_does_not_look_across_breaks():
+    x = np.array([0.0, 1.0, 1.5, 3.0, 4.0, 5.0, 7.0])
+    fine, node, weight = cubic_refinement(x, 3)
+    np.testing.assert_allclose((weight * (x**3 - x)[node]).sum(axis=1), fine**3 - fine, atol=1e-12)
+    bent = np.where(x < 3.0, 0.0, x - 3.0)
+    fine, node, weight = cubic_refinement(x, 4, np.array([3.0]))
+    np.testing.assert_allclose((weight * bent[node]).sum(axis=1), np.maximum(fine - 3.0, 0.0), atol=1e-12)
+
+
+def test_zenith_nodes_cover_the_range_and_are_closest_at_the_terminator():
+    nodes = zenith_nodes(0.0, 132.0, 1.0)
+    assert nodes[0] == 0.0 and nodes[-1] >= 132.0
+    steps = np.diff(nodes)
+    assert 88.0 < nodes[np.argmin(steps)] < 100.0
+    part = zenith_nodes(60.0, 132.0, 1.0)
+    assert part[0] <= 60.0 and set(part) <= set(nodes)
+
+
+@pytest.mark.parametrize("sun", [30.0, 5.0, 0.0, -2.0, -4.0])
+def test_light_scattered_once_is_that_of_the_cells_solver(sun):
+    """Without aerosol: with it the forward peak counts as unscattered here."""
+    pure = medium_from_table(REFERENCE / "pure-air.csv")
+    ours = zones.prepare(pure, replace(MIDDLE, max_events=1)).radiance(sun, ELEVATION, AZIMUTH)
+    theirs = cells.prepare(pure, replace(cells.QUALITIES["standard"], multiple_scattering="none")).radiance(
+        sun, ELEVATION, AZIMUTH
+    )
+    lit = theirs > 1e-12
+    assert lit.mean() > 0.5
+    np.testing.assert_allclose(ours[lit], theirs[lit], rtol=0.02)  # at the edge of the shadow
+    assert np.median(np.abs(ours[lit] / theirs[lit] - 1.0)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("sun", "median", "high"), [(30.0, 0.6, 2.0), (5.0, 0.6, 2.5), (-4.0, 0.8, 2.5), (-9.0, 1.2, 4.0)]
+)
+def test_the_sky_is_that_of_the_referee(middle, sun, median, high):
+    """At reduced settings; benchmarks/zones_error.csv has the errors of the qualities."""
+    table = np.genfromtxt(REFERENCE / "hazy-air-albedo-0.csv", delimiter=",", names=True)
+    some = table[table["sun_elevation_deg"] == sun]
+    place = np.searchsorted(middle.medium.wavelength_nm, some["wavelength_nm"])
+    ours = middle.radiance(sun, some["elevation_deg"], some["azimuth_deg"])[np.arange(some.size), place]
+    error = 100.0 * np.abs(ours / some["radiance_per_sr"] - 1.0)
+    assert np.median(error) < median
+    assert np.percentile(error, 95) < high
+
+
+def test_energy_that_enters_a_sphere_leaves_it_where_nothing_absorbs(hazy):
+    """The net flux through every sphere is 0 over a white ground: direct light in, scattered light out."""
+    medium = replace(
+        hazy,
+        absorption_per_km=np.zeros_like(hazy.absorption_per_km),
+        aerosol_single_scattering_albedo=np.ones_like(hazy.aerosol_single_scattering_albedo),
+        ground_albedo=np.ones_like(hazy.ground_albedo),
+    )
+    field = zones.prepare(medium, replace(MIDDLE, refraction=False, max_events=200, tolerance=1e-4))
+    solution, nodes = field.solutions[0], field.nodes
+    mu, w = np.polynomial.legendre.leggauss(200)
+    zenith = np.arccos(mu)
+    light = np.empty(medium.n_wavelengths)
+    for altitude in (0.0, 2.0, 10.0, 40.0):
+        k = int(np.argmin(np.abs(nodes.fine_altitude_km - altitude)))
+        # order 1 in degree, 0 in azimuth: the second harmonic is sqrt(3) cos(zenith angle)
+        mean = np.exp(solution.log_mean[k])
+        down = 4.0 * np.pi * mean * solution.ratio[k, :, 1] / np.sqrt(3.0)
+        down = nodes.refine_zenith(down[:, :3])
+        diffuse = np.stack([np.interp(zenith, nodes.fine_rad, row) for row in down.T], axis=1)
+        direct = np.zeros_like(diffuse)
+        for j, cosine in enumerate(mu):
+            beam_at(field.beam, nodes.fine_altitude_km[k], cosine, light)
+            direct[j] = light * cosine
+        net = 0.5 * (w[:, None] * (diffuse + direct)).sum(axis=0)
+        entering = 0.5 * (w[:, None] * np.maximum(direct, 0.0)).sum(axis=0)
+        assert np.all(np.abs(net) < 4e-3 * entering), (altitude, net / entering)
+
+
+def test_a_sun_in_the_zenith_makes_a_sky_that_is_the_same_all_around(small):
+    sky = small.radiance(90.0, np.full(8, 30.0), np.linspace(0.0, 315.0, 8))
+    np.testing.assert_allclose(sky, sky[:1].repeat(8, axis=0), rtol=1e-4)
+
+
+def test_left_and_right_of_the_sun_are_alike(small):
+    right, left = (small.radiance(-3.0, 20.0, np.array(azimuth)) for azimuth in ([10.0, 100.0], [350.0, 260.0]))
+    np.testing.assert_allclose(right, left, rtol=1e-12)
+
+
+def test_without_refraction_bent_and_straight_lines_are_the_same(hazy):
+    straight_air = replace(hazy, refractivity=np.zeros_like(hazy.refractivity))
+    one, other = (
+        zones.prepare(straight_air, replace(SMALL, bent_lines_of_sight=bent, bent_paths=bent)).radiance(
+            -2.0, ELEVATION, AZIMUTH
+        )
+        for bent in (True, False)
+    )
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_bent_line_sees_what_a_straight_one_sees_half_a_degree_lower(hazy):
+    bent = zones.prepare(hazy, replace(SMALL, max_events=1, bent_lines_of_sight=True))
+    straight = zones.prepare(hazy, replace(SMALL, max_events=1, bent_lines_of_sight=False))
+    azimuth = np.zeros(3)
+    seen = bent.radiance(-3.0, np.array([0.5, 1.0, 10.0]), azimuth)
+    high = straight.radiance(-3.0, np.array([0.5, 1.0, 10.0]), azimuth)
+    # far from the horizon refraction of the line does not matter
+    np.testing.assert_allclose(seen[2], high[2], rtol=0.02)
+    assert np.all(np.abs(seen[0] / high[0] - 1.0) > 0.01)
+
+
+def test_one_field_serves_observers_on_the_ground_in_the_air_and_in_orbit(hazy, small):
+    for altitude in (0.0, 8.0, 50.0, 99.9):
+        there = zones.prepare(hazy, SMALL, observer_altitude_km=altitude)
+        np.testing.assert_array_equal(
+            there.radiance(-4.0, ELEVATION, AZIMUTH),
+            small.radiance(-4.0, ELEVATION, AZIMUTH, observer_altitude_km=altitude),
+        )
+    # the dip of the horizon from 400 km is 19.9 deg: the limb, the ground, and nothing above
+    sky = small.radiance(10.0, np.array([-90.0, -45.0, -19.0, -5.0, 30.0]), 20.0, observer_altitude_km=400.0)
+    assert np.all(sky[:3] > 0.0) and np.all(sky[3:] == 0.0)
+    assert np.all(np.isfinite(small.radiance(90.0, np.array([-90.0, -30.0]), 0.0, observer_altitude_km=36000.0)))
+
+
+def test_deep_night_is_finite_and_darker_and_darker(small):
+    sky = np.stack([small.radiance(sun, ELEVATION, AZIMUTH) for sun in (-6.0, -12.0, -18.0, -25.0, -40.0, -90.0)])
+    assert np.all(np.isfinite(sky)) and np.all(sky >= 0.0)
+    assert np.all(np.diff(sky.mean(axis=1), axis=0)[:4] < 0.0)
+
+
+def test_only_the_zones_that_the_suns_need(hazy, small):
+    for sun in (25.0, 60.0, -8.0):
+        part = zones.prepare(hazy, SMALL, sun_elevations_deg=[sun])
+        assert part.nodes.zenith_rad.size < small.nodes.zenith_rad.size
+        np.testing.assert_allclose(
+            part.radiance(sun, ELEVATION, AZIMUTH), small.radiance(sun, ELEVATION, AZIMUTH), rtol=0.01
+        )
+    with pytest.raises(TwilightError, match=r"sun\.elevation_deg is -10; the field was solved for 25 to 90"):
+        zones.prepare(hazy, SMALL, sun_elevations_deg=[25.0]).radiance(-10.0, 10.0, 0.0)
+
+
+def test_a_field_is_saved_and_loaded(hazy, small, tmp_path):
+    path = tmp_path / "field.h5"
+    small.save(path)
+    assert os.listdir(tmp_path) == ["field.h5"]
+    again = zones.load(path)
+    np.testing.assert_array_equal(again.radiance(-5.0, ELEVATION, AZIMUTH), small.radiance(-5.0, ELEVATION, AZIMUTH))
+    assert again.convergence == small.convergence
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(TwilightError, match=r"field\.h5: is not a whole field"):
+        zones.load(path)
+    with pytest.raises(TwilightError, match="there is no such file"):
+        zones.load(tmp_path / "none.h5")
+    with pytest.raises(TwilightError, match="cannot be written"):
+        small.save(tmp_path / "no" / "field.h5")
+
+
+def test_a_field_file_is_used_where_it_holds_this_very_field(hazy, tmp_path, monkeypatch):
+    path = tmp_path / "field.h5"
+    settings = replace(SMALL, field_file=str(path))
+    first = zones.prepare(hazy, settings).radiance(-5.0, ELEVATION, AZIMUTH)
+    made = path.stat().st_mtime_ns
+    monkeypatch.setattr(zones.Field, "_solve", lambda *_: pytest.fail("it was solved again"))
+    np.testing.assert_array_equal(
+        zones.prepare(hazy, settings, sun_elevations_deg=[-5.0]).radiance(-5.0, ELEVATION, AZIMUTH), first
+    )
+    assert path.stat().st_mtime_ns == made
+    monkeypatch.undo()
+    brighter = replace(hazy, ground_albedo=np.full(3, 0.5))
+    assert np.all(zones.prepare(brighter, settings).radiance(-5.0, ELEVATION, AZIMUTH) > first)
+    assert path.stat().st_mtime_ns > made
+
+
+def test_sixty_frames_of_a_sunset_come_from_one_field(hazy, small, monkeypatch):
+    monkeypatch.setattr(zones.Field, "_solve", lambda *_: pytest.fail("it was solved again"))
+    suns = np.linspace(5.0, -10.0, 60)
+    zenith = np.stack([small.radiance(sun, 90.0, 0.0) for sun in suns])
+    assert np.all(np.diff(zenith, axis=0) < 0.0)
+    # no steps: the slope of the logarithm changes slowly
+    assert np.all(np.abs(np.diff(np.log(zenith), n=2, axis=0)) < 0.05)
+
+
+def test_refining_to_a_target(hazy, monkeypatch):
+    monkeypatch.setattr(
+        ladder, "QUALITIES", {"draft": SMALL, "standard": replace(SMALL, altitude_density=0.5), "reference": MIDDLE}
+    )
+    loose = zones.prepare(hazy, replace(SMALL, target_error=0.9), sun_elevations_deg=[10.0])
+    assert 0.0 < loose.convergence.error < 0.9
+    assert loose.settings.altitude_density == 0.5
+    with pytest.warns(UserWarning, match=r"solver\.target_error 1e-09 is not reached"):
+        monkeypatch.setattr(ladder, "LADDER", ("draft", "standard"))
+        zones.prepare(hazy, replace(SMALL, target_error=1e-9), sun_elevations_deg=[10.0])
+
+
+def test_one_thread_gives_the_same_bits_as_two(hazy, small):
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        one = zones.prepare(hazy, SMALL).radiance(-4.0, ELEVATION, AZIMUTH)
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_array_equal(one, small.radiance(-4.0, ELEVATION, AZIMUTH))
+
+
+def test_wavelengths_in_blocks_do_not_know_of_each_other(hazy, small):
+    many = hazy.select(np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 2]))
+    sky = zones.prepare(many, SMALL).radiance(-4.0, ELEVATION, AZIMUTH)
+    # the steps along a line look at the darkest and the clearest wavelength, which are the same here
+    np.testing.assert_allclose(sky[:, [0, 3, 9]], small.radiance(-4.0, ELEVATION, AZIMUTH), rtol=1e-4)
+
+
+def test_no_light_is_isotropic_and_tiny():
+    log_mean, ratio = normalised(np.zeros((1, 1, 8)), np.zeros((1, 1, 3, 8)))
+    assert np.all(np.isfinite(log_mean)) and np.all(ratio[:, :, 0] == 1.0) and np.all(ratio[:, :, 1:] == 0.0)
+
+
+def test_settings_and_observers_out_of_range_are_named(hazy, small):
+    with pytest.raises(TwilightError, match=r"solver\.degree is 1; allowed is 2 to 32"):
+        replace(SMALL, degree=1)
+    with pytest.raises(TwilightError, match=r"solver\.azimuth_directions is 3"):
+        replace(SMALL, azimuth_directions=3)
+    with pytest.raises(TwilightError, match=r"observer\.altitude_km is -1"):
+        zones.prepare(hazy, SMALL, observer_altitude_km=-1.0)
+    with pytest.raises(TwilightError, match=r"sun\.elevation_deg is 91"):
+        small.radiance(91.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_refinement_converges(hazy):
+    """Each doubling of all densities brings the sky closer to the finest."""
+    suns = (10.0, 0.0, -4.0, -9.0, -15.0)
+
+    def sky(density):
+        settings = replace(MIDDLE, altitude_density=density, zenith_density=density, step_density=0.6 * density)
+        field = zones.prepare(hazy, settings)
+        return np.stack([field.radiance(sun, ELEVATION, AZIMUTH) for sun in suns])
+
+    finest = sky(2.4)
+    errors = [np.percentile(np.abs(sky(d) / finest - 1.0), 95, axis=(1, 2)) for d in (0.4, 0.8, 1.6)]
+    assert np.all(np.diff(errors, axis=0) < 0.0)
+    assert np.all(errors[-1] < 0.01)
