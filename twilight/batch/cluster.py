@@ -1,4 +1,27 @@
-"""Where tasks run: processes of this machine, a scheduler that is already there, or the jobs of a batch system."""
+"""Where tasks run: processes of this machine, a scheduler that is already there, or the jobs of a batch system.
+
+A scheduler that is already there (on every node `NUMBA_NUM_THREADS` may set the threads of a worker):
+
+    dask scheduler --port 8786
+    dask worker tcp://HOST:8786 --nworkers 4 --nthreads 1      # on each node, with twilight installed
+    twilight sweep sweep-haze --scheduler tcp://HOST:8786
+
+A batch system, after `pip install 'twilight-sky[jobqueue]'`, with what a job is in ~/.config/dask/jobqueue.yaml:
+
+    jobqueue:
+      slurm:
+        name: twilight
+        queue: standard
+        cores: 1
+        memory: 4GB
+        walltime: '04:00:00'
+        interface: ib0
+        job-script-prologue: ['export NUMBA_NUM_THREADS=1']
+
+    twilight sweep sweep-haze --batch-system slurm --workers 40
+
+The command itself stays on the login node and writes the dataset; jobs may come, go and be killed meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +63,7 @@ class Place:
     """What the command line says about where to compute.
 
     scheduler: address of a running Dask scheduler; batch_system: a key of BATCH_SYSTEMS; with neither, processes of
-    this machine.  workers: processes, or jobs of the batch system; threads: of each, None for a fair share of the cores.
+    this machine.  workers: processes, or jobs of the batch system; threads: of each, None shares the cores evenly.
     """
 
     scheduler: str | None = None

@@ -43,13 +43,8 @@ def dimensions_of(axes: tuple[Axis, ...], first: Config, where: str) -> tuple[Di
     """The dimensions of a series, in its order; those that fields serve come last.
 
     first: the configuration of the first scene.
-    Errors: TwilightError for keys that a dataset cannot have an axis of.
+    Errors: TwilightError for keys that do not go with the configuration's own suns.
     """
-    for key in _keys(axes):
-        if key.split(".")[0] in SHAPE_KEYS:
-            raise TwilightError(f"{where}: vary: {key} changes the shape of the dataset; make one sweep for each value")
-        if key.split(".")[0] in IDLE_KEYS:
-            raise TwilightError(f"{where}: vary: {key} changes nothing in the dataset, which holds radiance over F0")
     seen = everywhere_observer(axes, first)
     made = []
     for axis in axes:
@@ -60,6 +55,17 @@ def dimensions_of(axes: tuple[Axis, ...], first: Config, where: str) -> tuple[Di
     if own is not None:
         made.append(own)
     return tuple(sorted(made, key=lambda dimension: dimension.serves))
+
+
+def check_keys(axes: tuple[Axis, ...], where: str) -> None:
+    """Raise TwilightError for keys that a dataset cannot have an axis of."""
+    for key in _keys(axes):
+        if key.split(".")[0] in SHAPE_KEYS:
+            raise TwilightError(f"{where}: vary: {key} changes the shape of the dataset; make one sweep for each value")
+        if key.split(".")[0] in IDLE_KEYS:
+            raise TwilightError(f"{where}: vary: {key} changes nothing in the dataset, which holds radiance over F0")
+        if key in SEVERAL_SUNS:
+            raise TwilightError(f"{where}: vary: {key} holds several suns itself; vary sun.elevation_deg or sun.at")
 
 
 def variable_name(key: str) -> str:
@@ -116,9 +122,6 @@ def _models(annotation: Any) -> list[Any]:
 
 def _own_suns(axes: tuple[Axis, ...], first: Config, where: str) -> Dimension | None:
     keys = [key for key in _keys(axes) if key.split(".")[0] == "sun"]
-    for key in keys:
-        if key in SEVERAL_SUNS:
-            raise TwilightError(f"{where}: vary: {key} holds several suns itself; vary sun.elevation_deg or sun.at")
     if isinstance(first.sun, SunElevations):
         name, size = "sun_elevation_deg", len(first.sun.elevations_deg)
     elif isinstance(first.sun, SunInterval):

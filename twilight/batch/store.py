@@ -319,10 +319,8 @@ def _own_suns(group: Any, sweep: Sweep, name: str) -> None:
 
 def _sun_positions(group: Any, sweep: Sweep) -> None:
     """Where the sun is, along the dimensions that move it."""
-    moves = [
-        d.axis is None or any(key.split(".")[0] in ("sun", "observer") for key in d.axis.points[0])
-        for d in sweep.dimensions
-    ]
+    heads = ("sun",) if sweep.position([0] * len(sweep.shape)).time_s is None else ("sun", "observer")
+    moves = [d.axis is None or any(key.split(".")[0] in heads for key in d.axis.points[0]) for d in sweep.dimensions]
     names = [d.name for d, moved in zip(sweep.dimensions, moves, strict=True) if moved]
     shape = tuple(n for n, moved in zip(sweep.shape, moves, strict=True) if moved)
     values = np.full((3, *shape), np.nan)

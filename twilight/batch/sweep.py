@@ -16,7 +16,7 @@ import numpy as np
 
 from twilight import __version__, solvers
 from twilight.air import climate_medium, table_sha256, wavelengths_of
-from twilight.batch.dimensions import dimensions_of, everywhere_observer, is_served
+from twilight.batch.dimensions import check_keys, dimensions_of, everywhere_observer, is_served
 from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.errors import TwilightError
@@ -106,6 +106,7 @@ class Sweep:
         self.series, where = series, series.where
         count = math.prod(len(axis.points) for axis in series.axes)
         _refuse_too_many(where, count, "scenes", MAX_SCENES)
+        check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
         dimensions = dimensions_of(series.axes, self.first, where)

@@ -1,0 +1,562 @@
+"""Sweeps: axes, grouping, the dataset, and what is left when workers, schedulers, disks or users stop one."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("distributed")
+pytest.importorskip("zarr")
+import xarray as xr
+
+from twilight import solvers
+from twilight.batch.dimensions import describe_key, serves_observers
+from twilight.batch.sky import sky_of
+from twilight.batch.store import JOURNAL, open_store
+from twilight.batch.sweep import Sweep
+from twilight.batch.work import compute, forget
+from twilight.cli.app import app
+from twilight.config.load import load_axes, load_series
+from twilight.errors import TwilightError
+from twilight.run import run
+
+TOY = '''
+"""A solver with a closed form that serves every observer, knows no sun below -10 deg, and waits or fails if told to."""
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twilight import solvers
+from twilight.errors import TwilightError
+
+solvers.SOLVERS["toy"] = "toy_swept"
+
+
+@dataclass(frozen=True)
+class Settings:
+    wait_s: float = 0.0
+    factor: float = 1.0
+
+
+QUALITIES = {"standard": Settings()}
+
+
+def truth(factor, albedo, sun, altitude_km, elevation, azimuth, wavelength_nm):
+    elevation, azimuth = np.broadcast_arrays(elevation, azimuth)
+    shape = 10.0 ** (sun / 10.0) * (2.0 + np.cos(np.radians(azimuth))) * (2.0 - np.sin(np.radians(elevation)))
+    return factor * (1.0 + albedo) * np.exp(-altitude_km) * shape[..., None] * (np.asarray(wavelength_nm) / 550.0) ** -3
+
+
+class Field:
+    def __init__(self, medium, settings):
+        self.medium, self.settings = medium, settings
+
+    def radiance(self, sun, elevation, azimuth, *, observer_altitude_km=0.0):
+        if sun < -10.0:
+            raise TwilightError("the toy solver needs a sun at -10 deg or higher")
+        albedo, nm = self.medium.ground_albedo[0], self.medium.wavelength_nm
+        return truth(self.settings.factor, albedo, sun, observer_altitude_km, elevation, azimuth, nm)
+
+
+def prepare(medium, settings, *, observer_altitude_km=0.0, progress=None):
+    if os.environ.get("TOY_LOG"):
+        with open(os.environ["TOY_LOG"], "a") as log:
+            log.write(f"{os.getpid()} {settings.factor:g} {medium.ground_albedo[0]:g}\\n")
+    if settings.factor == 13.0 and not Path(os.environ["TOY_LOG"]).with_name("mended").exists():
+        raise ZeroDivisionError("the toy broke")
+    time.sleep(settings.wait_s)
+    return Field(medium, settings)
+'''
+
+BASE = {
+    "version": 1,
+    "climate": {"version": 1, "name": "air"},
+    "solver": {"name": "toy"},
+    "wavelengths": {"list_nm": [450.0, 600.0]},
+    "texture": {"azimuth_count": 8, "elevation_count": 3},
+    "sun": {"elevation_deg": -5},
+}
+SUNS = [-4.0, -5.0, -6.0]
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory):
+    """The module of the toy solver, here and in every worker that is started."""
+    folder = tmp_path_factory.mktemp("toy")
+    (folder / "toy_swept.py").write_text(TOY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        paths = [str(folder), *([os.environ["PYTHONPATH"]] if os.environ.get("PYTHONPATH") else [])]
+        patch.setenv("PYTHONPATH", os.pathsep.join(paths))
+        patch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", "['toy_swept']")
+        patch.setitem(solvers.SOLVERS, "toy", "toy_swept")
+        import toy_swept
+
+        yield toy_swept
+
+
+@pytest.fixture
+def log(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
+    return tmp_path / "log"
+
+
+@pytest.fixture(scope="module")
+def client(toy):
+    """Workers that are threads of this process: a cluster without its start."""
+    import distributed
+
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster, set_as_default=False) as made,
+    ):
+        yield made
+
+
+def planned(vary, **changes):
+    return Sweep(load_axes({**BASE, **changes, "vary": vary}))
+
+
+def swept(sweep, client, path):
+    from twilight.batch.run import failures, run_sweep
+
+    with open_store(path, sweep) as store:
+        outcome = run_sweep(client, store, threads=1)
+        return outcome, dict(failures(store, outcome))
+
+
+def right(toy, data, factor=1.0, albedo=0.0, altitude=0.0):
+    """What the dataset's radiance must be for all its suns, in their order."""
+    e, a = np.meshgrid(data.elevation.values, data.azimuth.values, indexing="ij")
+    suns = np.atleast_1d(data.sun_elevation_deg.values)
+    return np.stack([toy.truth(factor, albedo, sun, altitude, e, a, data.wavelength.values) for sun in suns])
+
+
+# Axes -----------------------------------------------------------------------------------------------------------
+
+
+def test_ranges_hold_their_ends_and_even_steps(toy):
+    axes = {
+        a.name: [p[a.name] for p in a.points]
+        for a in load_axes(
+            {
+                **BASE,
+                "vary": {
+                    "sun.elevation_deg": {"from": 10, "to": -18, "count": 29},
+                    "aerosol.optical_depth_550nm": {"from": 0.01, "to": 1, "count": 5, "scale": "log"},
+                },
+            }
+        ).axes
+    }
+    assert axes["sun.elevation_deg"] == list(range(10, -19, -1))
+    assert np.allclose(axes["aerosol.optical_depth_550nm"], 10.0 ** np.array([-2, -1.5, -1, -0.5, 0]))
+
+
+def test_a_hypercube_draws_once_from_every_part_and_again_the_same(toy):
+    ranges = {
+        "gases.ozone.column_du": {"from": 200, "to": 400},
+        "climate": ["urban", "desert", "arctic", "antarctic"],
+        "ground.albedo": {"from": 0.01, "to": 1, "scale": "log"},
+    }
+    vary = {"latin_hypercube": {"samples": 40, "seed": 3, "ranges": ranges}}
+    (axis,) = load_axes({**BASE, "vary": vary}).axes
+    columns = {key: [p[key] for p in axis.points] for key in ranges}
+    assert sorted(int((v - 200) / 5) for v in columns["gases.ozone.column_du"]) == list(range(40))
+    assert sorted(int((np.log10(v) + 2) * 20) for v in columns["ground.albedo"]) == list(range(40))
+    assert {c: columns["climate"].count(c) for c in ranges["climate"]} == dict.fromkeys(ranges["climate"], 10)
+    # independent of each other: no rank correlation beyond four standard errors
+    assert abs(np.corrcoef(columns["gases.ozone.column_du"], np.log(columns["ground.albedo"]))[0, 1]) < 4 / np.sqrt(39)
+    assert load_axes({**BASE, "vary": vary}).axes == (axis,)
+    vary["latin_hypercube"]["seed"] = 4
+    assert load_axes({**BASE, "vary": vary}).axes != (axis,)
+    vary["latin_hypercube"]["ranges"] = {"ground.albedo": ranges["ground.albedo"]}
+    vary["latin_hypercube"]["seed"] = 3
+    assert [p["ground.albedo"] for p in load_axes({**BASE, "vary": vary}).axes[0].points] == columns["ground.albedo"]
+
+
+def test_a_list_is_rendered_as_it_stands(toy):
+    listed = [{"climate": "urban", "ground.albedo": 0.1}, {"ground.albedo": 0.3, "climate": "desert"}]
+    cases = load_series({**BASE, "vary": {"list": listed}})
+    assert [(c.config.climate.name, c.config.climate.ground.albedo) for c in cases] == [("urban", 0.1), ("desert", 0.3)]
+
+
+@pytest.mark.parametrize(
+    "vary, says",
+    (
+        ({"sun.elevation_deg": {"from": 1, "to": 2}}, "count must be a whole number from 2"),
+        ({"sun.elevation_deg": {"from": 1, "to": 2, "cont": 3}}, "cont is not a key; did you mean count"),
+        ({"sun.elevation_deg": {"from": -1, "to": 2, "count": 3, "scale": "log"}}, "above 0"),
+        ({"sun.elevation_deg": {"from": "x", "to": 2, "count": 3}}, "from must be a number, got 'x'"),
+        ({"sun.elevation_deg": 5}, "lists and ranges"),
+        ({"sun.elevation_deg": [5, 95]}, "from -90 to 90"),
+        ({"sun.elevation_deg": [5, 5]}, "same value twice"),
+        ({"sun.elevaton_deg": [5]}, "did you mean"),
+        ({"list": [{"ground.albedo": 0}, {"sun.elevation_deg": 3}]}, "same keys"),
+        ({"list": {"ground.albedo": [0]}}, "list of mappings"),
+        ({"list": [{"ground.albedo": 0}], "ground.albedo": [1]}, "sets ground.albedo twice"),
+        ({"latin_hypercube": {"samples": 0, "ranges": {"ground.albedo": [0]}}}, "samples must be a whole"),
+        ({"latin_hypercube": {"samples": 3}}, "ranges must map"),
+        ({"latin_hypercube": {"sample": 3}}, "did you mean samples"),
+        ({"latin_hypercube": {"samples": 2, "ranges": {"ground.albedo": {"from": 0, "to": 2}}}}, "albedo"),
+        ({"texture.resolution_deg": [3, 5]}, "changes the shape of the dataset"),
+        ({"wavelengths.count": [3, 5]}, "changes the shape of the dataset"),
+        ({"output.width": [8, 16]}, "changes nothing in the dataset"),
+        ({"sun.elevations_deg": [[3, 5]]}, "vary sun.elevation_deg"),
+        ({"solver.quality": ["standard", "fine"]}, "fine is not a quality of toy"),
+({key: {"from": 0, "to": 1, "count": 1000} for key in ("ground.albedo", "gases.ozone.column_du",
+          "observer.altitude_km")}, "1,000,000,000 scenes; one sweep takes 10,000,000"),
+        ({"ground.albedo": {"from": 0, "to": 1, "count": 1000},
+          "gases.ozone.column_du": {"from": 1, "to": 900, "count": 1000}}, "1,000,000 fields; one sweep takes 200,000"),
+        ({"ground.albedo": {"from": 0, "to": 1, "count": 1000000000}}, "count must be a whole number from 2 to 100000"),
+    ),
+)  # fmt: skip
+def test_a_wrong_sweep_is_one_sentence_before_anything_is_computed(toy, tmp_path, vary, says):
+    path = tmp_path / "scenes.yaml"
+    path.write_text(json.dumps({**BASE, "vary": vary}))
+    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(tmp_path / "out.zarr")])
+    assert result.exit_code == 2 and says in result.output, result.output
+    assert len(result.output.splitlines()) == 1 and "scenes.yaml" in result.output
+    assert not (tmp_path / "out.zarr").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    (
+        (["--workers", "0"], "--workers: 0 is not allowed"),
+        (["--output", "x.h5"], "must end in .zarr"),
+        (["--batch-system", "slum"], "did you mean slurm"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "has its own workers"),
+    ),
+)
+def test_wrong_options_are_one_sentence(toy, arguments, says):
+    result = CliRunner().invoke(app, ["sweep", "humidity", *arguments])
+    assert result.exit_code == 2 and says in result.output and "Traceback" not in result.output
+
+
+# Grouping -------------------------------------------------------------------------------------------------------
+
+
+def test_scenes_that_share_a_field_share_its_computation(toy):
+    vary = {"sun.elevation_deg": SUNS, "ground.albedo": [0, 0.5], "observer.altitude_km": [0, 2]}
+    made = planned(vary)
+    assert [d.name for d in made.dimensions] == ["ground_albedo", "sun_elevation_deg", "observer_altitude_km"]
+    assert (made.scenes, made.fields, len(made.tasks)) == (12, 2, 2) and made.chunk == (1, 3, 2)
+    assert serves_observers("zones") and serves_observers("toy") and not serves_observers("cells")
+    cells = planned(vary, solver={"name": "cells"})
+    assert (cells.scenes, cells.fields, cells.chunk) == (12, 4, (1, 1, 3))
+    listed = [{"ground.albedo": a, "sun.elevation_deg": s} for s in SUNS for a in (0, 0.5)]
+    together = planned({"list": listed})
+    assert (together.scenes, together.fields, len(together.tasks)) == (6, 2, 2)
+    assert planned({"solver.name": ["toy", "cells"], "observer.altitude_km": [0, 2]}).fields == 4
+
+
+def test_a_long_day_is_divided_so_that_workers_have_something_to_do(toy):
+    made = planned({"sun.elevation_deg": {"from": 0, "to": -9, "count": 1000}})
+    assert made.fields == 1 and len(made.tasks) == 16 and sum(t.skies for t in made.tasks) == 1000
+    assert len({t.key for t in made.tasks}) == 16
+    large = planned(
+        {"ground.albedo": {"from": 0, "to": 1, "count": 20}, "sun.elevation_deg": {"from": 0, "to": -9, "count": 500}},
+        texture={"resolution_deg": 1},
+    )
+    assert large.chunk[1] * 90 * 181 * 2 * 4 <= 16 * 2**20 < (large.chunk[1] + 1) * 90 * 181 * 2 * 4
+    assert len(large.tasks) == 20 * -(-500 // large.chunk[1])
+
+
+def test_keys_of_tasks_follow_all_that_matters_and_nothing_else(toy):
+    keys = {}
+    for name, changes in {
+        "base": {}, "name": {"name": "x"}, "output": {"output": {"width": 8}},
+        "texture": {"texture": {"azimuth_count": 6}},
+        "solver": {"solver": {"name": "toy", "factor": 2}}, "gas": {"climate": {"version": 1, "gases": {"no2": False}}},
+        "wavelength": {"wavelengths": {"list_nm": [450]}},
+        "distance": {"sun": {"elevation_deg": 1, "distance_au": 1.01}},
+    }.items():  # fmt: skip
+        keys[name] = planned({"ground.albedo": [0, 1]}, **changes).tasks[0].key
+    assert keys["base"] == keys["name"] == keys["output"]
+    # a sun's distance is no part of radiance over F0, but part of the dataset
+    assert len(set(keys.values())) == len(keys) - 2
+
+
+# Skies ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_task_gives_what_run_gives(toy):
+    forget()
+    made = planned({"observer.altitude_km": [0, 1], "ground.albedo": [0.3]}, sun={"elevations_deg": [5, -4]})
+    (task,) = made.tasks
+    (block,) = compute(made.payload(task), threads=1).blocks
+    for scene, radiance, direct, bending in zip(
+        task.blocks[0].scenes(), block.radiance, block.direct, block.bending_deg, strict=True
+    ):
+        altitude, sun = made.dimensions[1].point(scene[1])["observer.altitude_km"], (5, -4)[scene[2]]
+        config = load_series({**BASE, "sun": {"elevation_deg": sun}}, {"ground.albedo": 0.3})[0].config
+        sky = run(config.model_copy(update={"observer": config.observer.model_copy(update={"altitude_km": altitude})}))
+        factor = np.exp(-altitude)  # run asks the toy's field at the ground
+        assert np.allclose(radiance, factor * sky.sun_normalised_radiance[:, :5], rtol=1e-6)
+        assert np.allclose(direct, sky.direct_irradiance, rtol=1e-6)
+        assert bending == pytest.approx(sky.apparent_sun_elevation_deg - sun, rel=1e-5)
+
+
+def test_many_wavelengths_are_done_in_blocks(toy):
+    nm = np.linspace(400, 700, 40)
+    made = planned({"sun.elevation_deg": [-4, -20]}, wavelengths={"list_nm": nm.tolist()})
+    (block,) = compute(made.payload(made.tasks[0]), threads=1).blocks
+    e, a = np.meshgrid(made.elevation_deg, made.azimuth_deg, indexing="ij")
+    assert np.allclose(block.radiance[0], toy.truth(1, 0, -4, 0, e, a, nm), rtol=1e-6)
+    assert list(block.refused) == [1] and np.isnan(block.radiance[1]).all() and np.isnan(block.direct[1]).all()
+
+
+def test_times_and_places_become_coordinates(toy, client, tmp_path):
+    sun = {"start": "2026-06-21T21:00", "stop": "2026-06-21T22:00", "step_minutes": 30, "time_zone": "Europe/Berlin"}
+    sun |= {"latitude_deg": 52.5, "longitude_deg": 13.4}
+    made = planned({"sun.latitude_deg": [50, 54]}, sun=sun)
+    swept(made, client, tmp_path / "a.zarr")
+    with xr.open_zarr(tmp_path / "a.zarr") as data:
+        assert data.time.values.astype("datetime64[m]").tolist() == [
+            np.datetime64(t).item() for t in ("2026-06-21T19:00", "2026-06-21T19:30", "2026-06-21T20:00")
+        ]
+        assert data.solar_elevation_angle.dims == data.solar_azimuth_angle.dims == ("sun_latitude_deg", "time")
+        sky = sky_of(data.sel(sun_latitude_deg=54, time="2026-06-21T19:30"))
+    config = load_series({**BASE, "sun": sun | {"start": "2026-06-21T21:30", "stop": "2026-06-21T21:30"}})[0].config
+    config = config.model_copy(update={"sun": config.sun.model_copy(update={"latitude_deg": 54.0})})
+    again = run(config)
+    for name in ("sun_elevation_deg", "sun_azimuth_deg", "distance_au", "apparent_sun_elevation_deg"):
+        assert getattr(sky, name) == pytest.approx(getattr(again, name), rel=1e-6), name
+    assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
+
+
+def test_units_and_help_of_any_key_are_found():
+    assert describe_key("aerosol.optical_depth_550nm")[0] == "1" and "550 nm" in describe_key("sun.at")[1] + "550 nm"
+    assert describe_key("observer.altitude_km")[0] == "km" and describe_key("sun.elevation_deg")[0] == "deg"
+    assert describe_key("solver.degree") == ("", "")
+
+
+# Faults ---------------------------------------------------------------------------------------------------------
+
+
+def test_failures_are_listed_and_do_not_stop_the_rest(toy, client, tmp_path, log):
+    made = planned({"solver.factor": [1, 13, 2], "sun.elevation_deg": [*SUNS, -11.0]})
+    outcome, failed = swept(made, client, tmp_path / "a.zarr")
+    assert outcome.tasks == 2 and outcome.skies == 8
+    assert failed == {
+        "the toy solver needs a sun at -10 deg or higher": [(0, 3), (2, 3)],
+        "ZeroDivisionError: the toy broke": [(1, i) for i in range(4)],
+    }
+    with xr.open_zarr(tmp_path / "a.zarr") as data:
+        assert data.status.values.tolist() == [[1, 1, 1, 2], [0, 0, 0, 0], [1, 1, 1, 2]]
+        for i, factor in ((0, 1), (2, 2)):
+            found = data.sun_normalised_radiance.values[i, :3]
+            assert np.allclose(found, right(toy, data, factor)[:3], rtol=1e-6)
+        assert np.isnan(data.sun_normalised_radiance.values[1]).all()
+    log.with_name("mended").touch()
+    outcome, failed = swept(made, client, tmp_path / "a.zarr")
+    assert outcome.tasks == 1 and list(failed) == ["the toy solver needs a sun at -10 deg or higher"]
+    assert [line.split()[1] for line in log.read_text().splitlines()] == ["1", "13", "2", "13"]
+
+
+@pytest.mark.parametrize("limit_bytes, most_done", ((200, 0), (600, 7)), ids=("chunk", "journal"))
+def test_a_full_disk_loses_only_the_task_at_hand(toy, client, tmp_path, log, limit_bytes, most_done):
+    """A limit on the size of files stands for the disk: a chunk has 360 bytes, a line of the journal some 90."""
+    made = planned({"solver.factor": list(range(1, 10)), "sun.elevation_deg": SUNS})
+    path = tmp_path / "a.zarr"
+    with open_store(path, made):
+        pass
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limits[1]))
+    try:
+        with pytest.raises(TwilightError, match=r"a\.zarr: cannot be written"):
+            swept(made, client, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    kept = {p: p.stat().st_mtime_ns for p in path.rglob("sun_normalised_radiance/[0-9]*/**/*") if p.is_file()}
+    assert (not kept and most_done == 0) or 2 <= len(kept) <= most_done + 1
+    outcome, failed = swept(made, client, path)
+    assert not failed and 9 - outcome.tasks in ({0} if most_done == 0 else {len(kept), len(kept) - 1})
+    assert sum(p.stat().st_mtime_ns == at for p, at in kept.items()) == 9 - outcome.tasks
+    with xr.open_zarr(path) as data:
+        assert (data.status == 1).all()
+        for i in range(9):
+            assert np.allclose(data.sun_normalised_radiance.values[i], right(toy, data, i + 1), rtol=1e-6)
+    assert not list(path.rglob("*.partial"))
+
+
+def test_a_damaged_journal_and_another_sweep(toy, client, tmp_path, log):
+    vary = {"solver.factor": [1, 2], "sun.elevation_deg": SUNS}
+    path = tmp_path / "a.zarr"
+    swept(planned(vary), client, path)
+    first, second = (path / JOURNAL).read_text().splitlines()
+    (path / JOURNAL).write_text(first + "\n" + second[: len(second) // 2])
+    outcome, _ = swept(planned(vary), client, path)
+    assert outcome.tasks == 1 and swept(planned(vary), client, path)[0].tasks == 0
+    with pytest.raises(TwilightError, match=r"holds another sweep \(dimensions.sun_elevation_deg differs\)"):
+        swept(planned(vary | {"sun.elevation_deg": [-1]}), client, path)
+    with pytest.raises(TwilightError, match=r"configuration.climate.gases.no2 differs"):
+        swept(planned(vary, climate={"version": 1, "name": "air", "gases": {"no2": False}}), client, path)
+    with open_store(path, planned(vary)), pytest.raises(TwilightError, match="another sweep is writing"):
+        with open_store(path, planned(vary)):
+            pass
+    (tmp_path / "b.zarr").mkdir()
+    with pytest.raises(TwilightError, match="not the dataset of a sweep"):
+        swept(planned(vary), client, tmp_path / "b.zarr")
+
+
+def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch):
+    monkeypatch.setattr("twilight.batch.store.shutil.disk_usage", lambda path: type("Usage", (), {"free": 10**6}))
+    with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
+        with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
+            pass
+
+
+# Processes ------------------------------------------------------------------------------------------------------
+
+
+def command(path, out, *more):
+    return [sys.executable, "-c", "import toy_swept; from twilight.cli import main; main()",
+            "sweep", str(path), "--output", str(out), *more]  # fmt: skip
+
+
+def start(arguments, log):
+    return subprocess.Popen(
+        arguments,
+        env={**os.environ, "TOY_LOG": str(log)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def until(condition, seconds=600.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def lines(path):
+    return path.read_text().splitlines() if path.exists() else []
+
+
+@pytest.fixture
+def slow_sweep(toy, tmp_path):
+    """A file of six tasks of half a second and more."""
+    path = tmp_path / "slow.yaml"
+    vary = {"solver.factor": [1, 2, 3, 4, 5, 6], "sun.elevation_deg": SUNS}
+    path.write_text(json.dumps({**BASE, "solver": {"name": "toy", "wait_s": 0.7}, "vary": vary}))
+    return path, tmp_path / "out.zarr"
+
+
+def assert_right(toy, out):
+    with xr.open_zarr(out) as data:
+        assert data.sun_normalised_radiance.chunks is not None  # lazy
+        assert (data.status == 1).all()
+        for i in range(6):
+            assert np.allclose(data.sun_normalised_radiance.values[i], right(toy, data, i + 1), rtol=1e-6)
+
+
+def test_a_killed_worker_then_a_killed_client_lose_only_their_tasks(toy, slow_sweep, log):
+    path, out = slow_sweep
+    process = start(command(path, out, "--workers", "2"), log)
+    until(lambda: len(lines(log)) >= 3)
+    pids = {int(line.split()[0]) for line in lines(log)}
+    assert len(pids) == 2  # two workers took part
+    os.kill(int(lines(log)[-1].split()[0]), signal.SIGKILL)
+    until(lambda: len(lines(out / JOURNAL)) >= 4)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert len({line.split()[0] for line in lines(log)}) >= 2
+    done = len(lines(out / JOURNAL))
+    before = len(lines(log))
+    result = subprocess.run(
+        command(path, out, "--workers", "1"), env={**os.environ, "TOY_LOG": str(log)}, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stderr
+    assert len(lines(log)) - before == 6 - done < 6
+    assert_right(toy, out)
+
+
+def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow_sweep, log):
+    path, out = slow_sweep
+    process = start(command(path, out, "--workers", "1"), log)
+    until(lambda: len(lines(out / JOURNAL)) >= 1)
+    os.killpg(process.pid, signal.SIGINT)
+    error = process.communicate(timeout=300)[1]
+    assert process.returncode == 130 and error.count("\n") == 1 and "interrupted" in error, error
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(lines(log)[0].split()[0]), 0)
+    done = len(lines(out / JOURNAL))
+    assert 1 <= done < 6
+
+    address = out.with_name("scheduler.json")
+    servers = [
+        start([sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard",
+               "--scheduler-file", str(address)], log),
+    ]  # fmt: skip
+    try:
+        until(address.exists)
+        servers.append(
+            start([sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address),
+                   "--nthreads", "1", "--no-dashboard", "--no-nanny"], log)
+        )  # fmt: skip
+        where = json.loads(address.read_text())["address"]
+        process = start(command(path, out, "--scheduler", where), log)
+        until(lambda: len(lines(out / JOURNAL)) > done)
+        servers[0].kill()
+        error = process.communicate(timeout=300)[1]
+        assert process.returncode == 2 and "the scheduler is gone" in error and "Traceback" not in error, error
+    finally:
+        for server in servers:
+            server.kill()
+            server.communicate()
+    done = len(lines(out / JOURNAL))
+    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--workers", "1"])
+    assert result.exit_code == 0 and f"({done} tasks were there)" in result.output, result.output
+    assert_right(toy, out)
+
+
+def test_a_scheduler_that_is_not_there_is_a_sentence(toy, slow_sweep):
+    path, out = slow_sweep
+    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--scheduler", "tcp://127.0.0.1:9"])
+    assert result.exit_code == 2 and "cannot be reached" in result.output, result.output
+
+
+@pytest.mark.slow
+def test_jobs_of_a_batch_system(toy, slow_sweep, log, tmp_path, monkeypatch):
+    """Slurm's two commands, played by scripts: sbatch starts the job's script."""
+    pytest.importorskip("dask_jobqueue")
+    path, out = slow_sweep
+    commands = tmp_path / "bin"
+    commands.mkdir()
+    for name, text in {
+        "sbatch": f"setsid bash $1 > {tmp_path}/job.log 2>&1 & echo $! > {tmp_path}/pid; echo Submitted batch job 17",
+        "scancel": f"kill -- -$(cat {tmp_path}/pid)",
+    }.items():
+        (commands / name).write_text(f"#!/bin/bash\n{text}\n")
+        (commands / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{commands}{os.pathsep}{os.environ['PATH']}")
+    settings = tmp_path / "dask"
+    settings.mkdir()
+    (settings / "jobqueue.yaml").write_text(
+        "jobqueue:\n  slurm: {name: twilight, cores: 1, memory: 2GB, walltime: '00:10:00', interface: lo}\n"
+    )
+    monkeypatch.setenv("DASK_CONFIG", str(settings))
+    process = start(command(path, out, "--batch-system", "slurm", "--workers", "1"), log)
+    output, error = process.communicate(timeout=600)
+    assert process.returncode == 0, error + (tmp_path / "job.log").read_text()
+    assert "18 skies in 6 tasks" in output
+    assert_right(toy, out)
+    assert Path(tmp_path / "pid").exists()
