@@ -2,10 +2,10 @@
 
     python benchmarks/sweep.py [CONFIG] [--set KEY=VALUE ...]
 
-Three runs of the same sweep, each on machine code that is there: one worker with one thread, one worker with two threads,
-two workers with one thread each.  Processor time hardly depends on what else the machine does; `busy` is the share of the
-workers' wall time that went into tasks, and the rest is Dask, the dataset and starting.  Prints a CSV table (committed as
-benchmarks/sweep.csv).
+Three runs of the same sweep, each on machine code that is there: one worker with one thread, one worker with two
+threads, two workers with one thread each.  Processor time hardly depends on what else the machine does; `busy` is the
+share of the workers' wall time that went into tasks, and the rest is Dask and the dataset.  Prints a CSV table
+(committed as benchmarks/sweep.csv).
 """
 
 from __future__ import annotations
