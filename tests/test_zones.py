@@ -54,14 +54,14 @@ def small(hazy):
 
 def test_harmonics_are_orthonormal_and_moments_of_a_harmonic_are_its_own():
     x, w = np.polynomial.legendre.leggauss(24)
-    polar = even_harmonics(x, 8)
+    polar = even_harmonics(x, 8, 8)
     angles = make_angles(np.array([0.0, -0.1]), 24, 10, 8)
     wave = np.cos(angles.order * angles.azimuth[:, None])
     basis = polar[:, None] * wave[None]
     gram = np.einsum("i,iac,iad->cd", 0.5 * w, basis, basis) / angles.azimuth.size
     np.testing.assert_allclose(gram, np.eye(angles.order.size), atol=1e-12)
     for k in range(2):
-        own = even_harmonics(angles.cosine[k], 8)[:, None] * wave[None]
+        own = even_harmonics(angles.cosine[k], 8, 8)[:, None] * wave[None]
         np.testing.assert_allclose(
             np.einsum("cia,iad->cd", angles.analysis[k], own), np.eye(angles.order.size), atol=5e-3
         )
@@ -283,7 +283,9 @@ def test_no_light_is_isotropic_and_tiny():
 def test_settings_and_observers_out_of_range_are_named(hazy, small):
     with pytest.raises(TwilightError, match=r"solver\.degree is 1; allowed is 2 to 32"):
         replace(SMALL, degree=1)
-    with pytest.raises(TwilightError, match=r"solver\.azimuth_directions is 3"):
+    with pytest.raises(
+        TwilightError, match=r"solver\.late_azimuth_directions is 6; allowed is up to azimuth_directions, 3"
+    ):
         replace(SMALL, azimuth_directions=3)
     with pytest.raises(TwilightError, match=r"observer\.altitude_km is -1"):
         zones.prepare(hazy, SMALL, observer_altitude_km=-1.0)

@@ -169,7 +169,9 @@ class Field:
         moments = self.scaled.moments[:, : degree + 1]
 
         def of(block: int) -> Passes:
-            points = make_points(rays, self.scaled.medium, moments, n.fine_altitude_km, turning, block)
+            points = make_points(
+                rays, self.scaled.medium, moments, n.fine_altitude_km, turning.step_rad, angles.orders, block
+            )
             return Passes(n, angles, rays, points, turning, self.medium, block)
 
         return of
@@ -243,15 +245,16 @@ class Field:
     def _multiple(self, rays, zenith, row_first, cos_azimuth, block: int, solution: Solution) -> np.ndarray:
         """Light scattered at least twice, (D, LANES)."""
         n = self.nodes
-        turning = make_turning(n.zenith_rad[:1], np.zeros(1), n.fine_rad, 1.0, n=3)  # only its step is used
-        points = make_points(rays, self.scaled.medium, self.scaled.moments, n.fine_altitude_km, turning, block)
+        s = self.settings
+        orders = min(s.degree, s.azimuth_directions - 1) + 1
+        points = make_points(rays, self.scaled.medium, self.scaled.moments, n.fine_altitude_km, 1.0, orders, block)
         out = np.zeros((cos_azimuth.size, LANES))
         ground_weight = lanes_of(rays.ground_weight, block)
         in_slices(
             lambda begin, end: view_multiple(
                 rays.first, rays.place, points, zenith, row_first, cos_azimuth, n.fine_rad, n.zenith_rad,
                 solution.log_mean, solution.ratio, solution.log_ground, ground_weight, rays.ground_angle_rad,
-                *n.zenith_rule, PER_INTERVAL, self.settings.degree, out, begin, end,
+                *n.zenith_rule, PER_INTERVAL, s.degree, orders, out, begin, end,
             ),
             row_first.size - 1,
         )  # fmt: skip

@@ -33,9 +33,14 @@ class Angles:
     order: np.ndarray
     analysis: np.ndarray
 
-    def harmonics_up_to(self, degree: int) -> np.ndarray:
-        """Which of the harmonics have at most this degree; their order is that of a smaller set."""
-        return np.flatnonzero(self.degree <= degree)
+    @property
+    def orders(self) -> int:
+        """Number of orders, from 0."""
+        return int(self.order.max()) + 1
+
+    def shared_with(self, smaller: Angles) -> np.ndarray:
+        """Which of the harmonics a smaller set has too, in its sequence."""
+        return np.flatnonzero((self.degree <= smaller.degree.max()) & (self.order <= smaller.order.max()))
 
 
 def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int) -> Angles:
@@ -52,12 +57,14 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
-    order = np.array([m for m in range(degree + 1) for _ in range(m, degree + 1)])
-    deg = np.array([n for m in range(degree + 1) for n in range(m, degree + 1)])
+    # equal azimuths cannot tell orders from `around` on
+    highest = min(degree, around - 1)
+    order = np.array([m for m in range(highest + 1) for _ in range(m, degree + 1)])
+    deg = np.array([n for m in range(highest + 1) for n in range(m, degree + 1)])
     wave = np.cos(order * azimuth[:, None])
     analysis = []
     for mu, share in zip(cosine, weight, strict=True):
-        basis = (even_harmonics(mu, degree)[:, None, :] * wave[None]).reshape(-1, order.size)
+        basis = (even_harmonics(mu, degree, highest)[:, None, :] * wave[None]).reshape(-1, order.size)
         weighted = (basis * np.repeat(share / around, around)[:, None]).T
         analysis.append(weighted.reshape(order.size, mu.size, around))
     return Angles(cosine, azimuth, weight, deg, order, np.array(analysis))
@@ -72,13 +79,16 @@ def _clustered(low: float, high: float, centre: float, width: float, n: int) -> 
     return centre + width * np.sinh(t), w * ((high - low) / w.sum())
 
 
-def even_harmonics(cosine: np.ndarray, degree: int) -> np.ndarray:
-    """Polar parts (P, C) of the harmonics P_lm(cosine) cos(m azimuth), mean square 1 over the sphere, sorted by m."""
+def even_harmonics(cosine: np.ndarray, degree: int, highest: int) -> np.ndarray:
+    """Polar parts (P, C) of the harmonics P_lm(cosine) cos(m azimuth), mean square 1 over the sphere.
+
+    Sorted by m = 0..highest.
+    """
     x = np.asarray(cosine, dtype=float)
     s = np.sqrt(np.maximum(0.0, 1.0 - x * x))
     columns = []
     diagonal = np.ones_like(x)
-    for m in range(degree + 1):
+    for m in range(highest + 1):
         if m > 0:
             diagonal = diagonal * s * np.sqrt((2.0 * m + 1.0) / (2.0 * m))
         factor = 1.0 if m == 0 else np.sqrt(2.0)

@@ -23,7 +23,7 @@ ZERO, ONE = np.float32(0.0), np.float32(1.0)
 def slab(point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree, low, high, fine_log, fine_wave):
     """The field at the altitude and in the polar angle of point k, over solar zenith angles low..high of the nodes.
 
-    fine_log (T', LANES): logarithm of the mean on the fine grid; fine_wave (T', degree + 1, LANES): amplitude of
+    fine_log (T', LANES): logarithm of the mean on the fine grid; fine_wave (T', orders, LANES): amplitude of
     cos(m azimuth) relative to the mean.
     """
     node = point.node[k]
@@ -35,7 +35,7 @@ def slab(point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree
     here, there = log_mean[node], log_mean[node + 1]
     for t in range(low, high + 1):
         c = 0
-        for m in range(degree + 1):
+        for m in range(fine_wave.shape[1]):
             wave = fine_wave[t * per_interval, m]
             if m > highest:
                 c += degree + 1 - m
@@ -71,7 +71,7 @@ def slab(point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def scatter(
     rays_first, point, turning, log_mean, ratio, log_ground, ground_weight, ground_angle, rule_node, rule_weight,
-    per_interval, n_polar, degree, out, begin, end,
+    per_interval, n_polar, degree, n_order, out, begin, end,
 ):  # fmt: skip
     """Radiance out[node, polar, zenith, azimuth, LANES] from the moments of the order before, for nodes begin..end.
 
@@ -81,7 +81,7 @@ def scatter(
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
     n_fine = rule_node.shape[0]
     fine_log = np.zeros((n_fine, LANES), np.float32)
-    fine_wave = np.zeros((n_fine, degree + 1, LANES), np.float32)
+    fine_wave = np.zeros((n_fine, n_order, LANES), np.float32)
     exponent = np.zeros(LANES, np.float32)
     series = np.zeros(LANES, np.float32)
     last = turning.shape[0] - 2
@@ -156,18 +156,20 @@ def add_ground(turning, place, log_ground, transmittance, sums):
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def scatter_sunlight(
-    rays_first, point, turning, sun_row, sun_share, edge, log_light, log_ground_light, ground_edge, span, phase,
+    rays_first, point, turning, sun_row, sun_share, edge, log_light, log_ground_light, ground_edge, span, phase, cosine,
     ground_weight, ground_angle, ground_factor, n_polar, out, begin, end,
 ):  # fmt: skip
     """The first order: sunlight scattered once, out[node, polar, zenith, azimuth, LANES].
 
     sun_row (P,), sun_share (P,): place of a point between the altitudes of the sunlight table; edge: of the shadow
-    phase (node, polar, zenith, azimuth, S, LANES): phase function of each species from the sun into each direction
+    phase (N, S, LANES): phase function of each species at cosines from -1 to 1
+    cosine (node, polar, zenith, azimuth): of the scattering angle from the sun into each direction, a place in `phase`
     ground_factor (LANES,): albedo / pi
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
     n_species = point.share.shape[1]
     light = np.zeros((N_ANGLE + 1, LANES), np.float32)
+    of_ray = np.zeros((n_zenith, n_azimuth, n_species, LANES), np.float32)
     exponent = np.zeros(LANES, np.float32)
     series = np.zeros(LANES, np.float32)
     last = turning.shape[0] - 2
@@ -176,6 +178,14 @@ def scatter_sunlight(
         for i in range(n_polar):
             ray = node * n_polar + i
             sums = out[node, i]
+            for t in range(n_zenith):
+                for a in range(n_azimuth):
+                    x = cosine[node, i, t, a]
+                    j = min(int(x), phase.shape[0] - 2)
+                    b1 = x - np.float32(j)
+                    for s in range(n_species):
+                        for w in range(LANES):
+                            of_ray[t, a, s, w] = (ONE - b1) * phase[j, s, w] + b1 * phase[j + 1, s, w]
             for k in range(rays_first[ray], rays_first[ray + 1]):
                 row = sun_row[k]
                 f = sun_share[k]
@@ -204,7 +214,7 @@ def scatter_sunlight(
                         for w in range(LANES):
                             exponent[w] = b0 * u[w] + b1 * v[w]
                             series[w] = ZERO
-                        of_species = phase[node, i, t, a]
+                        of_species = of_ray[t, a]
                         for s in range(n_species):
                             r0, r1 = share[s], of_species[s]
                             for w in range(LANES):

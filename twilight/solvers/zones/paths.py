@@ -108,23 +108,26 @@ class Points(NamedTuple):
 
 
 def make_points(
-    rays: Rays, medium: Medium, moments: np.ndarray, nodes_km: np.ndarray, turning: Turning, block: int
+    rays: Rays, medium: Medium, moments: np.ndarray, nodes_km: np.ndarray, step_rad: float, orders: int, block: int
 ) -> Points:
-    """moments (1 + K, degree + 1, W): of the scaled phase functions of `medium`, the scaled one."""
+    """moments (1 + K, degree + 1, W): of the scaled phase functions of `medium`, the scaled one.
+
+    step_rad: of the geocentric angles of the turning table; orders: of harmonics in azimuth, from 0.
+    """
     z = rays.place[:, 0]
     node = np.clip(np.searchsorted(nodes_km, z, side="right") - 1, 0, nodes_km.size - 2)
     share = np.clip((z - nodes_km[node]) / np.diff(nodes_km)[node], 0.0, 1.0)
     species = species_share(medium, z)
     chi = np.einsum("spw,slw->plw", species, moments)
     degree = moments.shape[1] - 1
-    polar = even_harmonics(rays.place[:, 2], degree)
+    polar = even_harmonics(rays.place[:, 2], degree, orders - 1)
     sine = np.sqrt(np.maximum(0.0, 1.0 - rays.place[:, 2] ** 2))
     # sin^m: an order that is this weak cannot be seen
-    highest = np.clip(np.ceil(np.log(1e-4) / np.log(np.clip(sine, 1e-6, 1.0 - 1e-12))), 1, degree)
+    highest = np.clip(np.ceil(np.log(1e-4) / np.log(np.clip(sine, 1e-6, 1.0 - 1e-12))), 1, orders - 1)
     return Points(
         node.astype(np.int32),
         share.astype(np.float32),
-        (rays.place[:, 1] / turning.step_rad).astype(np.float32),
+        (rays.place[:, 1] / step_rad).astype(np.float32),
         polar.astype(np.float32),
         highest.astype(np.int32),
         lanes_of(chi, block),

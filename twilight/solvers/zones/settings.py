@@ -12,7 +12,8 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    polar_directions: directions per hemisphere; azimuth_directions: over half a turn
+    polar_directions: directions per hemisphere; azimuth_directions: over half a turn; orders of the series in azimuth
+        are fewer than these
     early_events: scattering events that are followed with these; later ones, whose light is smooth, with
     late_degree, late_polar_directions, late_azimuth_directions
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
@@ -28,9 +29,9 @@ class ZonesSettings:
     field_file: HDF5 file that the field is read from where it holds this very field, and written to otherwise
     """
 
-    degree: int = 16
-    polar_directions: int = 13
-    azimuth_directions: int = 17
+    degree: int = 20
+    polar_directions: int = 14
+    azimuth_directions: int = 11
     early_events: int = 2
     late_degree: int = 6
     late_polar_directions: int = 7
@@ -70,21 +71,18 @@ class ZonesSettings:
             value = getattr(self, key)
             if not low <= value <= high:
                 raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
-        for stage in ("", "late_"):
-            degree, around = getattr(self, stage + "degree"), getattr(self, stage + "azimuth_directions")
-            if around < degree + 1:
+        for key in ("degree", "azimuth_directions"):
+            if getattr(self, "late_" + key) > getattr(self, key):
                 raise TwilightError(
-                    f"solver.{stage}azimuth_directions is {around}; {stage}degree {degree} needs at least {degree + 1}"
+                    f"solver.late_{key} is {getattr(self, 'late_' + key)}; allowed is up to {key}, {getattr(self, key)}"
                 )
-        if self.late_degree > self.degree:
-            raise TwilightError(f"solver.late_degree is {self.late_degree}; allowed is 2 to degree, {self.degree}")
 
 
 QUALITIES: dict[str, ZonesSettings] = {
     "draft": ZonesSettings(
-        degree=11,
+        degree=12,
         polar_directions=9,
-        azimuth_directions=12,
+        azimuth_directions=9,
         late_degree=5,
         late_polar_directions=6,
         late_azimuth_directions=6,
@@ -97,9 +95,9 @@ QUALITIES: dict[str, ZonesSettings] = {
     ),
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
-        degree=24,
-        polar_directions=15,
-        azimuth_directions=25,
+        degree=32,
+        polar_directions=18,
+        azimuth_directions=15,
         late_degree=8,
         late_polar_directions=10,
         late_azimuth_directions=9,

@@ -17,6 +17,7 @@ from twilight.threads import in_slices
 TINY = 1e-30
 FAINT = 1e-12
 """Radiance over F0 that convergence does not look at: about a thousandth of a moonless night's own light."""
+PHASE_NODES = 2049
 PER_INTERVAL = 3
 """Steps of the fine grid of solar zenith angles in every interval of the nodes."""
 
@@ -118,15 +119,18 @@ class Passes:
         t = self.nodes.zenith_rad[None, None, :, None]
         cosine = mu * np.cos(t) + np.sqrt(1 - mu**2) * np.sin(t) * np.cos(a.azimuth)
         degree = moments.shape[1] - 1
-        legendre = np.polynomial.legendre.legvander(cosine, degree) * ((2 * np.arange(degree + 1) + 1) / (4 * np.pi))
-        phase = lanes_of(np.einsum("zmtfl,slw->zmtfsw", legendre, moments, optimize=True), self.block)
+        nodes = np.linspace(-1.0, 1.0, PHASE_NODES)
+        legendre = np.polynomial.legendre.legvander(nodes, degree) * ((2 * np.arange(degree + 1) + 1) / (4 * np.pi))
+        phase = lanes_of(np.einsum("nl,slw->nsw", legendre, moments), self.block)
+        place = ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32)
         albedo = lanes_of(self.medium.ground_albedo, self.block)
         ground_weight, ground_angle = self._ground()
         log_light, log_ground = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
         in_slices(
             lambda begin, end: scatter_sunlight(
                 self.rays.first, self.points, self.turning.place, row, share.astype(np.float32), sunlight.edge_rad,
-                log_light, log_ground, sunlight.edge_rad[0], sunlight.span_rad, phase, ground_weight, ground_angle,
+                log_light, log_ground, sunlight.edge_rad[0], sunlight.span_rad, phase, place, ground_weight,
+                ground_angle,
                 (albedo / np.pi).astype(np.float32), a.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
@@ -144,7 +148,7 @@ class Passes:
             lambda begin, end: scatter(
                 self.rays.first, self.points, self.turning.place, log_mean, ratio, log_ground, ground_weight,
                 ground_angle, *n.zenith_rule, PER_INTERVAL, self.angles.cosine.shape[1],
-                int(self.angles.degree.max()), out, begin, end,
+                int(self.angles.degree.max()), self.angles.orders, out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
@@ -186,7 +190,7 @@ def solve_orders(
     while events + 1 < max_events:
         passes = early if events < early_events else late
         if passes is late and events == max(early_events, 1) and late is not early:
-            kept = early.angles.harmonics_up_to(int(late.angles.degree.max()))
+            kept = early.angles.shared_with(late.angles)
             order = np.ascontiguousarray(order[:, :, kept])
         before = mean
         mean, order, ground = passes.analyse(passes.next(mean, order, ground))

@@ -19,7 +19,7 @@ and linearly between and beyond."""
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def view_multiple(
     rays_first, place, point, zenith, row_first, cos_azimuth, fine, zenith_nodes, log_mean, ratio, log_ground,
-    ground_weight, ground_angle, rule_node, rule_weight, per_interval, degree, out, begin, end,
+    ground_weight, ground_angle, rule_node, rule_weight, per_interval, degree, n_order, out, begin, end,
 ):  # fmt: skip
     """Light scattered at least twice, out (D, LANES), in directions row_first[r]..row_first[r + 1] of ray r.
 
@@ -28,7 +28,7 @@ def view_multiple(
     n_fine = fine.size
     n_nodes = zenith_nodes.size
     fine_log = np.zeros((n_fine, LANES), np.float32)
-    fine_wave = np.zeros((n_fine, degree + 1, LANES), np.float32)
+    fine_wave = np.zeros((n_fine, n_order, LANES), np.float32)
     series = np.zeros(LANES, np.float32)
     ct, st = math.cos(zenith), math.sin(zenith)
     for r in range(begin, end):
