@@ -134,9 +134,9 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     name, quality, settings = resolve_solver_of(config)
     solver = solvers.load(name)
     set_up_s = time.perf_counter() - started
-    at_once = getattr(solver, "WAVELENGTH_BLOCK", WAVELENGTH_BLOCK)
+    at_once: int = getattr(solver, "WAVELENGTH_BLOCK", WAVELENGTH_BLOCK)
     blocks = [slice(i, i + at_once) for i in range(0, medium.n_wavelengths, at_once)]
-    if len(blocks) > 1 and getattr(settings, "field_file", ""):
+    if len(blocks) > 1 and getattr(settings, "field_file", None):
         raise TwilightError(
             f"solver.field_file: holds the field of up to {at_once} wavelengths, and {config.title} has "
             f"{medium.n_wavelengths}"
@@ -290,9 +290,9 @@ def _evaluate(
     if converged is not None:  # the worst block of wavelengths
         worst = result.convergence
         for key in ("events", "residual", "error"):
-            value = getattr(converged, key, None)
-            if value is not None:
-                worst[key] = max(worst.get(key, value), value)
+            here = getattr(converged, key, None)
+            if here is not None:
+                worst[key] = max(worst.get(key, here), here)
 
 
 def _on_grid(
