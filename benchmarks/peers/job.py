@@ -66,15 +66,7 @@ def _sasktran2(model: str, variant: str, job: dict):
     questions = _questions(job)
 
     def run(medium):
-        if job["task"] != "thirty":
-            return np.stack([radiance(medium, setting, *q, threads=job["threads"]) for q in questions])
-        # suns that share a solution: one solves more zenith angles, but fewer than each sun for itself
-        skies = []
-        for i in range(0, len(questions), setting.suns_together):
-            group = questions[i : i + setting.suns_together]
-            suns = np.array([q[0] for q in group])[:, None]
-            skies.append(radiance(medium, setting, suns, *group[0][1:], threads=job["threads"]))
-        return np.concatenate(skies)
+        return np.stack([radiance(medium, setting, *q, threads=job["threads"]) for q in questions])
 
     return run
 

@@ -37,7 +37,6 @@ class Setting:
     incoming, outgoing: directions at a source point; streams: terms of the phase function in multiple scattering
         (with delta-M scaling); moments: terms of the phase function in single scattering.
     tolerance: relative residual at which the iteration stops.
-    suns_together: of many suns, how many share one solution (memory grows with their number).
     """
 
     single_levels: tuple[float, float] = (0.02, 0.05)
@@ -49,7 +48,6 @@ class Setting:
     streams: int = 16
     moments: int = 513
     tolerance: float = 1e-4
-    suns_together: int = 5
 
 
 def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
@@ -106,7 +104,7 @@ def optics(medium: Medium, altitude_km: np.ndarray, n_moments: int) -> tuple[np.
 def radiance(
     medium: Medium, setting: Setting, sun_deg, elevation_deg, azimuth_deg, *, threads: int = 1, parts: bool = False
 ):
-    """Sun-normalised radiance (..., W) on the ground; angles are broadcast.  Suns of one call share one solution.
+    """Sun-normalised radiance (..., W) on the ground; angles are broadcast.
 
     parts: return (single scattering, multiple scattering) apart.
     """
