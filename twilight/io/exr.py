@@ -11,6 +11,7 @@ import numpy as np
 
 from twilight import colour, spectrum
 from twilight.errors import TwilightError
+from twilight.io.damage import check_expansion, first_line
 from twilight.io.environment import environment, ground_factor
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.io.whole import whole_file
@@ -153,12 +154,19 @@ def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if not path.is_file():
         raise TwilightError(f"{path}: no such file")
     try:
+        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            low, high = (np.asarray(corner, dtype=float) for corner in file.header()["dataWindow"])
+            check_expansion(path, 2.0 * len(file.header()["channels"]) * float(np.prod(high - low + 1.0)))  # half: 2
         with OpenEXR.File(str(path), separate_channels=True) as file:
             header = dict(file.header())
             # The pixels belong to the file and end with it.
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError, OSError) as error:
-        raise TwilightError(f"{path}: is not a complete OpenEXR file ({error})") from error
+    except TwilightError:
+        raise
+    except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError ... depending on where a file is damaged
+        raise TwilightError(f"{path}: is not a complete OpenEXR file ({first_line(error)})") from error
+    if len({pixels.shape for pixels in channels.values()}) > 1:
+        raise TwilightError(f"{path}: its channels are not of the same size")
     return header, channels
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.io.damage import check_expansion, first_line
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.whole import whole_file
 from twilight.sky import Sky
@@ -199,22 +200,37 @@ def read_sky(path: str | Path) -> Sky:
 
     Raises TwilightError where the file is missing, not complete, or not a sky.
     """
-    import xarray
-
     path = Path(path)
     if not path.is_file():
         raise TwilightError(f"{path}: no such file")
     try:
-        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
-            dataset = opened.load()
+        dataset = _load(path)
+    except TwilightError:
+        raise
     except Exception as error:  # h5py raises OSError, KeyError, RuntimeError ... depending on where a file is cut
-        raise TwilightError(f"{path}: is not a complete HDF5 file ({str(error).splitlines()[0]})") from error
+        raise TwilightError(f"{path}: is not a complete HDF5 file ({first_line(error)})") from error
     for name in (*_GRID, "sun_normalised_radiance", "solar_elevation_angle"):
         if name not in dataset.variables:
             raise TwilightError(f"{path}: has no variable '{name}', so it is not a sky written by twilight")
     if set(dataset["sun_normalised_radiance"].dims) != set(_GRID):
         raise TwilightError(f"{path}: sun_normalised_radiance must have the dimensions {', '.join(_GRID)}")
+    try:
+        return _sky(dataset)
+    except TwilightError as error:
+        raise TwilightError(f"{path}: {error}") from None
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:  # of a value's wrong type
+        raise TwilightError(f"{path}: is not a sky written by twilight ({first_line(error)})") from error
 
+
+def _load(path: Path) -> xarray.Dataset:
+    import xarray
+
+    with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
+        check_expansion(path, sum(variable.nbytes for variable in opened.variables.values()))
+        return opened.load()
+
+
+def _sky(dataset: xarray.Dataset) -> Sky:
     def array(name: str) -> np.ndarray | None:
         if name not in dataset.variables:
             return None

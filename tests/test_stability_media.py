@@ -1,0 +1,241 @@
+"""Extreme air, suns and observers in every solver that claims them: finite, not negative, not too bright."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from stability_media import (
+    AZIMUTH_DEG,
+    ELEVATION_DEG,
+    EXTREMES,
+    STRUCTURES,
+    SUNS_DEG,
+    Air,
+    assert_sane,
+    extremes,
+    horizon_deg,
+    medium_of,
+)
+
+from twilight import solvers
+from twilight.errors import TwilightError
+from twilight.solvers.cells import CellsSettings
+from twilight.solvers.montecarlo import MonteCarloSettings
+from twilight.solvers.zones import QUALITIES, ZonesSettings
+
+DRAFT = QUALITIES["draft"]
+ZONES = replace(DRAFT, altitude_density=0.3, zenith_density=0.4)
+CELLS = CellsSettings(
+    degree=4, polar_directions=3, azimuth_directions=10, azimuth_nodes=20, node_density=0.4, max_events=6
+)
+MONTECARLO = MonteCarloSettings(target_stderr=None, samples=16, sub_paths=1, steering_sweeps=1, pilot_samples=2)
+PER_SUN = {"cells", "montecarlo"}
+"""Solvers that do most of their work for each sun anew."""
+
+
+def settings_of(name: str):
+    return {"zones": ZONES, "cells": CELLS, "montecarlo": MONTECARLO}[name]
+
+
+def look(name, medium, suns, altitude_km=0.0, settings=None):
+    """Radiance (sun, direction, W)."""
+    field = solvers.load(name).prepare(medium, settings or settings_of(name), observer_altitude_km=altitude_km)
+    return np.array([field.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in suns])
+
+
+def brightest(asymmetry: float) -> float:
+    """No sky is brighter than all sunlight scattered straight ahead once, plus that of a white dome many times over."""
+    return (1 + asymmetry) / (1 - asymmetry) ** 2 / (4 * np.pi) + 1.0
+
+
+def check(name: str, radiance: np.ndarray, airs, suns, what: str) -> None:
+    if name == "montecarlo":  # an estimate may be below 0 by its noise
+        radiance = np.where(radiance < 0.0, 0.0, radiance) if np.all(radiance > -0.1) else radiance
+    for w, air in enumerate(airs):
+        assert_sane(radiance[..., w], f"{name}: {what}, {air}", brightest(air.asymmetry))
+        for s, sun in enumerate(suns):
+            if sun <= -18.0:
+                assert radiance[s, :, w].max() < 1e-3, f"{name}: {what}, {air}: bright at {sun} deg"
+
+
+@pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
+def test_extreme_air(name):
+    suns = (20.0, -6.0) if name in PER_SUN else SUNS_DEG
+    check(name, look(name, extremes(), suns), EXTREMES.values(), suns, "extremes")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cells", "montecarlo"])
+def test_extreme_air_under_every_sun(name):
+    check(name, look(name, extremes(), SUNS_DEG), EXTREMES.values(), SUNS_DEG, "extremes")
+
+
+@pytest.mark.parametrize("what", STRUCTURES)
+def test_odd_levels_zones(what):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)  # a 0 / 0 that happens not to matter today
+        check("zones", look("zones", STRUCTURES[what](), SUNS_DEG), [Air()], SUNS_DEG, what)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", STRUCTURES)
+@pytest.mark.parametrize("name", ["cells", "montecarlo"])
+def test_odd_levels(name, what):
+    suns = (30.0, -0.57, -6.0)
+    check(name, look(name, STRUCTURES[what](), suns), [Air()], suns, what)
+
+
+@pytest.fixture(scope="module")
+def plain_zones():
+    return solvers.load("zones").prepare(medium_of(Air(), Air(ozone=0.5)), ZONES)
+
+
+@pytest.mark.parametrize("altitude_km", [0.0, 8.0, 50.0, 80.0, 100.0, 400.0, 40000.0])
+def test_observers_from_the_ground_to_orbit(plain_zones, altitude_km):
+    horizon = horizon_deg(altitude_km)
+    for sun in (90.0, 10.0, 0.0, horizon, horizon - 0.57, horizon + 1e-9, -18.0, -40.0, -90.0):
+        if sun < -90.0:
+            continue
+        elevation = np.array([-90.0, horizon - 1.0, horizon - 1e-6, horizon, horizon + 1e-6, horizon + 0.5, 0.0, 90.0])
+        elevation = np.clip(elevation, -90.0, 90.0)
+        azimuth = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 180.0, 90.0, 0.0])
+        radiance = plain_zones.radiance(sun, elevation, azimuth, observer_altitude_km=altitude_km)
+        assert_sane(radiance, f"sun {sun}, observer {altitude_km}", brightest(0.7))
+        if altitude_km >= 80.0:  # nothing is above
+            assert np.all(radiance[-1] == 0.0)
+            if sun > 0.0:
+                assert np.all(radiance[0] > 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("altitude_km", [0.0, 8.0, 50.0, 100.0, 400.0])
+def test_observers_of_the_referee(altitude_km):
+    horizon = horizon_deg(altitude_km)
+    field = solvers.load("montecarlo").prepare(medium_of(Air()), MONTECARLO, observer_altitude_km=altitude_km)
+    for sun in (30.0, horizon, -6.0):
+        radiance = field.radiance(sun, [-90.0, horizon - 1e-6, horizon, horizon + 0.5, 90.0], 0.0)
+        assert np.all(np.isfinite(radiance))
+        if altitude_km >= 80.0:
+            assert np.all(radiance[-1] == 0.0)
+
+
+def test_what_is_not_claimed_is_one_sentence(plain_zones):
+    medium = medium_of(Air(), Air())
+    for name in solvers.SOLVERS:
+        settings = settings_of(name) if name in ("zones", "cells", "montecarlo") else None
+        for altitude_km in (-1.0, float("nan"), float("inf")):
+            with pytest.raises(TwilightError):
+                solvers.load(name).prepare(medium, settings, observer_altitude_km=altitude_km)
+    for name in ("cells", "preetham", "cie"):
+        with pytest.raises(TwilightError, match=r"observer\.altitude_km is 400"):
+            solvers.load(name).prepare(medium, None, observer_altitude_km=400.0)
+    for sun in (-91.0, 90.1, float("nan"), float("inf")):
+        with pytest.raises(TwilightError, match="sun"):
+            plain_zones.radiance(sun, 45.0, 0.0)
+
+
+@pytest.mark.parametrize("name", ["preetham", "cie"])
+def test_formulae_give_a_sky_or_one_sentence(name):
+    module = solvers.load(name)
+    refused = 0
+    for what, air in EXTREMES.items():
+        for wavelength_nm in (300.0, 550.0, 830.0, 1000.0):
+            medium = replace(medium_of(air), wavelength_nm=np.array([wavelength_nm]))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)
+                for sun in (90.0, 30.0, 0.0, -0.57, -18.0):
+                    try:
+                        radiance = module.prepare(medium).radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
+                    except TwilightError as error:
+                        assert len(str(error).splitlines()) == 1
+                        refused += 1
+                    else:
+                        assert_sane(radiance, f"{name}, {what}, {wavelength_nm} nm, sun {sun}")
+    assert 0 < refused < len(EXTREMES) * 4 * 5
+
+
+# --- convergence, precision, threads ---
+
+
+@pytest.mark.slow
+def test_extremes_converge_under_refinement():
+    """Coarse, finer, finest: the second step is the smaller one, or both are small."""
+    medium = extremes()
+    suns = (30.0, 0.0, -6.0)
+    finer = replace(DRAFT, altitude_density=0.6, zenith_density=0.7)
+    finest = replace(finer, altitude_density=1.2, zenith_density=1.4, step_density=0.8)
+    coarse, middle, fine = (look("zones", medium, suns, settings=s) for s in (ZONES, finer, finest))
+    for w, (what, air) in enumerate(EXTREMES.items()):
+        if air.air + air.aerosol == 0.0:
+            continue
+        lit = fine[..., w] > 1e-6 * fine[..., w].max()
+        first = np.percentile(np.abs(middle - coarse)[..., w][lit] / fine[..., w][lit], 90)
+        second = np.percentile(np.abs(fine - middle)[..., w][lit] / fine[..., w][lit], 90)
+        assert second < max(0.7 * first, 0.01), f"{what}: {first:.3g} then {second:.3g}"
+
+
+def test_single_precision_of_the_field_is_enough():
+    """zones keeps radiances, moments and interpolation weights in float32 and the geometry and single scattering in
+    float64: faint and bright lanes of one block, 12 orders of magnitude apart, are those of a block of their own."""
+    bright, faint = Air(aerosol=1.0, albedo=1.0, ground=1.0), Air(air=1e-12, aerosol=1e-13)
+    both = look("zones", medium_of(bright, faint), (30.0, -6.0))
+    for w, air in enumerate((bright, faint)):
+        alone = look("zones", medium_of(air), (30.0, -6.0))
+        np.testing.assert_allclose(both[..., w], alone[..., 0], rtol=2e-4)  # the number of events may differ
+    assert np.all(both[..., 1] < 1e-9 * both[..., 0].max())
+    # light that is scattered once is linear in what scatters, to the end of double precision
+    once = replace(ZONES, max_events=1)
+    thin = [
+        look("zones", medium_of(Air(air=a, aerosol=0.0, ground=0.0)), (30.0,), settings=once) for a in (1e-12, 1e-9)
+    ]
+    np.testing.assert_allclose(1e3 * thin[0], thin[1], rtol=1e-8)
+
+
+def test_one_wavelength_and_a_thousand():
+    """What is computed at a wavelength does not depend on its neighbours."""
+    airs = [Air(air=0.3 * (0.3 + i / 1000) ** -4 * 0.01, aerosol=0.1) for i in range(1000)]
+    medium = medium_of(*airs, levels_km=[0.0, 2.0, 10.0, 30.0, 60.0])
+    tiny = replace(
+        ZONES, altitude_density=0.2, zenith_density=0.2, polar_directions=3, azimuth_directions=5, max_events=2,
+        late_polar_directions=3, sight_density=0.3, step_density=0.3,
+    )  # fmt: skip
+    many = look("zones", medium.select(slice(0, 1000, 25)), (20.0,), settings=tiny)
+    assert_sane(many, "40 wavelengths", brightest(0.7))
+    one = look("zones", medium.select(slice(500, 501)), (20.0,), settings=tiny)
+    np.testing.assert_allclose(many[..., 20], one[..., 0], rtol=1e-6)
+    smooth = np.diff(np.log(many[..., 1:]), axis=-1)
+    assert np.all(np.abs(smooth) < 0.2)
+
+
+@pytest.mark.slow
+def test_a_thousand_wavelengths_at_once():
+    airs = [Air(air=0.003 * (0.3 + i / 1000) ** -4, aerosol=0.1) for i in range(1000)]
+    medium = medium_of(*airs, levels_km=[0.0, 2.0, 10.0, 30.0, 60.0])
+    tiny = replace(ZONES, altitude_density=0.2, zenith_density=0.2, max_events=3, sight_density=0.3, step_density=0.3)
+    assert_sane(look("zones", medium, (20.0, -6.0), settings=tiny), "1000 wavelengths", brightest(0.7))
+
+
+def in_threads(count, work):
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+        return work()
+    finally:
+        numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize("name", ["zones", "montecarlo"])
+def test_one_thread_and_two_are_bit_identical(name):
+    medium = medium_of(Air(), Air(aerosol=2.0))
+    one, two = (in_threads(n, lambda: look(name, medium, (5.0, -6.0))) for n in (1, 2))
+    assert np.array_equal(one, two)
+
+
+def test_settings_are_numbers_in_their_range():
+    for key, value in (("degree", 1), ("zenith_density", 0.0), ("tolerance", -1.0), ("step_density", float("nan"))):
+        with pytest.raises(TwilightError, match=key):
+            ZonesSettings(**{key: value})
