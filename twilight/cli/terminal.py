@@ -23,7 +23,7 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
             with _leaving_on_sigterm(), warnings.catch_warnings():
-                warnings.showwarning = _say_warning
+                warnings.showwarning = _say_warning  # type: ignore[assignment]
                 command(*args, **kwargs)
         except TwilightError as error:
             print(f"twilight: {error}", file=sys.stderr)
