@@ -59,7 +59,7 @@ def test_the_documents_shown_are_valid(text, tmp_path):
 
 
 def test_the_python_shown_uses_what_exists():
-    (text,) = blocks("python")
+    text, _ = blocks("python")
     namespace: dict = {}
     tree = ast.parse(text)
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
@@ -71,6 +71,15 @@ def test_the_python_shown_uses_what_exists():
 
     for name in re.findall(r"^sky\.(\w+)", text, flags=re.MULTILINE):
         assert hasattr(Sky, name)
+
+
+def test_the_field_shown_is_solved_saved_and_loaded(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    namespace: dict = {}
+    exec(compile(blocks("python")[1], "README", "exec"), namespace)
+    brightness = [sky.sum() for sky in namespace["sunset"]]
+    assert brightness == sorted(brightness, reverse=True) and brightness[-1] > 0.0
+    assert namespace["from_orbit"].min() > 0.0
 
 
 def test_the_picture_exists_and_is_a_png():
