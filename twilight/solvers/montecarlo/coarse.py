@@ -3,7 +3,7 @@
 The mean light M at the nodes obeys M = S + K M (S: sunlight scattered once, K: one more isotropic event, the ground
 included), a small dense system that is solved at once, so that thick and bright air needs no more than thin air.  K
 interpolates linearly, which is too bright in the deep shadow, where the field falls by e per degree; sweeps that
-interpolate the logarithm follow and also give the light by direction.
+interpolate the logarithm follow, with blurred phase functions, and give the light and its source by direction.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ from twilight.threads import in_slices
 
 MAX_LENGTH_KM = 80.0
 MAX_DEPTH = 1.0
+NEIGHBOUR = 2.0
+"""A wavelength starts from the field of the one before if their vertical optical depths differ by less than this."""
 
 
 def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
@@ -51,22 +53,37 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
         return steering
     z = altitudes(steering)
     n_sun = steering.cos_sun.size
+    n = z.size * n_sun
+    depth = air.moment[:, -1, 0]
     for w in range(air.table.shape[0]):
-        n = z.size * n_sun
-        # unknowns: mean light at the nodes, then diffuse irradiance on the ground
-        source = np.zeros(n + n_sun)
-        kernel = np.zeros((n + n_sun, n + n_sun))
-        in_slices(partial(_system, air, sun, steering, w, z, source, kernel), n)
-        light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
-        floor = math.exp(DARK)
-        steering.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun, 1)
-        steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
         phase = _source_phase(air, steering, w, z)
-        for _ in range(sweeps):
+        todo = sweeps
+        if w > 0 and sweeps > 1 and 1.0 / NEIGHBOUR < depth[w] / max(depth[w - 1], 1e-300) < NEIGHBOUR:
+            # the field of the wavelength before is a better start than the linear solution, and costs nothing
+            steering.log_source[w] = steering.log_source[w - 1]
+            steering.log_ground[w] = steering.log_ground[w - 1]
+            todo = sweeps - 1
+        else:
+            _linear(air, sun, steering, w, z)
+        for _ in range(todo):
             radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
             in_slices(partial(_sweep, air, sun, steering, w, z, radiance), n)
             _store(steering, w, phase, radiance)
     return steering
+
+
+def _linear(air: Air, sun: Sun, steering: Steering, w: int, z: np.ndarray) -> None:
+    """Mean light at the nodes from the linear system of one wavelength, the same in all directions."""
+    n_sun = steering.cos_sun.size
+    n = z.size * n_sun
+    # unknowns: mean light at the nodes, then diffuse irradiance on the ground
+    source = np.zeros(n + n_sun)
+    kernel = np.zeros((n + n_sun, n + n_sun))
+    in_slices(partial(_system, air, sun, steering, w, z, source, kernel), n)
+    light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
+    floor = math.exp(DARK)
+    steering.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun, 1)
+    steering.log_ground[w] = np.log(np.maximum(light[n:], floor))
 
 
 def _source_phase(air: Air, steering: Steering, w: int, altitude_km: np.ndarray) -> np.ndarray:

@@ -51,9 +51,11 @@ class Walk(NamedTuple):
 
     first_length, first_depth, later_length, later_depth: longest piece of a leg in km and in optical depth, on the
     first leg and on later ones.  sub_paths: stratified continuations of one first leg.  steered_fraction and
-    table_fraction: share of events and directions drawn with the coarse field.  roulette: a path whose expected
-    contribution falls below this fraction of a continuation's of the first leg may end, and a path worth more than that
-    of one splits; 0 switches both off.
+    table_fraction: share of events and directions drawn with the coarse field; candidates: directions of which one is
+    taken.  roulette: a path whose expected contribution falls below this fraction of a continuation's of the first leg
+    may end; 0 switches that and splitting off.  continuation: paths that go on from a later leg that is worth one
+    continuation of the first.  control: replace the light beyond each leg by the coarse field's and sample the
+    difference.  bent: the first leg follows the refracted ray.
     """
 
     first_length: float

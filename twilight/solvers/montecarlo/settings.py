@@ -29,6 +29,8 @@ class MonteCarloSettings:
         are straight.  It needs `refraction` (without it lines are straight).
     seed: any integer; chunk_samples: samples per random stream; both change the noise.
     pilot_samples: samples of each of two arms from which the other arm's count is set.
+    The steering settings are explained in :class:`twilight.solvers.montecarlo.paths.Walk`; steering_sweeps: passes of
+        the coarse field (0: none at all), check_rate: share of the rough look-ups of the sun that are corrected.
     """
 
     target_stderr: float | None = 0.01
