@@ -288,7 +288,8 @@ def _pack(
     bins = []
     for edges, _, _ in (segments, limb):
         hashes.append(np.searchsorted(edges[1:-1], np.linspace(edges[0], edges[-1], _HASH + 1), side="right"))
-        bins.append(_HASH / (edges[-1] - edges[0]))
+        span = edges[-1] - edges[0]  # 0 where no ray from space turns inside the air
+        bins.append(_HASH / span if span > 0.0 else 0.0)
     index[[lookup.AT_SEGMENT_HASH, lookup.AT_LIMB_HASH]] = lookup.N_INDEX, lookup.N_INDEX + _HASH + 1
     index[lookup.N_HASH] = _HASH
     pieces = [np.array([*scalars, *bins], dtype=float)]

@@ -164,7 +164,8 @@ class Field:
         rays = trace_rays(
             self.profile, self.path_gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
         )
-        longest = float(max(rays.place[:, 1].max(), rays.ground_angle_rad.max()))
+        # air with nothing in it has no points along its rays
+        longest = float(max(rays.place[:, 1].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         moments = self.scaled.moments[:, : degree + 1]
 
