@@ -287,7 +287,6 @@ def test_keys_of_tasks_follow_all_that_matters_and_nothing_else(toy):
     }.items():  # fmt: skip
         keys[name] = planned({"ground.albedo": [0, 1]}, **changes).tasks[0].key
     assert keys["base"] == keys["name"] == keys["output"]
-    # a sun's distance is no part of radiance over F0, but part of the dataset
     assert len(set(keys.values())) == len(keys) - 2
 
 

@@ -271,7 +271,8 @@ class Sweep:
         for index, key in field_keys.items():
             of_field.setdefault(key, []).extend(Block(index, chosen) for chosen in itertools.product(*ranges))
         whole = math.prod(steps)
-        inner = to_json([d.axis.points if d.axis is not None else self.first.sun.model_dump() for d in self.inner])
+        first = self.first.model_dump(mode="json", include={"sun", "observer"})
+        inner = to_json([first, [d.axis.points for d in self.inner if d.axis is not None]])
         for key, blocks in of_field.items():
             listed = len({block.index for block in blocks}) > 1
             for together in _packed(blocks, max(whole, CHUNK_BYTES // self._sky_bytes) if listed else whole):
