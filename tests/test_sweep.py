@@ -320,17 +320,17 @@ def test_many_wavelengths_are_done_in_blocks(toy):
 
 
 def test_times_and_places_become_coordinates(toy, client, tmp_path):
-    sun = {"start": "2026-06-21T21:00", "stop": "2026-06-21T22:00", "step_minutes": 30, "time_zone": "Europe/Berlin"}
+    sun = {"start": "2026-12-21T16:30", "stop": "2026-12-21T17:00", "step_minutes": 15, "time_zone": "Europe/Berlin"}
     sun |= {"latitude_deg": 52.5, "longitude_deg": 13.4}
     made = planned({"sun.latitude_deg": [50, 54]}, sun=sun)
     swept(made, client, tmp_path / "a.zarr")
     with xr.open_zarr(tmp_path / "a.zarr") as data:
         assert data.time.values.astype("datetime64[m]").tolist() == [
-            np.datetime64(t).item() for t in ("2026-06-21T19:00", "2026-06-21T19:30", "2026-06-21T20:00")
+            np.datetime64(t).item() for t in ("2026-12-21T15:30", "2026-12-21T15:45", "2026-12-21T16:00")
         ]
         assert data.solar_elevation_angle.dims == data.solar_azimuth_angle.dims == ("sun_latitude_deg", "time")
-        sky = sky_of(data.sel(sun_latitude_deg=54, time="2026-06-21T19:30"))
-    config = load_series({**BASE, "sun": sun | {"start": "2026-06-21T21:30", "stop": "2026-06-21T21:30"}})[0].config
+        sky = sky_of(data.sel(sun_latitude_deg=54, time="2026-12-21T15:45"))
+    config = load_series({**BASE, "sun": sun | {"start": "2026-12-21T16:45", "stop": "2026-12-21T16:45"}})[0].config
     config = config.model_copy(update={"sun": config.sun.model_copy(update={"latitude_deg": 54.0})})
     again = run(config)
     for name in ("sun_elevation_deg", "sun_azimuth_deg", "distance_au", "apparent_sun_elevation_deg"):
