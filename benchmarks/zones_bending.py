@@ -1,6 +1,6 @@
 """What bending does to the sky: python benchmarks/zones_bending.py writes benchmarks/zones_bending.csv.
 
-Change of the radiance in per cent (median, 5th and 95th percentile over 42 directions and three wavelengths) when light is
+Change of the radiance in per cent (median, 5th and 95th percentile over 42 directions, three wavelengths) when light is
 bent on its paths between scattering events, and when lines of sight are bent as well as straight ones; the sunbeam is
 refracted in all.
 """
