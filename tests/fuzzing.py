@@ -22,7 +22,7 @@ import yaml
 from twilight.errors import TwilightError
 
 CPU_SECONDS = 30
-WALL_SECONDS = 300
+WALL_SECONDS = 1800
 """Waiting for something that never comes takes no processor time; a busy machine makes everything wait."""
 MEMORY_BYTES = 1_500_000_000
 LONGEST_MESSAGE = 3000
