@@ -9,7 +9,7 @@ from montecarlo_media import assert_all_agree, hazy_earth
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.transport.beam import beam_at_one
 
-SINGLE = MonteCarloSettings(target_stderr=None, samples=2, max_orders=1, steering_sweeps=0, bent_lines_of_sight=False)
+SINGLE = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0, bent_lines_of_sight=False)
 
 
 def line(medium, height, elevation_deg, n=6000):
