@@ -125,7 +125,8 @@ def compute_climate(name: str, refraction: bool, quick: bool) -> None:
     path = HERE / (f"{file}.csv" if refraction else f"{file}-unrefracted.csv")
     suns = CLIMATE_SUNS_DEG if refraction else UNREFRACTED_SUNS_DEG
     directions = CLIMATE_DIRECTIONS_DEG[::2] if quick else CLIMATE_DIRECTIONS_DEG
-    compute(medium, path, suns, directions, quick_target if quick else climate_target, refraction=refraction)
+    wanted, most = (quick_target, 40_000) if quick else (climate_target, 400_000)
+    compute(medium, path, suns, directions, wanted, max_samples=most, refraction=refraction)
 
 
 def compute(medium, path: Path, suns_deg, directions_deg, target, **change) -> None:
@@ -137,7 +138,8 @@ def compute(medium, path: Path, suns_deg, directions_deg, target, **change) -> N
         with open(path) as stream:
             done = {float(row["sun_elevation_deg"]) for row in csv.DictReader(stream)}
     elevation, azimuth = np.array(directions_deg).T
-    settings = MonteCarloSettings(max_samples=400_000, pilot_samples=48, seed=20, **change)
+    chosen: dict = {"max_samples": 400_000, "pilot_samples": 48, "seed": 20} | change
+    settings = MonteCarloSettings(**chosen)
     field = prepare(medium, settings)
     for sun in suns_deg:
         if sun in done:

@@ -310,7 +310,8 @@ def _on_grid(
     grid = np.meshgrid(elevation, azimuth[columns], indexing="ij")
     if stochastic:
         result = made.radiance_with_error(sun_elevation_deg, *grid)
-        return result.radiance, result.standard_error
+        # few samples of a faint pixel may average below 0, which no sky is; its standard error says how little it means
+        return np.maximum(result.radiance, 0.0), result.standard_error
     return made.radiance(sun_elevation_deg, *grid)[:, back], None
 
 

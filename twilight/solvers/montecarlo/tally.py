@@ -65,16 +65,18 @@ class Tally:
         mean, variance = self.moments()
         mean, variance = mean[..., -1], variance[..., -1]
         with np.errstate(invalid="ignore", divide="ignore"):
-            n = np.where(mean > 0, variance * self.count / (2.0 * (target * mean) ** 2), 0.0)
+            # a mean that is not positive yet says nothing of the error asked for: go on with twice as many
+            more = np.where(variance > 0, 2.0 * self.count, 0.0)
+            n = np.where(mean > 0, variance * self.count / (2.0 * (target * mean) ** 2), more)
         n = np.nan_to_num(n, nan=0.0, posinf=max_samples)
         return np.minimum(np.ceil(n), max_samples // N_ARMS).astype(np.int64)[..., ::-1]
 
     def relative_error(self) -> np.ndarray:
-        """Standard error over mean (P, W); 0 for a black pixel."""
+        """Standard error over mean (P, W); 0 for a black pixel, infinite where the mean is not positive yet."""
         mean, variance = self.moments()
         m = mean[..., -1].mean(axis=-1)
         error = 0.5 * np.sqrt(variance[..., -1].sum(axis=-1))
-        return np.where(m > 0, error / np.where(m > 0, m, 1.0), 0.0)
+        return np.where(m > 0, error / np.where(m > 0, m, 1.0), np.where(error > 0, np.inf, 0.0))
 
     def result(self, shape: tuple[int, ...], complete: bool) -> MonteCarloResult:
         """Means and errors with the pixels in `shape`."""

@@ -41,7 +41,7 @@ class ZonesSettings:
     step_density: float = 0.7
     sight_density: float = 1.5
     beam_density: float = 1.0
-    max_events: int = 60
+    max_events: int = 200
     tolerance: float = 2e-3
     refraction: bool = True
     bent_lines_of_sight: bool = True

@@ -33,7 +33,7 @@ def prepare(
     then left out, by night the noon.  `progress(doing, share)` is called now and then.
 
     Errors: TwilightError for an observer below the ground and for a field file that cannot be written.
-    Warns where target_error is not reached.
+    Warns where target_error is not reached, and where max_events end the solution before tolerance does.
     """
     settings = settings or QUALITIES["standard"]
     needed = zenith_range(sun_elevations_deg if observer_altitude_km <= 0.3 * medium.top_km else None)
@@ -46,6 +46,13 @@ def prepare(
         field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
     else:
         field = Field(medium, settings, observer_altitude_km, progress, zenith_range_deg=needed)
+    convergence = field.convergence
+    if convergence and settings.tolerance > 0.0 and convergence.residual >= field.settings.tolerance:
+        warnings.warn(
+            f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
+            f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            stacklevel=2,
+        )
     if settings.field_file:
         field.save(settings.field_file)
     return field

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from twilight.solvers.zones.field import Field
 
 FORMAT = "twilight zones field 1"
+_SOLUTION = ("log_mean", "ratio", "log_ground")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
 
 
@@ -44,6 +45,15 @@ def _physics(settings: ZonesSettings) -> dict[str, Any]:
     return {key: value for key, value in asdict(settings).items() if key != "field_file"}
 
 
+def _content_hash(beam: Beam, solutions: list[Solution]) -> str:
+    """SHA-256 of what was computed: kernels trust the shapes and values of these arrays."""
+    digest = hashlib.sha256()
+    arrays = [beam.pool, beam.layout, *(getattr(s, key) for s in solutions for key in _SOLUTION)]
+    for array in arrays:
+        digest.update(f"{array.shape}{array.dtype}".encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
 def save(field: Field, path: str | Path) -> None:
     """Write a field; the file is written whole or not at all.
 
@@ -61,6 +71,7 @@ def save(field: Field, path: str | Path) -> None:
         with h5py.File(name, "w") as file:
             file.attrs["format"] = FORMAT
             file.attrs["hash"] = field_hash(field.medium, field.asked, field.zenith_range_deg)
+            file.attrs["content"] = _content_hash(field.beam, field.solutions)
             file.attrs["settings"] = json.dumps(asdict(field.settings))
             file.attrs["asked"] = json.dumps(asdict(field.asked))
             file.attrs["zenith_range_deg"] = field.zenith_range_deg
@@ -78,7 +89,7 @@ def save(field: Field, path: str | Path) -> None:
             for k, solution in enumerate(field.solutions):
                 g = file.create_group(f"solution_{k}")
                 g.attrs["events"], g.attrs["residual"] = solution.events, solution.residual
-                for key in ("log_mean", "ratio", "log_ground"):
+                for key in _SOLUTION:
                     g[key] = getattr(solution, key)
         os.replace(name, path)
     except OSError as error:
@@ -125,9 +136,11 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
             solutions: list[Solution] = []
             while f"solution_{len(solutions)}" in file:
                 g = file[f"solution_{len(solutions)}"]
-                arrays = {key: g[key][()] for key in ("log_mean", "ratio", "log_ground")}
+                arrays = {key: g[key][()] for key in _SOLUTION}
                 solutions.append(Solution(**arrays, events=int(g.attrs["events"]), residual=float(g.attrs["residual"])))
             beam = Beam(file["beam/pool"][()], file["beam/layout"][()])
+            if _content_hash(beam, solutions) != file.attrs["content"]:
+                raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
             convergence = json.loads(file.attrs["convergence"])
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise TwilightError(f"{path}: is not a whole field of the zones solver ({error})") from None
