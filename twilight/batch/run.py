@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import queue
+import secrets
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -52,6 +53,7 @@ class _Run:
         self.running: dict[Future, Task] = {}
         self.finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self.outcome = Outcome()
+        self.run = secrets.token_hex(4)
 
     def all_tasks(self) -> Outcome:
         begin = time.perf_counter()
@@ -80,9 +82,9 @@ class _Run:
         return AHEAD * max(1, sum(worker["nthreads"] for worker in workers))
 
     def _submit(self, task: Task) -> None:
-        future = self.client.submit(
-            compute, self.store.sweep.payload(task), self.threads, key=f"twilight-{task.key}", pure=False
-        )
+        # a scheduler remembers how a key ended, so that each run has keys of its own
+        key = f"twilight-{task.key}-{self.run}"
+        future = self.client.submit(compute, self.store.sweep.payload(task), self.threads, key=key, pure=False)
         self.running[future] = task
         future.add_done_callback(self.finished.put)
 

@@ -154,7 +154,11 @@ def _check_same(path: Path, sweep: Sweep) -> None:
     except (OSError, ValueError, KeyError, TypeError):
         raise TwilightError(f"{path}: is there and is not the dataset of a sweep; give another --output") from None
     if stored_hash != sweep.hash:
-        changed = _difference(stored, json.loads(to_json(sweep.document)), ()) or "the number of tasks"
+        asked = json.loads(to_json(sweep.document))
+        parts = ("dimensions", "configuration", "version", "code")
+        changed = next(filter(None, (_difference(stored.get(p), asked[p], (p,)) for p in parts)), "a task")
+        if changed == "code":
+            changed = "the source or data of the program"
         raise TwilightError(f"{path}: holds another sweep ({changed} differs); give another --output")
 
 
