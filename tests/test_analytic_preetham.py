@@ -270,7 +270,7 @@ def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
         (lambda: PreethamSettings(ozone_cm=-1.0), "solver.ozone_cm is -1; allowed is 0 to 10"),
         (lambda: PreethamSettings(outside="clip"), "solver.outside is 'clip'; allowed is nearest, refuse"),
         (lambda: preetham.prepare(air(), PreethamSettings(coefficients="hosek")), "hosek; allowed are .*preetham1999"),
-        (lambda: preetham.prepare(air(), PreethamSettings(coefficients="no.yaml")), "no.yaml: cannot be read"),
+        (lambda: preetham.prepare(air(), PreethamSettings(coefficients="no.yaml")), "no.yaml: there is no such file"),
         (lambda: preetham.prepare(air()).aerial_perspective(20.0, -30.0, 0.0, 1.0), "ends below it"),
     ],
 )

@@ -17,6 +17,8 @@ from twilight.errors import TwilightError
 from twilight.plan import make_plan
 from twilight.run import check_size, count_frames
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = (
     "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"

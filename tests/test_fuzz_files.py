@@ -19,6 +19,8 @@ from toy_sky import glow_sky
 
 from twilight.errors import TwilightError
 
+pytestmark = pytest.mark.slow
+
 KINDS = ("sky", "rgb", "spectral", "table", "coefficients", "checkpoint", "references", "optics")
 TABLE = (
     "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"

@@ -15,7 +15,7 @@ import pytest
 
 from twilight.io import read_latlong_exr, read_sky, read_spectral_exr
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+pytestmark = pytest.mark.slow
 
 SUNS = [40, 35, 30, 25, 20, 15, 10, 5]
 FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}

@@ -17,6 +17,8 @@ from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
+pytestmark = pytest.mark.slow
+
 TINY = replace(
     zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.4, polar_directions=4, late_polar_directions=4,
     sight_density=0.6, max_events=6,

@@ -27,6 +27,8 @@ from twilight.solvers.cells import CellsSettings
 from twilight.solvers.montecarlo import MonteCarloSettings
 from twilight.solvers.zones import QUALITIES, ZonesSettings
 
+pytestmark = pytest.mark.slow
+
 DRAFT = QUALITIES["draft"]
 ZONES = replace(DRAFT, altitude_density=0.3, zenith_density=0.4)
 CELLS = CellsSettings(
