@@ -280,6 +280,7 @@ def test_a_job_gives_radiances_times_and_memory_and_is_kept(toy, tmp_path, monke
         work.measure(job(toy, repeats=2, wait_s=0.05, hold_mib=100, error_percent=2.0))
 
 
+@pytest.mark.slow
 def test_damaged_results_are_made_again(toy, tmp_path):
     work = Bench(tmp_path / "rows")
     first = work.measure(job(toy, suns=(5.0,)))
@@ -290,6 +291,7 @@ def test_damaged_results_are_made_again(toy, tmp_path):
     assert np.array_equal(first[5.0].radiance, again[5.0].radiance) and again[5.0].timing is not None
 
 
+@pytest.mark.slow
 def test_wavelengths_of_a_stored_reference_are_computed_apart(toy, tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
     directions = Directions((10.0,), (0.0,), (500.0, 600.0))
@@ -389,6 +391,7 @@ def test_bad_arguments_are_one_sentence(files, arguments, says):
     assert "Traceback" not in result.output and not out.exists()
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, monkeypatch):
     path, right, out = files
     log = out.with_name("log")
@@ -440,6 +443,7 @@ def test_the_picture_needs_marks_and_holds_errors_of_any_size(tmp_path):
         read_points(tmp_path / "t.csv")
 
 
+@pytest.mark.slow
 def test_an_ablation_is_the_difference_of_two_runs(toy, tmp_path):
     base = {"solver.name": "toy"}
     ablations = (
