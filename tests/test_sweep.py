@@ -121,7 +121,7 @@ def client(toy):
     import distributed
 
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
         distributed.Client(cluster, set_as_default=False) as made,
     ):
         yield made
@@ -488,6 +488,7 @@ def test_a_killed_worker_then_a_killed_client_lose_only_their_tasks(toy, slow_sw
     assert_right(toy, out)
 
 
+@pytest.mark.slow
 def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow_sweep, log):
     path, out = slow_sweep
     process = start(command(path, out, "--workers", "1"), log)

@@ -82,9 +82,7 @@ def connect(place: Place) -> Iterator[Client]:
     _check_installed(place)
     import dask
 
-    with dask.config.set(_QUIET):
-        for name in ("distributed", "distributed.nanny", "distributed.worker", "distributed.scheduler"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
+    with dask.config.set(_QUIET), _without_its_log():
         if place.scheduler is not None:
             with _client(place.scheduler) as client:
                 yield client
@@ -96,6 +94,22 @@ def connect(place: Place) -> Iterator[Client]:
         finally:
             with suppress(Exception):  # it may be gone already
                 cluster.close(timeout=5)
+
+
+@contextmanager
+def _without_its_log() -> Iterator[None]:
+    """What Dask logs about lost workers and schedulers is said by the sweep, in one sentence."""
+    import distributed  # noqa: F401 - which sets the levels of its loggers when it is imported
+
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    levels = {name: logging.getLogger(name).level for name in names}
+    try:
+        for name in names:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _check_installed(place: Place) -> None:
@@ -142,7 +156,7 @@ def _local(place: Place) -> Any:
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",
             silence_logs=logging.CRITICAL,
             env={name: str(threads) for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")},
         )
@@ -155,6 +169,9 @@ def _interrupts_for_this_thread_only() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # where a worker's start has to begin it, that start lets interrupts in again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
