@@ -523,8 +523,8 @@ def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow
             server.kill()
             server.communicate()
     done = len(lines(out / JOURNAL))
-    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--workers", "1"])
-    assert result.exit_code == 0 and f"({done} tasks were there)" in result.output, result.output
+    output, error = start(command(path, out, "--workers", "1"), log).communicate(timeout=300)
+    assert f"({done} tasks were there)" in output and "failed" not in output, output + error
     assert_right(toy, out)
 
 
@@ -542,7 +542,10 @@ def test_jobs_of_a_batch_system(toy, slow_sweep, log, tmp_path, monkeypatch):
     commands = tmp_path / "bin"
     commands.mkdir()
     for name, text in {
-        "sbatch": f"setsid bash $1 > {tmp_path}/job.log 2>&1 & echo $! > {tmp_path}/pid; echo Submitted batch job 17",
+        "sbatch": f"""cp $1 {tmp_path}/job.sh  # which is deleted when sbatch returns
+            setsid bash {tmp_path}/job.sh > {tmp_path}/job.log 2>&1 &
+            echo $! > {tmp_path}/pid
+            echo Submitted batch job 17""",
         "scancel": f"kill -- -$(cat {tmp_path}/pid)",
     }.items():
         (commands / name).write_text(f"#!/bin/bash\n{text}\n")

@@ -81,6 +81,7 @@ def connect(place: Place) -> Iterator[Client]:
     """
     _check_installed(place)
     import dask
+    import distributed  # noqa: F401 - before the settings: what it sets itself would go with them
 
     with dask.config.set(_QUIET), _without_its_log():
         if place.scheduler is not None:
@@ -99,8 +100,6 @@ def connect(place: Place) -> Iterator[Client]:
 @contextmanager
 def _without_its_log() -> Iterator[None]:
     """What Dask logs about lost workers and schedulers is said by the sweep, in one sentence."""
-    import distributed  # noqa: F401 - which sets the levels of its loggers when it is imported
-
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {name: logging.getLogger(name).level for name in names}
     try:
