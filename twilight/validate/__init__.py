@@ -1,0 +1,1 @@
+"""Computed skies against photographs and measurements."""
