@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import compare, fit, render, show, sweep
+from twilight.cli import compare, fit, render, show, sweep, validate
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -28,6 +28,7 @@ commands = (
 for command in commands:
     app.command()(sentences(command))
 app.add_typer(fit.app)
+app.add_typer(validate.app)
 
 
 @app.callback(invoke_without_command=True)

@@ -1,0 +1,21 @@
+"""`twilight validate`: computed skies against photographs, and cameras calibrated for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import typer
+
+from twilight.cli.terminal import sentences
+
+app = typer.Typer(
+    name="validate", help="Compare computed skies with photographs; calibrate cameras.", no_args_is_help=True
+)
+commands: tuple[Callable[..., None], ...] = ()
+for command in commands:
+    app.command()(sentences(command))
+
+
+@app.callback()
+def _validate() -> None:
+    """Compare computed skies with photographs; calibrate cameras."""
