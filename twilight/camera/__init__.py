@@ -1,12 +1,12 @@
 """Cameras: the geometric model of a picture, and how pictures are read."""
 
 from twilight.camera.document import read_camera, write_camera
-from twilight.camera.model import Camera, Image, Lens, Orientation
+from twilight.camera.model import Camera, ImageSize, Lens, Orientation
 from twilight.camera.orientation import azimuth_elevation, camera_axes, direction, orientation_angles
 
 __all__ = [
     "Camera",
-    "Image",
+    "ImageSize",
     "Lens",
     "Orientation",
     "azimuth_elevation",

@@ -28,7 +28,7 @@ LARGEST_FIELD = 1e3
 """Half the picture in focal lengths; 0.1 deg less than a half space for `perspective`."""
 
 
-class Image(Section):
+class ImageSize(Section):
     """Size of the picture."""
 
     width_px: Integer = Field(description="width", ge=2, le=LARGEST_PIXELS, json_schema_extra={"unit": "px"})
@@ -95,7 +95,7 @@ class Camera(Section):
 
     version: Literal[1] = key(1, "version of this format")
     projection: Projection = Field(description="projection of the lens or of the picture")
-    image: Image = Field(description="size of the picture")
+    image: ImageSize = Field(description="size of the picture")
     lens: Lens = key(Lens, "focal length, distortion, vignetting")
     orientation: Orientation = key(Orientation, "where the camera points")
     response: Number | str = key(
