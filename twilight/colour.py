@@ -82,7 +82,7 @@ def xyz_to_linear_rgb(xyz: np.ndarray, observer: str = "cie1931_2deg") -> np.nda
 def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAULT_OBSERVER) -> np.ndarray:
     """XYZ as Rec. 709 means them: Y is the luminance [cd m^-2], the chromaticity is as the observer sees it, (..., 3).
 
-    For ``factor`` (..., W) with the wavelengths and the sun of the sky; None = its sun_normalised_radiance.  The XYZ of
+    For ``factor`` (..., W) with the wavelengths and the sun of the sky; None = its normalised_radiance.  The XYZ of
     the 10 deg observer are adapted to the white of the 2 deg observer (``spectrum.xyz_to_rgb_matrix``) and scaled: its
     own Y is some 10 % above the luminance, for V(lambda) belongs to 2 deg.  Where ``colour_is_defined`` says no, the
     chromaticity is that of D65, grey.  ``xyz_to_linear_rgb`` with its default takes the result.  The XYZ of a sky's own
@@ -91,7 +91,7 @@ def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAU
     if factor is None:
         kept = _KEPT.setdefault(sky, {})
         if observer not in kept:
-            kept[observer] = sky_to_xyz(sky, sky.sun_normalised_radiance, observer)
+            kept[observer] = sky_to_xyz(sky, sky.normalised_radiance, observer)
             kept[observer].flags.writeable = False
         return kept[observer]
     two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]

@@ -259,6 +259,7 @@ def _frame(
             direct_irradiance=np.concatenate(result.direct),
             apparent_sun_elevation_deg=sun.elevation_deg + result.bending_deg,
             solar_spectrum=config.solar_spectrum,
+            night_radiance=_night(config, medium, sun, elevation, azimuth),
             provenance=provenance,
         )
 
@@ -267,6 +268,28 @@ def _frame(
         grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
         panorama = sky(result.panorama, result.panorama_error, *grid)
     return Frame(sun.name, sky(result.texture, result.texture_error, *_texture(config)), panorama)
+
+
+def _night(
+    config: Config, medium: Medium, sun: _SunPosition, elevation: np.ndarray, azimuth: np.ndarray
+) -> np.ndarray | None:
+    """Radiance of the night sky (E, A, W) where the configuration asks for it."""
+    if config.night is None:
+        return None
+    from twilight.night import NightLevels, Place, night_radiance
+
+    at = sun.section
+    place = Place(at.latitude_deg, at.longitude_deg, sun.time) if isinstance(at, SunAt) and sun.time else None
+    return night_radiance(
+        medium,
+        elevation,
+        azimuth,
+        NightLevels(**config.night.model_dump()),
+        sun_elevation_deg=sun.elevation_deg,
+        sun_azimuth_deg=sun.azimuth_deg,
+        place=place,
+        observer_altitude_km=config.observer.altitude_km,
+    )
 
 
 def _texture(config: Config) -> tuple[np.ndarray, np.ndarray]:

@@ -62,9 +62,12 @@ class Sky:
     direct_irradiance (W,): of the sun's beam at the observer at normal incidence, divided by F0 (0 in shadow), or None.
     apparent_sun_elevation_deg: refracted elevation of the disc, or None = the true one.
     solar_spectrum: one of ``spectrum.solar_spectra()``.
+    night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light), mean over each
+        wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun: it is no part of sun_normalised_radiance.
     provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
 
-    Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``.
+    Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``, plus the night.
+    Luminance, irradiance and colour are those of the sum; ``sample`` gives the sun's part.
     """
 
     wavelength_nm: np.ndarray
@@ -83,6 +86,7 @@ class Sky:
     direct_irradiance: np.ndarray | None = None
     apparent_sun_elevation_deg: float | None = None
     solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
+    night_radiance: np.ndarray | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):
@@ -105,7 +109,7 @@ class Sky:
         step = 360.0 / azimuth.size
         if not 0 <= azimuth[0] < step or np.abs(np.diff(azimuth) - step).max(initial=0.0) > 1e-6:
             raise TwilightError("sky: azimuth_deg must be uniform over 0 to 360, the first within one step of 0")
-        for key, expected in (("standard_error", shape), ("direct_irradiance", shape[2:])):
+        for key, expected in (("standard_error", shape), ("direct_irradiance", shape[2:]), ("night_radiance", shape)):
             value = getattr(self, key)
             if value is not None:
                 value = np.asarray(value)
@@ -145,7 +149,15 @@ class Sky:
     @property
     def radiance(self) -> np.ndarray:
         """Spectral radiance [W m^-2 sr^-1 nm^-1], (E, A, W), mean over each wavelength's bin of the solar spectrum."""
-        return self.sun_normalised_radiance * self.solar_irradiance
+        radiance = self.sun_normalised_radiance * self.solar_irradiance
+        return radiance if self.night_radiance is None else radiance + self.night_radiance
+
+    @property
+    def normalised_radiance(self) -> np.ndarray:
+        """Radiance of sun and night together over F0 [sr^-1], (E, A, W): ``radiance`` over ``solar_irradiance``."""
+        if self.night_radiance is None:
+            return self.sun_normalised_radiance
+        return self.sun_normalised_radiance + self.night_radiance / self.solar_irradiance
 
     # Directions -------------------------------------------------------------------------------------------------
 
@@ -220,21 +232,26 @@ class Sky:
     def resample(self, elevation_deg, azimuth_deg) -> Sky:
         """The sky on another grid (elevation_deg (E',), azimuth_deg (A',)), by ``sample``.
 
-        A standard error is interpolated in the same way, as an upper bound (no averaging is assumed).
+        A standard error is interpolated in the same way, as an upper bound (no averaging is assumed); the night too.
         """
         elevation = np.atleast_1d(np.asarray(elevation_deg, float))
         azimuth = np.atleast_1d(np.asarray(azimuth_deg, float))
         grid = np.meshgrid(elevation, azimuth, indexing="ij")
-        error = None
-        if self.standard_error is not None:
-            as_sky = replace(self, sun_normalised_radiance=self.standard_error, standard_error=None)
-            error = as_sky.sample(*grid)
+        layers: dict[str, np.ndarray | None] = {
+            "standard_error": self.standard_error,
+            "night_radiance": self.night_radiance,
+        }
+        for name, values in layers.items():
+            if values is not None:
+                as_sky = replace(self, sun_normalised_radiance=values, standard_error=None, night_radiance=None)
+                layers[name] = as_sky.sample(*grid)
         return replace(
             self,
             elevation_deg=elevation,
             azimuth_deg=azimuth,
             sun_normalised_radiance=self.sample(*grid),
-            standard_error=error,
+            standard_error=layers["standard_error"],
+            night_radiance=layers["night_radiance"],
         )
 
     def to_latlong(self, width: int) -> Sky:
@@ -258,6 +275,7 @@ class Sky:
                 wavelength_nm=500.0 + np.arange(k),
                 sun_normalised_radiance=values,
                 standard_error=None,
+                night_radiance=None,
                 direct_irradiance=None,
                 ground_albedo=None,
             )
@@ -291,7 +309,7 @@ class Sky:
         edges = np.radians(np.clip(self.elevation_edges_deg, 0.0, 90.0))
         antiderivative = 0.5 * np.sin(edges) ** 2 if horizontal else np.sin(edges)
         weight = 2 * np.pi * np.diff(antiderivative)
-        result = np.einsum("e,ew->w", weight, self.sun_normalised_radiance.mean(axis=1, dtype=float))
+        result = np.einsum("e,ew->w", weight, self.normalised_radiance.mean(axis=1, dtype=float))
         if direct:
             if self.direct_irradiance is None:
                 raise TwilightError("irradiance: this sky does not know the sun's direct_irradiance")
@@ -317,7 +335,7 @@ class Sky:
 
     def luminance(self) -> np.ndarray:
         """Luminance [cd m^-2], (E, A): V(lambda) of the 2 deg observer, integrated at 1 nm."""
-        return self._luminous(self.sun_normalised_radiance)
+        return self._luminous(self.normalised_radiance)
 
     def illuminance_lux(self, horizontal: bool = True, direct: bool = False) -> float:
         """Illuminance from the upper hemisphere [lx]; arguments as in ``irradiance_factor``."""

@@ -109,6 +109,10 @@ class Sweep:
         check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
+        if self.first.night is not None:
+            raise TwilightError(
+                f"{where}: night: a sweep holds the sun's part of the sky alone; leave this section out"
+            )
         dimensions = dimensions_of(series.axes, self.first, where)
         self.everywhere = everywhere_observer(series.axes, self.first)
         self.outer = tuple(d for d in dimensions if not d.serves)

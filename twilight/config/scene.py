@@ -268,6 +268,16 @@ class Output(Section):
         return self
 
 
+class Night(Section):
+    """The moonless night sky behind the twilight; each part in units of its usual brightness, 0 leaves it out."""
+
+    airglow: Number = key(
+        1.0, "1: mean of a solar cycle; 0.7 to 1.3 from its minimum to maximum", unit="1", ge=0, le=100
+    )
+    starlight: Number = key(1.0, "all stars as a smooth glow, by galactic latitude", unit="1", ge=0, le=100)
+    zodiacal_light: Number = key(1.0, "sunlight on interplanetary dust", unit="1", ge=0, le=100)
+
+
 class Config(Section):
     """Everything that a render needs."""
 
@@ -284,6 +294,7 @@ class Config(Section):
     )
     solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
     solver: dict[str, Any] = key(dict, "name, quality, and any option of that solver (see `twilight solvers`)")
+    night: Night | None = key(None, "airglow, starlight and zodiacal light; unset: none, {}: all as usual")
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
     leave_out: Flag = key(True, "leave out what cannot matter (see --plan)")

@@ -128,7 +128,7 @@ def write_spectral_exr(
     one string only; ``twilightRadianceUnits`` states the unit, ``twilightWavelengthBoundsNm`` the bins.
     """
     sun = sky.solar_irradiance
-    spectra = environment(sky, sky.sun_normalised_radiance, ground_factor(sky), target, width) * sun
+    spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), target, width) * sun
     rgb = environment_rgb(sky, target, width, observer)
     channels = {name: rgb[..., i] for i, name in enumerate("RGB")}
     for i, wavelength in enumerate(sky.wavelength_nm):

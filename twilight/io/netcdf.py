@@ -116,7 +116,8 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
                 "standard_name": "downwelling_radiance_per_unit_wavelength_in_air",
                 "long_name": "spectral radiance of the sky without the sun's disc",
                 "units": "W m-2 nm-1 sr-1",
-                "comment": "sun_normalised_radiance times solar_irradiance",
+                "comment": "sun_normalised_radiance times solar_irradiance"
+                + ("" if sky.night_radiance is None else ", plus night_radiance"),
             },
         ),
         "sun_normalised_radiance": (_GRID, sky.sun_normalised_radiance, radiance_attrs),
@@ -147,6 +148,16 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
             _GRID,
             sky.standard_error,
             {"long_name": "standard error of sun_normalised_radiance", "units": "sr-1"},
+        )
+    if sky.night_radiance is not None:
+        variables["night_radiance"] = (
+            _GRID,
+            sky.night_radiance,
+            {
+                "long_name": "spectral radiance of airglow, starlight and zodiacal light at the observer, mean over "
+                "wavelength_bnds",
+                "units": "W m-2 nm-1 sr-1",
+            },
         )
     if sky.direct_irradiance is not None:
         variables["direct_irradiance_factor"] = (
@@ -259,6 +270,7 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         time=None if time is None else datetime.fromisoformat(time),
         ground_albedo=array("surface_albedo"),
         standard_error=array("standard_error"),
+        night_radiance=array("night_radiance"),
         direct_irradiance=array("direct_irradiance_factor"),
         apparent_sun_elevation_deg=scalar("apparent_solar_elevation_angle"),
         solar_spectrum=str(dataset.attrs.get("solar_spectrum", "astm_g173_etr")),
