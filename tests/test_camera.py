@@ -69,7 +69,7 @@ def test_round_trips_are_exact(projection, distortion, mirrored):
     seen = np.isfinite(xy).all(axis=1) & (np.hypot(*(xy - camera.principal_point_px).T) < 2000.0)
     # a grazing ray of the orthographic lens moves its pixel by nothing; there the inverse cannot be exact
     if projection == "orthographic":
-        seen &= (directions @ camera.axes[2]) > 0.02
+        seen &= (directions @ camera.axes[1]) > 0.02
     assert seen.sum() > 500
     np.testing.assert_allclose(camera.directions(xy[seen]), directions[seen], atol=1e-9)
     inside = camera.pixel_centres()[::37, ::41].reshape(-1, 2)
@@ -134,6 +134,10 @@ def test_orientation_angles_undo_camera_axes(angles):
     axes = camera_axes(*angles)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
     assert orientation_angles(axes) == pytest.approx(angles, abs=1e-9)
+
+
+def test_a_level_camera_towards_north_has_the_axes_of_the_world():
+    np.testing.assert_allclose(camera_axes(0.0, 0.0, 0.0), np.eye(3), atol=1e-15)
 
 
 def test_azimuth_elevation_undoes_direction():

@@ -161,7 +161,7 @@ class Camera(Section):
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """Rotation (3, 3) from the world to right, up, forward of the camera (`mirrored` not applied)."""
+        """Rotation (3, 3) from the world to right, forward, up of the camera (`mirrored` not applied)."""
         o = self.orientation
         return camera_axes(o.azimuth_deg or 0.0, o.elevation_deg, o.roll_deg)
 
@@ -184,8 +184,8 @@ class Camera(Section):
         return self.directions_own(xy) @ self.axes
 
     def project_own(self, own: np.ndarray) -> np.ndarray:
-        """As `project`, from directions in the camera's own axes: right, up, forward."""
-        right, up, forward = np.moveaxis(np.asarray(own, dtype=float), -1, 0)
+        """As `project`, from directions in the camera's own axes: right, forward, up."""
+        right, forward, up = np.moveaxis(np.asarray(own, dtype=float), -1, 0)
         if self.lens.mirrored:
             right = -right
         across = np.hypot(right, up)
@@ -203,7 +203,7 @@ class Camera(Section):
         return self.principal_point_px + np.stack([scale * right, -scale * up], axis=-1)
 
     def directions_own(self, xy: np.ndarray) -> np.ndarray:
-        """As `directions`, in the camera's own axes: right, up, forward."""
+        """As `directions`, in the camera's own axes: right, forward, up."""
         xy = np.asarray(xy, dtype=float)
         if self.projection == "latitude_longitude":
             longitude = (xy[..., 0] / self.image.width_px - 0.5) * (2.0 * np.pi)
@@ -219,13 +219,13 @@ class Camera(Section):
                 scale = np.where(radius > 0, np.sin(theta) / radius, 0.0)
             right, up, forward = scale * x, -scale * y, np.cos(theta)
             right, up = (np.where(np.isnan(theta), np.nan, part) for part in (right, up))
-        return np.stack([-right if self.lens.mirrored else right, up, forward], axis=-1)
+        return np.stack([-right if self.lens.mirrored else right, forward, up], axis=-1)
 
     def angle_off_axis(self, xy: np.ndarray) -> np.ndarray:
         """Angle [rad] between the optical axis and the directions of pixel positions (..., 2); NaN outside."""
         if self.projection == "latitude_longitude":
             own = self.directions_own(xy)
-            return np.arctan2(np.hypot(own[..., 0], own[..., 1]), own[..., 2])
+            return np.arctan2(np.hypot(own[..., 0], own[..., 2]), own[..., 1])
         x, y = np.moveaxis(np.asarray(xy, dtype=float) - self.principal_point_px, -1, 0)
         v = self._in_circle(np.hypot(x, y)) / self.focal_length_px
         return lenses.ideal_angle(self.projection, lenses.undistorted(v, self.lens.distortion, self._largest_u))

@@ -1,6 +1,7 @@
 """Directions in the world, and how a camera is turned.
 
-World axes are east, north, up.  Camera axes are right, up (of the picture) and forward (the optical axis).
+World axes are east, north, up.  A camera's own axes are right, forward (the optical axis) and up (of the picture): the
+same as the world's for a level camera that looks north.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def azimuth_elevation(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def camera_axes(azimuth_deg: float, elevation_deg: float, roll_deg: float) -> np.ndarray:
-    """Rotation (3, 3) from the world to the camera: its rows are the camera's right, up and forward in the world.
+    """Rotation (3, 3) from the world to the camera: its rows are the camera's right, forward and up in the world.
 
     azimuth_deg, elevation_deg: of the optical axis.  roll_deg: the camera is turned clockwise about its axis as its
     photographer sees it, so that the horizon in the picture turns anticlockwise.  Towards the zenith (90 deg) with
@@ -36,7 +37,7 @@ def camera_axes(azimuth_deg: float, elevation_deg: float, roll_deg: float) -> np
     level_up = np.cross(level_right, forward)
     right = np.cos(roll) * level_right - np.sin(roll) * level_up
     up = np.sin(roll) * level_right + np.cos(roll) * level_up
-    return np.stack([right, up, forward])
+    return np.stack([right, forward, up])
 
 
 def orientation_angles(axes: np.ndarray) -> tuple[float, float, float]:
@@ -44,7 +45,7 @@ def orientation_angles(axes: np.ndarray) -> tuple[float, float, float]:
 
     At the zenith and the nadir, where azimuth and roll cannot be told apart, roll is 0.
     """
-    right, up, forward = np.asarray(axes, dtype=float)
+    right, forward, up = np.asarray(axes, dtype=float)
     elevation = np.degrees(np.arctan2(forward[2], np.hypot(forward[0], forward[1])))
     if np.hypot(forward[0], forward[1]) < 1e-12:
         return float(np.mod(np.degrees(np.arctan2(-right[1], right[0])), 360.0)), float(elevation), 0.0
