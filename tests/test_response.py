@@ -128,7 +128,7 @@ def test_a_curve_survives_its_file(tmp_path):
 def test_bad_curves_are_one_sentence(tmp_path, text):
     path = tmp_path / "curve.csv"
     path.write_text(text)
-    with pytest.raises(TwilightError, match="curve.csv"):
+    with pytest.raises(TwilightError, match="response curve"):
         read_response(path)
 
 

@@ -108,9 +108,8 @@ def _exr(path: Path) -> np.ndarray:
 
 
 def _pillow_or_opencv(path: Path) -> Picture:
-    """8 bit through Pillow, which notices a file that is cut off; 16 bit and floats, which it cannot hold, by OpenCV."""
-    from PIL import Image
-    from PIL import UnidentifiedImageError
+    """8 bit through Pillow, which notices a file that is cut off; 16 bit and floats, which it cannot hold: OpenCV."""
+    from PIL import Image, UnidentifiedImageError
 
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own limit, with our own sentence
     try:
