@@ -1,0 +1,99 @@
+"""The bright stars of Hipparcos, moved to a date, and blended as a camera that cannot resolve them sees them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+EPOCH = 1991.25
+"""Julian year of the catalogue's positions."""
+_MAS = np.pi / 180.0 / 3.6e6
+
+
+@dataclass(frozen=True, eq=False)
+class Stars:
+    """Point sources on a sphere, brightest first.
+
+    directions (N, 3): unit vectors in whatever frame the maker says.  magnitude (N,).
+    hip (N,): Hipparcos number, 0 for a planet.  names (N,): proper names, empty where there is none.
+    """
+
+    directions: np.ndarray
+    magnitude: np.ndarray
+    hip: np.ndarray
+    names: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.magnitude)
+
+    def take(self, chosen: np.ndarray) -> Stars:
+        """The stars of these indices, or where this mask is true."""
+        return Stars(self.directions[chosen], self.magnitude[chosen], self.hip[chosen], self.names[chosen])
+
+    def turned(self, directions: np.ndarray) -> Stars:
+        """The same stars in another frame."""
+        return Stars(directions, self.magnitude, self.hip, self.names)
+
+    def label(self, i: int) -> str:
+        """The proper name, `HIP n` without one."""
+        return str(self.names[i]) or f"HIP {self.hip[i]}"
+
+
+@cache
+def _table() -> dict[str, np.ndarray]:
+    folder = resources.files("twilight.data") / "stars"
+    with np.load(io.BytesIO((folder / "hipparcos2_bright.npz").read_bytes())) as stored:
+        table = {name: stored[name] for name in stored.files}
+    names = {int(r["hip"]): r["name"] for r in csv.DictReader((folder / "names.csv").read_text("utf-8").splitlines())}
+    table["name"] = np.array([names.get(int(hip), "") for hip in table["hip"]])
+    return table
+
+
+def bright_stars(year: float, faintest_mag: float = 6.6) -> Stars:
+    """Stars up to `faintest_mag` (Hp, at most 6.6) in the axes of the ICRS, with proper motion up to a Julian year.
+
+    Motion along a great circle's tangent: good to 0.1 arcsec over a century for all but a few stars (radial velocity
+    and parallax are left out).
+    """
+    table = _table()
+    n = int(np.searchsorted(table["hp_mag"], faintest_mag, side="right"))
+    ra, dec = np.radians(table["ra_deg"][:n]), np.radians(table["dec_deg"][:n])
+    outwards = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+    east = np.stack([-np.sin(ra), np.cos(ra), np.zeros(n)], axis=-1)
+    north = np.cross(outwards, east)
+    years = year - EPOCH
+    moved = (
+        outwards
+        + (years * _MAS * table["pm_ra_mas_per_year"][:n].astype(float))[:, None] * east
+        + (years * _MAS * table["pm_dec_mas_per_year"][:n].astype(float))[:, None] * north
+    )
+    moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+    return Stars(moved, table["hp_mag"][:n].astype(float), table["hip"][:n], table["name"][:n])
+
+
+def blended(stars: Stars, resolution_rad: float) -> Stars:
+    """Stars closer together than the resolution become one, named after the brightest, at their centre of light."""
+    from scipy.spatial import cKDTree
+
+    order = np.argsort(stars.magnitude, kind="stable")
+    stars = stars.take(order)
+    near = cKDTree(stars.directions).query_ball_point(stars.directions, 2.0 * np.sin(0.5 * resolution_rad))
+    light = 10.0 ** (-0.4 * stars.magnitude)
+    free = np.ones(len(stars), dtype=bool)
+    kept, directions, magnitudes = [], [], []
+    for i, neighbours in enumerate(near):
+        if not free[i]:
+            continue
+        group = [j for j in neighbours if free[j]]
+        free[group] = False
+        centre = light[group] @ stars.directions[group]
+        kept.append(i)
+        directions.append(centre / np.linalg.norm(centre))
+        magnitudes.append(-2.5 * np.log10(light[group].sum()))
+    made = Stars(np.array(directions), np.array(magnitudes), stars.hip[kept], stars.names[kept])
+    return made.take(np.argsort(made.magnitude, kind="stable"))

@@ -1,0 +1,229 @@
+"""Point sources in a picture: found above a local background, centred to a fraction of a pixel, hot pixels dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.camera.model import Camera
+
+CELL_PX = 24
+"""Side of the cells in which background and noise are measured: many stars wide, narrow beside a skyline."""
+SMOOTHING_PX = 1.0
+"""Standard deviation of the Gaussian that a star is looked for with."""
+HALF_PATCH = 5
+WINDOW_PX = 1.8
+"""Standard deviation of the window of the centroid."""
+RING_PX = 3.6
+"""Pixels of the patch farther out than this tell the level under a star."""
+CENTRING_STEPS = 12
+MOST_STARS = 4000
+LEAST_NEIGHBOUR = 0.2
+"""A source whose brightest neighbour pixel has less than this share of its peak is a hot pixel or a cosmic ray, where
+the picture's stars are never as sharp ..."""
+GAP_NEIGHBOUR = 0.3
+LARGEST_GAP_SHARE = 0.05
+"""... which is so if hardly any clear source lies between the two shares.  Stars of an undersampled picture fill that gap,
+and no shape tells them from hot pixels."""
+CLEAR = 15.0
+"""Signal to noise of a clear source."""
+POLAR_LATITUDE_RAD = np.radians(50.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Point sources, brightest first.
+
+    xy (N, 2): centres in the picture.  flux (N,): above the background in a Gaussian window, in units of the picture times pixels.
+    signal_to_noise (N,): of the smoothed peak.  width_px (N,): standard deviation of the light about the centre.
+    """
+
+    xy: np.ndarray
+    flux: np.ndarray
+    signal_to_noise: np.ndarray
+    width_px: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.flux)
+
+    def take(self, chosen: np.ndarray) -> Sources:
+        """The sources of these indices, or where this mask is true."""
+        return Sources(self.xy[chosen], self.flux[chosen], self.signal_to_noise[chosen], self.width_px[chosen])
+
+
+def detect(picture: np.ndarray, camera: Camera, threshold: float = 5.0) -> Sources:
+    """Sources in a picture (height, width) or (height, width, 3) of linear light, `threshold` standard deviations up.
+
+    The caps of a latitude-longitude picture, whose rows are stretched there, are looked at in an equidistant view; hot
+    pixels are not looked for in it, for it was resampled from photographs, and stars in it may be single pixels.
+    """
+    light = np.asarray(picture, dtype=np.float32)
+    light = np.nan_to_num(light.mean(axis=-1) if light.ndim == 3 else light, posinf=0.0, neginf=0.0)
+    if camera.projection != "latitude_longitude":
+        found = _detect_flat(light, threshold, single_pixels=False)
+        return found.take(np.isfinite(camera.angle_off_axis(found.xy)))
+    return _detect_panorama(light, camera, threshold)
+
+
+def _detect_panorama(light: np.ndarray, camera: Camera, threshold: float) -> Sources:
+    """The belt of the picture itself, continued across its seam, and a view of each pole."""
+    from scipy.ndimage import map_coordinates
+
+    height, width = light.shape
+    seam = 2 * CELL_PX
+    belt = _detect_flat(np.pad(light, ((0, 0), (seam, seam)), mode="wrap"), threshold, single_pixels=True)
+    xy = belt.xy - [seam, 0]
+    latitude = np.pi * (0.5 - xy[:, 1] / height)
+    # a pixel of the belt has the solid angle of cos(latitude) pixels of the equator
+    belt = Sources(xy, belt.flux * np.cos(latitude), belt.signal_to_noise, belt.width_px)
+    parts = [belt.take((xy[:, 0] >= 0) & (xy[:, 0] < width) & (np.abs(latitude) < POLAR_LATITUDE_RAD))]
+    focal = width / (2.0 * np.pi)
+    margin = 1.15
+    side = int(np.ceil(2.0 * margin * focal * (np.pi / 2 - POLAR_LATITUDE_RAD)))
+    wrapped = np.pad(light, ((1, 1), (3, 3)), mode="wrap")
+    wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]
+    for sign in (1.0, -1.0):
+        cap = Camera.model_validate(
+            {
+                "projection": "equidistant",
+                "image": {"width_px": side, "height_px": side},
+                "lens": {"focal_length_px": float(focal)},
+                "orientation": {"elevation_deg": 90.0 * sign},
+            }
+        )
+        level = Camera.model_validate(
+            {"projection": "latitude_longitude", "image": {"width_px": width, "height_px": height}}
+        )
+        seen = cap.directions(cap.pixel_centres())
+        at = level.project(seen)
+        # the mean over the width of a pixel of the view, which is many pixels of a row wide near the pole
+        stretch = 1.0 / np.maximum(np.hypot(seen[..., 0], seen[..., 1]), 1e-3)
+        view = np.zeros((side, side), dtype=np.float32)
+        offsets = (np.arange(8) + 0.5) / 8 - 0.5
+        for offset in offsets:
+            column = np.mod(at[..., 0] - 0.5 + offset * np.minimum(stretch, width / 2), width)
+            view += map_coordinates(wrapped, [at[..., 1] - 0.5 + 1.0, column + 3.0], order=1, mode="nearest")
+        found = _detect_flat(view / len(offsets), threshold, single_pixels=True)
+        position = level.project(cap.directions(found.xy))
+        polar = sign * (0.5 - position[:, 1] / height) * np.pi >= POLAR_LATITUDE_RAD
+        parts.append(Sources(position, found.flux, found.signal_to_noise, found.width_px).take(polar))
+    joined = [np.concatenate([getattr(p, n) for p in parts]) for n in ("xy", "flux", "signal_to_noise", "width_px")]
+    all_of_them = Sources(*joined)
+    return all_of_them.take(np.argsort(-all_of_them.flux, kind="stable")[:MOST_STARS])
+
+
+def background(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(background, noise) of every pixel: median and 1.4826 median absolute deviation of cells, interpolated.
+
+    Cells are smoothed by a 3 x 3 median, so that a lamp or a bright star that fills one does not count.
+    """
+    from scipy.ndimage import map_coordinates, median_filter
+
+    height, width = light.shape
+    rows, columns = max(1, round(height / CELL_PX)), max(1, round(width / CELL_PX))
+    edges_y, edges_x = np.linspace(0, height, rows + 1).astype(int), np.linspace(0, width, columns + 1).astype(int)
+    middle, spread = np.empty((rows, columns)), np.empty((rows, columns))
+    for i in range(rows):
+        band = light[edges_y[i] : edges_y[i + 1]]
+        for j in range(columns):
+            cell = band[:, edges_x[j] : edges_x[j + 1]]
+            middle[i, j] = np.median(cell)
+            spread[i, j] = 1.4826 * np.median(np.abs(cell - middle[i, j]))
+    middle, spread = median_filter(middle, 3, mode="nearest"), median_filter(spread, 3, mode="nearest")
+    y = (np.arange(height) + 0.5) * rows / height - 0.5
+    x = (np.arange(width) + 0.5) * columns / width - 0.5
+    at = np.meshgrid(y, x, indexing="ij")
+    return tuple(map_coordinates(m, at, order=1, mode="nearest") for m in (middle, spread))  # type: ignore[return-value]
+
+
+def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> Sources:
+    from scipy.ndimage import gaussian_filter, maximum_filter
+
+    low, _ = background(light)
+    above = light - low
+    smooth = gaussian_filter(above, SMOOTHING_PX, mode="nearest")
+    _, noise = background(smooth)
+    floor = max(float(np.median(noise)) * 1e-3, float(np.finfo(np.float32).tiny))
+    ratio = smooth / np.maximum(noise, floor)
+    peaks = (ratio >= threshold) & (smooth == maximum_filter(smooth, size=5, mode="nearest"))
+    edge = HALF_PATCH + 1
+    peaks[:edge], peaks[-edge:], peaks[:, :edge], peaks[:, -edge:] = False, False, False, False
+    row, column = np.nonzero(peaks)
+    strongest = np.argsort(-smooth[row, column], kind="stable")[: 2 * MOST_STARS]
+    row, column = row[strongest], column[strongest]
+    if not len(row):
+        return Sources(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+    xy, flux, width, settled = _centres(above, row, column)
+    keep = settled & (flux > 0)
+    if not single_pixels:
+        keep &= ~_hot(_largest_neighbour(above, row, column), ratio[row, column])
+    found = Sources(xy, flux, ratio[row, column], width).take(keep)
+    usual = float(np.median(found.width_px)) if len(found) else 0.0
+    found = found.take(found.width_px <= 2.5 * max(usual, SMOOTHING_PX))
+    return _without_twins(found.take(np.argsort(-found.flux, kind="stable")))
+
+
+def _centres(above: np.ndarray, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(positions, flux, width, settled) by moments in a Gaussian window that follows the centre.
+
+    With a window w about the current centre the step is 2 sum(w I d) / sum(w I), whose fixed point for a Gaussian star
+    is its centre (Bertin's XWIN of SExtractor).
+    """
+    offset = np.arange(-HALF_PATCH, HALF_PATCH + 1)
+    patch = above[row[:, None, None] + offset[None, :, None], column[:, None, None] + offset[None, None, :]]
+    patch = patch.astype(float)
+    ring = np.hypot(offset[:, None], offset[None, :]) > RING_PX
+    patch -= np.median(patch[:, ring], axis=1)[:, None, None]  # what is left of the background, and of the Milky Way
+    dx, dy = np.zeros(len(row)), np.zeros(len(row))
+    grid_x, grid_y = offset[None, None, :], offset[None, :, None]
+    for _ in range(CENTRING_STEPS):
+        ex, ey = grid_x - dx[:, None, None], grid_y - dy[:, None, None]
+        weighted = np.exp(-0.5 * (ex**2 + ey**2) / WINDOW_PX**2) * patch
+        total = weighted.sum(axis=(1, 2))
+        total = np.where(total > 0, total, np.inf)
+        dx = dx + 2.0 * (weighted * ex).sum(axis=(1, 2)) / total
+        dy = dy + 2.0 * (weighted * ey).sum(axis=(1, 2)) / total
+        dx, dy = np.clip(dx, -3.0, 3.0), np.clip(dy, -3.0, 3.0)
+    ex, ey = grid_x - dx[:, None, None], grid_y - dy[:, None, None]
+    square = ex**2 + ey**2
+    weighted = np.exp(-0.5 * square / WINDOW_PX**2) * patch
+    total = weighted.sum(axis=(1, 2))
+    windowed = 0.5 * (weighted * square).sum(axis=(1, 2)) / np.where(total > 0, total, np.inf)
+    windowed = np.clip(windowed, 0.02, 0.98 * WINDOW_PX**2)
+    variance = 1.0 / (1.0 / windowed - 1.0 / WINDOW_PX**2)  # of the star itself, were it Gaussian
+    flux = total  # in the window only: what lies beyond it belongs to clouds and lamps more than to stars
+    settled = np.hypot(dx, dy) < 2.0
+    return np.stack([column + 0.5 + dx, row + 0.5 + dy], axis=-1), flux, np.sqrt(variance), settled & np.isfinite(total)
+
+
+def _largest_neighbour(above: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """The brightest of the four pixels beside the brightest pixel within one of each position, as a share of it."""
+    offset = np.arange(-1, 2)
+    around = above[row[:, None, None] + offset[None, :, None], column[:, None, None] + offset[None, None, :]]
+    best = around.reshape(len(row), 9).argmax(axis=1)
+    row, column = row + best // 3 - 1, column + best % 3 - 1
+    sides = np.stack([above[row + i, column + j] for i, j in ((-1, 0), (1, 0), (0, -1), (0, 1))])
+    peak = above[row, column]
+    return sides.max(axis=0) / np.where(peak > 0, peak, np.inf)
+
+
+def _hot(neighbour: np.ndarray, signal_to_noise: np.ndarray) -> np.ndarray:
+    """Which sources are single bright pixels; none where the picture's own stars are as sharp."""
+    clear = signal_to_noise >= CLEAR
+    between = clear & (neighbour >= LEAST_NEIGHBOUR) & (neighbour < GAP_NEIGHBOUR)
+    wide = clear & (neighbour >= GAP_NEIGHBOUR)
+    sampled = between.sum() <= LARGEST_GAP_SHARE * wide.sum()
+    return (neighbour < LEAST_NEIGHBOUR) if sampled else np.zeros(len(neighbour), dtype=bool)
+
+
+def _without_twins(found: Sources) -> Sources:
+    """Centres that ran into one another within a pixel and a half are one source."""
+    from scipy.spatial import cKDTree
+
+    keep = np.ones(len(found), dtype=bool)
+    if len(found):
+        for i, j in sorted(cKDTree(found.xy).query_pairs(1.5)):
+            if keep[i]:
+                keep[j] = False
+    return found.take(keep)
