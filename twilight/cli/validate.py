@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 import typer
 
+from twilight.cli import validate_photometry
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
     name="validate", help="Compare computed skies with photographs; calibrate cameras.", no_args_is_help=True
 )
-commands: tuple[Callable[..., None], ...] = ()
+commands: tuple[Callable[..., None], ...] = (validate_photometry.photometry,)
 for command in commands:
     app.command()(sentences(command))
 

@@ -1,0 +1,80 @@
+"""`twilight validate photometry`: illuminance and zenith luminance against measurements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.errors import TwilightError
+
+DEFAULT_CLIMATES = ("continental-average", "continental-clean")
+
+
+def _option(metavar: str, help: str, *names: str) -> Any:
+    return typer.Option(*names, metavar=metavar, help=help)
+
+
+def photometry(
+    climates: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[CLIMATE...]", help="Names or files; without them continental-average and -clean."),
+    ] = None,
+    quality: Annotated[str, _option("NAME", "Preset of the solver zones.")] = "standard",
+    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path, _option("DIR", "Folder for the tables and the picture.")] = Path("out/photometry"),
+) -> None:
+    """Illuminance of the ground (Janiczek and DeYoung 1987) and luminance of the zenith (Koomen et al. 1952).
+
+    Writes points.csv, levels.csv and photometry.png: level and slope apart, for measured sites differ by a factor 1.5
+    to 2. With the night sky; --set night=null leaves it out.
+    """
+    from twilight.config import load
+    from twilight.config.load import parse_setting
+    from twilight.io.whole import check_folder
+    from twilight.validate import photometry as work
+    from twilight.validate import photometry_report as report
+
+    chosen: dict[str, Any] = {
+        "night": {},
+        "wavelengths.list_nm": list(work.WAVELENGTHS_NM),
+        "solver.quality": quality,
+    }
+    for text in settings or ():
+        key, value = parse_setting(text)
+        if key == "night":
+            chosen = {k: v for k, v in chosen.items() if not k.startswith("night.")}
+        chosen[key] = value
+    names = climates or list(DEFAULT_CLIMATES)
+    configs = [load(name, chosen) for name in names]
+    titles = [config.climate.name for config in configs]
+    if len(set(titles)) < len(titles):
+        raise TwilightError(f"validate photometry: the climates must have different names, not {', '.join(titles)}")
+    check_folder(output)
+    output.mkdir(parents=True, exist_ok=True)
+    points: list[work.Point] = []
+    air: list[str] = []
+    with progress_bar() as progress:
+        for i, config in enumerate(configs):
+
+            def tell(doing: str, share: float, i: int = i) -> None:
+                progress((i + share) / len(configs), f"{titles[i]} {doing}")
+
+            found, transmission = work.photometry(config, tell)
+            points += found
+            for site in work.KOOMEN_SITES:
+                low, high = site.transmission
+                air.append(
+                    f"{titles[i]}: vertical photopic transmission above {site.name} {transmission[site.name]:.2f}, "
+                    f"measured {low:.2f} to {high:.2f}"
+                )
+    summary = work.levels(points)
+    report.write_points(points, output / "points.csv")
+    report.write_levels(summary, output / "levels.csv")
+    report.draw(points, output / "photometry.png")
+    print_table(list(report.LEVEL_COLUMNS), report.level_rows(summary), right=tuple(range(3, 11)))
+    for line in air:
+        print(line)
+    print(f"wrote points.csv, levels.csv, photometry.png to {output}/")
