@@ -135,7 +135,7 @@ def _pillow_or_opencv(path: Path) -> Picture:
         return _floating(path, stored, grey)
     bits = 8 * stored.dtype.itemsize
     samples = stored.astype(np.float32) / np.float32(2**bits - 1)
-    return Picture(samples, (samples > SATURATED_SHARE).any(axis=-1), bits, False, grey, seconds)
+    return Picture(samples, np.any(samples > SATURATED_SHARE, axis=-1), bits, False, grey, seconds)
 
 
 def _is_deep(path: Path, picture: Any) -> bool:
@@ -216,7 +216,7 @@ def _raw(path: Path) -> Picture:
     except (rawpy.LibRawError, MemoryError, ValueError) as error:
         raise TwilightError(f"{path}: is not a complete RAW file that LibRaw knows ({first_line(error)})") from None
     samples = rgb.astype(np.float32) / np.float32(65535)
-    return Picture(samples, (samples > SATURATED_SHARE).any(axis=-1), 16, True)
+    return Picture(samples, np.any(samples > SATURATED_SHARE, axis=-1), 16, True)
 
 
 def write_exr(path: str | Path, rgb: np.ndarray, attributes: dict[str, Any] | None = None) -> None:
