@@ -6,13 +6,17 @@ from collections.abc import Callable
 
 import typer
 
-from twilight.cli import validate_photometry
+from twilight.cli import validate_photo, validate_photometry
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
     name="validate", help="Compare computed skies with photographs; calibrate cameras.", no_args_is_help=True
 )
-commands: tuple[Callable[..., None], ...] = (validate_photometry.photometry,)
+commands: tuple[Callable[..., None], ...] = (
+    validate_photo.photo,
+    validate_photo.response,
+    validate_photometry.photometry,
+)
 for command in commands:
     app.command()(sentences(command))
 

@@ -34,21 +34,25 @@ CLOUD_DISTANCES_DEG = (3.0, 6.0)
 CLOUD_SMALLEST_SQUARE_DEG = 1.0
 """What is smaller is noise."""
 AUREOLE_DEG = 20.0
-"""Nearer to the sun the sky itself is peaked: there a cloud shows by its edges and its colour only."""
+"""Nearer to the sun the sky itself is peaked, in brightness and in colour: there a cloud shows by its edges only."""
 SUN_GLARE_DEG = 6.0
 """Radius about the sun that is always masked while the sun is up: disc, bloom, veiling glare and ghosts of the lens."""
 SUN_DISC_DEG = 0.27
+FOREGROUND = {"below the horizon", "below the profile", "mask image", "ground, trees, buildings"}
 
 
 @dataclass(frozen=True, eq=False)
 class Mask:
     """Which fine cells of a panorama are clear sky, and what took the others.
 
-    valid (E, A).  taken: share of the sky above the horizon (by solid angle) that each cause took, for the report; a
-    cell with several causes counts for the first.
+    valid (E, A).
+    foreground (E, A): ground, trees, buildings, whichever way they were found.
+    taken: share of the sky above the horizon (by solid angle) that each cause took; a cell with several causes counts
+        for the first.
     """
 
     valid: np.ndarray
+    foreground: np.ndarray
     taken: dict[str, float]
 
 
@@ -71,7 +75,10 @@ def make_mask(
     the disc is not wholly below the horizon.
     """
     rows, columns = panorama.elevation_deg, panorama.azimuth_deg
-    causes = {"outside the photograph": ~panorama.covered, "below the horizon": rows[:, None] < min_elevation_deg}
+    causes: dict[str, np.ndarray] = {
+        "outside the photograph": ~panorama.covered,
+        "below the horizon": rows[:, None] < min_elevation_deg,
+    }
     with np.errstate(invalid="ignore"):
         dark = ~(panorama.luminance > 0)
     causes["saturated or black"] = dilate(panorama.saturated, panorama, GROW_DEG) | dark
@@ -96,6 +103,9 @@ def make_mask(
 
 def _collect(causes: dict[str, np.ndarray], rows: np.ndarray) -> Mask:
     shape = np.broadcast_shapes(*(cause.shape for cause in causes.values()))
+    foreground = np.zeros(shape, bool)
+    for name in FOREGROUND & causes.keys():
+        foreground |= causes[name]
     weight = np.broadcast_to(np.cos(np.radians(rows))[:, None] * (rows[:, None] > 0), shape)
     valid = np.ones(shape, bool)
     taken = {}
@@ -104,7 +114,7 @@ def _collect(causes: dict[str, np.ndarray], rows: np.ndarray) -> Mask:
         if share > 0 and name != "below the horizon":
             taken[name] = share
         valid &= ~cause
-    return Mask(valid, taken)
+    return Mask(valid, foreground, taken)
 
 
 def separation_deg(elevation_deg, azimuth_deg, other_elevation_deg, other_azimuth_deg) -> np.ndarray:
@@ -155,7 +165,7 @@ def find_sky(panorama: Panorama, ignore: np.ndarray | None = None) -> np.ndarray
 def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None = None) -> np.ndarray:
     """Cells (E, A) of ``sky`` that are redder or brighter than the sky to their left and right.
 
-    aureole (E, A): where brightness says nothing.  The sky varies smoothly along a parallel; a cloud does not.
+    aureole (E, A): where that says nothing.  The sky varies smoothly along a parallel; a cloud does not.
     """
     from scipy import ndimage
 
@@ -166,9 +176,9 @@ def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None 
         redness = np.log(np.where(sky, panorama.rgb[..., 0] / panorama.rgb[..., 2], np.nan))
     found = np.zeros_like(sky)
     size = max(1, round(1.0 / panorama.step_deg))
-    for values, limit, blind in ((redness, CLOUD_REDDER, None), (luminance, CLOUD_BRIGHTER, aureole)):
-        if blind is not None:
-            values = np.where(blind, np.nan, values)
+    for values, limit in ((redness, CLOUD_REDDER), (luminance, CLOUD_BRIGHTER)):
+        if aureole is not None:
+            values = np.where(aureole, np.nan, values)
         known = np.isfinite(values)
         share = ndimage.uniform_filter(known.astype(float), size, mode=("nearest", "wrap"))
         total = ndimage.uniform_filter(np.where(known, values, 0.0), size, mode=("nearest", "wrap"))

@@ -43,7 +43,7 @@ class Panorama:
     @property
     def covered(self) -> np.ndarray:
         """(E, A): the photograph shows this direction."""
-        return np.isfinite(self.rgb[..., 0])
+        return np.asarray(np.isfinite(self.rgb[..., 0]))
 
     @property
     def luminance(self) -> np.ndarray:

@@ -1,0 +1,240 @@
+"""`twilight validate photo` and `twilight validate response`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.errors import TwilightError
+
+
+def _option(metavar: str, help: str, *names: str) -> Any:
+    return typer.Option(*names, metavar=metavar, help=help)
+
+
+def photo(
+    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")],
+    camera: Annotated[Path, _option("CAMERA.yaml", "Projection, lens, orientation and response of the camera.")],
+    config: Annotated[str, _option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
+    white_balance: Annotated[
+        bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
+    ] = False,
+    sun_azimuth: Annotated[
+        float | None,
+        _option("DEG", "In the camera's azimuths; unset: the scene's if the camera's azimuth is known, else found."),
+    ] = None,
+    profile: Annotated[
+        Path | None, _option("FILE.csv", "Skyline: azimuth_deg,elevation_deg; below it is no sky.")
+    ] = None,
+    mask: Annotated[
+        Path | None, _option("IMAGE", "Picture of the photograph's size, bright where there is sky.")
+    ] = None,
+    no_automatic_mask: Annotated[
+        bool, typer.Option("--no-automatic-mask", help="Do not look for ground, trees, buildings and clouds.")
+    ] = False,
+    min_elevation: Annotated[float, _option("DEG", "Compare nothing below.")] = 0.0,
+    glare: Annotated[float, _option("DEG", "Radius about a risen sun that is masked.")] = 6.0,
+    resolution: Annotated[float, _option("DEG", "Cells of the comparison; must divide 90.")] = 2.0,
+    settings: Annotated[
+        list[str] | None, _option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")
+    ] = None,
+    output: Annotated[Path | None, _option("DIR", "Folder for the files; made where it is missing.")] = None,
+) -> None:
+    """Compare a photograph with the computed sky, and write a side-by-side picture with its figures.
+
+    Writes comparison.png, figures.json, profiles.csv and comparison.h5; with several suns also suns.csv, and the files
+    are those of the sun that fits best.
+    """
+    from twilight.camera import read_camera
+    from twilight.config import load_series
+    from twilight.config.load import parse_setting
+    from twilight.io.whole import check_folder
+    from twilight.validate.photograph import read_photograph
+
+    chosen: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    for text in settings or ():
+        key, value = parse_setting(text)
+        chosen[key], names[key] = value, f"--set {key}"
+    if sun_azimuth is not None and not -360.0 <= sun_azimuth <= 360.0:
+        raise TwilightError(f"--sun-azimuth: {sun_azimuth:g} must be from -360 to 360 deg")
+    model = read_camera(camera)
+    photograph = read_photograph(
+        image,
+        model,
+        cell_deg=resolution,
+        profile=profile,
+        mask_image=mask,
+        automatic=not no_automatic_mask,
+        min_elevation_deg=min_elevation,
+        glare_deg=glare,
+    )
+    chosen["texture"] = {"resolution_deg": resolution}
+    names["texture"] = "--resolution"
+    cases = load_series(config, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate photo takes one")
+    folder = output or Path("out") / ("photo-" + (re.sub(r"[^\w.+-]+", "-", image.stem).strip("-.") or "photo"))
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    _compare(image, photograph, cases[0].config, sun_azimuth, white_balance, folder)
+
+
+def _compare(
+    image: Path, photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
+) -> None:
+    from twilight.run import count_frames, frames
+    from twilight.validate import photo as comparing
+    from twilight.validate.figure import summary, write_figure
+    from twilight.validate.report import write_dataset, write_json, write_profiles, write_suns
+
+    best: Any = None
+    rows = []
+    note = ""
+    with progress_bar() as bar:
+        bar(0.0, "looking at the photograph")
+        for frame in frames(config, lambda doing, share: bar(0.9 * share, doing)):
+            sky = frame.sky
+            azimuth, note = _azimuth(photograph, sky, sun_azimuth)
+            apparent = (
+                sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
+            )
+            seen = photograph.seen(azimuth, apparent)
+            found = comparing.compare(seen.sky, sky, white_balance=white_balance)
+            residuals = comparing.residual_vector(seen.sky, found.simulated, white_balance=white_balance)
+            misfit = float(residuals @ residuals)
+            rows.append((frame.name, sky.sun_elevation_deg, misfit, found.figures))
+            if best is None or misfit < best[0]:
+                best = (misfit, sky, seen, found, azimuth)
+        bar(0.92, "drawing")
+        _, sky, seen, found, azimuth = best
+        facts = {
+            "photograph": image.name,
+            "scene": config.title,
+            "sun_elevation_deg": sky.sun_elevation_deg,
+            "sun_azimuth_deg": azimuth,
+            "sun_azimuth": note,
+            "masked": seen.mask.taken,
+            "figures": found.figures,
+            "computed_sky": sky.provenance,
+        }
+        lines = (f"scene: {config.title}, sun {sky.sun_elevation_deg:+.2f} deg", note)
+        write_figure(folder / "comparison.png", found, seen.panorama, seen.mask, title=image.name, lines=lines)
+        write_json(folder / "figures.json", facts)
+        write_profiles(folder / "profiles.csv", found)
+        write_dataset(folder / "comparison.h5", found, facts)
+        if count_frames(config) > 1:
+            write_suns(folder / "suns.csv", rows)
+    if len(rows) > 1:
+        columns = ["sun", "misfit", "luminance rms", "solar meridian", "u'v'"]
+        table = [[name, f"{misfit:.4g}", *_cells(figures)] for name, _, misfit, figures in rows]
+        print_table(columns, table, right=(1, 2, 3, 4))
+        print(f"best: sun {sky.sun_elevation_deg:+.2f} deg")
+    print(note)
+    for cause, share in seen.mask.taken.items():
+        print(f"masked, {cause}: {100 * share:.1f} % of the sky")
+    for line in summary(found.figures):
+        print(line)
+    names = "comparison.png, figures.json, profiles.csv, comparison.h5" + (", suns.csv" if len(rows) > 1 else "")
+    print(f"wrote {names} to {folder}/")
+
+
+def _cells(figures: dict[str, Any]) -> list[str]:
+    uv, solar = figures.get("uv_distance_median"), figures["solar_meridian_rms_percent"]
+    return [
+        f"{figures['luminance_rms_percent']:.1f} %",
+        "-" if solar is None else f"{solar:.1f} %",
+        "-" if uv is None else f"{uv:.4f}",
+    ]
+
+
+def _azimuth(photograph: Any, sky: Any, given: float | None) -> tuple[float, str]:
+    """The sun's azimuth in the camera's azimuths, and a sentence on where it is from."""
+    if given is not None:
+        return given % 360.0, f"sun azimuth {given % 360.0:.2f} deg, as given"
+    if sky.sun_azimuth_deg is not None and photograph.camera.orientation.azimuth_deg is not None:
+        return sky.sun_azimuth_deg, f"sun azimuth {sky.sun_azimuth_deg:.2f} deg, by place and time"
+    sun = photograph.sun
+    by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
+    note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
+    if sun.elevation_deg is not None:
+        note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
+    return sun.azimuth_deg, note
+
+
+def response(
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGE...", help="Photographs of one still scene with different exposures.")
+    ],
+    times: Annotated[
+        str | None, _option("SECONDS,...", "Exposure times, one each; unset: from the files' EXIF.")
+    ] = None,
+    merge: Annotated[Path | None, _option("FILE.exr", "Also write the series as one linear picture.")] = None,
+    curve: Annotated[
+        str | None,
+        _option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it."),
+    ] = None,
+    output: Annotated[Path | None, _option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
+) -> None:
+    """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
+    from twilight.camera.image import read_samples, write_exr
+    from twilight.camera.response import load_response, merge_bracket, recover_response, write_response
+
+    if curve is not None and (merge is None or output is not None):
+        raise TwilightError("--curve: is for --merge, and takes no --output, for there is nothing to recover")
+    if merge is not None and merge.suffix.lower() != ".exr":
+        raise TwilightError(f"--merge: {merge} must end in .exr")
+    if output is not None and output.suffix.lower() != ".csv":
+        raise TwilightError(f"--output: {output} must end in .csv")
+    pictures = [read_samples(path) for path in images]
+    seconds = _times(times, images, pictures)
+    if curve is None and not (merge is not None and all(picture.linear for picture in pictures)):
+        found = recover_response(pictures, seconds)
+        target = output or Path("response.csv")
+        write_response(target, found)
+        print(f"rms of ln(exposure): {found.residual:.4f} over {found.pairs} samples")
+        print(f"wrote {target}")
+        undo: Any = found
+    else:
+        undo = None if curve is None else load_response(_number_or_text(curve))
+    if merge is not None:
+        light, saturated = merge_bracket(pictures, seconds, undo)
+        write_exr(merge, light)
+        print(f"wrote {merge}; {100 * saturated.mean():.2g} % of its pixels are saturated in every exposure")
+
+
+def _number_or_text(text: str) -> float | str:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not 0.1 <= value <= 10.0:
+        raise TwilightError(f"--curve: the exponent {value:g} must be from 0.1 to 10")
+    return value
+
+
+def _times(text: str | None, images: list[Path], pictures: list[Any]) -> list[float]:
+    if text is not None:
+        try:
+            seconds = [_seconds(part) for part in text.split(",")]
+        except (ValueError, ZeroDivisionError):
+            raise TwilightError(
+                f"--times: {text} must be seconds with commas between them, e.g. 1/60,1/15,0.25"
+            ) from None
+        if len(seconds) != len(images):
+            raise TwilightError(f"--times: gives {len(seconds)} times for {len(images)} pictures")
+        return seconds
+    missing = [path for path, picture in zip(images, pictures, strict=True) if picture.exposure_time_s is None]
+    if missing:
+        raise TwilightError(f"{missing[0]}: does not say its exposure time; give --times")
+    return [picture.exposure_time_s for picture in pictures]
+
+
+def _seconds(text: str) -> float:
+    """`1/60` or `0.25` as a number; ValueError for anything else."""
+    above, slash, below = text.partition("/")
+    return float(above) / (float(below) if slash else 1.0)
