@@ -70,10 +70,18 @@ def airglow_zenith(bounds_nm: np.ndarray) -> np.ndarray:
         overlap = np.clip(np.minimum(high, centre + width / 2) - np.maximum(low, centre - width / 2), 0.0, None)
         energy = RAYLEIGH_PHOTONS * photon_energy_j(np.array([centre]))
         out[np.searchsorted(layers, altitude)] += rayleigh * energy * overlap / width / (high - low)
-    middle = 0.5 * (low + high)
-    continuum = np.exp(np.interp(middle, CONTINUUM_NM, np.log(CONTINUUM_RAYLEIGH_PER_NM)))
-    out[np.searchsorted(layers, CONTINUUM_ALTITUDE_KM)] += continuum * RAYLEIGH_PHOTONS * photon_energy_j(middle)
+    integral = np.interp(bounds_nm, *_continuum_integral())
+    out[np.searchsorted(layers, CONTINUUM_ALTITUDE_KM)] += (integral[:, 1] - integral[:, 0]) / (high - low)
     return out / SOLAR_MAXIMUM
+
+
+@lru_cache(maxsize=1)
+def _continuum_integral() -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths [nm], step 1, and the integral of the continuum up to them [W m^-2 sr^-1]."""
+    nm = np.arange(200.0, 1200.0)
+    rayleigh = np.exp(np.interp(nm, CONTINUUM_NM, np.log(CONTINUUM_RAYLEIGH_PER_NM)))
+    radiance = rayleigh * RAYLEIGH_PHOTONS * photon_energy_j(nm)
+    return nm, np.concatenate([[0.0], np.cumsum(0.5 * (radiance[1:] + radiance[:-1]))])
 
 
 def van_rhijn(elevation_deg: np.ndarray, layer_km: float, observer_km: float = 0.0) -> np.ndarray:

@@ -1,0 +1,231 @@
+"""The night floor: closed forms of its geometry, limits of the air, brightness against measured nights."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from montecarlo_media import hazy_earth, slab
+from stability_media import EXTREMES, medium_of
+from toy_sky import glow_sky
+from typer.testing import CliRunner
+
+from twilight.config import load
+from twilight.errors import TwilightError
+from twilight.io.netcdf import read_sky, write_sky
+from twilight.night import NightLevels, Place, light, night_radiance, world
+from twilight.night.air import veil
+from twilight.sky import Sky, magnitude_per_square_arcsecond, texture_grid
+
+NM = np.arange(380.0, 721.0, 20.0)
+NONE = NightLevels(0.0, 0.0, 0.0)
+
+
+def as_sky(night, nm=NM, elevation=(90.0,)):
+    elevation = np.asarray(elevation, float)
+    azimuth = np.arange(night.shape[1]) * (360.0 / night.shape[1])
+    return Sky(nm, elevation, azimuth, np.zeros_like(night), -30.0, night_radiance=night)
+
+
+def zenith_magnitude(**levels):
+    night = night_radiance(hazy_earth(wavelength_nm=NM), np.array([90.0]), np.array([0.0]), NightLevels(**levels))
+    return float(magnitude_per_square_arcsecond(as_sky(night).luminance())[0, 0])
+
+
+# Directions -----------------------------------------------------------------------------------------------------
+
+
+def test_van_rhijn_closed_form_and_observers():
+    horizon = 1.0 / np.sqrt(1.0 - (6371.0 / 6461.0) ** 2)
+    assert light.van_rhijn(np.array([90.0, 0.0]), 90.0) == pytest.approx([1.0, horizon])
+    # over a flat Earth the path would be 1/sin(e): the curved one is shorter
+    assert 2.0 > light.van_rhijn(np.array([30.0]), 90.0)[0] > 1.9
+    above = light.van_rhijn(np.array([90.0, 0.0, -10.0, -80.0]), 90.0, observer_km=400.0)
+    assert above[:2] == pytest.approx([0.0, 0.0])
+    # the limb at -10 deg is crossed twice unless the ground is in the way; at -80 deg once
+    assert above[3] == pytest.approx(1.0 / np.sqrt(1 - (6771 * np.cos(np.radians(80)) / 6461) ** 2))
+    assert light.van_rhijn(np.array([-5.0]), 90.0, observer_km=10.0) == pytest.approx([0.0])
+
+
+def test_stars_stand_where_astropy_says():
+    coordinates = pytest.importorskip("astropy.coordinates")
+    from astropy import units
+    from astropy.time import Time
+    from astropy.utils import iers
+
+    moment = datetime(2026, 3, 14, 19, 30, tzinfo=UTC)
+    place = Place(52.5, 13.4, moment)
+    with iers.conf.set_temp("auto_download", False):
+        frame = coordinates.AltAz(
+            obstime=Time(moment), location=coordinates.EarthLocation(lat=52.5 * units.deg, lon=13.4 * units.deg)
+        )
+        sun = coordinates.get_body("sun", Time(moment)).transform_to(frame)
+        elevation, azimuth = np.array([90.0, 20.0, 55.0]), np.array([0.0, 100.0, 250.0])
+        sky = coordinates.SkyCoord(alt=elevation * units.deg, az=azimuth * units.deg, frame=frame)
+        galactic = np.abs(sky.galactic.b.deg)
+        ecliptic = sky.transform_to(coordinates.BarycentricTrueEcliptic(equinox=Time(moment)))
+        sun_longitude = sun.transform_to(coordinates.GeocentricTrueEcliptic(equinox=Time(moment))).lon.deg
+    relative = azimuth - sun.az.deg
+    assert world.galactic_latitude(elevation, relative, sun.az.deg, place) == pytest.approx(galactic, abs=0.5)
+    longitude, latitude = world.ecliptic_from_sun(elevation, relative, sun.alt.deg, sun.az.deg, place)
+    assert latitude == pytest.approx(np.abs(ecliptic.lat.deg), abs=0.5)
+    apart = np.abs((ecliptic.lon.deg - sun_longitude + 180.0) % 360.0 - 180.0)
+    assert longitude == pytest.approx(apart, abs=0.5)
+
+
+def test_without_a_place_the_ecliptic_rises_from_the_sun_at_its_tilt():
+    sun = world.ecliptic_from_sun(-18.0, 0.0, -18.0, None, None)
+    assert np.array(sun) == pytest.approx([0.0, 0.0], abs=1e-6)
+    # with the sun on the horizon the horizon's point 90 deg away is as far from the ecliptic as the tilt says
+    _, latitude = world.ecliptic_from_sun(0.0, np.array([90.0, 270.0]), 0.0, None, None)
+    assert latitude == pytest.approx([world.ECLIPTIC_TILT_DEG] * 2)
+    assert world.ecliptic_from_sun(90.0, 0.0, 0.0, None, None)[1] == pytest.approx(90.0 - world.ECLIPTIC_TILT_DEG)
+
+
+# Light above the air --------------------------------------------------------------------------------------------
+
+
+def test_airglow_bins_keep_every_line():
+    fine = np.arange(381.0, 721.0, 1.0)
+    for edges in (np.arange(380.5, 720.6, 20.0), np.linspace(380.5, 719.5, 6)):
+        coarse = np.stack([edges[:-1], edges[1:]], axis=1)
+        total = (light.airglow_zenith(coarse) * np.diff(coarse, axis=1)[:, 0]).sum()
+        exact = light.airglow_zenith(np.stack([fine - 0.5, fine + 0.5], axis=1))
+        inside = (fine >= edges[0]) & (fine <= edges[-1])
+        assert total == pytest.approx(exact[:, inside].sum(), rel=1e-4)
+    line = light.airglow_zenith(np.array([[557.0, 558.4]])) - light.airglow_zenith(np.array([[556.0, 557.1]]))
+    rayleigh = line.sum() * 1.4 / (light.RAYLEIGH_PHOTONS * light.photon_energy_j(np.array([557.7]))[0])
+    assert rayleigh == pytest.approx(320.0 / light.SOLAR_MAXIMUM, rel=0.02)
+
+
+def test_starlight_from_pole_to_plane():
+    s10 = light.starlight_s10(np.array([90.0, 30.0, 10.0, 0.0])) * (1.0 - light.GALACTIC_LIGHT_SHARE)
+    assert s10[[0, 3]] == pytest.approx([30.0, 250.0])
+    assert (np.diff(s10) > 0).all()
+    b = np.degrees(np.arcsin((np.arange(4000) + 0.5) / 4000))
+    assert float(light.starlight_s10(None)) == pytest.approx(light.starlight_s10(b).mean(), rel=1e-3)
+
+
+def test_zodiacal_light_is_the_table():
+    got = light.zodiacal_500nm(np.array([30.0, 180.0, -90.0, 0.0]), np.array([0.0, 0.0, 10.0, -90.0]))
+    assert got == pytest.approx(np.array([2480, 230, 225, 77]) * 1e-11)
+    # the gegenschein is brighter than the ecliptic 30 deg from it
+    assert light.zodiacal_500nm(180.0, 0.0) > light.zodiacal_500nm(150.0, 0.0)
+    # 1 S10 is 1.28e-11 W m^-2 nm^-1 sr^-1 by Leinert et al. 1998, from another magnitude scale
+    assert light.S10_550NM == pytest.approx(1.28e-11, rel=0.08)
+
+
+# The air --------------------------------------------------------------------------------------------------------
+
+
+def test_vacuum_and_pure_absorber_are_exact():
+    elevation = np.array([90.0, 30.0, 5.0])
+    above = np.ones((3, 1, 1))
+    empty = veil(slab(0.0, 1.0), elevation)
+    assert empty.behind(above, np.ones(1)) == pytest.approx(above)
+    absorber = veil(slab(0.7, 0.0), elevation)
+    expected = np.exp(-0.7 / np.sin(np.radians(elevation)))
+    assert absorber.behind(above, np.ones(1))[:, 0, 0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_air_keeps_the_night_within_what_noll_found():
+    """Effective extinction of Noll et al. 2012 eq. 24 (Rayleigh) for airglow, to 60 deg from the zenith."""
+    elevation = np.array([90.0, 60.0, 30.0])
+    x = light.van_rhijn(elevation, 90.0)
+    rows = (np.arange(200) + 0.5) * 0.45
+    weight = np.sin(2 * np.radians(rows))
+    mean = np.array([(weight * light.van_rhijn(rows, 90.0)).sum() / weight.sum()])
+    for depth in (0.05, 0.1, 0.2):
+        air = veil(slab(depth, 1.0, radius_km=6371.0), elevation)
+        here = air.behind(x[:, None, None], mean)[:, 0, 0] / x
+        noll = air.transmittance[:, 0] ** (1.669 * np.log10(x) - 0.146)
+        assert here == pytest.approx(noll, rel=0.08)
+
+
+def test_extreme_air_stays_between_nothing_and_the_brightest_light_above():
+    medium = medium_of(*EXTREMES.values())
+    elevation = np.array([0.0, 1.0, 10.0, 90.0])
+    air = veil(medium, elevation)
+    night = air.behind(np.ones((4, 1, medium.n_wavelengths)), np.ones(medium.n_wavelengths))
+    assert np.isfinite(night).all() and (night >= 0).all() and (night <= 1.0 + 1e-12).all()
+    fog = list(EXTREMES).index("aerosol optical depth 20")
+    assert night[-1, 0, fog] < 0.3
+    # from above the air nothing is lost; lines of sight to the ground are dark
+    over = veil(medium, np.array([-5.0, 0.0, 90.0]), observer_km=200.0)
+    assert over.transmittance[1:] == pytest.approx(1.0)
+    assert (veil(medium, np.array([-40.0]), observer_km=200.0).transmittance == 0).all()
+
+
+# Against measured nights ----------------------------------------------------------------------------------------
+
+
+def test_zenith_at_solar_maximum_is_that_of_paranal():
+    """Patat 2003: V 21.61 (rms 0.20); the photometer leaves out resolved stars; luminance is not quite the V band."""
+    got = zenith_magnitude(airglow=light.SOLAR_MAXIMUM, starlight=0.2, zodiacal_light=1.0)
+    assert got == pytest.approx(21.61, abs=0.25)
+
+
+def test_darkest_nights_and_the_usual_night():
+    """Grauer and Grauer 2021: 22.07 to 22.13 at solar minimum, at the dark end of starlight and zodiacal light."""
+    darkest = zenith_magnitude(airglow=0.6, starlight=0.4, zodiacal_light=0.8)
+    assert darkest == pytest.approx(22.1, abs=0.25)
+    usual = zenith_magnitude()
+    assert 21.2 < usual < 21.7
+
+
+def test_few_wavelengths_see_the_same_night():
+    """Bin means: 8 wavelengths give the luminance of 35 although the green line is 1 nm wide."""
+    brightness = []
+    for nm in (np.linspace(380, 720, 8), np.linspace(380, 720, 35), np.array([400.0, 424, 520, 580, 640, 720])):
+        night = night_radiance(hazy_earth(wavelength_nm=nm), np.array([90.0]), np.array([0.0]))
+        brightness.append(as_sky(night, nm).luminance()[0, 0])
+    assert brightness == pytest.approx([brightness[1]] * 3, rel=0.12)
+
+
+# In a scene -----------------------------------------------------------------------------------------------------
+
+
+def test_levels_scale_and_add():
+    medium = hazy_earth(wavelength_nm=NM)
+    where = (np.array([5.0, 45.0]), np.arange(4) * 90.0)
+    whole = night_radiance(medium, *where)
+    parts = [night_radiance(medium, *where, replace(NONE, **{name: 1.0})) for name in vars(NONE)]
+    assert sum(parts) == pytest.approx(whole, rel=1e-12)
+    assert all((part > 0).all() for part in parts)
+    assert (night_radiance(medium, *where, NONE) == 0).all()
+    doubled = night_radiance(medium, *where, replace(NONE, airglow=2.0))
+    assert doubled == pytest.approx(2.0 * parts[0])
+    with pytest.raises(TwilightError, match=r"night\.airglow"):
+        NightLevels(airglow=-1.0)
+
+
+def test_a_sky_without_night_is_unchanged_and_with_it_is_the_sum(tmp_path):
+    bare = glow_sky(step_deg=15.0, sun_elevation_deg=-12.0)
+    elevation, azimuth = texture_grid(15.0)
+    medium = hazy_earth(wavelength_nm=bare.wavelength_nm)
+    night = night_radiance(medium, elevation, azimuth)
+    both = replace(bare, night_radiance=night)
+    assert bare.normalised_radiance is bare.sun_normalised_radiance
+    assert np.array_equal(both.sun_normalised_radiance, bare.sun_normalised_radiance)
+    assert both.radiance == pytest.approx(bare.radiance + night)
+    only = replace(bare, sun_normalised_radiance=np.zeros_like(night), night_radiance=night)
+    assert both.irradiance() == pytest.approx(bare.irradiance() + only.irradiance())
+    assert (both.luminance() > bare.luminance()).all()
+    again = read_sky(write_sky(both, tmp_path / "sky.h5"))
+    assert np.array_equal(again.night_radiance, night) and np.array_equal(again.radiance, both.radiance)
+    assert read_sky(write_sky(bare, tmp_path / "bare.h5")).night_radiance is None
+    middle = both.resample(elevation, azimuth)
+    assert middle.night_radiance == pytest.approx(night)
+    with pytest.raises(TwilightError, match="night_radiance"):
+        replace(bare, night_radiance=-night)
+
+
+def test_configuration_and_sweep():
+    assert load("pure-air").night is None
+    assert load("pure-air", {"night.airglow": 0.5}).night.starlight == 1.0
+    with pytest.raises(TwilightError, match=r"night\.airglow"):
+        load("pure-air", {"night.airglow": -0.5})
+    from twilight.cli.app import app
+
+    told = CliRunner().invoke(app, ["sweep", "sweep-haze", "--set", "night.airglow=1", "--plan"])
+    assert told.exit_code == 2 and "night" in told.output + (told.stderr or "")
