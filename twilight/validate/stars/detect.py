@@ -24,8 +24,8 @@ LEAST_NEIGHBOUR = 0.2
 the picture's stars are never as sharp ..."""
 GAP_NEIGHBOUR = 0.3
 LARGEST_GAP_SHARE = 0.05
-"""... which is so if hardly any clear source lies between the two shares.  Stars of an undersampled picture fill that gap,
-and no shape tells them from hot pixels."""
+"""... which is so if hardly any clear source lies between the two shares.  Stars of an undersampled picture fill that
+gap, and no shape tells them from hot pixels."""
 CLEAR = 15.0
 """Signal to noise of a clear source."""
 POLAR_LATITUDE_RAD = np.radians(50.0)
@@ -35,8 +35,8 @@ POLAR_LATITUDE_RAD = np.radians(50.0)
 class Sources:
     """Point sources, brightest first.
 
-    xy (N, 2): centres in the picture.  flux (N,): above the background in a Gaussian window, in units of the picture times pixels.
-    signal_to_noise (N,): of the smoothed peak.  width_px (N,): standard deviation of the light about the centre.
+    xy (N, 2): centres in the picture.  flux (N,): above the background in a Gaussian window, the picture's unit times
+    pixels.  signal_to_noise (N,): of the smoothed peak.  width_px (N,): standard deviation of the light about it.
     """
 
     xy: np.ndarray

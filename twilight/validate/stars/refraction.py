@@ -12,7 +12,7 @@ STANDARD_TEMPERATURE_C = 10.0
 def refraction_rad(true_elevation_rad: np.ndarray, pressure_hpa: float, temperature_c: float) -> np.ndarray:
     """How much higher than its true elevation a star appears [rad], by Saemundsson (1986, Sky & Telescope 72, 70).
 
-    R = 1.02' / tan(h + 10.3 / (h + 5.11)), h in deg, times P / 1010 hPa * 283 K / T; good to 0.1' from the zenith to the
+    R = 1.02' / tan(h + 10.3 / (h + 5.11)), h in deg, times P / 1010 hPa * 283 K / T; good to 0.1' down to the
     horizon.  Below -1 deg, where no star is seen, the value at -1 deg is taken.
     """
     h = np.maximum(np.degrees(true_elevation_rad), -1.0)

@@ -61,9 +61,7 @@ def spread(own: np.ndarray, number: int, side_rad: float, at_most: int = 3) -> n
     return np.array(chosen, dtype=int)
 
 
-def find_attitude(
-    own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: float, error_rad: float
-) -> Attitude | None:
+def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: float, error_rad: float) -> Attitude | None:
     """The best attitude, None where there are too few sources.
 
     own (N, 3): directions of sources in the camera's own axes, brightest first.  stars: brightest first, over sky_sr of
@@ -143,9 +141,7 @@ def _frame(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _witnesses(listed: np.ndarray, middle: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The first sources of the list around the pair, without the pair itself."""
-    around = (
-        (listed @ middle > np.cos(NEIGHBOURHOOD_RAD)) & (listed @ a < np.cos(1e-6)) & (listed @ b < np.cos(1e-6))
-    )
+    around = (listed @ middle > np.cos(NEIGHBOURHOOD_RAD)) & (listed @ a < np.cos(1e-6)) & (listed @ b < np.cos(1e-6))
     return listed[around][:WITNESSES]
 
 
@@ -165,9 +161,7 @@ def _hit_map(directions: np.ndarray, sky_sr: float, error_rad: float) -> tuple[n
         ),
         axis=-1,
     )
-    chord, _ = cKDTree(directions).query(
-        cells.reshape(-1, 3), distance_upper_bound=2.0 * np.sin(0.5 * reach)
-    )
+    chord, _ = cKDTree(directions).query(cells.reshape(-1, 3), distance_upper_bound=2.0 * np.sin(0.5 * reach))
     near = np.isfinite(chord).reshape(rows, columns)
     covered = float((near * np.cos(latitude)).sum() / (columns * np.cos(latitude).sum()) * 4.0 * np.pi / sky_sr)
     return near, min(covered, 0.5)
