@@ -141,10 +141,11 @@ def step_length(profile, z, slope, travelled, fineness, depth, depth_max):
     bottom = profile.altitude_km[0]
     height = max(z - bottom, 0.0)
     ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
-    dz = (0.5 + 0.08 * height) / fineness
+    i, f = locate(profile, z)
+    layer = profile.layer_step_km[i] * (1.0 - f) + profile.layer_step_km[i + 1] * f
+    dz = min(0.5 + 0.08 * height, layer) / fineness
     # |slope| ds + ds^2 / 2R is the change of altitude
     ds = min(ds, 2.0 * dz / (abs(slope) + math.sqrt(slope * slope + 2.0 * dz / profile.earth_radius_km)))
-    i, f = locate(profile, z)
     k_max = 0.0
     for w in range(profile.extinction.shape[1]):
         k_max = max(k_max, profile.extinction[i, w] * (1.0 - f) + profile.extinction[i + 1, w] * f)
@@ -161,6 +162,8 @@ def step_length(profile, z, slope, travelled, fineness, depth, depth_max):
 @njit(cache=True)
 def trace_line(profile, gradient, jumps, altitude_km, cos_zenith, fineness, line):
     """Follow a line of sight and fill `line`; returns (number of points, OUT or GROUND).
+
+    Steps grow once a line has used up half of MAX_POINTS, so that its end is reached in any air.
 
     altitude_km: of the start, in the air, on the ground or above the top (then the line begins where it enters;
     one that misses the air has no points); cos_zenith: of the direction there.
@@ -192,7 +195,8 @@ def trace_line(profile, gradient, jumps, altitude_km, cos_zenith, fineness, line
     depth = depth_max = 0.0
     while n < MAX_POINTS - 2:
         slope = math.sin(a)
-        h = step_length(profile, z, slope, travelled - start, fineness, depth, depth_max)
+        left = max(0.02, min(1.0, 2.0 - 2.0 * n / MAX_POINTS))
+        h = step_length(profile, z, slope, travelled - start, fineness * left, depth, depth_max)
         turning, _ = _turning(profile, gradient, z)
         status = -1
         if slope < 0.0 and z > bottom:

@@ -10,6 +10,9 @@ from numba import njit
 from twilight.atmosphere.medium import Medium
 
 BIN_KM = 0.05
+LAYER_STEP = 0.35
+"""Change of the logarithm of the extinction within one step up or down."""
+THIN_PER_KM = 1e-5
 
 
 class Profile(NamedTuple):
@@ -18,6 +21,7 @@ class Profile(NamedTuple):
     altitude_km (N,); a doubled level is a jump.
     extinction, scattering: (N, W) totals [km^-1]; species_scattering: (1 + K, N, W), air first.
     level_of_bin: for each BIN_KM of altitude the last level at or below the bin's start.
+    layer_step_km (N,): how far up or down one step may go from a level without missing a layer.
     """
 
     altitude_km: np.ndarray
@@ -25,6 +29,7 @@ class Profile(NamedTuple):
     scattering: np.ndarray
     species_scattering: np.ndarray
     level_of_bin: np.ndarray
+    layer_step_km: np.ndarray
     earth_radius_km: float
 
 
@@ -42,8 +47,22 @@ def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: fl
         np.ascontiguousarray(species.sum(axis=0)),
         np.ascontiguousarray(species),
         level.astype(np.int64),
+        _layer_steps(z, fine.extinction_per_km),
         float(medium.earth_radius_km),
     )
+
+
+def _layer_steps(altitude_km: np.ndarray, extinction_per_km: np.ndarray) -> np.ndarray:
+    """Steps [km] that change the logarithm of the extinction by LAYER_STEP at most, there and on the way there."""
+    thickness = np.diff(altitude_km)
+    change = np.abs(np.diff(np.log(np.maximum(extinction_per_km, THIN_PER_KM)), axis=0)).max(axis=1)
+    inside = np.where(thickness > 0, LAYER_STEP * thickness / np.maximum(change, 1e-9), np.inf)
+    step = np.minimum(np.append(inside, np.inf), np.insert(inside, 0, np.inf))
+    for k in range(1, step.size):
+        step[k] = min(step[k], step[k - 1] + thickness[k - 1])
+    for k in range(step.size - 2, -1, -1):
+        step[k] = min(step[k], step[k + 1] + thickness[k])
+    return step
 
 
 @njit(cache=True)

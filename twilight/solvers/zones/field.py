@@ -11,7 +11,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
-from twilight.solvers.zones.grid import altitude_nodes, make_angles, zenith_nodes
+from twilight.solvers.zones.aureole import forward_peak, widen
+from twilight.solvers.zones.grid import altitude_nodes, make_angles, resolve_layers, zenith_nodes
 from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution, solve_orders
@@ -94,10 +95,13 @@ class Field:
         else:
             self.beam = solved[0]
         self.profile = prepare_profile(self.scaled.medium)
+        several = settings.max_events > 1
+        self.peak = forward_peak(medium, self.scaled, self.profile.altitude_km) if several else None
         self.jumps = jump_altitudes(self.profile)
         self.sight_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
         self.path_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_paths)
         altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
+        altitude = resolve_layers(altitude, self.profile, settings.altitude_density)
         self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), self.jumps)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
@@ -225,13 +229,16 @@ class Field:
 
     def _single(self, rays, zenith, row_elevation, row_first, elevation, cos_azimuth) -> np.ndarray:
         """Light scattered once, (D, W), directions sorted by ray."""
+        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
         phases = []
         for lifted, lowered in ((0.0, 0.0), (REFERENCE_TURN_RAD, 0.0), (0.0, REFERENCE_TURN_RAD)):
             t, e = zenith - lifted, elevation - lowered
             cosine = np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth
-            phases.append(species_phase(self.medium, self.scaled.forward_share, cosine))
+            phase = species_phase(self.medium, self.scaled.forward_share, cosine)
+            if self.peak is not None:
+                self._widen_peak(self.peak, phase, cosine, rays, share, zenith, row_first)
+            phases.append(phase)
         of_sun, of_ray = ((turned - phases[0]) / REFERENCE_TURN_RAD for turned in phases[1:])
-        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
         out = np.zeros((cos_azimuth.size, self.medium.n_wavelengths))
         in_slices(
             lambda begin, end: view_single(
@@ -242,6 +249,22 @@ class Field:
             row_elevation.size,
         )  # fmt: skip
         return out
+
+    def _widen_peak(self, peak, phase, cosine, rays, share, zenith, row_first) -> None:
+        """Change the aerosol's phase functions (D, 1 + K, W) at `cosine` (D,) to those of the widened forward peak."""
+        degree = np.arange(self.scaled.moments.shape[1])
+        legendre = np.polynomial.legendre.legvander(cosine, degree.size - 1) * (2 * degree + 1) / (4 * np.pi)
+        smooth = np.einsum("dl,klw->dkw", legendre, self.scaled.moments[1:])
+        narrow = np.ascontiguousarray(np.where(peak.strength > 0.0, phase[:, 1:] - smooth, 0.0))
+        change = np.zeros_like(narrow)
+        in_slices(
+            lambda begin, end: widen(
+                self.beam, peak, rays.first, rays.place, rays.weight, share, zenith, row_first, cosine, narrow, change,
+                begin, end,
+            ),
+            row_first.size - 1,
+        )  # fmt: skip
+        phase[:, 1:] = np.maximum(0.0, phase[:, 1:] + change)
 
     def _multiple(self, rays, zenith, row_first, cos_azimuth, block: int, solution: Solution) -> np.ndarray:
         """Light scattered at least twice, (D, LANES)."""

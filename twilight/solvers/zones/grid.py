@@ -11,10 +11,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from twilight.transport.profile import Profile
+
 LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
 HORIZON_WIDTH = 0.03
 CENTRE, SPREAD = 0.5, 0.0
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
+MOST_BEND, THICKEST, THIN, MOST_HALVINGS = 0.15, 0.12, 1e-3, 6
+"""From one altitude to the next the logarithm of the extinction may bend by the first, and the vertical optical depth
+may reach the second; a bend does not matter where the optical depth is below the third."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,28 @@ def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, densit
         # the same grading, stretched to end at b
         out.extend(a + (np.array(rough[1:]) - a) * (b - a) / (rough[-1] - a))
     return np.array(out)
+
+
+def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) -> np.ndarray:
+    """The altitudes [km] and more where the air is layered more finely than they are apart."""
+    levels = profile.altitude_km
+
+    def extinction(z: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(z, levels, column) for column in profile.extinction.T])
+
+    out = np.asarray(altitude_km, dtype=float)
+    for _ in range(MOST_HALVINGS):
+        step = np.diff(out)
+        middle = out[:-1] + 0.5 * step
+        # just inside the ends, which may be jumps
+        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + 1e-6, middle, out[1:] - 1e-6))
+        depth = step * (low + 4.0 * mid + high) / 6.0
+        bend = np.abs(np.log(mid / np.sqrt(low * high)))
+        coarse = (depth > THICKEST / density) | ((bend > MOST_BEND / density**2) & (depth > THIN / density))
+        if not coarse.any(axis=0).any():
+            break
+        out = np.sort(np.append(out, middle[coarse.any(axis=0)]))
+    return out
 
 
 def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarray:

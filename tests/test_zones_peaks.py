@@ -1,0 +1,81 @@
+"""Sharp things in the zones solver: the glow around the sun and thin layers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twilight.air import climate_medium
+from twilight.config.load import load_climate
+from twilight.solvers import zones
+from twilight.solvers.zones.aureole import HIGHEST_DEGREE, forward_peak
+from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled
+
+WAVELENGTH_NM = np.array([450.0, 650.0])
+COARSE = replace(zones.QUALITIES["draft"], zenith_density=0.4, beam_density=0.4, tolerance=3e-2)
+
+
+@pytest.fixture(scope="module")
+def desert():
+    return climate_medium(load_climate("desert"), WAVELENGTH_NM)
+
+
+def test_the_glow_does_not_depend_on_how_much_of_the_peak_is_scaled_away(desert):
+    elevation, azimuth = np.array([20.5, 21.0, 22.0, 24.0, 20.0]), np.array([0.0, 0.0, 0.0, 0.0, 3.0])
+    sky = {}
+    for degree in (8, 32):
+        settings = replace(COARSE, degree=degree, azimuth_directions=degree + 1, polar_directions=max(9, degree // 2))
+        field = zones.prepare(desert, settings, sun_elevations_deg=[20.0])
+        sky[degree] = field.radiance(20.0, elevation, azimuth)
+        field.peak = None
+        sky[-degree] = field.radiance(20.0, elevation, azimuth)
+    with_it, without = (np.abs(sky[s * 8] / sky[s * 32] - 1.0).max() for s in (1, -1))
+    assert with_it < 0.03
+    assert without > 2.0 * with_it
+
+
+def test_peaks_keep_what_the_series_has_left_out(desert):
+    scaled = delta_scaled(desert, 12)
+    peak = forward_peak(desert, scaled, prepare_profile(desert).altitude_km)
+    f = scaled.forward_share
+    for k, phase in enumerate(desert.phase_functions):
+        chi = phase.legendre_moments(HIGHEST_DEGREE).T
+        ours = np.zeros_like(chi)
+        ours[:13] = (1.0 - f[k]) * scaled.moments[1 + k]
+        assert np.allclose(ours + f[k] * peak.moments[:, k], chi, atol=2e-3)
+    column = np.trapezoid(peak.per_km, peak.altitude_km, axis=0)
+    whole, rest = (
+        np.trapezoid(prepare_profile(m).extinction, prepare_profile(m).altitude_km, axis=0)
+        for m in (desert, scaled.medium)
+    )
+    assert np.allclose(column, whole - rest, rtol=1e-3)
+
+
+def test_air_without_aerosol_has_no_peak():
+    air = climate_medium(load_climate("pure-air"), WAVELENGTH_NM)
+    assert zones.prepare(air, replace(COARSE, degree=6, late_degree=5, azimuth_directions=7)).peak is None
+
+
+def test_altitudes_are_close_together_where_the_air_is_layered():
+    air = prepare_profile(climate_medium(load_climate("volcanic-extreme"), WAVELENGTH_NM))
+    even = altitude_nodes(0.0, 100.0, np.array([]), 1.0)
+    nodes = resolve_layers(even, air, 1.0)
+    assert np.isin(even, nodes).all()
+    layer = (nodes > 19.0) & (nodes < 22.0)
+    assert np.diff(nodes[layer]).max() < 0.6
+    assert np.array_equal(nodes[nodes > 45.0], even[even > 45.0])
+
+
+def test_a_thin_layer_is_seen_whatever_the_steps_are():
+    air = climate_medium(load_climate("volcanic-extreme"), WAVELENGTH_NM)
+    sky = [
+        zones.prepare(air, replace(COARSE, max_events=1, sight_density=density)).radiance(
+            0.0, np.array([5.0, 30.0, 88.0]), 90.0
+        )
+        for density in (1.0, 3.0)
+    ]
+    assert np.allclose(sky[0], sky[1], rtol=0.012)

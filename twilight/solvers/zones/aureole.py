@@ -1,0 +1,172 @@
+"""The sky near the sun: light that the forward peak of the aerosol has scattered more than once.
+
+Delta scaling counts light in the peak P'' as not scattered at all: right for the smooth rest of the sky, but within
+some degrees of the sun each scattering in the peak widens the glow.  With x the optical depth of scattering in the peak
+along the line of sight, n such scatterings have the angular distribution P'' convolved n times with itself and the
+weight exp(-x) x^n / n!, while light that is scattered once through scaled air has exp(-x) x exp(x) P'' in their place.
+So P'' is replaced by
+    Q = exp(-x)/x sum_n x^n/n! P''^(*n),    with the Legendre moments (exp(-x (1 - p_l)) - exp(-x))/x,
+p_l being those of P'': 1 up to the degree that is kept, chi_l/f beyond.  To second order in x this is the correction of
+Nakajima and Tanaka (1988, J. Quant. Spectrosc. Radiat. Transfer 40, 51, method IMS); all orders are kept here.  x is
+that of the way of the light, from the sun to a point of the line of sight and on to the observer, as a mean over the
+points with the light that each of them sends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.atmosphere.medium import Medium
+from twilight.transport.beam import beam_at
+from twilight.transport.scaling import ScaledMedium
+
+HIGHEST_DEGREE = 400
+"""The first convolution is followed to here, the peak itself is taken from its table."""
+LEAST_SHARE, LEAST_DEPTH = 1e-6, 1e-4
+
+
+class Peak(NamedTuple):
+    """moments p_l (L, K, W) of the forward peak of each aerosol; strength (K, W): f/(1 - f), 0 where there is no peak;
+    altitude_km (N,), per_km (N, W): coefficient of scattering in the peak, linear between these altitudes."""
+
+    moments: np.ndarray
+    strength: np.ndarray
+    altitude_km: np.ndarray
+    per_km: np.ndarray
+    earth_radius_km: float
+
+
+def forward_peak(medium: Medium, scaled: ScaledMedium, altitude_km: np.ndarray) -> Peak | None:
+    """The peaks of the aerosol's phase functions that delta scaling has taken away; None where there are none."""
+    f = scaled.forward_share
+    if not f.size or f.max() < LEAST_SHARE or not medium.has_aerosol:
+        return None
+    kept = scaled.moments.shape[1]
+    moments = np.ones((HIGHEST_DEGREE + 1, *f.shape))
+    for k, phase in enumerate(medium.phase_functions):
+        chi = phase.legendre_moments(HIGHEST_DEGREE).T
+        moments[kept:, k] = np.clip(chi[kept:] / np.maximum(f[k], LEAST_SHARE), 0.0, 1.0)
+    # just below a jump, the air below it
+    inside = altitude_km - np.where(np.diff(altitude_km, append=np.inf) <= 0.0, 1e-9, 0.0)
+    removed = medium.at(inside).aerosol_extinction - scaled.medium.at(inside).aerosol_extinction
+    strength = np.where(f > LEAST_SHARE, f / (1.0 - f), 0.0)
+    return Peak(moments, strength, altitude_km, np.maximum(0.0, removed), medium.earth_radius_km)
+
+
+@njit(cache=True, nogil=True)
+def peak_depth(peak, z, cosine, depth):
+    """Add to depth (W,) that of scattering in the peak along a straight line from z [km] to space."""
+    levels = peak.altitude_km
+    radius = peak.earth_radius_km
+    r = radius + z
+    lowest = r * math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    n_w = depth.size
+    for i in range(levels.size - 1):
+        if levels[i + 1] <= levels[i]:
+            continue
+        # pieces above z once, pieces between the lowest point and z twice
+        for below in range(2):
+            if below == 1 and cosine >= 0.0:
+                break
+            low = max(radius + levels[i], lowest if below == 1 else r)
+            high = min(radius + levels[i + 1], r if below == 1 else 1e30)
+            if high <= low:
+                continue
+            length = math.sqrt(max(0.0, (high - lowest) * (high + lowest)))
+            length -= math.sqrt(max(0.0, (low - lowest) * (low + lowest)))
+            f = (0.5 * (low + high) - radius - levels[i]) / (levels[i + 1] - levels[i])
+            if below == 1:
+                length *= 2.0
+            for w in range(n_w):
+                depth[w] += length * ((1.0 - f) * peak.per_km[i, w] + f * peak.per_km[i + 1, w])
+
+
+@njit(cache=True, nogil=True)
+def peak_at(peak, z, out):
+    """Coefficient [km^-1] (W,) of scattering in the peak at the altitude z [km]."""
+    levels = peak.altitude_km
+    i = min(max(np.searchsorted(levels, z, side="right") - 1, 0), levels.size - 2)
+    thickness = levels[i + 1] - levels[i]
+    f = min(1.0, max(0.0, (z - levels[i]) / thickness)) if thickness > 0.0 else 0.0
+    for w in range(out.size):
+        out[w] = (1.0 - f) * peak.per_km[i, w] + f * peak.per_km[i + 1, w]
+
+
+@njit(cache=True, nogil=True)
+def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosine, narrow, out, begin, end):
+    """Add to out (D, K, W) what the phase functions over 1 - f change by, for directions at scattering angles `cosine`.
+
+    share (1 + K, P, W): of air and of each aerosol in what points scatter
+    narrow (D, K, W): f/(1 - f) P'' at the scattering angles
+    """
+    moments, strength = peak.moments, peak.strength
+    n_l, n_k, n_w = moments.shape
+    light, depth = np.empty(n_w), np.empty(n_w)
+    series = np.empty((n_l, n_k, n_w))
+    for r in range(begin, end):
+        by_kind = np.zeros((n_k, n_w))
+        total, x = np.zeros(n_w), np.zeros(n_w)
+        passed, before_per_km, per_km = np.zeros(n_w), np.zeros(n_w), np.zeros(n_w)
+        travelled = -1.0
+        for q in range(rays_first[r], rays_first[r + 1]):
+            peak_at(peak, place[q, 0], per_km)
+            # from the observer to this point
+            for w in range(n_w):
+                before = per_km[w] if travelled < 0.0 else before_per_km[w]
+                passed[w] += 0.5 * (place[q, 3] - max(travelled, 0.0)) * (per_km[w] + before)
+                before_per_km[w] = per_km[w]
+            travelled = place[q, 3]
+            # the sky near the sun is what matters: the sunlight on the ray as if it went towards the sun's azimuth
+            bending = beam_at(beam, place[q, 0], math.cos(zenith - place[q, 1]), light)
+            if light.max() <= 0.0:
+                continue
+            depth[:] = passed
+            # from the sun to this point
+            peak_depth(peak, place[q, 0], math.cos(zenith - place[q, 1] - bending), depth)
+            for w in range(n_w):
+                for k in range(n_k):
+                    part = weight[q, w] * light[w] * share[1 + k, q, w] * strength[k, w]
+                    by_kind[k, w] += part
+                    total[w] += part
+                    x[w] += part * depth[w]
+        for w in range(n_w):
+            x[w] = x[w] / total[w] if total[w] > 0.0 else 0.0
+        if x.max() < LEAST_DEPTH:
+            continue
+        last = n_l
+        for n in range(n_l):
+            largest = 0.0
+            for w in range(n_w):
+                mixed = 0.0
+                for k in range(n_k):
+                    mixed += by_kind[k, w] * moments[n, k, w]
+                factor = 0.0
+                if total[w] > 0.0 and x[w] >= LEAST_DEPTH:
+                    mixed /= total[w]
+                    none = math.exp(-x[w])
+                    if mixed * x[w] > 1e-6:
+                        factor = (math.exp(-x[w] * (1.0 - mixed)) - none) / (x[w] * mixed) - none
+                    else:
+                        factor = 0.5 * none * x[w] * mixed
+                for k in range(n_k):
+                    series[n, k, w] = (2 * n + 1) / (4.0 * math.pi) * moments[n, k, w] * strength[k, w] * factor
+                    largest = max(largest, abs(series[n, k, w]))
+            if n > 40 and largest < 1e-7:
+                last = n
+                break
+        for d in range(row_first[r], row_first[r + 1]):
+            c = cosine[d]
+            before, here = 0.0, 1.0
+            for n in range(last):
+                for k in range(n_k):
+                    for w in range(n_w):
+                        out[d, k, w] += here * series[n, k, w]
+                before, here = here, ((2 * n + 1) * c * here - n * before) / (n + 1)
+            for k in range(n_k):
+                for w in range(n_w):
+                    if x[w] >= LEAST_DEPTH:
+                        out[d, k, w] += math.expm1(-x[w]) * narrow[d, k, w]
