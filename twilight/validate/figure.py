@@ -11,10 +11,10 @@ from twilight import colour
 from twilight.io.whole import whole_file
 from twilight.validate.mask import Mask
 from twilight.validate.panorama import Panorama
-from twilight.validate.photo import OBSERVER, Comparison, Profile
+from twilight.validate.photo import OBSERVER, Comparison, Profile, uv
 
-RATIO_LIMIT = 1.0
-"""Range of the ratio map, in factors of two."""
+RATIO_LIMITS = (0.5, 1.0, 2.0)
+"""Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
 UV_LIMIT = 0.04
 
 
@@ -43,8 +43,10 @@ def write_figure(
         axes.tick_params(labelbottom=i == 1)
         axes.set_xticks(_ticks(extent))
     ratio = comparison.log_ratio / np.log(2.0)
+    spread = float(np.nanpercentile(np.abs(ratio), 95))
+    limit = next((r for r in RATIO_LIMITS if spread <= r), RATIO_LIMITS[-1])
     maps = (
-        (ratio, "photograph / computed luminance [factors of 2]", "RdBu_r", -RATIO_LIMIT, RATIO_LIMIT),
+        (ratio, "photograph / computed luminance [factors of 2]", "RdBu_r", -limit, limit),
         (comparison.delta_uv, "distance in u'v'", "viridis", 0.0, UV_LIMIT),
     )
     for i, (values, label, colours, low, high) in enumerate(maps):
@@ -64,7 +66,7 @@ def write_figure(
             interpolation="nearest",
         )
         axes.set(xlim=extent[:2], ylim=(0, extent[3]), xlabel="azimuth from the sun [deg]", title=label)
-        axes.set_xticks(_ticks(extent))
+        axes.set_xticks(_ticks(extent)[::2])
         figure.colorbar(drawn, ax=axes, pad=0.01)
     profiles: Any = figure.add_subplot(grid[3, 0])
     _draw_profile(profiles, comparison.solar, "C1", "towards the sun - zenith - away from it", 1.0)
@@ -81,11 +83,18 @@ def write_figure(
     profiles.grid(alpha=0.3)
     text: Any = figure.add_subplot(grid[3, 1])
     text.axis("off")
-    text.text(0.0, 1.0, "\n".join([*lines, *summary(comparison.figures)]), va="top", fontsize=9, family="monospace")
+    text.text(
+        0.05,
+        1.0,
+        "\n".join([*lines, *summary(comparison.figures)]),
+        va="top",
+        fontsize=8.5,
+        family="monospace",
+        in_layout=False,
+    )
     try:
         with whole_file(path) as temporary:
             figure.savefig(temporary, dpi=90)
-            _fewer_colours(temporary)
     finally:
         pyplot.close(figure)
 
@@ -106,15 +115,19 @@ def _pictures(comparison: Comparison, panorama: Panorama, mask: Mask) -> tuple[n
     order = np.roll(np.arange(panorama.azimuth_deg.size), half)
     first = -180.0 + (panorama.azimuth_deg[0] - 0.5 * panorama.step_deg)
     covered = panorama.covered
-    shown_columns, shown_rows = np.flatnonzero(covered.any(axis=0)[order]), np.flatnonzero(covered.any(axis=1))
+    shown_columns, shown_rows = (
+        np.flatnonzero(np.asarray(covered.any(axis=0))[order]),
+        np.flatnonzero(covered.any(axis=1)),
+    )
     columns = slice(int(shown_columns[0]), int(shown_columns[-1]) + 1)
     rows = slice(int(shown_rows[0]), int(shown_rows[-1]) + 1)
     to_xyz = np.linalg.inv(colour.spectrum.xyz_to_rgb_matrix(OBSERVER))
     photo = comparison.balance.apply(panorama.rgb @ to_xyz.T)
     simulated = photo.copy()
-    above = panorama.elevation_deg > 0
+    above = np.asarray(panorama.elevation_deg > 0)
     sky = comparison.simulated.fine_xyz
-    simulated[above] = np.where(mask.foreground[above][..., None], photo[above], sky)
+    foreground = _foreground(photo[above], sky, mask.foreground[above], panorama.step_deg)
+    simulated[above] = np.where(foreground[..., None], photo[above], sky)
     simulated[~covered] = np.nan
     light = comparison.simulated.xyz[..., 1]
     ev100 = colour.auto_exposure_ev100(np.nan_to_num(light), comparison.photo.solid_angle_sr)
@@ -130,15 +143,20 @@ def _pictures(comparison: Comparison, panorama: Panorama, mask: Mask) -> tuple[n
     return out[0], out[1], (left, right, bottom, top)
 
 
-def _fewer_colours(path: Path) -> None:
-    """A palette of 256 colours with dither: a quarter of the size."""
-    from PIL import Image
+def _foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg: float) -> np.ndarray:
+    """What is drawn before the computed sky (e, a): from the horizon up, until the photograph looks like that sky.
 
-    with Image.open(path) as picture:
-        small = picture.convert("RGB").quantize(
-            256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.FLOYDSTEINBERG
-        )
-    small.save(path, format="PNG", optimize=True)
+    The mask of ground and trees also holds a rim of sky about them, and clouds, which would be mistaken for computed.
+    """
+    from scipy import ndimage
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unlike = np.abs(np.log(photo[..., 1] / sky[..., 1])) > 0.25
+        unlike |= np.hypot(*np.moveaxis(uv(photo) - uv(sky), -1, 0)) > 0.02
+    gap = max(1, round(1.5 / step_deg))
+    padded = np.pad(unlike & masked, ((gap, gap), (0, 0)), mode="edge")
+    closed = ndimage.binary_closing(padded, np.ones((2 * gap + 1, 1)))[gap:-gap]
+    return np.logical_and.accumulate(closed, axis=0)
 
 
 def summary(figures: dict[str, Any]) -> list[str]:
