@@ -80,20 +80,17 @@ def blended(stars: Stars, resolution_rad: float) -> Stars:
     """Stars closer together than the resolution become one, named after the brightest, at their centre of light."""
     from scipy.spatial import cKDTree
 
-    order = np.argsort(stars.magnitude, kind="stable")
-    stars = stars.take(order)
-    near = cKDTree(stars.directions).query_ball_point(stars.directions, 2.0 * np.sin(0.5 * resolution_rad))
-    light = 10.0 ** (-0.4 * stars.magnitude)
+    stars = stars.take(np.argsort(stars.magnitude, kind="stable"))
+    pairs = cKDTree(stars.directions).query_pairs(2.0 * np.sin(0.5 * resolution_rad), output_type="ndarray")
+    pairs = np.sort(pairs, axis=1)
     free = np.ones(len(stars), dtype=bool)
-    kept, directions, magnitudes = [], [], []
-    for i, neighbours in enumerate(near):
-        if not free[i]:
-            continue
-        group = [j for j in neighbours if free[j]]
-        free[group] = False
-        centre = light[group] @ stars.directions[group]
-        kept.append(i)
-        directions.append(centre / np.linalg.norm(centre))
-        magnitudes.append(-2.5 * np.log10(light[group].sum()))
-    made = Stars(np.array(directions), np.array(magnitudes), stars.hip[kept], stars.names[kept])
+    light = 10.0 ** (-0.4 * stars.magnitude)
+    moment = light[:, None] * stars.directions
+    for i, j in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:  # the brightest first
+        if free[i] and free[j]:
+            free[j] = False
+            light[i] += light[j]
+            moment[i] += moment[j]
+    directions = moment / np.linalg.norm(moment, axis=1, keepdims=True)
+    made = Stars(directions, -2.5 * np.log10(light), stars.hip, stars.names).take(free)
     return made.take(np.argsort(made.magnitude, kind="stable"))

@@ -118,23 +118,23 @@ def background(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Cells are smoothed by a 3 x 3 median, so that a lamp or a bright star that fills one does not count.
     """
-    from scipy.ndimage import map_coordinates, median_filter
+    from scipy.ndimage import median_filter
 
     height, width = light.shape
-    rows, columns = max(1, round(height / CELL_PX)), max(1, round(width / CELL_PX))
-    edges_y, edges_x = np.linspace(0, height, rows + 1).astype(int), np.linspace(0, width, columns + 1).astype(int)
-    middle, spread = np.empty((rows, columns)), np.empty((rows, columns))
-    for i in range(rows):
-        band = light[edges_y[i] : edges_y[i + 1]]
-        for j in range(columns):
-            cell = band[:, edges_x[j] : edges_x[j + 1]]
-            middle[i, j] = np.median(cell)
-            spread[i, j] = 1.4826 * np.median(np.abs(cell - middle[i, j]))
-    middle, spread = median_filter(middle, 3, mode="nearest"), median_filter(spread, 3, mode="nearest")
-    y = (np.arange(height) + 0.5) * rows / height - 0.5
-    x = (np.arange(width) + 0.5) * columns / width - 0.5
-    at = np.meshgrid(y, x, indexing="ij")
-    return tuple(map_coordinates(m, at, order=1, mode="nearest") for m in (middle, spread))  # type: ignore[return-value]
+    rows, columns = -(-height // CELL_PX), -(-width // CELL_PX)
+    full = np.pad(light, ((0, rows * CELL_PX - height), (0, columns * CELL_PX - width)), mode="symmetric")
+    cells = full.reshape(rows, CELL_PX, columns, CELL_PX).transpose(0, 2, 1, 3).reshape(rows, columns, -1)
+    middle = np.median(cells, axis=-1)
+    spread = 1.4826 * np.median(np.abs(cells - middle[..., None]), axis=-1)
+    along_y, along_x = _linear(height, rows), _linear(width, columns)
+    low, noise = (along_y @ median_filter(m, 3, mode="nearest") @ along_x.T for m in (middle, spread))
+    return low, noise
+
+
+def _linear(size: int, cells: int) -> np.ndarray:
+    """Weights (size, cells) that interpolate between the cells' centres, and hold the outer ones."""
+    at = np.clip((np.arange(size) + 0.5) / CELL_PX - 0.5, 0.0, cells - 1.0)
+    return np.maximum(1.0 - np.abs(at[:, None] - np.arange(cells)[None, :]), 0.0).astype(np.float32)
 
 
 def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> Sources:
