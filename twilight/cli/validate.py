@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from twilight.cli import validate_photo, validate_photometry
+from twilight.cli import validate_photo, validate_photometry, validate_stars
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -16,6 +16,7 @@ commands: tuple[Callable[..., None], ...] = (
     validate_photo.photo,
     validate_photo.response,
     validate_photometry.photometry,
+    validate_stars.stars,
 )
 for command in commands:
     app.command()(sentences(command))

@@ -24,7 +24,8 @@ SURE, LIKELY = 8.0, 1.0
 """Surprise (`Attitude`) from which on the search ends, and from which on an attitude is worth solving."""
 RESOLUTION_PX = 1.5
 FIRST_RADIUS_RAD = np.radians(1.0)
-LOWEST_SOURCE_RAD = np.radians(2.0)
+LOWEST_SIN = np.sin(np.radians(2.0))
+"""Sources and stars nearer to a known horizon are left to the landscape."""
 LARGEST_CHANCE = 1e-6
 """Of as many accidental matches as were found; a solution must be less likely than that to be none."""
 SOURCES_IN_SEARCH = 300
@@ -59,6 +60,20 @@ class Calibration:
     def pointing_error_arcmin(self) -> float:
         """Formal standard error of the attitude, the root of the mean square of its three angles."""
         return float(np.degrees(np.sqrt(np.mean(self.fit.standard_errors[:3] ** 2))) * 60.0)
+
+    @property
+    def visible(self) -> np.ndarray:
+        """Which stars (N,) fall into the picture, and above the horizon."""
+        state = self.fit.state
+        own = state.own(self.stars.directions)
+        up = np.ones(len(own), dtype=bool) if state.air is None else own @ np.array(state.air.zenith) > LOWEST_SIN
+        return self.camera.inside(state.camera.project_own(own)) & up
+
+    @property
+    def magnitude_zero(self) -> float:
+        """Magnitude of a source of flux 1, by the stars matched."""
+        pairs = self.fit.match
+        return float(np.median(self.stars.magnitude[pairs.star] + 2.5 * np.log10(self.sources.flux[pairs.source])))
 
     def facts(self) -> dict[str, Any]:
         """Figures of the calibration as plain values, for a file."""
@@ -122,7 +137,7 @@ def calibrate(
     stars = blended(stars, RESOLUTION_PX / guess.focal_length_px)
     sources = detect(picture, guess, threshold)
     if guess.projection == "latitude_longitude":
-        sources = sources.take(guess.directions_own(sources.xy) @ zenith > np.sin(LOWEST_SOURCE_RAD))
+        sources = sources.take(guess.directions_own(sources.xy) @ zenith > LOWEST_SIN)
     found = _search(sources, guess, stars, sky_sr, air)
     if found is None:
         raise TwilightError(

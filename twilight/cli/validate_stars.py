@@ -1,0 +1,145 @@
+"""`twilight validate stars`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.terminal import print_table
+from twilight.errors import TwilightError
+
+
+def _option(metavar: str, help: str, *names: str) -> Any:
+    return typer.Option(*names, metavar=metavar, help=help)
+
+
+def stars(
+    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="Night exposure: HDR, EXR, TIFF, PNG, JPEG or RAW.")],
+    camera: Annotated[Path, _option("GUESS.yaml", "Projection and size must be right, the focal length to 10 %.")],
+    latitude: Annotated[float | None, _option("DEG", "North positive.")] = None,
+    longitude: Annotated[float | None, _option("DEG", "East positive.")] = None,
+    at: Annotated[str | None, _option("TIME", "Date and time of the middle of the exposure.")] = None,
+    time_zone: Annotated[str | None, _option("ZONE", "For a time without its offset, e.g. Europe/Berlin.")] = None,
+    altitude: Annotated[float, _option("KM", "Of the camera; sets the pressure for the refraction.")] = 0.0,
+    temperature: Annotated[float, _option("DEG_C", "Of the air, for the refraction.")] = 10.0,
+    year: Annotated[float, _option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0,
+    distortion: Annotated[int, _option("N", "Coefficients of distortion to solve, 0 to 4.")] = 2,
+    threshold: Annotated[float, _option("SIGMA", "Of detection above the local noise.")] = 5.0,
+    picture: Annotated[Path | None, _option("FILE.png", "Draw sources, stars and their names.")] = None,
+    output: Annotated[Path | None, _option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml.")] = None,
+) -> None:
+    """Calibrate a camera from stars: orientation, focal length, principal point and distortion.
+
+    With place and time the orientation is solved against the horizon.  Without them it is solved against the fixed
+    stars, and the elevation and roll of the guess say where the zenith is: its right ascension and declination are
+    the local sidereal time and the latitude.
+    """
+    from twilight.camera import read_camera, write_camera
+    from twilight.camera.image import read_image
+    from twilight.camera.response import load_response
+    from twilight.io.whole import check_folder
+    from twilight.validate.stars.calibrate import calibrate
+    from twilight.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR
+    from twilight.validate.stars.picture import draw
+    from twilight.validate.stars.refraction import pressure_at_hpa
+
+    limits = (
+        ("--altitude", altitude, -0.5, 9.0, "km"),
+        ("--temperature", temperature, -90.0, 60.0, "deg C"),
+        ("--year", year, FIRST_YEAR, LAST_YEAR, ""),
+        ("--distortion", distortion, 0, 4, ""),
+        ("--threshold", threshold, 2.0, 1000.0, "sigma"),
+    )
+    for name, value, low, high, unit in limits:
+        if not low <= value <= high:
+            raise TwilightError(f"{name}: {value:g} must be from {low:g} to {high:g} {unit}".rstrip())
+    place, moment = _place_and_time(latitude, longitude, at, time_zone, altitude)
+    if output is not None and output.suffix not in (".yaml", ".yml"):
+        raise TwilightError(f"--output: {output} must end in .yaml")
+    if picture is not None and picture.suffix != ".png":
+        raise TwilightError(f"--picture: {picture} must end in .png")
+    target = output or Path("out") / "camera.yaml"
+    for path in (target, picture):
+        if path is not None:
+            check_folder(path.parent)
+    guess = read_camera(camera)
+    light = read_image(image, load_response(guess.response)).samples
+    try:
+        made = calibrate(
+            light,
+            guess,
+            place,
+            moment,
+            year=year,
+            orders=distortion,
+            threshold=threshold,
+            pressure_hpa=pressure_at_hpa(altitude),
+            temperature_c=temperature,
+        )
+    except TwilightError as error:
+        raise TwilightError(f"{image}: {error}") from None
+    for path in (target, picture):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    write_camera(target, made.camera)
+    if picture is not None:
+        draw(light, made, picture)
+    _report(made)
+    print(f"wrote {target}" + (f", {picture}" if picture is not None else ""))
+
+
+def _place_and_time(
+    latitude: float | None, longitude: float | None, at: str | None, time_zone: str | None, altitude_km: float
+) -> tuple[Any, Any]:
+    """(Place, moment), or (None, None) where nothing is given."""
+    from twilight.config.scene import SunAt
+    from twilight.config.validate import Origins, validate
+    from twilight.validate.stars.coordinates import Place
+
+    given = {"--latitude": latitude, "--longitude": longitude, "--at": at}
+    missing = [name for name, value in given.items() if value is None]
+    if len(missing) == len(given):
+        if time_zone is not None:
+            raise TwilightError("--time-zone: belongs to --at, which is not given")
+        return None, None
+    if missing:
+        raise TwilightError(f"{', '.join(missing)}: place and time are given together, or not at all")
+    data = {"latitude_deg": latitude, "longitude_deg": longitude, "at": at}
+    if time_zone is not None:
+        data["time_zone"] = time_zone
+    names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
+    where = validate(SunAt, data, Origins({(): "--at", **{(key,): name for key, name in names.items()}}))
+    return Place(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
+
+
+def _report(made: Any) -> None:
+    """Figures of the calibration on stdout."""
+    camera, fit, facts = made.camera, made.fit, made.facts()
+    o = camera.orientation
+    rows = [
+        ["sources found", str(facts["sources"])],
+        ["stars matched", f"{facts['matched']} ({facts['matches_expected_by_chance']:g} expected by chance)"],
+        ["refused", f"{facts['refused_by_distance']} too far, {facts['refused_by_brightness']} too bright or faint"],
+        ["residual", f"{facts['residual_rms_arcmin']:.2f}' rms, {facts['residual_median_arcmin']:.2f}' median"],
+        ["azimuth, elevation, roll", f"{o.azimuth_deg:.3f}, {o.elevation_deg:.3f}, {o.roll_deg:.3f} deg"],
+        ["their standard error", f"{made.pointing_error_arcmin:.2f}'"],
+    ]
+    if camera.projection != "latitude_longitude":
+        x, y = camera.principal_point_px
+        relative = 100.0 * fit.standard_errors[3] if "focal_length" in fit.free else None
+        error = "not solved" if relative is None else f"+- {relative:.2g} %"
+        rows.append(["focal length", f"{camera.focal_length_px:.2f} px ({error})"])
+        rows.append(["principal point", f"{x:.2f}, {y:.2f} px" + _unless("principal_point", fit.free)])
+        k = ", ".join(f"{v:.5f}" for v in camera.lens.distortion) or "none"
+        rows.append(["distortion", k + _unless("k1", fit.free)])
+    if made.orientation is not None:
+        sky = made.orientation
+        rows.append(["local sidereal time", f"{sky.local_sidereal_time_h:.3f} h"])
+        rows.append(["latitude", f"{sky.latitude_deg:.2f} deg, if the guess is level"])
+    print_table(["", ""], rows)
+
+
+def _unless(name: str, free: tuple[str, ...]) -> str:
+    return "" if name in free else " (not solved)"
