@@ -122,7 +122,7 @@ def draw(points: Sequence[Point], path: Path) -> None:
                 label="Koomen et al. 1952",
             )
         top.set(yscale="log", ylabel=label)
-        bottom.set(xlabel="true elevation of the sun [deg]", ylabel="log$_{10}$ computed / measured", ylim=(-0.5, 0.5))
+        bottom.set(xlabel="true elevation of the sun [deg]", ylabel="log$_{10}$ computed / measured", ylim=(-0.6, 0.6))
         bottom.axhspan(-0.3, 0.3, color="0.92", zorder=0)
         bottom.axhline(0, color="0.5", lw=0.8)
         for axis in (top, bottom):
