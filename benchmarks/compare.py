@@ -6,9 +6,10 @@
 
 For each climate:
 
-    twilight compare configs/compare.yaml --set climate=CLIMATE --reference benchmarks/reference/CLIMATE.csv
+    twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones --set solver.bent_paths=false \
+        --reference benchmarks/reference/CLIMATE.csv
 
-with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE.
+with the solvers in SOLVERS; paths between two scattering events are straight, as the referee's are.  Finished rows are kept in out/benchmark-CLIMATE.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from twilight.io.whole import whole_file
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "compare"
 DRAWN = "continental-average"
-EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie"
+EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie,sunsky"
 SOLVERS = {
-    DRAWN: "zones,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,preetham,cie",
+    DRAWN: "zones,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,preetham,cie,sunsky,sasktran2:draft",
     "urban": EVERYWHERE,
     "desert": EVERYWHERE,
     "maritime-clean": EVERYWHERE,
@@ -38,7 +39,8 @@ def run(climate: str) -> None:
     folder = ROOT / "out" / f"benchmark-{climate}"
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
-        *("--set", f"climate={climate}", "--reference", f"benchmarks/reference/{climate}.csv"),
+        *("--set", f"climate={climate}", "--set", "solver.name=zones", "--set", "solver.bent_paths=false"),
+        *("--reference", f"benchmarks/reference/{climate}.csv"),
         *("--solvers", SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]
     subprocess.run(command, cwd=ROOT, check=True)

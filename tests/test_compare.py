@@ -239,7 +239,7 @@ def test_binary_and_missing_tables_are_one_sentence(tmp_path):
 def test_the_ladder_names_solvers_and_qualities(toy):
     assert ladder(["toy"]) == [Rung("toy", "draft"), Rung("toy", "standard")]
     assert ladder(["toy:draft", " toy "]) == [Rung("toy", "draft"), Rung("toy", "standard")]
-    assert {r.solver for r in ladder(None)} == set(solvers.SOLVERS)
+    assert {r.solver for r in ladder(None)} == {s for s in solvers.SOLVERS if solvers.installed(s)}
     for names, says in ((["tiy"], "did you mean toy"), (["toy:fine"], "quality of toy")):
         with pytest.raises(TwilightError, match=says):
             ladder(names)

@@ -1,6 +1,6 @@
 """One job in a process of its own, so that time and peak memory are its own: python -m peers.job JOB.json
 
-The job: {"model": "sasktran2:SETTING" | "SOLVER:QUALITY", "task": "error" | "one" | "thirty", "threads": n,
+The job: {"model": "SOLVER:QUALITY", "task": "error" | "one" | "thirty", "threads": n,
 "referee": path, "suns": some of its suns [deg] or null, "output": path of an .npz}.  `error` gives the radiances of the
 referee's rows; `one` and `thirty` are whole half-skies at eight wavelengths for one sun or thirty.
 Writes {"wall_s", "cpu_s", "memory_mib", "memory_before_mib"} to standard output.
@@ -30,8 +30,7 @@ def main() -> None:
         medium = case.straight_air(case.Referee.read(job["referee"], job["suns"]).wavelengths())
     else:
         medium = case.straight_air(case.WAVELENGTHS_NM)
-    work = _sasktran2 if model == "sasktran2" else _twilight
-    set_up = work(model, variant, job)
+    set_up = _solver(model, variant, job)
     before = _peak_mib()
     wall, cpu = time.perf_counter(), time.process_time()
     radiance = set_up(medium)
@@ -56,27 +55,14 @@ def _questions(job: dict) -> list[tuple[float, np.ndarray, np.ndarray]]:
     return [(sun, *case.texture()) for sun in suns]
 
 
-def _sasktran2(model: str, variant: str, job: dict):
-    import sasktran2  # noqa: F401  (its import is not timed)
-
-    from peers.sasktran2_sky import radiance
-    from peers.settings import SETTINGS
-
-    setting = SETTINGS[variant]
-    questions = _questions(job)
-
-    def run(medium):
-        return np.stack([radiance(medium, setting, *q, threads=job["threads"]) for q in questions])
-
-    return run
-
-
-def _twilight(model: str, variant: str, job: dict):
+def _solver(model: str, variant: str, job: dict):
     from peers import case
     from twilight import solvers
 
     solver = solvers.load(model)
     settings = solver.QUALITIES[variant]
+    if hasattr(settings, "threads"):
+        settings = replace(settings, threads=job["threads"])
     questions = _questions(job)
     # every kernel is loaded (compiled where the cache is empty) by a sky that costs little
     small = case.straight_air(case.WAVELENGTHS_NM[[3]])

@@ -86,12 +86,13 @@ class Row:
 
 
 def ladder(names: Sequence[str] | None, where: str = "--solvers") -> list[Rung]:
-    """The rungs that names such as `cells` or `cells:draft` stand for; all of all solvers for None.
+    """The rungs that names such as `cells` or `cells:draft` stand for; all of all solvers that are
+    installed for None.
 
     Errors: TwilightError for a solver or quality that does not exist.
     """
     rungs: list[Rung] = []
-    for name in names or solvers.SOLVERS:
+    for name in names or filter(solvers.installed, solvers.SOLVERS):
         solver, colon, quality = (part.strip() for part in name.partition(":"))
         if solver not in solvers.SOLVERS:
             raise TwilightError(f"{where}: {solver} {unknown(solver, solvers.SOLVERS, 'solver')}")

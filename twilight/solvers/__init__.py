@@ -12,6 +12,7 @@ says how many wavelengths it takes at once.
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
 
 SOLVERS: dict[str, str] = {
@@ -20,10 +21,19 @@ SOLVERS: dict[str, str] = {
     "zones": "twilight.solvers.zones",
     "preetham": "twilight.solvers.analytic.preetham",
     "cie": "twilight.solvers.analytic.cie",
+    "sunsky": "twilight.solvers.analytic.sunsky",
+    "sasktran2": "twilight.solvers.sasktran2",
 }
+NEEDS = {"sunsky": "mitsuba", "sasktran2": "sasktran2"}
+"""Programs of others, which the extra `peers` installs."""
 DEFAULT = "zones"
 
 
 def load(name: str) -> ModuleType:
     """The module of a solver; KeyError when there is none of that name."""
     return import_module(SOLVERS[name])
+
+
+def installed(name: str) -> bool:
+    """Whether what the solver needs is there."""
+    return name not in NEEDS or find_spec(NEEDS[name]) is not None

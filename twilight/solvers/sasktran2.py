@@ -1,5 +1,6 @@
-"""Sky radiance by sasktran2 of a twilight medium: the same coefficients, phase functions, ground and geometry.
+"""sasktran2 (University of Saskatchewan) as a solver: the same coefficients, phase functions, ground and geometry.
 
+It is here to be compared with.  It does not refract: its beam would not spread, which is worse than straight light.
 What it takes to have it right in twilight, each found by comparison with the Monte-Carlo referee:
 
 - Single and multiple scattering are computed by two engines and added.  Single scattering is exact in its phase
@@ -16,38 +17,124 @@ What it takes to have it right in twilight, each found by comparison with the Mo
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
 
 JUMP_KM = 1e-3
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A sasktran2 configuration.
+WAVELENGTH_BLOCK = 2000
+"""All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
-    single_levels: (thickness at the ground [km], growth with altitude) of the layers for single scattering.
-    multiple_levels: the same for multiple scattering; growth 0: evenly spaced, and sunlight from the table.
-    source_levels: the same for the points where the diffuse source is kept; None: the middle of every layer.
+
+@dataclass(frozen=True)
+class Sasktran2Settings:
+    """A configuration of sasktran2; the defaults need about 4.5 GB, `draft` about one.
+
+    single_step_km, single_growth: layers for single scattering: thickness at the ground, growth with altitude
+    multiple_step_km, multiple_growth: the same for multiple scattering; growth 0: evenly spaced, and sunlight from the
+        table
+    source_step_km, source_growth: the same for the points where the diffuse source is kept
     zenith_step_deg: between the solar zenith angles of the source, near 90 deg (they are even in the cosine and
-        cover the lines of sight); None: one angle, the default.
-    incoming, outgoing: directions at a source point; streams: terms of the phase function in multiple scattering
-        (with delta-M scaling); moments: terms of the phase function in single scattering.
-    tolerance: relative residual at which the iteration stops.
+        cover the lines of sight)
+    incoming, outgoing: directions at a source point (orders of Lebedev's rules: 110, 302, 770)
+    streams: terms of the phase function in multiple scattering (with delta-M scaling)
+    moments: terms of the phase function in single scattering
+    tolerance: relative residual at which the iteration stops
+    threads: that it uses; 0: all there are
     """
 
-    single_levels: tuple[float, float] = (0.02, 0.05)
-    multiple_levels: tuple[float, float] = (1.0, 0.0)
-    source_levels: tuple[float, float] | None = (0.5, 0.15)
-    zenith_step_deg: float | None = 1.0
+    single_step_km: float = 0.02
+    single_growth: float = 0.05
+    multiple_step_km: float = 1.0
+    multiple_growth: float = 0.0
+    source_step_km: float = 1.0
+    source_growth: float = 0.3
+    zenith_step_deg: float = 0.5
     incoming: int = 302
     outgoing: int = 110
     streams: int = 16
     moments: int = 513
     tolerance: float = 1e-4
+    threads: int = 0
+
+    def __post_init__(self):
+        ranges = {
+            "single_step_km": (1e-3, 10.0),
+            "single_growth": (1e-3, 1.0),
+            "multiple_step_km": (1e-2, 10.0),
+            "multiple_growth": (0.0, 1.0),
+            "source_step_km": (1e-2, 10.0),
+            "source_growth": (1e-3, 1.0),
+            "zenith_step_deg": (0.05, 90.0),
+            "incoming": (6, 5810),
+            "outgoing": (6, 5810),
+            "streams": (2, 128),
+            "moments": (3, 10_000),
+            "tolerance": (1e-12, 1.0),
+            "threads": (0, 1024),
+        }
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if not low <= value <= high:
+                raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
+
+
+QUALITIES: dict[str, Sasktran2Settings] = {
+    "draft": Sasktran2Settings(zenith_step_deg=1.0, incoming=110),
+    "standard": Sasktran2Settings(),
+}
+
+
+def prepare(
+    medium: Medium,
+    settings: Sasktran2Settings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Callable[[str, float], None] | None = None,
+) -> Field:
+    """Nothing is computed yet: sasktran2 solves anew for every sun.
+
+    Raises TwilightError where sasktran2 is not installed and for an observer above the air or below the ground.
+    """
+    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km)
+
+
+class Field:
+    """The sky of one medium without refraction, seen from within the air."""
+
+    def __init__(self, medium: Medium, settings: Sasktran2Settings, observer_altitude_km: float):
+        try:
+            import sasktran2  # noqa: F401
+        except ImportError:
+            raise TwilightError("the sasktran2 solver is not installed: pip install 'twilight-sky[peers]'") from None
+        if not medium.bottom_km <= observer_altitude_km < medium.top_km:
+            raise TwilightError(
+                f"observer.altitude_km is {observer_altitude_km:g}; the sasktran2 solver allows {medium.bottom_km:g} "
+                f"to {medium.top_km:g}"
+            )
+        self.medium, self.settings, self.observer_altitude_km = medium, settings, observer_altitude_km
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Errors: TwilightError for directions below the horizontal and for what sasktran2 itself refuses.
+        """
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        if np.any(elevation < 0.0):
+            raise TwilightError("the sasktran2 solver looks up only: elevations must not be below 0 deg")
+        rays = [np.full(elevation.size, float(sun_elevation_deg)), elevation.ravel(), azimuth.ravel()]
+        try:
+            parts = [_engine(self.medium, self.settings, rays, self.observer_altitude_km, single=s) for s in (1, 0)]
+        except (RuntimeError, ValueError) as error:
+            raise TwilightError(f"sasktran2: {error}") from None
+        return (parts[0] + parts[1]).reshape(*elevation.shape, -1)
 
 
 def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
@@ -89,7 +176,8 @@ def optics(medium: Medium, altitude_km: np.ndarray, n_moments: int) -> tuple[np.
     air[0] = 1.0
     air[2] = (1.0 - medium.depolarisation) / (2.0 + medium.depolarisation)
     aerosols = [(2 * order + 1)[:, None] * p.legendre_moments(n_moments - 1).T for p in medium.phase_functions]
-    extinction, scattering, moments = 0.0, 0.0, 0.0
+    shape = (altitude_km.size, medium.n_wavelengths)
+    extinction, scattering, moments = np.zeros(shape), np.zeros(shape), np.zeros((n_moments, *shape))
     thin = 1e-9
     for z in (altitude_km - thin, altitude_km + thin):
         at = medium.at(np.clip(z, medium.bottom_km, medium.top_km))
@@ -101,28 +189,8 @@ def optics(medium: Medium, altitude_km: np.ndarray, n_moments: int) -> tuple[np.
     return extinction / 1000.0, scattering / extinction, moments / scattering
 
 
-def radiance(
-    medium: Medium, setting: Setting, sun_deg, elevation_deg, azimuth_deg, *, threads: int = 1, parts: bool = False
-):
-    """Sun-normalised radiance (..., W) on the ground; angles are broadcast.
-
-    parts: return (single scattering, multiple scattering) apart.
-    """
-    angles = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in (sun_deg, elevation_deg, azimuth_deg)))
-    rays = [a.ravel() for a in angles]
-    single = np.empty((rays[0].size, medium.n_wavelengths))
-    for sun in np.unique(rays[0]):  # one by one: its memory grows with the lines of sight, its time gains nothing
-        here = rays[0] == sun
-        single[here] = _engine(medium, setting, [a[here] for a in rays], threads, single=True)
-    multiple = _engine(medium, setting, rays, threads, single=False)
-    both = tuple(part.reshape(*angles[0].shape, -1) for part in (single, multiple))
-    return both if parts else both[0] + both[1]
-
-
-def _zenith_count(medium: Medium, step_deg: float | None, rays: list[np.ndarray]) -> int:
+def _zenith_count(medium: Medium, step_deg: float, rays: list[np.ndarray]) -> int:
     """Solar zenith angles that are a step apart where the sun is at the horizon, over all lines of sight."""
-    if step_deg is None:
-        return 1
     sun, elevation, azimuth = (np.radians(a) for a in rays)
     ratio = (medium.earth_radius_km + medium.bottom_km) / (medium.earth_radius_km + medium.top_km)
     reach = np.arccos(ratio * np.cos(elevation)) - elevation  # from the observer to where a line of sight leaves
@@ -131,11 +199,14 @@ def _zenith_count(medium: Medium, step_deg: float | None, rays: list[np.ndarray]
     return 1 + max(1, round(span / np.radians(step_deg)))
 
 
-def _engine(medium: Medium, s: Setting, rays: list[np.ndarray], threads: int, *, single: bool) -> np.ndarray:
+def _engine(
+    medium: Medium, s: Sasktran2Settings, rays: list[np.ndarray], altitude_km: float, *, single: int
+) -> np.ndarray:
+    """Radiance (rays, W) of single or of multiple scattering."""
     import sasktran2 as sk
 
     config = sk.Config()
-    config.num_threads = threads
+    config.num_threads = s.threads or len(os.sched_getaffinity(0))
     config.threading_model = sk.ThreadingModel.Source
     config.single_scatter_source = sk.SingleScatterSource.Exact if single else sk.SingleScatterSource.NoSource
     if not single:
@@ -147,9 +218,9 @@ def _engine(medium: Medium, s: Setting, rays: list[np.ndarray], threads: int, *,
     config.num_successive_orders_outgoing = s.outgoing
     config.successive_orders_relative_tolerance = s.tolerance
     config.num_successive_orders_iterations = 200
-    if s.source_levels is not None:
-        config.successive_orders_altitude_grid_m = 1000.0 * source_altitudes(medium, *s.source_levels)
-    grid = s.single_levels if single else s.multiple_levels
+    sources = source_altitudes(medium, s.source_step_km, s.source_growth)
+    config.successive_orders_altitude_grid_m = 1000.0 * sources
+    grid = (s.single_step_km, s.single_growth) if single else (s.multiple_step_km, s.multiple_growth)
     three = not single and grid[1] > 0.0
     config.num_stokes = 3 if three else 1
     z = levels(medium, *grid)
@@ -168,7 +239,7 @@ def _engine(medium: Medium, s: Setting, rays: list[np.ndarray], threads: int, *,
     for d, e, a in zip(sun, elevation, azimuth, strict=True):
         viewing.add_ray(
             sk.SolarAnglesObserverLocation(
-                np.sin(np.radians(d)), np.radians(a), np.sin(np.radians(e)), 1000.0 * medium.bottom_km
+                np.sin(np.radians(d)), np.radians(a), np.sin(np.radians(e)), 1000.0 * altitude_km
             )
         )
     atmosphere = sk.Atmosphere(geometry, config, wavelengths_nm=medium.wavelength_nm, calculate_derivatives=False)
