@@ -54,8 +54,8 @@ def horizontal_illuminance_lux(sun_elevation_deg) -> np.ndarray:
     for piece in reversed(pieces):  # from the lowest up
         x = h / 90.0
         log = piece["l0"] + x * (piece["l1"] + x * (piece["l2"] + x * piece["l3"]))
-        out = np.where(h >= piece["altitude_min_deg"], 10.0**log, out)
-    return out
+        out = np.where(h >= piece["altitude_min_deg"], log, out)
+    return 10.0**out
 
 
 def zenith_luminance_cd_m2(site: str) -> tuple[np.ndarray, np.ndarray]:

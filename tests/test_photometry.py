@@ -1,0 +1,169 @@
+"""Illuminance and zenith luminance against measurements, and the pieces that the comparison is made of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from montecarlo_media import hazy_earth
+from typer.testing import CliRunner
+
+from twilight.config import load
+from twilight.errors import TwilightError
+from twilight.sun.ephemeris import sun_position
+from twilight.transport.beam import beam_at, prepare_beam
+from twilight.validate import photometry as work
+from twilight.validate import photometry_report as report
+from twilight.validate.references import KOOMEN_SITES, horizontal_illuminance_lux, zenith_luminance_cd_m2
+
+QUIET = {
+    "stratosphere.kind": "nh_midlat_typical",
+    "night": {},
+    "wavelengths.list_nm": [440, 490, 520, 550, 590, 650],
+    "solver.quality": "draft",
+}
+
+
+@pytest.fixture(scope="module")
+def meter():
+    return work.Photometer(load("continental-average", QUIET))
+
+
+# References -----------------------------------------------------------------------------------------------------
+
+
+def test_janiczek_deyoung_is_the_published_table():
+    """Values of the polynomials; AMS Glossary: civil twilight ends at 3.5 to 2 lx, the night begins near 6e-4."""
+    found = horizontal_illuminance_lux(np.array([60.0, 10.0, 0.0, -6.0, -12.0, -18.0]))
+    assert found == pytest.approx([1.0312e5, 11121.0, 758.58, 3.4116, 8.0565e-3, 6.447e-4], rel=1e-3)
+    for joint, gap in ((20.0, 0.01), (5.0, 0.01), (-0.8, 0.01), (-5.0, 0.02), (-12.0, 0.01)):
+        low, high = np.log10(horizontal_illuminance_lux([joint - 1e-6, joint + 1e-6]))
+        assert abs(high - low) < gap
+    with pytest.raises(TwilightError, match="-18 to 90"):
+        horizontal_illuminance_lux(-19.0)
+
+
+def test_koomen_falls_by_ten_in_two_degrees():
+    """Koomen et al. 1952 state a factor 10 per 2 deg between -3 and -11 deg."""
+    for site in KOOMEN_SITES:
+        sun, luminance = zenith_luminance_cd_m2(site.name)
+        inside = (sun <= -3) & (sun >= -12)
+        assert np.polyfit(sun[inside], np.log10(luminance[inside]), 1)[0] == pytest.approx(0.5, abs=0.08)
+    with pytest.raises(TwilightError, match="Maryland, Sacramento Peak"):
+        zenith_luminance_cd_m2("Atlantis")
+
+
+def test_evening_finds_the_sun():
+    for site in KOOMEN_SITES:
+        moment, azimuth = work.evening(site, -9.0)
+        at = sun_position(moment, site.latitude_deg, site.longitude_deg, site.altitude_km)
+        assert float(at.elevation_deg) == pytest.approx(-9.0, abs=1e-3)
+        assert 180.0 < azimuth < 360.0
+
+
+# Quadratures ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sun", [-18.0, 3.0, 30.0, 85.0])
+def test_hemisphere_integrates_cosines_exactly(sun):
+    elevation, azimuth, weight = work.hemisphere(sun)
+    sine = np.sin(np.radians(elevation))
+    assert weight.sum() == pytest.approx(np.pi, rel=1e-12)
+    assert weight @ sine**2 == pytest.approx(np.pi / 2, rel=1e-12)
+    # the cosine of the angle to a horizontal direction at azimuth 60 deg, squared: its mean over both mirror halves
+    across = np.cos(np.radians(elevation)) * np.cos(np.radians(azimuth))
+    assert weight @ across**2 == pytest.approx(np.pi / 4, rel=1e-6)
+
+
+def test_disc_rises_over_the_horizon():
+    bare = replace(hazy_earth(), refractivity=0 * hazy_earth().refractivity)
+    beam = prepare_beam(bare)
+    point = np.zeros(1)
+    beam_at(beam, 0.0, np.sin(np.radians(40.0)), point)
+    assert work.disc_irradiance(beam, bare, 40.0) == pytest.approx(point * np.sin(np.radians(40.0)), rel=1e-4)
+    lux = [work.disc_irradiance(beam, bare, h)[0] for h in (-0.3, -0.2, 0.0, 0.2, 0.5)]
+    assert lux[0] == 0.0 and (np.diff(lux) > 0).all()
+    refracted = hazy_earth()
+    assert work.disc_irradiance(prepare_beam(refracted), refracted, -0.5)[0] > 0.0
+
+
+def test_level_and_slope_of_made_up_points():
+    suns = np.array([-12.0, -10.0, -8.0, -6.0])
+    points = [
+        work.Point("a", "illuminance", "s", "ground", 0.0, h, 10 ** (0.2 + 0.01 * (h + 9.0)), 0.0, 1.0) for h in suns
+    ]
+    (level,) = work.levels([*points, replace(points[0], measured=float("nan"))])
+    assert (level.low_deg, level.high_deg, level.count) == (-12, -5, 4)
+    assert level.level_dex == pytest.approx(0.2) and level.slope_difference == pytest.approx(0.01)
+    assert level.factor == pytest.approx(10**0.2)
+
+
+# The sky --------------------------------------------------------------------------------------------------------
+
+
+def test_illuminance_by_day_and_in_twilight(meter):
+    """Within a factor 1.5 of Janiczek and DeYoung from 60 to -12 deg under a measured stratosphere."""
+    for sun in (60.0, 20.0, 0.0, -4.0, -8.0, -12.0):
+        lux, night = meter.illuminance_lux(sun)
+        assert 1 / 1.5 < lux / horizontal_illuminance_lux(sun) < 1.5
+        assert 3e-4 < night < 3e-3
+
+
+def test_zenith_luminance_at_maryland(meter):
+    """Within a factor 1.5 of Koomen's site at 30 m; darker at 2800 m, as he found."""
+    low, high = KOOMEN_SITES
+    sun, measured = zenith_luminance_cd_m2(low.name)
+    computed = np.array([meter.zenith_luminance(float(h), low)[0] for h in sun])
+    assert np.abs(np.log10(computed / measured)).max() < np.log10(1.5)
+    for h in sun[:4]:
+        there, night = meter.zenith_luminance(float(h), high)
+        assert there < meter.zenith_luminance(float(h), low)[0] and night < there
+    assert low.transmission[0] < meter.transmission(low.altitude_km) < low.transmission[1]
+
+
+def test_tables_and_picture(tmp_path):
+    points = [
+        work.Point("a", "illuminance", "s", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0)
+        for h in (-6.0, -9.0)
+    ]
+    for site in KOOMEN_SITES:
+        points.append(work.Point("a", "zenith luminance", "s", site.name, site.altitude_km, -6.0, 0.5, 1e-4, 0.5))
+        points.append(
+            work.Point("a", "zenith luminance", "s", site.name, site.altitude_km, -7.0, 0.1, 1e-4, float("nan"))
+        )
+    report.write_points(points, tmp_path / "points.csv")
+    report.write_levels(work.levels(points), tmp_path / "levels.csv")
+    report.draw(points, tmp_path / "picture.png")
+    lines = (tmp_path / "points.csv").read_text().splitlines()
+    assert lines[0].split(",") == list(report.POINT_COLUMNS) and len(lines) == 1 + len(points)
+    assert lines[-1].endswith(",,") and (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere"], "nowhere"),
+        (["urban", "urban"], "different names"),
+        (["urban", "--set", "solver.name=cells"], "zones"),
+        (["urban", "--quality", "superb"], "superb"),
+    ],
+)
+def test_command_refuses_in_one_sentence(arguments, says, tmp_path):
+    from twilight.cli.app import app
+
+    told = CliRunner().invoke(app, ["validate", "photometry", *arguments, "--output", str(tmp_path / "out")])
+    text = told.output + (told.stderr or "")
+    assert told.exit_code == 2 and says in text and "Traceback" not in text
+    assert not list(tmp_path.glob("out/*.csv"))
+
+
+@pytest.mark.slow
+def test_command_writes_tables_and_picture(tmp_path):
+    from twilight.cli.app import app
+
+    told = CliRunner().invoke(
+        app,
+        ["validate", "photometry", "pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)],
+    )
+    assert told.exit_code == 0, told.output
+    assert {p.name for p in tmp_path.iterdir()} == {"points.csv", "levels.csv", "photometry.png"}
+    assert "slope_difference" in told.output
