@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.fit_compact import compact
 from twilight.cli.render import _option
 from twilight.cli.terminal import print_table, progress_bar, sentences
 from twilight.errors import TwilightError
@@ -214,6 +215,7 @@ def _path(output: Path | None, name: str) -> Path:
 
 app = typer.Typer(name="fit", help="Fit analytic models to computed skies.", no_args_is_help=True)
 app.command()(sentences(perez))
+app.command()(sentences(compact))
 
 
 @app.callback()

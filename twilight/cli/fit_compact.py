@@ -1,0 +1,92 @@
+"""`twilight fit compact`: a climate's skies in one small file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.render import _option
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.errors import TwilightError
+
+FITTED_KEYS = ("sun", "wavelengths", "texture", "output", "observer", "night", "vary", "solar_spectrum", "leave_out")
+FITTED_CLIMATE_KEYS = ("aerosol.optical_depth_550nm", "ground.albedo")
+
+
+def compact(
+    climate: Annotated[
+        str, typer.Argument(metavar="CLIMATE", help="Climate or configuration.")
+    ] = "continental-average",
+    output: Annotated[Path | None, _option("FILE.npz", "Model; without it, out/compact_NAME.npz.")] = None,
+    quality: Annotated[str | None, _option("NAME", "Preset of the solver zones.")] = None,
+    optical_depths: Annotated[
+        str | None, _option("LIST", "Aerosol optical depths at 550 nm, at least 4 [0.01,0.04,0.09,0.2,0.4,0.8].")
+    ] = None,
+    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+) -> None:
+    """Fit a compact spectral sky: every sun to -18 deg, direction, 380 to 740 nm, aerosol load, albedo and ozone."""
+    from twilight.config import load_series
+    from twilight.fit.compact.build import fit_compact, seconds_per_value, write_model
+    from twilight.fit.compact.training import OPTICAL_DEPTHS
+    from twilight.io.whole import check_folder
+
+    if output is not None and output.suffix != ".npz":
+        raise TwilightError(f"--output: {output} must end in .npz")
+    depths = OPTICAL_DEPTHS if optical_depths is None else _numbers(optical_depths)
+    chosen, names = _chosen(quality, settings)
+    cases = load_series(climate, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{climate}: describes {len(cases)} cases; a compact sky takes one climate")
+    config = cases[0].config
+    path = output or Path("out") / f"compact_{config.climate.name}.npz"
+    check_folder(path.parent)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as bar:
+        fit = fit_compact(config, depths, lambda doing, share: bar(share, doing))
+    size = write_model(fit.model, path)
+    value_s, sky_s = seconds_per_value(fit.model)
+    rows = [
+        [f"{e.sun_elevation_deg[0]:g} to {e.sun_elevation_deg[1]:g}", e.part, *(_percent(x) for x in _three(e))]
+        for e in fit.errors
+    ]
+    print_table(["sun [deg]", "directions", "median", "95 %", "largest"], rows, right=(2, 3, 4))
+    print(f"errors against {fit.model.provenance['solver']} ({fit.model.provenance['quality']}) of skies that were not")
+    print("fitted: random suns, directions, wavelengths, aerosol loads, albedos and ozone columns")
+    print(f"{fit.cpu_s / 60.0:.3g} minutes of processor time, {fit.wall_s / 60.0:.3g} minutes")
+    print(f"{value_s * 1e9:.0f} ns for a direction and wavelength, {sky_s * 1e3:.2g} ms for a sun")
+    print(f"wrote {path} ({size / 1e6:.2f} MB)")
+
+
+def _three(error: Any) -> tuple[float, float, float]:
+    return error.median, error.p95, error.largest
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2f} %"
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise TwilightError(
+            f"--optical-depths: {text} must be numbers with commas between, e.g. 0.02,0.1,0.3,1"
+        ) from None
+
+
+def _chosen(quality: str | None, settings: list[str] | None) -> tuple[dict[str, Any], dict[str, str]]:
+    """Dotted keys with their values, and what to call each in errors; what the model is a function of is refused."""
+    from twilight.config.load import parse_setting
+
+    chosen: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    if quality is not None:
+        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
+    for text in settings or ():
+        key, value = parse_setting(text)
+        if key.split(".")[0] in FITTED_KEYS or key.removeprefix("climate.") in FITTED_CLIMATE_KEYS:
+            raise TwilightError(f"--set {key}: changes nothing in a compact sky, which is for all of these")
+        chosen[key], names[key] = value, f"--set {key}"
+    return chosen, names

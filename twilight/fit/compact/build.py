@@ -1,0 +1,300 @@
+"""`fit_compact`: from a climate to a compact sky, and how far it is from skies that it has not seen."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight import __version__, solvers
+from twilight.air import climate_medium
+from twilight.compact import CompactSky, Grid, Term, spline_matrix
+from twilight.config.scene import Config
+from twilight.errors import TwilightError
+from twilight.fit.compact import training
+from twilight.fit.compact.decompose import absorption_spectra, decompose, refine_wavelengths, spline_coefficients
+from twilight.fit.compact.training import Air, Clock, Progress, Skies, compute_skies
+from twilight.io.provenance import configuration_hash
+from twilight.io.whole import whole_file
+from twilight.run import resolve_solver_of
+
+GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
+RANKS = {"dark": (80, 36, 12, 7), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
+"""Of direction, sun, wavelength and amount."""
+LOAD_OFFSET = 0.02
+SMOOTH_QUALITY = "draft"
+"""Of the light of the ground and the change with ozone, which are small parts of the light."""
+GROUND_ALBEDOS = (0.5, 0.9)
+GROUND_DEPTHS, GROUND_SUNS = 4, 2
+"""Aerosol loads, and one of how many suns, at which the light of the ground is computed."""
+OZONE_FACTORS = (0.6, 1.0, 1.4)
+WAVELENGTH_STEP_NM = 1.0
+SHARES = (0.66, 0.14)
+"""Of the time for the sky over black ground, and for ground and ozone; the rest is for skies to test with."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """|model / solver - 1| over all airs, suns of a range, wavelengths and directions of a part of the sky."""
+
+    sun_elevation_deg: tuple[float, float]
+    part: str
+    count: int
+    median: float
+    p95: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model with its errors and what it took: processor and wall seconds without the held-out skies."""
+
+    model: CompactSky
+    errors: tuple[Errors, ...]
+    cpu_s: float
+    wall_s: float
+
+
+def fit_compact(
+    config: Config, depths: Sequence[float] = training.OPTICAL_DEPTHS, progress: Progress | None = None
+) -> Fit:
+    """The compact sky of a configuration's climate, by its solver `zones` at its quality.
+
+    Errors: TwilightError for another solver, a climate without aerosol, and loads that it cannot have.
+    """
+    tell = progress or (lambda doing, share: None)
+    name, quality, settings = resolve_solver_of(config)
+    if name != "zones":
+        raise TwilightError(f"solver.name is {name}; a compact sky takes zones, whose one field serves every sun")
+    if config.observer.altitude_km != 0.0:
+        raise TwilightError(f"observer.altitude_km is {config.observer.altitude_km:g}; a compact sky is seen from 0 km")
+    depths = check_depths(depths)
+    clock = Clock()
+    wavelength = np.array(training.WAVELENGTHS_NM)
+    fine = np.arange(wavelength[0], wavelength[-1] + 0.5 * WAVELENGTH_STEP_NM, WAVELENGTH_STEP_NM)
+    training.medium_of(config, Air(depths[0]), wavelength[:1])  # says at once what the climate cannot have
+    clean = climate_medium(config.climate.model_copy(update={"aerosol": None, "stratosphere": None}), fine)
+    shapes = absorption_spectra(clean)
+    reference_du = float(clean.notes["ozone_column_du"])
+    dark = _dark(config, settings, depths, lambda doing, share: tell(doing, SHARES[0] * share))
+    ground, returned, ozone, columns = _smooth_terms(
+        config, depths, reference_du, lambda doing, share: tell(doing, SHARES[0] + SHARES[1] * share)
+    )
+    tensors = {"dark": dark, "ground": ground, "ozone": ozone}
+    terms: dict[str, Any] = {
+        key: _term(tensor, RANKS[key], wavelength, fine, shapes) for key, tensor in tensors.items()
+    }
+    model = CompactSky(
+        grid=GRID,
+        sun_elevation_deg=np.array(training.SUNS_DEG),
+        wavelength_nm=fine,
+        optical_depth_550nm=np.array(depths),
+        load_offset=LOAD_OFFSET,
+        ozone_column_du=columns,
+        ozone_reference_du=reference_du,
+        returned=refine_wavelengths(wavelength, returned.T, fine, shapes).T.astype(np.float32),
+        **terms,
+    )
+    cpu_s, wall_s = clock()
+    held_out = training.held_out_skies(
+        config,
+        settings,
+        (depths[0], depths[-1]),
+        (float(columns[0]), float(columns[-1])),
+        lambda doing, share: tell(f"held out: {doing}", sum(SHARES) + (1.0 - sum(SHARES)) * share),
+    )
+    errors = errors_of(model, held_out)
+    facts = _facts(config, quality, cpu_s, errors)
+    return Fit(replace(model, provenance=facts), errors, cpu_s, wall_s)
+
+
+def check_depths(depths: Sequence[float]) -> tuple[float, ...]:
+    """The aerosol loads; TwilightError unless there are at least four, increasing, from 0 to 100."""
+    made = tuple(float(depth) for depth in depths)
+    if len(made) < GROUND_DEPTHS or not all(0.0 < a < b <= 100.0 for a, b in itertools.pairwise(made)):
+        raise TwilightError(
+            f"--optical-depths: {', '.join(f'{d:g}' for d in made)}; at least {GROUND_DEPTHS} that increase from above "
+            "0 to 100 at most are needed"
+        )
+    return made
+
+
+def _dark(config: Config, settings: Any, depths: Sequence[float], tell: Progress) -> np.ndarray:
+    """Coefficients (K, S, W, T) of the logarithm of the sky over black ground."""
+    out = []
+    for i, depth in enumerate(depths):
+
+        def report(doing: str, share: float, i: int = i, depth: float = depth) -> None:
+            tell(f"optical depth {depth:g}, {doing}", (i + share) / len(depths))
+
+        skies = compute_skies(
+            config, settings, Air(depth), training.WAVELENGTHS_NM, training.SUNS_DEG, training.fine_directions, report
+        )
+        out.append(skies)
+    return _splines(out[0], [skies.radiance for skies in out])
+
+
+def _splines(where: Skies, radiance: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+    """Coefficients (K, S, W, N) of the logarithms of N sets of skies, all of the suns and directions of `where`."""
+    made = []
+    for s, sun in enumerate(where.sun_elevation_deg):
+        values = np.log(np.stack([one[s] for one in radiance], axis=-1))
+        flat = values.reshape(values.shape[0], -1)
+        found = spline_coefficients(GRID, sun, where.elevation_deg[s], where.azimuth_deg[s], flat)
+        made.append(found.reshape(-1, *values.shape[1:]))
+    return np.stack(made, axis=1)
+
+
+def _smooth_terms(
+    config: Config, depths: Sequence[float], reference_du: float, tell: Progress
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Light of the ground (K, S, W, T), share that comes back (W, T), change with ozone (K, S, W, Z), columns (Z,)."""
+    settings = solvers.load("zones").QUALITIES[SMOOTH_QUALITY]
+    suns = np.array(training.SUNS_DEG)
+    some = suns[np.unique(np.append(np.arange(0, suns.size, GROUND_SUNS), suns.size - 1))]
+    few = [depths[i] for i in np.round(np.linspace(0, len(depths) - 1, GROUND_DEPTHS)).astype(int)]
+    factors = [f for f in OZONE_FACTORS if f != 1.0] if reference_du > 0.0 else []
+    steps = len(few) * (1 + len(GROUND_ALBEDOS)) + len(factors)
+    step = 0
+
+    def at(air: Air) -> Skies:
+        nonlocal step
+
+        def report(doing: str, share: float) -> None:
+            tell(f"ground and ozone, {doing}", (step + share) / steps)
+
+        made = compute_skies(config, settings, air, training.WAVELENGTHS_NM, some, training.coarse_directions, report)
+        step += 1
+        return made
+
+    lights, shares = [], []
+    middle = few[len(few) // 2]
+    for depth in few:
+        black = at(Air(depth))
+        share, light = _ground_light([_added(black, at(Air(depth, albedo)), albedo) for albedo in GROUND_ALBEDOS])
+        lights.append(light)
+        shares.append(share)
+        if depth == middle:
+            skies = {factor: at(Air(depth, 0.0, factor * reference_du)).radiance for factor in factors}
+            skies[1.0] = black.radiance
+    columns = sorted(skies)
+    splines = _splines(black, [*lights, *(skies[factor] for factor in columns)])
+    grounds, ozone = splines[..., : len(few)], splines[..., len(few) :]
+    ozone = ozone - ozone[..., [columns.index(1.0)]]
+    loads = np.log(np.array(few) + LOAD_OFFSET), np.log(np.array(depths) + LOAD_OFFSET)
+    to_loads, to_suns = spline_matrix(*loads), spline_matrix(some, suns)
+    ground = np.einsum("kswt,Tt,Ss->kSwT", grounds, to_loads, to_suns, optimize=True)
+    returned = np.stack(shares, axis=-1) @ to_loads.T
+    return ground, returned, np.einsum("kswz,Ss->kSwz", ozone, to_suns), reference_du * np.array(columns)
+
+
+def _added(black: Skies, bright: Skies, albedo: float) -> list[np.ndarray]:
+    return [(b - a) / albedo for a, b in zip(black.radiance, bright.radiance, strict=True)]
+
+
+def _ground_light(added: Sequence[list[np.ndarray]]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(r (W,), light of the ground at albedo -> 0) from (L(A) - L(0)) / A = light / (1 - A r) at two albedos."""
+    low, high = GROUND_ALBEDOS
+    found = []
+    for one, other in zip(*added, strict=True):
+        slope = (1.0 / one - 1.0 / other) / (high - low)
+        found.append(slope / (1.0 / one + low * slope))
+    share = np.median(np.concatenate(found), axis=0)
+    return share, [one * (1.0 - low * share) for one in added[0]]
+
+
+def _term(
+    tensor: np.ndarray, ranks: Sequence[int], wavelength: np.ndarray, fine: np.ndarray, shapes: np.ndarray
+) -> Term:
+    made = decompose(tensor, ranks)
+    spectra = refine_wavelengths(wavelength, made.wavelength.astype(float), fine, shapes)
+    return replace(made, wavelength=spectra.astype(np.float32))
+
+
+SUN_RANGES_DEG = ((-18.0, -12.0), (-12.0, -6.0), (-6.0, 0.0), (0.0, 10.0), (10.0, 90.0))
+
+
+def errors_of(model: CompactSky, held_out: Sequence[Skies]) -> tuple[Errors, ...]:
+    """Errors for all suns and by range of the sun, over all directions and by part of the sky."""
+    suns, parts, errors = [], [], []
+    for skies in held_out:
+        for i, sun in enumerate(skies.sun_elevation_deg):
+            air = skies.air
+            sky = model.sky(sun, skies.wavelength_nm, air.optical_depth_550nm, air.ground_albedo, air.ozone_column_du)
+            error = np.abs(sky.radiance(skies.elevation_deg[i], skies.azimuth_deg[i]) / skies.radiance[i] - 1.0)
+            errors.append(error.ravel())
+            third = np.repeat(np.arange(error.shape[0]) * 3 // error.shape[0], error.shape[1])
+            parts.append(third)
+            suns.append(np.full(error.size, sun))
+    sun, part, error = np.concatenate(suns), np.concatenate(parts), np.concatenate(errors)
+    out = []
+    for low, high in ((-18.0, 90.0), *SUN_RANGES_DEG):
+        inside = (sun >= low) & (sun <= high)
+        groups = {"all": inside} | {name: inside & (part == k) for k, name in enumerate(training.ZONES_OF_SKY)}
+        for name, chosen in groups.items():
+            if chosen.any():
+                median, p95 = np.percentile(error[chosen], [50, 95])
+                out.append(
+                    Errors((low, high), name, int(chosen.sum()), float(median), float(p95), float(error[chosen].max()))
+                )
+    return tuple(out)
+
+
+def _facts(config: Config, quality: str, cpu_s: float, errors: Sequence[Errors]) -> dict[str, Any]:
+    asked = {
+        "climate": config.climate.model_dump(mode="json", exclude_none=True),
+        "solver": dict(config.solver) | {"name": "zones", "quality": quality},
+    }
+    return {
+        "version": __version__,
+        "configuration": asked,
+        "hash": configuration_hash(asked),
+        "climate": config.climate.name,
+        "solver": "zones",
+        "quality": quality,
+        "cpu_minutes": round(cpu_s / 60.0, 2),
+        "held_out_seed": training.HELD_OUT_SEED,
+        "errors_of_held_out_skies": [
+            {
+                "sun_elevation_deg": list(e.sun_elevation_deg),
+                "part": e.part,
+                "values": e.count,
+                "median": round(e.median, 5),
+                "p95": round(e.p95, 5),
+                "largest": round(e.largest, 5),
+            }
+            for e in errors
+        ],
+    }
+
+
+def write_model(model: CompactSky, path: Path) -> int:
+    """Write the model as .npz, whole or not at all; its bytes.  TwilightError where it cannot be written."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **model.arrays())  # type: ignore[arg-type]
+    with whole_file(path) as temporary:
+        temporary.write_bytes(buffer.getvalue())
+    return buffer.tell()
+
+
+def seconds_per_value(model: CompactSky, directions: int = 20000, wavelengths: int = 8) -> tuple[float, float]:
+    """(seconds per direction and wavelength of `radiance`, seconds of `sky`) on this machine, the best of five."""
+    rng = np.random.default_rng(0)
+    e, a = np.degrees(np.arcsin(rng.random(directions))), rng.uniform(0.0, 180.0, directions)
+    nm = np.linspace(model.wavelength_nm[0], model.wavelength_nm[-1], wavelengths)
+    depth = float(np.sqrt(model.optical_depth_550nm[0] * model.optical_depth_550nm[-1]))
+    best = [np.inf, np.inf]
+    for _ in range(6):  # the first compiles
+        begin = time.perf_counter()
+        sky = model.sky(-4.0, nm, depth, 0.2)
+        middle = time.perf_counter()
+        sky.radiance(e, a)
+        end = time.perf_counter()
+        best = [min(best[0], (end - middle) / (directions * wavelengths)), min(best[1], middle - begin)]
+    return best[0], best[1]
