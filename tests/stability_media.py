@@ -90,7 +90,6 @@ STRUCTURES = {
     "500 levels": lambda: medium_of(Air(), levels_km=np.linspace(0.0, 80.0, 500)),
     "a haze 10 m thick": haze_layer,
     "ducting": ducting,
-    "strong ducting": lambda: medium_of(Air(), refractivity=2e-3),
     "nothing at all": lambda: medium_of(Air(air=0.0, aerosol=0.0, ground=1.0), refractivity=0.0),
     "next to nothing": lambda: medium_of(Air(air=1e-12, aerosol=1e-12)),
     "black": lambda: medium_of(Air(ozone=100.0)),

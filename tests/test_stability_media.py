@@ -85,12 +85,16 @@ def test_extreme_air_under_every_sun(name):
     check(name, look(name, extremes(), SUNS_DEG), EXTREMES.values(), SUNS_DEG, "extremes")
 
 
-DUCT = pytest.mark.xfail(
-    strict=True, reason="a duct over the whole globe: the tables of the sunbeam give 100 sr^-1 and more"
-)
+@pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
+def test_a_globe_that_traps_its_light_is_refused(name):
+    medium = medium_of(Air(), refractivity=2e-3)
+    with pytest.raises(TwilightError, match="bends light around the Earth"):
+        look(name, medium, SUNS_DEG[:1])
+    settings = replace(settings_of(name), refraction=False)
+    assert np.all(np.isfinite(look(name, medium, [10.0], settings=settings)))
 
 
-@pytest.mark.parametrize("what", [pytest.param(s, marks=DUCT) if s == "strong ducting" else s for s in STRUCTURES])
+@pytest.mark.parametrize("what", STRUCTURES)
 def test_odd_levels_zones(what):
     settings = DRAFT if what == "black" else ZONES
     with warnings.catch_warnings():

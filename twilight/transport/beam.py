@@ -33,6 +33,7 @@ from itertools import pairwise
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
 from twilight.transport import beam_lookup as lookup
 from twilight.transport import beam_tables
 from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one
@@ -40,6 +41,8 @@ from twilight.transport.rays import RayProfile, lowest_point, ray_profile, refra
 
 __all__ = ["Beam", "beam_at", "beam_at_one", "prepare_beam"]
 
+DEEPEST_DUCT_KM = 1.0
+"""Air that traps light up to higher than this makes no shadow whose edge the tables could follow."""
 _FAR_KM = 400.0
 """The table of limb rays holds log(E) + log(1 + u/400 km): finite however far behind the limb."""
 _LIMB_PATH_KM = 600.0
@@ -170,6 +173,8 @@ def prepare_beam(
     horizontal would be reflected or focused, which is a property of the layers and not of the air.
     spreading_window_km: least half-width in altitude over which the bending of limb rays is differentiated.  An index
         that bends at the levels of a profile has a spike of the spreading below every level; this averages over it.
+
+    Errors: TwilightError for air that traps light up to more than DEEPEST_DUCT_KM above the ground.
     """
     refraction = refraction and medium.has_refraction
     if refraction:
@@ -195,6 +200,12 @@ def prepare_beam(
     for w in range(n_w):
         beam_tables.limb_table(profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
     lowest_free = float(lowest[int(np.argmax(free[reference]))])
+    if lowest_free - medium.bottom_km > DEEPEST_DUCT_KM:
+        raise TwilightError(
+            f"{medium.name or 'the medium'}: its air bends light around the Earth up to {lowest_free:.3g} km, so that "
+            f"sunlight would come from all sides at once; allowed is a duct of up to {DEEPEST_DUCT_KM:g} km: the "
+            "refractivity must fall more slowly with altitude"
+        )
     for m in range(1, lowest.size):
         if not free[reference, m]:
             bending[reference, m] = bending[reference, m - 1]
