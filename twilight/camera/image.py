@@ -5,6 +5,7 @@ Pixels are as stored: an orientation tag does not turn them, for a camera model 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -113,7 +114,8 @@ def _pillow_or_opencv(path: Path) -> Picture:
 
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # our own limit, with our own sentence
     try:
-        with Image.open(path) as picture:
+        with warnings.catch_warnings(), Image.open(path) as picture:
+            warnings.simplefilter("ignore")  # of damage in what is not the picture
             _check_size(path, *picture.size)
             deep = _is_deep(path, picture)
             seconds = _exposure_time(picture)

@@ -19,6 +19,8 @@ from twilight.validate.panorama import Panorama
 
 EDGE = 0.05
 """Second difference of ln(RGB) between neighbouring cells beyond which a cell is an edge and no sky."""
+EDGE_OVER_NOISE = 3.0
+"""In a noisy photograph: EDGE is raised, up to three times, to this many times the median over its upper half."""
 EDGE_STEP_DEG = 0.5
 """The distance of neighbours for which EDGE is meant."""
 EDGE_SMALLEST_SQUARE_DEG = 0.4
@@ -148,7 +150,10 @@ def find_sky(panorama: Panorama, ignore: np.ndarray | None = None) -> np.ndarray
         if axis == 1:  # towards the zenith columns are closer together: compare over the same angle, at least in part
             second *= np.clip(np.cos(np.radians(rows)), 0.2, None)[:, None]
         roughness = np.fmax(roughness, second)
-    edge = _larger_than((roughness > EDGE) & ~ignore, panorama, EDGE_SMALLEST_SQUARE_DEG)
+    upper = panorama.covered & ~ignore & (rows[:, None] > 0.5 * float(rows[panorama.covered.any(axis=1)].max()))
+    noise = float(np.median(roughness[upper])) if upper.any() else 0.0
+    limit = float(np.clip(EDGE_OVER_NOISE * noise, EDGE, 3.0 * EDGE))
+    edge = _larger_than((roughness > limit) & ~ignore, panorama, EDGE_SMALLEST_SQUARE_DEG)
     smooth = (panorama.covered | ignore) & ~edge & (rows[:, None] > -2.0)
     labels, _ = ndimage.label(smooth)
     labels = _join_across_north(labels)

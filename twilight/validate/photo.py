@@ -12,7 +12,7 @@ the very same ones, so a cell half behind a tree compares like with like.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -98,24 +98,17 @@ def photo_sky(panorama: Panorama, valid: np.ndarray, cell_deg: float) -> PhotoSk
 
 def simulated_sky(sky: Sky, photo: PhotoSky) -> PhotoSky:
     """The computed sky on the grid of a photograph, averaged over the same clear fine cells; Y in cd m^-2."""
-    xyz = colour.sky_to_xyz(sky, observer=OBSERVER)
+    fine, averaged = seen_as(photo, sky, colour.sky_to_xyz(sky, observer=OBSERVER))
+    return replace(photo, xyz=averaged, fine_xyz=fine, colour_known=colour.colour_is_defined(sky.wavelength_nm))
+
+
+def seen_as(photo: PhotoSky, sky: Sky, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """XYZ on the grid of ``sky`` taken to the fine grid (e, a, 3) and to the cells (E, A, 3) of a photograph."""
     rows, columns = photo.fine_elevation_deg, photo.fine_azimuth_deg
     fine = np.asarray(sky.smooth(xyz, rows[:, None], columns[None, :]), float)
     k = rows.size // photo.elevation_deg.size
-    step = 90.0 / rows.size
-    averaged, _ = _average(fine, photo.fine_valid, rows, k, step)
-    return PhotoSky(
-        elevation_deg=photo.elevation_deg,
-        azimuth_deg=photo.azimuth_deg,
-        xyz=averaged,
-        solid_angle_sr=photo.solid_angle_sr,
-        fine_xyz=fine,
-        fine_valid=photo.fine_valid,
-        fine_elevation_deg=rows,
-        fine_azimuth_deg=columns,
-        colour_known=colour.colour_is_defined(sky.wavelength_nm),
-        sun_azimuth_deg=photo.sun_azimuth_deg,
-    )
+    averaged, _ = _average(fine, photo.fine_valid, rows, k, 90.0 / rows.size)
+    return fine, averaged
 
 
 def _average(
@@ -367,6 +360,4 @@ def residual_vector(
 
 
 def _with_xyz(photo: PhotoSky, xyz: np.ndarray) -> PhotoSky:
-    from dataclasses import replace
-
     return replace(photo, xyz=xyz, colour_known=True)

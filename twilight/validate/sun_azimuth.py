@@ -63,7 +63,7 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray) -> SunAzimuth:
     symmetry = _axis_deg(panorama, best + _vertex(total, best))
     scatter = _scatter(costs, overlaps, best, above, rows)
     uncertainty = float(np.hypot(scatter, 0.25 * panorama.step_deg))
-    contrast = np.nanmedian(total) / total[best]
+    contrast = np.nanmedian(total) / total[best % n]
     disc = _find_disc(panorama, symmetry)
     if disc is not None:
         return SunAzimuth(disc[0], disc[2], "disc", symmetry, uncertainty, disc[1])

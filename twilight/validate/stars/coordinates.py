@@ -16,9 +16,9 @@ from twilight.validate.stars.refraction import lifted
 
 LOWEST_RAD = np.radians(2.0)
 """Stars nearer to the horizon are left out: haze hides them, and their refraction depends on the air of the day."""
-PLANETS = {"Mercury": -0.6, "Venus": -4.4, "Mars": -1.6, "Jupiter": -9.4, "Saturn": -8.7}
-"""Magnitudes at 1 au from the sun and the Earth, fully lit (Meeus 1998, Astronomical Algorithms, ch. 41); phases and
-Saturn's ring are left out, which is well within what a match allows."""
+PLANETS = {"Mercury": -0.6, "Venus": -4.4, "Mars": -1.6, "Jupiter": -9.4, "Saturn": -9.4}
+"""Magnitudes at 1 au from the sun and the Earth, fully lit (Meeus 1998, Astronomical Algorithms, ch. 41), Saturn with
+its ring half open; phases are left out, which is well within what a match allows."""
 FIRST_YEAR, LAST_YEAR = 1900, 2100
 
 
@@ -91,12 +91,19 @@ def precession(year: float) -> np.ndarray:
 
 
 def planet_tracks(first_year: float, last_year: float, step_days: float) -> tuple[np.ndarray, np.ndarray]:
-    """(Julian years (T,), directions (T, planets, 3) from the Earth's centre, axes of the ICRS), in PLANETS' order."""
+    """(Julian years (T,), directions (T, planets, 3) from the Earth's centre, axes of the ICRS), in PLANETS' order.
+
+    Light time and aberration, which move them by less than an arcminute, are left out.
+    """
     with _astropy() as (coordinates, _):
         from astropy.time import Time
 
         time = Time(np.arange(first_year, last_year, step_days / 365.25), format="jyear")
-        tracks = [coordinates.get_body(name.lower(), time, ephemeris="builtin").cartesian.xyz.value for name in PLANETS]
+        earth = coordinates.get_body_barycentric("earth", time, ephemeris="builtin").xyz.value
+        tracks = [
+            coordinates.get_body_barycentric(name.lower(), time, ephemeris="builtin").xyz.value - earth
+            for name in PLANETS
+        ]
         directions = np.moveaxis(np.array(tracks), (0, 1, 2), (1, 2, 0))
         return time.jyear, directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 

@@ -1,0 +1,238 @@
+"""`twilight validate estimate`: the air from a photograph."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import typer
+
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.cli.validate_photo import _azimuth, _option
+from twilight.errors import TwilightError
+
+SUN_STEP_DEG = 1.0
+MOST_SUNS = 25
+
+
+def estimate(
+    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")],
+    camera: Annotated[Path, _option("CAMERA.yaml", "Projection, lens, orientation and response of the camera.")],
+    config: Annotated[
+        str,
+        _option("CLIMATE_OR_CONFIG", "All that is not estimated; with several suns the elevation is, between them."),
+    ],
+    types: Annotated[
+        str, _option("NAMES", "Aerosol types to try, with commas between.")
+    ] = "continental_average,maritime_clean,desert,urban",
+    parameters: Annotated[
+        str, _option("NAMES", "Besides the aerosol's optical depth: humidity, ozone, albedo, or none.")
+    ] = "humidity,ozone,albedo",
+    library: Annotated[
+        Path | None, _option("DIR", "Folder where computed skies are kept for other photographs of the same sun.")
+    ] = None,
+    white_balance: Annotated[
+        bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
+    ] = False,
+    no_colour: Annotated[bool, typer.Option("--no-colour", help="Use the luminance only.")] = False,
+    sun_azimuth: Annotated[float | None, _option("DEG", "In the camera's azimuths; unset: as in photo.")] = None,
+    profile: Annotated[Path | None, _option("FILE.csv", "Skyline: azimuth_deg,elevation_deg.")] = None,
+    mask: Annotated[
+        Path | None, _option("IMAGE", "Picture of the photograph's size, bright where there is sky.")
+    ] = None,
+    no_automatic_mask: Annotated[
+        bool, typer.Option("--no-automatic-mask", help="Do not look for ground, trees, buildings and clouds.")
+    ] = False,
+    min_elevation: Annotated[float, _option("DEG", "Compare nothing below.")] = 3.0,
+    glare: Annotated[float, _option("DEG", "Radius about a risen sun that is masked.")] = 10.0,
+    resolution: Annotated[float, _option("DEG", "Cells of the comparison; must divide 90.")] = 3.0,
+    settings: Annotated[
+        list[str] | None, _option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")
+    ] = None,
+    output: Annotated[Path | None, _option("DIR", "Folder for the files; made where it is missing.")] = None,
+) -> None:
+    """Estimate aerosol, humidity, ozone, ground albedo and, on request, the sun's elevation from a photograph.
+
+    Computes a library of skies, fits them to the photograph, computes the sky of the best fit and compares it.  Writes
+    estimate.json, climate.yaml and what `twilight validate photo` writes.  Says what the photograph cannot tell.
+    """
+    from twilight.camera import read_camera
+    from twilight.config import load_series
+    from twilight.config.load import parse_setting
+    from twilight.io.whole import check_folder
+    from twilight.validate.photograph import read_photograph
+
+    chosen_types, design = _wanted(types, parameters)
+    chosen: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    for text in settings or ():
+        key, value = parse_setting(text)
+        chosen[key], names[key] = value, f"--set {key}"
+    if sun_azimuth is not None and not -360.0 <= sun_azimuth <= 360.0:
+        raise TwilightError(f"--sun-azimuth: {sun_azimuth:g} must be from -360 to 360 deg")
+    photograph = read_photograph(
+        image,
+        read_camera(camera),
+        cell_deg=resolution,
+        profile=profile,
+        mask_image=mask,
+        automatic=not no_automatic_mask,
+        min_elevation_deg=min_elevation,
+        glare_deg=glare,
+    )
+    cases = load_series(config, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate estimate takes one")
+    folder = output or Path("out") / ("estimate-" + (re.sub(r"[^\w.+-]+", "-", image.stem).strip("-.") or "photo"))
+    for place in (folder, *([library] if library else [])):
+        check_folder(place)
+        place.mkdir(parents=True, exist_ok=True)
+    options = {"white_balance": white_balance, "with_colour": not no_colour}
+    _estimate(image, photograph, cases[0].config, chosen_types, design, sun_azimuth, library, options, folder)
+
+
+def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
+    from twilight.config.climate import AerosolType
+    from twilight.config.validate import unknown
+    from twilight.validate.library import OTHERS, Design
+
+    known = get_args(AerosolType)
+    chosen = [name.strip() for name in types.split(",") if name.strip()]
+    for name in chosen:
+        if name not in known:
+            raise TwilightError(f"--types: {name} {unknown(name, known)}")
+    if not chosen:
+        raise TwilightError("--types: names no aerosol type")
+    wanted = [] if parameters.strip() == "none" else [name.strip() for name in parameters.split(",") if name.strip()]
+    others = {p.name: p for p in OTHERS}
+    for name in wanted:
+        if name not in others:
+            raise TwilightError(f"--parameters: {name} {unknown(name, others)}")
+    return list(dict.fromkeys(chosen)), Design(tuple(p for p in OTHERS if p.name in wanted))
+
+
+def _suns(config: Any) -> list[float]:
+    """Elevations of the library: the scene's only sun, or nodes from its lowest to its highest."""
+    import math
+
+    import numpy as np
+
+    from twilight.config.scene import SunElevation, SunElevations, SunInterval
+    from twilight.sun.ephemeris import sun_position
+
+    sun = config.sun
+    if isinstance(sun, SunElevation):
+        return [sun.elevation_deg]
+    if isinstance(sun, SunElevations):
+        low, high = min(sun.elevations_deg), max(sun.elevations_deg)
+        count = math.ceil((high - low) / SUN_STEP_DEG) + 1
+        if count > MOST_SUNS:
+            raise TwilightError(
+                f"sun: {low:g} to {high:g} deg is too far apart; at most {MOST_SUNS - 1} deg are searched"
+            )
+        return [float(s) for s in np.linspace(low, high, max(count, 3))] if high > low else [low]
+    if isinstance(sun, SunInterval):
+        raise TwilightError(
+            "sun: a photograph has one time; give sun.at, an elevation, or elevations to search between"
+        )
+    at = sun_position(sun.aware(sun.at), sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+    return [float(at.elevation_deg)]
+
+
+def _estimate(
+    image: Path,
+    photograph: Any,
+    config: Any,
+    types: list[str],
+    design: Any,
+    sun_azimuth: float | None,
+    folder_of_libraries: Path | None,
+    options: dict[str, bool],
+    folder: Path,
+) -> None:
+    from twilight.cli.validate_photo import _compare
+    from twilight.validate.estimate import estimate as fit
+    from twilight.validate.estimate import facts, sentences
+    from twilight.validate.library import SUN, climate_settings, make_library, with_settings
+    from twilight.validate.report import write_json
+
+    suns = _suns(config)
+    with progress_bar() as bar:
+        libraries = []
+        for i, name in enumerate(types):
+            file = None if folder_of_libraries is None else folder_of_libraries / f"{config.title}_{name}.npz"
+
+            def tell(share: float, doing: str, i: int = i) -> None:
+                bar(0.85 * (i + share) / len(types), doing)
+
+            libraries.append(make_library(config, design, name, suns, photograph.cell_deg, file=file, progress=tell))
+        # the glare of a sun whose height is searched is masked about the middle of the search
+        middle = libraries[0].apparent_elevations_deg
+        azimuth = _sun_of(photograph, config, suns, sun_azimuth)
+        seen = photograph.seen(azimuth, float(0.5 * (middle[0] + middle[-1])))
+        made = fit(seen.sky, libraries, progress=lambda share, doing: bar(0.85 + 0.1 * share, doing), **options)
+    best = made[0]
+    settings = climate_settings(design, best.values, best.aerosol_type)
+    if SUN in best.values:
+        settings["sun"] = {"elevation_deg": best.values[SUN]}
+    settings["texture"] = {"resolution_deg": photograph.cell_deg}
+    final = with_settings(config, settings)
+    _write_climate(folder / "climate.yaml", final.climate)
+    write_json(
+        folder / "estimate.json",
+        {
+            "photograph": image.name,
+            "scene": config.title,
+            "suns_deg": suns,
+            "estimates": facts(made),
+            "remarks": sentences(made),
+        },
+    )
+    rows = [
+        [
+            p.name,
+            f"{p.value:.4g}",
+            f"{p.standard_error:.2g}",
+            f"{p.low:.4g} to {p.high:.4g}",
+            p.unit,
+            "yes" if p.told else "no",
+        ]
+        for p in best.parameters
+    ]
+    print_table(
+        ["type", "misfit", "chi2 above best"],
+        [[e.aerosol_type, f"{e.misfit:.4g}", f"{e.chi2_above_best:.3g}"] for e in made],
+        right=(1, 2),
+    )
+    print_table(["parameter", "value", "+-", "interval", "unit", "told"], rows, right=(1, 2))
+    for line in sentences(made):
+        print(line)
+    _compare(image, photograph, final, azimuth, options["white_balance"], folder)
+    print(f"wrote estimate.json and climate.yaml to {folder}/")
+
+
+def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None) -> float:
+    """The sun's azimuth in the camera's azimuths, as `twilight validate photo` takes it."""
+    from types import SimpleNamespace
+
+    from twilight.config.scene import SunAt
+    from twilight.sun.ephemeris import sun_position
+
+    known = None
+    if isinstance(config.sun, SunAt):
+        sun = config.sun
+        at = sun_position(sun.aware(sun.at), sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+        known = float(at.azimuth_deg)
+    return _azimuth(photograph, SimpleNamespace(sun_azimuth_deg=known), given)[0]
+
+
+def _write_climate(path: Path, climate: Any) -> None:
+    import yaml
+
+    from twilight.io.whole import whole_file
+
+    data = climate.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    data = {"version": 1, **data}
+    with whole_file(path) as temporary:
+        temporary.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8")
