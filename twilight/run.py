@@ -30,6 +30,9 @@ Progress = Callable[[str, float], None]
 ARRAYS_AT_ONCE = 4
 """Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
 
+NIGHT_ARRAYS = 3
+"""Copies more where the night sky is added: of its parts, the whole, and the sum with the sun's sky."""
+
 WAVELENGTH_BLOCK = 32
 """Wavelengths that a solver holds at once; more are done in blocks, so that 1000 need no more memory than 32."""
 
@@ -67,6 +70,7 @@ class _Radiance:
     bending_deg: float = 0.0
     seconds: float = 0.0
     convergence: dict[str, Any] = field(default_factory=dict)
+    facts: dict[str, Any] = field(default_factory=dict)
 
 
 def run(config: Config, progress: Progress | None = None) -> Sky:
@@ -100,7 +104,8 @@ def check_size(config: Config) -> None:
     values = rows * columns * n_wavelengths * (2 if config.solver.get("name") == "montecarlo" else 1)
     if config.texture.latlong_width is not None:
         values += width * width // 4 * n_wavelengths
-    needed = 8 * (ARRAYS_AT_ONCE * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2)
+    arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None else 0)
+    needed = 8 * (arrays * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2)
     memory = _memory()
     if needed > memory:
         raise TwilightError(
@@ -239,6 +244,8 @@ def _frame(
     }
     if result.convergence:
         provenance["convergence"] = result.convergence
+    if result.facts:
+        provenance["model"] = result.facts
     place = sun.section if isinstance(sun.section, SunAt) else None
 
     def sky(texture: list, error: list, elevation: np.ndarray, azimuth: np.ndarray) -> Sky:
@@ -309,6 +316,7 @@ def _evaluate(
         values.append(value)
         if error is not None:
             errors.append(error)
+    result.facts.update(getattr(made, "facts", {}))
     converged = getattr(made, "convergence", None)
     if converged is not None:  # the worst block of wavelengths
         worst = result.convergence
