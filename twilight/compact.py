@@ -49,9 +49,11 @@ from __future__ import annotations
 
 import json
 import os
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -203,10 +205,10 @@ class CompactSky:
                 made = cls(grid=grid, **arrays, **numbers, **terms, provenance=json.loads(str(data["provenance"])))
         except OSError as error:
             raise CompactSkyError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except (KeyError, ValueError, TypeError, EOFError, AttributeError) as error:
-            if isinstance(error, CompactSkyError):
-                raise
-            raise CompactSkyError(f"{path}: is not a compact sky: {error}") from None
+        except CompactSkyError:
+            raise
+        except (KeyError, ValueError, TypeError, EOFError, AttributeError, BadZipFile, zlib.error) as error:
+            raise CompactSkyError(f"{path}: is not a compact sky: {' '.join(str(error).split())}") from None
         made._check_shapes(str(path))
         return made
 

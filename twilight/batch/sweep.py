@@ -19,6 +19,7 @@ from twilight.air import climate_medium, table_sha256, wavelengths_of
 from twilight.batch.dimensions import check_keys, dimensions_of, everywhere_observer, is_served
 from twilight.config.load import Series
 from twilight.config.scene import Config
+from twilight.config.solver import complete_solver
 from twilight.errors import TwilightError
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.run import _suns, _texture, check_size
@@ -194,6 +195,8 @@ class Sweep:
             table = config.climate.medium
             if table is not None:
                 described["table"] = table_sha256(table.table)
+            if hasattr(solvers.load(config.solver.get("name", solvers.DEFAULT)), "recorded"):
+                described["solver"] = complete_solver(config.solver)  # with the content of files that it names
             if self.everywhere:
                 described.pop("observer")
             asked = to_json([described.get("wavelengths"), described.get("table")])

@@ -43,8 +43,14 @@ def resolve_solver(section: Mapping[str, Any], origins: Origins) -> tuple[str, s
 
 
 def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
-    """The section with every option of the solver written out, for the record in the files."""
+    """The section with every option of the solver written out, for the record in the files.
+
+    What a solver reads from a file is named by the file's name and the SHA-256 of its content (its `recorded`).
+    """
     name, quality, settings = resolve_solver(section, Origins())
+    recorded = getattr(solvers.load(name), "recorded", None)
+    if recorded is not None:
+        settings = recorded(settings)
     return {"name": name, "quality": quality, **asdict(settings)}
 
 

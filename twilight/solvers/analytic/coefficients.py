@@ -16,6 +16,7 @@ the four lists.  Everything else in the file is for people.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -161,6 +162,14 @@ def load_coefficients(name: str) -> SkyCoefficients:
         reason = error.strerror if isinstance(error, OSError) else "is not text"
         raise TwilightError(f"solver.coefficients: {path}: cannot be read: {reason}") from None
     return parse_coefficients(text, str(path))
+
+
+def file_sha256(name: str) -> str:
+    """SHA-256 of the file of that path, hexadecimal; empty for a shipped set, which the program's version names."""
+    if name in shipped_sets():
+        return ""
+    load_coefficients(name)  # says what is wrong with the file
+    return hashlib.sha256(Path(name).read_bytes()).hexdigest()
 
 
 @lru_cache(maxsize=8)

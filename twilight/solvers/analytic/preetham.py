@@ -9,7 +9,8 @@ the medium's albedo under this sky and this sun.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.solvers.analytic.aerial import AerialPerspective
-from twilight.solvers.analytic.coefficients import load_coefficients
+from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins
 from twilight.solvers.analytic.ground import ground_radiance
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
@@ -36,12 +37,14 @@ class PreethamSettings:
         'refuse' does not.
     coefficients: 'preetham1999', another set that comes with twilight, or the path of a set that `twilight fit perez`
         wrote
+    coefficients_sha256: of the file of coefficients, hexadecimal, where it must be that one; empty: any
     ozone_cm, precipitable_water_cm: of the direct sunlight on the ground that is seen below the horizon
     """
 
     turbidity: float | None = None
     outside: Literal["nearest", "refuse"] = "nearest"
     coefficients: str = "preetham1999"
+    coefficients_sha256: str = ""
     ozone_cm: float = 0.35
     precipitable_water_cm: float = 2.0
 
@@ -56,6 +59,14 @@ class PreethamSettings:
 
 
 QUALITIES: dict[str, PreethamSettings] = {"standard": PreethamSettings()}
+
+
+def recorded(settings: PreethamSettings) -> PreethamSettings:
+    """The settings for the record in files: coefficients from a file by its name and the SHA-256 of its content."""
+    sha256 = file_sha256(settings.coefficients)
+    if not sha256:
+        return settings
+    return replace(settings, coefficients=Path(settings.coefficients).name, coefficients_sha256=sha256)
 
 
 def prepare(
@@ -84,15 +95,27 @@ class Field:
         self.medium, self.settings = medium, settings
         self.height_km = altitude_km - medium.bottom_km
         self.coefficients = load_coefficients(settings.coefficients)
+        if settings.coefficients_sha256 and settings.coefficients_sha256 != file_sha256(settings.coefficients):
+            raise TwilightError(
+                f"solver.coefficients: {settings.coefficients}: is not the file that solver.coefficients_sha256 names"
+            )
         self.turbidity, self.medium_turbidity = chosen_turbidity(
             settings.turbidity, settings.outside, self.coefficients.turbidity, medium, "preetham"
         )
         self._bins = SpectralBins(medium.wavelength_nm, "preetham")
         self._progress = progress or (lambda doing, share: None)
 
+    @property
+    def facts(self) -> dict[str, float]:
+        """What the record of a sky says about the model."""
+        found = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
+        return {"turbidity": self.turbidity} | found
+
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
 
+        The formula's luminance is that under the ASTM G173 solar spectrum, by which it is divided: in a scene with
+        another `solar_spectrum` the sky changes with the sunlight.
         Errors: TwilightError for a sun below the horizon or outside the fit of the coefficients.
         """
         self._check(sun_elevation_deg)

@@ -1,0 +1,76 @@
+"""What is written down about an analytic sky: the coefficients of a file by their content, the turbidity in use."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from twilight.batch.sweep import Sweep
+from twilight.config import load
+from twilight.config.load import load_axes
+from twilight.config.scene import SunElevation
+from twilight.errors import TwilightError
+from twilight.run import resolved_configuration, run
+
+SUN = {"sun.elevation_deg": 30.0, "solver.name": "preetham", "texture.resolution_deg": 30.0}
+
+
+def coefficients(folder: Path, text: str = "") -> Path:
+    shipped = resources.files("twilight").joinpath("data/analytic/perez_preetham1999.yaml").read_text(encoding="utf-8")
+    path = folder / "mine.yaml"
+    path.write_text(shipped + text, encoding="utf-8")
+    return path
+
+
+def recorded(path: Path) -> dict:
+    config = load("continental-average", SUN | {"solver.coefficients": str(path)})
+    return resolved_configuration(config, SunElevation(elevation_deg=30.0))["solver"]
+
+
+def test_coefficients_of_a_file_are_recorded_by_name_and_content(tmp_path):
+    path = coefficients(tmp_path)
+    before = recorded(path)
+    assert before["coefficients"] == "mine.yaml"
+    assert before["coefficients_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    assert recorded(coefficients(elsewhere)) == before
+    assert recorded(coefficients(tmp_path, "# changed\n")) != before
+
+
+def test_a_shipped_set_is_recorded_by_its_name():
+    config = load("continental-average", SUN | {"solver.coefficients": "continental-average"})
+    solver = resolved_configuration(config, SunElevation(elevation_deg=30.0))["solver"]
+    assert (solver["coefficients"], solver["coefficients_sha256"]) == ("continental-average", "")
+
+
+def test_other_coefficients_than_recorded_are_refused(tmp_path):
+    path = coefficients(tmp_path)
+    wanted = SUN | {
+        "solver.coefficients": str(path),
+        "solver.coefficients_sha256": recorded(path)["coefficients_sha256"],
+    }
+    assert run(load("continental-average", wanted)).radiance.min() > 0.0
+    coefficients(tmp_path, "# changed\n")
+    with pytest.raises(TwilightError, match=r"mine\.yaml: is not the file that solver\.coefficients_sha256 names"):
+        run(load("continental-average", wanted))
+
+
+def test_a_sweep_sees_that_coefficients_changed(tmp_path):
+    def keys(path: Path) -> set[str]:
+        axes = load_axes("continental-average", SUN | {"solver.coefficients": str(path)})
+        return {task.key for task in Sweep(axes).tasks}
+
+    before = keys(coefficients(tmp_path))
+    assert keys(coefficients(tmp_path)) == before
+    assert keys(coefficients(tmp_path, "# changed\n")) != before
+
+
+def test_the_turbidity_in_use_is_in_the_record():
+    asked = run(load("continental-average", SUN | {"solver.turbidity": 3.0}))
+    assert asked.provenance["model"] == {"turbidity": 3.0}
+    own = run(load("continental-average", SUN)).provenance["model"]
+    assert 2.0 < own["turbidity"] == own["medium_turbidity"] < 6.0
