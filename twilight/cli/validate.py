@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from twilight.cli import validate_photo, validate_photometry, validate_stars
+from twilight.cli import validate_estimate, validate_photo, validate_photometry, validate_stars
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -15,6 +15,7 @@ app = typer.Typer(
 commands: tuple[Callable[..., None], ...] = (
     validate_photo.photo,
     validate_photo.response,
+    validate_estimate.estimate,
     validate_photometry.photometry,
     validate_stars.stars,
 )

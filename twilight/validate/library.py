@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +135,18 @@ class Library:
             return climate
         sun = spectrum.hermite_matrix(self.sun_elevations_deg, np.array([values[SUN]]))[0]
         return np.outer(climate, sun).ravel()
+
+    def select(self, low_deg: float, high_deg: float) -> Library:
+        """The part whose suns lie between two elevations, ends included; TwilightError where there is none."""
+        inside = (self.sun_elevations_deg >= low_deg - 1e-9) & (self.sun_elevations_deg <= high_deg + 1e-9)
+        if not inside.any():
+            raise TwilightError(f"library: holds no sun between {low_deg:g} and {high_deg:g} deg")
+        return replace(
+            self,
+            sun_elevations_deg=self.sun_elevations_deg[inside],
+            apparent_elevations_deg=self.apparent_elevations_deg[inside],
+            xyz=self.xyz[:, inside],
+        )
 
     def on(self, photo: PhotoSky) -> np.ndarray:
         """ln(XYZ) of all skies in the cells of a photograph that count, (M x S, n, 3).

@@ -1,0 +1,243 @@
+"""The air from a photograph: known parameters recovered from rendered and degraded photographs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from photographs import eight_bit, fisheye, latlong, picture, take
+from typer.testing import CliRunner
+
+from twilight import spectrum
+from twilight.camera import write_camera
+from twilight.camera.image import write_exr
+from twilight.cli.app import app
+from twilight.config import load
+from twilight.errors import TwilightError
+from twilight.run import run
+from twilight.sky import Sky, texture_grid
+from twilight.validate.estimate import estimate, facts, sentences
+from twilight.validate.library import AEROSOL, OTHERS, SUN, Design, Library, make_library, with_settings
+from twilight.validate.photograph import Photograph
+
+HUMIDITY, OZONE, ALBEDO = OTHERS
+TOY_DESIGN = Design((HUMIDITY, OZONE, ALBEDO))
+ELEVATION, AZIMUTH = texture_grid(3.0)
+TO_XYZ = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
+GRID = Sky(np.array([550.0]), ELEVATION, AZIMUTH, np.zeros((ELEVATION.size, AZIMUTH.size, 1)), 25.0)
+
+
+def toy(aerosol, ozone=320.0, albedo=0.25, sun=25.0, steepness=1.0, **ignored):
+    """XYZ of a sky of single scattering in plane layers, in three colours: a closed form in which every parameter but
+    humidity leaves its mark."""
+    e, a, s = np.radians(ELEVATION)[:, None, None], np.radians(AZIMUTH)[None, :, None], np.radians(sun)
+    cosine = np.sin(e) * np.sin(s) + np.cos(e) * np.cos(s) * np.cos(a)
+    air = np.array([0.06, 0.10, 0.21])
+    haze = aerosol * np.array([0.84, 1.0, 1.25]) ** steepness
+    g = 0.7
+    forward = (1 - g * g) / (1 + g * g - 2 * g * cosine) ** 1.5
+    path = 1.0 / (np.sin(e) + 0.06)
+    total = air + haze
+    light = (0.75 * (1 + cosine**2) * air + forward * haze) / total * (1 - np.exp(-total * path))
+    light = light * np.exp(-total / (np.sin(s) + 0.06)) + albedo * (air + 0.3 * haze) * 0.7
+    absorption = np.array([0.06, 0.09, 0.005]) * ozone / 320.0
+    return 3e3 * (light * np.exp(-absorption * (0.3 * path + 2.0))) @ TO_XYZ.T
+
+
+def toy_library(name="toy", suns=(25.0,), steepness=1.0):
+    nodes = TOY_DESIGN.nodes
+    xyz = [[toy(**node, sun=sun, steepness=steepness) for sun in suns] for node in nodes]
+    return Library(TOY_DESIGN, name, np.array(suns), np.array(suns), np.array(xyz))
+
+
+def seen(camera, truth, *, through=picture, cell_deg=3.0, change=lambda rgb: rgb, **more):
+    rgb = change(take(GRID, camera, 40.0, xyz=toy(**truth), sun=False, **more))
+    shot = Photograph(through(rgb), camera, cell_deg, min_elevation_deg=3.0)
+    return shot.seen(40.0, truth.get("sun", 25.0)).sky
+
+
+TRUTH = {"aerosol": 0.22, "ozone": 380.0, "albedo": 0.1}
+
+
+def by_name(found):
+    return {p.name: p for p in found.parameters}
+
+
+def test_the_library_interpolates_between_its_climates():
+    library = toy_library(suns=(20.0, 25.0, 30.0))
+    table = np.log(library.xyz).reshape(-1, ELEVATION.size, AZIMUTH.size, 3)
+    for values in (
+        {"aerosol": 0.1, "ozone": 250.0, "albedo": 0.4},
+        TRUTH,
+        {"aerosol": 0.5, "ozone": 420, "albedo": 0.5},
+    ):
+        for sun in (22.0, 25.0):
+            weights = library.weights({"humidity": 66.0, SUN: sun, **values})
+            found = np.tensordot(weights, table, 1)
+            off = np.abs(found - np.log(toy(**values, sun=sun)))
+            near = np.hypot(ELEVATION[:, None] - sun, np.minimum(AZIMUTH, 360 - AZIMUTH)[None, :]) < 15
+            assert off[~near].max() < 0.04, values
+            assert off[~near].mean() < 0.01
+    node = library.design.nodes[7]
+    weights = library.weights({**node, SUN: 25.0})
+    assert weights.sum() == pytest.approx(1.0)
+    assert np.abs(np.tensordot(weights, table, 1) - table[7 * 3 + 1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("camera", [latlong(), fisheye()], ids=["latlong", "fisheye"])
+def test_known_air_is_recovered(camera):
+    found = by_name(estimate(seen(camera, TRUTH), [toy_library()])[0])
+    for name, truth in TRUTH.items():
+        p = found[name]
+        assert p.told, name
+        assert abs(p.value - truth) < 2.5 * p.standard_error, (name, p)
+        assert p.low <= p.value <= p.high
+    assert found["aerosol"].value == pytest.approx(0.22, rel=0.05)
+    assert found["ozone"].value == pytest.approx(380, abs=30)
+
+
+def test_what_leaves_no_mark_is_not_told():
+    made = estimate(seen(latlong(), TRUTH), [toy_library()])
+    humidity = by_name(made[0])["humidity"]
+    assert not humidity.told and humidity.relative_width > 0.9
+    assert humidity.low < 60 and humidity.high > 93
+    assert any("humidity: the photograph cannot tell it" in line for line in sentences(made))
+    assert json.loads(json.dumps(facts(made)))[0]["parameters"]["humidity"]["told"] is False
+
+
+def vignetted(rgb):
+    """A lens that darkens its corners by 6 %, which the camera file does not know."""
+    y, x = np.indices(rgb.shape[:2]) / np.array(rgb.shape[:2])[:, None, None] - 0.5
+    return rgb * (1 - 0.06 * (x**2 + y**2) / 0.25)[..., None]
+
+
+@pytest.mark.parametrize(
+    "degraded",
+    [
+        {"noise": 0.03},
+        {"through": eight_bit},
+        {"change": vignetted, "noise": 0.01},
+        {"through": eight_bit, "noise": 0.02, "change": vignetted},
+    ],
+    ids=["noise", "8 bit", "vignetting", "all"],
+)
+def test_degraded_photographs_are_as_uncertain_as_they_say(degraded):
+    found = by_name(estimate(seen(fisheye(), TRUTH, **degraded), [toy_library()])[0])
+    for name, truth in TRUTH.items():
+        p = found[name]
+        assert abs(p.value - truth) < 4 * max(p.standard_error, p.high - p.low), (name, p)
+    assert found["aerosol"].value == pytest.approx(0.22, rel=0.25)
+
+
+def test_a_part_of_the_sky_says_less():
+    wide = seen(latlong(), TRUTH)
+    low = replace(wide, solid_angle_sr=np.where((AZIMUTH > 90) & (AZIMUTH < 180), wide.solid_angle_sr, 0.0))
+    one, other = (by_name(estimate(photo, [toy_library()])[0]) for photo in (wide, low))
+    assert other["aerosol"].standard_error > 1.5 * one["aerosol"].standard_error
+    assert other["albedo"].relative_width > one["albedo"].relative_width
+
+
+def test_the_sun_is_found_with_the_air():
+    truth = {**TRUTH, "sun": 23.3}
+    library = toy_library(suns=(20.0, 22.0, 24.0, 26.0, 28.0))
+    found = by_name(estimate(seen(latlong(), truth), [library])[0])
+    assert found["sun"].value == pytest.approx(23.3, abs=0.7)
+    assert found["aerosol"].value == pytest.approx(0.22, rel=0.15)
+
+
+def test_the_type_that_fits_comes_first():
+    others = [toy_library("grey", steepness=-1.0), toy_library("true"), toy_library("blue", steepness=3.0)]
+    made = estimate(seen(latlong(), TRUTH), others)
+    assert made[0].aerosol_type == "true" and made[0].chi2_above_best == 0.0
+    assert all(e.chi2_above_best > 0 for e in made[1:])
+
+
+def test_white_balance_is_free_on_request():
+    photo = seen(latlong(), TRUTH, change=lambda rgb: rgb * np.array([1.2, 1.0, 0.8]))
+    bound, free = (estimate(photo, [toy_library()], white_balance=w)[0] for w in (False, True))
+    assert free.misfit < 0.1 * bound.misfit
+    assert by_name(free)["aerosol"].value == pytest.approx(0.22, rel=0.1)
+
+
+# Files and errors -----------------------------------------------------------------------------------------------
+
+TINY = {"sun.elevation_deg": 20.0, "solver.name": "preetham"}
+
+
+def test_settings_replace_what_the_scene_says():
+    base = load("continental-average", TINY)
+    data = base.model_dump(mode="json", exclude_unset=True)
+    data["climate"]["gases"] = {"ozone": {"day_of_year": 40}}
+    made = with_settings(load(data), {"gases.ozone.column_du": 300.0, "aerosol.type": "desert"})
+    assert made.climate.gases.ozone.column_du == 300.0 and made.climate.gases.ozone.day_of_year is None
+    assert made.climate.aerosol.type == "desert"
+
+
+def test_a_library_is_computed_once(tmp_path, monkeypatch):
+    base, design, file = load("continental-average", TINY), Design(()), tmp_path / "skies.npz"
+    one = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
+    assert one.xyz.shape == (5, 2, 15, 60, 3)
+    import twilight.validate.library as module
+
+    def never(*_):
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(module, "frames", never)
+    two = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
+    assert (two.xyz == one.xyz).all()
+    assert two.select(15.0, 30.0).xyz.shape == (5, 1, 15, 60, 3)
+    with pytest.raises(TwilightError, match="no sun"):
+        two.select(-5.0, 0.0)
+    with pytest.raises(AssertionError):  # another question is not answered from the file
+        make_library(base, design, "desert", [10.0, 20.0], 6.0, file=file)
+    file.write_bytes(file.read_bytes()[:2000])
+    with pytest.raises(TwilightError, match=r"skies\.npz"):
+        make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
+
+
+def test_the_command(tmp_path):
+    """The analytic solver's turbidity follows the aerosol: a rendered photograph gives its optical depth back."""
+    truth = run(load("continental-average", {**TINY, "aerosol.optical_depth_550nm": 0.25, "texture.resolution_deg": 6}))
+    camera = latlong(180)
+    write_exr(tmp_path / "photo.exr", take(truth, camera, 0.0))
+    write_camera(tmp_path / "camera.yaml", camera)
+    (tmp_path / "scene.yaml").write_text(
+        "version: 1\nclimate: continental-average\nsun: {elevation_deg: 20}\nsolver: {name: preetham}\n"
+    )
+    words = ["validate", "estimate", str(tmp_path / "photo.exr"), "--camera", str(tmp_path / "camera.yaml")]
+    words += ["--config", str(tmp_path / "scene.yaml"), "--types", "continental_average", "--parameters", "none"]
+    words += ["--resolution", "6", "--output", str(tmp_path / "out"), "--library", str(tmp_path / "skies")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    made = json.loads((tmp_path / "out" / "estimate.json").read_text())["estimates"][0]["parameters"]["aerosol"]
+    assert made["value"] == pytest.approx(0.25, rel=0.1)
+    assert load(tmp_path / "out" / "climate.yaml").climate.aerosol.optical_depth_550nm == made["value"]
+    assert (tmp_path / "out" / "comparison.png").is_file()
+    assert [p.name for p in (tmp_path / "skies").iterdir()] == ["continental-average_continental_average.npz"]
+    for more, said in ((["--types", "urbn"], "urbn"), (["--parameters", "ozon"], "ozon")):
+        done = CliRunner().invoke(app, [*words, *more])
+        assert done.exit_code == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_the_solver_s_own_skies_are_recovered():
+    """Zones at draft, climates between the nodes: aerosol, ozone and albedo from a fisheye photograph in 8 bits."""
+    settings = {
+        "sun.elevation_deg": 8.0,
+        "solver": {"name": "zones", "quality": "draft"},
+        "texture.resolution_deg": 3,
+    }
+    base = load("continental-average", settings)
+    library = make_library(base, Design((OZONE, ALBEDO)), "continental_average", [8.0], 3.0)
+    truth = {"aerosol.optical_depth_550nm": 0.21, "gases.ozone.column_du": 290.0, "ground.albedo": 0.35}
+    sky = run(with_settings(base, truth))
+    camera = fisheye(500)
+    shot = Photograph(
+        eight_bit(take(sky, camera, 40.0, noise=0.01)), camera, 3.0, min_elevation_deg=3.0, glare_deg=10.0
+    )
+    found = by_name(estimate(shot.seen(40.0, 8.0).sky, [library])[0])
+    for name, value in zip(("aerosol", "ozone", "albedo"), truth.values(), strict=True):
+        p = found[name]
+        assert abs(p.value - value) < 3 * p.standard_error, (name, p)
+    assert found["aerosol"].value == pytest.approx(0.21, rel=0.1)
+    assert AEROSOL.nodes[0] < found["aerosol"].low < found["aerosol"].high < AEROSOL.nodes[-1]
