@@ -229,3 +229,24 @@ def test_configuration_and_sweep():
 
     told = CliRunner().invoke(app, ["sweep", "sweep-haze", "--set", "night.airglow=1", "--plan"])
     assert told.exit_code == 2 and "night" in told.output + (told.stderr or "")
+
+
+def test_a_render_at_a_place_and_time_has_its_own_night():
+    """Preetham's formula is quick; the night is added to whatever a solver gives."""
+    from twilight.run import frames
+
+    def at(moment, **more):
+        sun = {"at": moment, "latitude_deg": 0.0, "longitude_deg": 0.0, "time_zone": "UTC"}
+        settings = {"sun": sun, "solver.name": "preetham", "texture.resolution_deg": 15.0, "texture.latlong_width": 16}
+        return next(iter(frames(load("pure-air", settings | {"aerosol.type": "continental_average"} | more))))
+
+    bare, lit = at("2026-03-20T15:00"), at("2026-03-20T15:00", night={})
+    assert bare.sky.night_radiance is None
+    assert np.array_equal(bare.sky.sun_normalised_radiance, lit.sky.sun_normalised_radiance)
+    assert lit.panorama.night_radiance.shape == lit.panorama.sun_normalised_radiance.shape
+    assert lit.sky.provenance["configuration"]["night"] == {"airglow": 1.0, "starlight": 1.0, "zodiacal_light": 1.0}
+    assert lit.sky.provenance["hash"] != bare.sky.provenance["hash"]
+    # the Milky Way has moved on by the next season's afternoon
+    later = at("2026-06-20T15:00", night={"airglow": 0.0, "zodiacal_light": 0.0}).sky.night_radiance
+    now = at("2026-03-20T15:00", night={"airglow": 0.0, "zodiacal_light": 0.0}).sky.night_radiance
+    assert np.abs(np.log(later[-1].mean() / now[-1].mean())) > 0.1
