@@ -10,6 +10,8 @@ import typer
 from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
 
+FIRST_DIGITAL_YEAR = 2000.0
+
 
 def _option(metavar: str, help: str, *names: str) -> Any:
     return typer.Option(*names, metavar=metavar, help=help)
@@ -27,6 +29,9 @@ def stars(
     year: Annotated[float, _option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0,
     distortion: Annotated[int, _option("N", "Coefficients of distortion to solve, 0 to 4.")] = 2,
     threshold: Annotated[float, _option("SIGMA", "Of detection above the local noise.")] = 5.0,
+    planets: Annotated[
+        bool, typer.Option("--planets", help="Without a time: find the date, from 2000 on, by the planets.")
+    ] = False,
     picture: Annotated[Path | None, _option("FILE.png", "Draw sources, stars and their names.")] = None,
     output: Annotated[Path | None, _option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml.")] = None,
 ) -> None:
@@ -36,7 +41,7 @@ def stars(
     stars, and the elevation and roll of the guess say where the zenith is: its right ascension and declination are
     the local sidereal time and the latitude.
     """
-    from twilight.camera import read_camera, write_camera
+    from twilight.camera import Camera, read_camera, write_camera
     from twilight.camera.image import read_image
     from twilight.camera.response import load_response
     from twilight.io.whole import check_folder
@@ -56,6 +61,8 @@ def stars(
         if not low <= value <= high:
             raise TwilightError(f"{name}: {value:g} must be from {low:g} to {high:g} {unit}".rstrip())
     place, moment = _place_and_time(latitude, longitude, at, time_zone, altitude)
+    if planets and moment is not None:
+        raise TwilightError("--planets: finds the date of a picture without --at")
     if output is not None and output.suffix not in (".yaml", ".yml"):
         raise TwilightError(f"--output: {output} must end in .yaml")
     if picture is not None and picture.suffix != ".png":
@@ -83,10 +90,16 @@ def stars(
     for path in (target, picture):
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
-    write_camera(target, made.camera)
+    dating = _dated(made) if planets else None
+    solved = made.camera
+    if dating is not None:
+        solved = Camera.model_validate({**solved.model_dump(), "calibration": {**made.facts(), **_facts(dating)}})
+    write_camera(target, solved)
     if picture is not None:
         draw(light, made, picture)
     _report(made)
+    if planets:
+        print(_sentence(dating))
     print(f"wrote {target}" + (f", {picture}" if picture is not None else ""))
 
 
@@ -112,6 +125,31 @@ def _place_and_time(
     names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
     where = validate(SunAt, data, Origins({(): "--at", **{(key,): name for key, name in names.items()}}))
     return Place(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
+
+
+def _dated(made: Any) -> Any:
+    """The date by planets, from the first digital cameras to now."""
+    from datetime import UTC, datetime
+
+    from twilight.validate.stars.planets import date_by_planets
+
+    return date_by_planets(made, FIRST_DIGITAL_YEAR, datetime.now(UTC).year + 1.0)
+
+
+def _facts(dating: Any) -> dict[str, Any]:
+    return {
+        "date_by_planets": f"{dating.first:%Y-%m-%d} to {dating.last:%Y-%m-%d}",
+        "planets": {name: f"{distance:.2f} deg off" for name, distance in dating.planets.items()},
+        "other_dates": dating.others,
+    }
+
+
+def _sentence(dating: Any) -> str:
+    if dating is None:
+        return "planets: fewer than two bright sources stand where planets stood at one time"
+    where = ", ".join(f"{name} ({distance:.2f} deg off)" for name, distance in dating.planets.items())
+    others = f"{dating.others} other dates have as many" if dating.others else "no other date has as many"
+    return f"planets: {dating.first:%Y-%m-%d} to {dating.last:%Y-%m-%d} by {where}; {others}"
 
 
 def _report(made: Any) -> None:

@@ -6,19 +6,27 @@ import numpy as np
 
 STANDARD_PRESSURE_HPA = 1010.0
 STANDARD_TEMPERATURE_C = 10.0
-"""Air for which Saemundsson's coefficients hold."""
+"""Air for which Bennett's coefficients hold."""
+LOWEST_DEG = -1.0
+_STEPS = 6
+"""Of the iteration from true to apparent elevations, whose error falls to a sixth or less with each."""
 
 
 def refraction_rad(true_elevation_rad: np.ndarray, pressure_hpa: float, temperature_c: float) -> np.ndarray:
-    """How much higher than its true elevation a star appears [rad], by Saemundsson (1986, Sky & Telescope 72, 70).
+    """How much higher than its true elevation a star appears [rad], by Bennett (1982, Journal of Navigation 35, 255).
 
-    R = 1.02' / tan(h + 10.3 / (h + 5.11)), h in deg, times P / 1010 hPa * 283 K / T; good to 0.1' down to the
-    horizon.  Below -1 deg, where no star is seen, the value at -1 deg is taken.
+    R = 1 / tan(h + 7.31 / (h + 4.4)), R - 0.06 sin(14.7 R + 13), in arcmin with h the apparent elevation in deg and the
+    sine's argument in deg, times P / 1010 hPa * 283 K / T; good to 0.015' in that air, from the zenith to the horizon.
+    Below -1 deg, where no star is seen, the value at -1 deg is taken.
     """
-    h = np.maximum(np.degrees(true_elevation_rad), -1.0)
-    standard = 1.02 / np.tan(np.radians(h + 10.3 / (h + 5.11)))
+    true = np.maximum(np.degrees(true_elevation_rad), LOWEST_DEG)
     air = pressure_hpa / STANDARD_PRESSURE_HPA * (273.15 + STANDARD_TEMPERATURE_C) / (273.15 + temperature_c)
-    return np.radians(np.maximum(standard, 0.0) * air / 60.0)
+    lift = np.zeros_like(true)
+    for _ in range(_STEPS):
+        h = true + lift
+        r = 1.0 / np.tan(np.radians(h + 7.31 / (h + 4.4)))
+        lift = np.maximum(r - 0.06 * np.sin(np.radians(14.7 * r + 13.0)), 0.0) * air / 60.0
+    return np.radians(lift)
 
 
 def lifted(directions: np.ndarray, zenith: np.ndarray, pressure_hpa: float, temperature_c: float) -> np.ndarray:
