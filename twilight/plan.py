@@ -49,6 +49,14 @@ def make_plan(config: Config) -> Plan:
     else:
         medium = climate_medium(climate, wavelength_nm)
         aerosol, bends = medium.has_aerosol, medium.has_refraction
+    if wavelength_nm is not None and (config.wavelengths is None or config.wavelengths.placed):
+        left_out.append(
+            LeftOut(
+                "other wavelengths",
+                f"{wavelength_nm.size} that are placed between the bands of the gases stand for the visible",
+                "luminance below 0.7 %, CIEDE2000 below 0.8 at 95 % of directions",
+            )
+        )
     if not aerosol and not any(item.part == "aerosol" for item in left_out):
         left_out.append(LeftOut("aerosol", "the climate has none: no Mie theory, no phase tables", "none"))
     if not bends:

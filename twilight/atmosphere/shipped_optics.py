@@ -18,7 +18,7 @@ import numpy as np
 
 FILE_NAME = "mie_ten_types.npz"
 
-WAVELENGTHS_NM = (*(380.0 + i * 340.0 / 7.0 for i in range(8)), 450.0, 500.0, 550.0, 600.0, 650.0)
+WAVELENGTHS_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0, 450.0, 500.0, 550.0, 600.0, 650.0)
 """The default wavelengths of a render, then those of `twilight describe` that are not among them."""
 
 HUMIDITY_PERCENT = 80.0

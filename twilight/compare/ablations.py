@@ -16,7 +16,7 @@ from twilight.compare.comparison import Row, Rung
 from twilight.compare.directions import stratified_directions
 from twilight.compare.job import Directions, Job
 from twilight.config import load
-from twilight.config.scene import Config
+from twilight.config.scene import PLACED_NM, Config
 from twilight.errors import TwilightError
 
 DIRECTIONS = 240
@@ -75,6 +75,12 @@ ABLATIONS: tuple[Ablation, ...] = (
             f"{n} wavelengths against 40", {**ZONES, "wavelengths.count": n}, {**ZONES, "wavelengths.count": 40}, True
         )
         for n in (4, 8, 16)
+    ),
+    Ablation(
+        "8 placed wavelengths (the default) against 40",
+        {**ZONES, "wavelengths": {"list_nm": list(PLACED_NM)}},
+        {**ZONES, "wavelengths.count": 40},
+        True,
     ),
     *(
         Ablation(

@@ -163,6 +163,12 @@ Sun = Annotated[
 SolarSpectrum = Literal["astm_g173_etr", "astm_e490", "kurucz1992", "gueymard2003", "sao2010"]
 
 
+PLACED_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
+"""Eight wavelengths between the absorption bands of O4 and NO2 and on both slopes of ozone's, found by
+`benchmarks/wavelengths.py`: luminance and colour from them are nearer to those from 91 than with eight equidistant ones
+by a factor of four to twenty."""
+
+
 class Observer(Section):
     """Where the eye is."""
 
@@ -172,12 +178,13 @@ class Observer(Section):
 class Wavelengths(Section):
     """Where the radiance is computed; unset for a tabulated medium means the table's wavelengths."""
 
-    min_nm: Number = key(380.0, "first of `count` equidistant wavelengths", unit="nm", ge=300.0, le=1000.0)
-    max_nm: Number = key(720.0, "last of `count` equidistant wavelengths", unit="nm", ge=300.0, le=1000.0)
-    count: Integer = key(8, "number of equidistant wavelengths", unit="1", ge=1, le=2000)
+    min_nm: Number | None = key(None, "first of `count` equidistant wavelengths; 380", unit="nm", ge=300.0, le=1000.0)
+    max_nm: Number | None = key(None, "last of `count` equidistant wavelengths; 720", unit="nm", ge=300.0, le=1000.0)
+    count: Integer | None = key(None, "number of equidistant wavelengths; 8", unit="1", ge=1, le=2000)
     list_nm: tuple[Annotated[Number, Field(ge=300.0, le=1000.0)], ...] | None = key(
         None,
-        "the wavelengths themselves, increasing, instead of min_nm, max_nm and count",
+        "the wavelengths themselves, increasing, instead of min_nm, max_nm and count; where none of the four is set, "
+        "eight that are placed so that colours come out right",
         unit="nm",
         min_length=1,
         max_length=2000,
@@ -186,21 +193,38 @@ class Wavelengths(Section):
     @model_validator(mode="after")
     def _check(self) -> Wavelengths:
         w = self.list_nm
-        if w is not None and self.model_fields_set & {"min_nm", "max_nm", "count"}:
+        if w is not None and (self.min_nm, self.max_nm, self.count) != (None, None, None):
             raise ValueError("takes either list_nm or min_nm, max_nm and count, not both")
         if w is not None and any(b <= a for a, b in itertools.pairwise(w)):
             raise ValueError("list_nm must increase")
-        if w is None and (self.max_nm < self.min_nm or (self.count > 1 and self.max_nm == self.min_nm)):
+        low, high, count = self._equidistant
+        if high < low or (count > 1 and high == low):
             raise ValueError("max_nm must be above min_nm")
         return self
+
+    @property
+    def _equidistant(self) -> tuple[float, float, int]:
+        return (
+            380.0 if self.min_nm is None else self.min_nm,
+            720.0 if self.max_nm is None else self.max_nm,
+            8 if self.count is None else self.count,
+        )
+
+    @property
+    def placed(self) -> bool:
+        """Whether they are the eight of `PLACED_NM`, for want of others."""
+        return (self.min_nm, self.max_nm, self.count, self.list_nm) == (None, None, None, None)
 
     @property
     def wavelength_nm(self) -> tuple[float, ...]:
         """The wavelengths [nm]."""
         if self.list_nm is not None:
             return self.list_nm
-        step = (self.max_nm - self.min_nm) / max(self.count - 1, 1)
-        return tuple(self.min_nm + i * step for i in range(self.count))
+        if self.placed:
+            return PLACED_NM
+        low, high, count = self._equidistant
+        step = (high - low) / max(count - 1, 1)
+        return tuple(low + i * step for i in range(count))
 
 
 class Texture(Section):
