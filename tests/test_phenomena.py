@@ -53,15 +53,16 @@ def test_belt_of_venus_lies_over_the_shadow_and_rises(pure):
     for belt in belts:
         assert belt.shadow_elevation_deg < belt.elevation_deg
         assert belt.x > belt.shadow_x + 0.02 and belt.x > belt.sky_x + 0.02
+    edge = see.shadow_edge_deg(pure, -3.0)
+    assert belts[2].shadow_elevation_deg < edge < belts[2].elevation_deg
     assert see.belt_of_venus(pure, 20.0) is None
 
 
 def test_earths_shadow_rises_faster_than_the_sun_sinks(pure):
     suns = np.array([-1.5, -2.5, -3.5, -4.5])
     edges = np.array([see.shadow_edge_deg(pure, sun) for sun in suns])
-    assert (edges >= -suns).all()
     rate = np.diff(edges) / -np.diff(suns)
-    assert (rate > 1.0).all() and rate[-1] > rate[0] and rate[-1] < 10.0
+    assert (rate > 1.0).all() and rate[-1] > rate[0] and rate[-1] < 8.0
 
 
 def test_afterglow_at_minus_six(pure):

@@ -17,6 +17,9 @@ WAVELENGTHS_NM = (390.0, 410, 430, 450, 465, 490, 510, 530, 550, 560, 590, 605, 
 NOTICEABLE_UV = 0.0038
 """A just noticeable difference of u', v' side by side: three standard deviations of MacAdam near white."""
 
+LEAST_BELT = 0.002
+"""By how much x of the Belt of Venus exceeds its surroundings at least: half of what can be noticed."""
+
 
 class Profile(NamedTuple):
     """Elevations [deg], chromaticity x and y, and luminance [cd m^-2] along a vertical circle."""
@@ -82,41 +85,46 @@ class Belt(NamedTuple):
 
 
 def belt_of_venus(air: Air, sun_elevation_deg: float) -> Belt | None:
-    """The reddest band of the antisolar meridian with bluer sky below and above it; None where x has no such maximum.
+    """The reddest band of the antisolar meridian with bluer sky below and above it; None where there is none to see.
 
-    The maximum of x that stands out most against the bluest sky on either side, up to 40 deg and not below the
-    antisolar point, for there the air is in the shadow.
+    The maximum of x that stands out most against the bluest sky on either side, up to 45 deg and not below the
+    antisolar point, for there the air is in the shadow; by ``LEAST_BELT`` at least.
     """
-    p = air.profile(sun_elevation_deg, 180.0, np.arange(0.5, 40.01, 0.5))
-    best, found = 0.0, None
+    return _belt(_antisolar(air, sun_elevation_deg), -sun_elevation_deg)
+
+
+def shadow_edge_deg(air: Air, sun_elevation_deg: float) -> float | None:
+    """Elevation [deg] of the edge of the Earth's shadow: where x is half way from the shadow's to the Belt of Venus's.
+
+    None where there is no Belt of Venus.
+    """
+    p = _antisolar(air, sun_elevation_deg)
+    belt = _belt(p, -sun_elevation_deg)
+    if belt is None:
+        return None
+    low, high = (int(np.searchsorted(p.elevation_deg, e)) for e in (belt.shadow_elevation_deg, belt.elevation_deg))
+    half = 0.5 * (belt.shadow_x + belt.x)
+    i = low + int(np.argmax(p.x[low + 1 : high + 1] >= half))
+    share = (half - p.x[i]) / (p.x[i + 1] - p.x[i])
+    return float(p.elevation_deg[i] + share * (p.elevation_deg[i + 1] - p.elevation_deg[i]))
+
+
+def _antisolar(air: Air, sun_elevation_deg: float) -> Profile:
+    return air.profile(sun_elevation_deg, 180.0, np.arange(0.5, 45.01, 0.5))
+
+
+def _belt(p: Profile, antisolar_deg: float) -> Belt | None:
+    best, found = LEAST_BELT, None
     for i in range(1, p.x.size - 1):
-        if p.elevation_deg[i] >= -sun_elevation_deg and p.x[i] > p.x[i - 1] and p.x[i] >= p.x[i + 1]:
+        if p.elevation_deg[i] >= antisolar_deg and p.x[i] > p.x[i - 1] and p.x[i] >= p.x[i + 1]:
             low = int(np.argmin(p.x[:i]))
-            stands_out = p.x[i] - max(p.x[low], p.x[i:].min())
+            above = float(p.x[i:].min())
+            stands_out = p.x[i] - max(p.x[low], above)
             if stands_out > best:
                 best = stands_out
-                found = Belt(
-                    float(p.elevation_deg[i]),
-                    float(p.x[i]),
-                    float(p.elevation_deg[low]),
-                    float(p.x[low]),
-                    float(p.x[i:].min()),
-                )
+                here = float(p.elevation_deg[i]), float(p.x[i])
+                found = Belt(*here, float(p.elevation_deg[low]), float(p.x[low]), above)
     return found
-
-
-def shadow_edge_deg(air: Air, sun_elevation_deg: float, highest_deg: float = 60.0) -> float | None:
-    """Elevation [deg] of the edge of the Earth's shadow in the antisolar meridian; None where there is none to see.
-
-    Where red light (670 nm), which is scattered once for the most part, grows fastest with elevation (largest d ln L /
-    d elevation), not below the antisolar point.
-    """
-    elevation = np.arange(max(0.25, -sun_elevation_deg), highest_deg, 0.25)
-    factor = air.field.radiance(sun_elevation_deg, elevation, np.full(elevation.size, 180.0))
-    red = spectrum.expand(factor, air.medium.wavelength_nm, np.array([670.0]))[:, 0]
-    slope = np.diff(np.log(red)) / np.diff(elevation)
-    i = int(np.argmax(slope))
-    return float(0.5 * (elevation[i] + elevation[i + 1])) if slope[i] > 0 else None
 
 
 class Bands(NamedTuple):
