@@ -14,7 +14,7 @@ from twilight.config.library import shipped
 from twilight.describe import horizontal_refraction_arcmin, scale_height_km
 from twilight.errors import TwilightError
 from twilight.plan import GAS_TOLERANCE, make_plan
-from twilight.run import _suns, count_frames, resolved_configuration, run
+from twilight.run import count_frames, resolved_configuration, run, suns_of
 
 SMALL = {
     "solver": {"name": "cells", "multiple_scattering": "none"},
@@ -88,10 +88,10 @@ def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones
 @pytest.mark.parametrize("name", [*shipped("climates"), *shipped("configs")])
 def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
     config = load_series(name)[-1].config
-    sun = list(_suns(config))[-1]
+    sun = list(suns_of(config))[-1]
     record = resolved_configuration(config, sun.section)
     again = load(record)
-    (same,) = _suns(again)
+    (same,) = suns_of(again)
     assert resolved_configuration(again, same.section) == record
     assert same.elevation_deg == pytest.approx(sun.elevation_deg, abs=1e-9)
     assert again.climate == config.climate
@@ -101,7 +101,7 @@ def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
 
 def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
     config = load("saarbruecken-2003-12-08")
-    suns = list(_suns(config))
+    suns = list(suns_of(config))
     assert len(suns) == count_frames(config) == 31
     assert suns[0].time == datetime(2003, 12, 8, 15, 0, tzinfo=UTC) and suns[0].name == "2003-12-08T1600"
     assert suns[-1].time == datetime(2003, 12, 8, 17, 0, tzinfo=UTC)
@@ -114,7 +114,7 @@ def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
 def test_steps_of_an_interval_are_even_across_a_change_of_the_clocks():
     sun = {"start": "2026-03-29T01:00", "stop": "2026-03-29T04:00", "step_minutes": 30}
     place = {"latitude_deg": 52.5, "longitude_deg": 13.4, "time_zone": "Europe/Berlin"}
-    suns = list(_suns(load("urban", {"sun": sun | place})))
+    suns = list(suns_of(load("urban", {"sun": sun | place})))
     moments = [s.time.astimezone(UTC) for s in suns]
     assert len(suns) == 5 and len({s.name for s in suns}) == 5
     assert {(b - a).total_seconds() for a, b in itertools.pairwise(moments)} == {1800.0}

@@ -47,7 +47,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class _SunPosition:
+class SunPosition:
     """One sun of a sequence, and the configuration that asks for this sun alone."""
 
     name: str
@@ -132,7 +132,7 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
     tell("setting up", 0.0)
     check_size(config)
     started = time.perf_counter()
-    suns = list(_suns(config))
+    suns = list(suns_of(config))
     plan = make_plan(config)
     wavelength_nm = wavelengths_of(config)
     medium = climate_medium(plan.climate, wavelength_nm)
@@ -226,7 +226,7 @@ def _frame(
     config: Config,
     plan: Plan,
     medium: Medium,
-    sun: _SunPosition,
+    sun: SunPosition,
     result: _Radiance,
     solver: tuple[str, str],
     set_up_s: float,
@@ -278,7 +278,7 @@ def _frame(
 
 
 def _night(
-    config: Config, medium: Medium, sun: _SunPosition, elevation: np.ndarray, azimuth: np.ndarray
+    config: Config, medium: Medium, sun: SunPosition, elevation: np.ndarray, azimuth: np.ndarray
 ) -> np.ndarray | None:
     """Radiance of the night sky (E, A, W) where the configuration asks for it."""
     if config.night is None:
@@ -306,7 +306,7 @@ def _texture(config: Config) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _evaluate(
-    made: Any, sun: _SunPosition, elevation: np.ndarray, azimuth: np.ndarray, width: int | None, result: _Radiance
+    made: Any, sun: SunPosition, elevation: np.ndarray, azimuth: np.ndarray, width: int | None, result: _Radiance
 ) -> None:
     grids = [(elevation, azimuth, result.texture, result.texture_error)]
     if width is not None:
@@ -371,19 +371,20 @@ class _Sunbeam:
         return out, float(np.degrees(bending)) if out.any() else 0.0
 
 
-def _direct(beam: _Sunbeam, sun: _SunPosition, result: _Radiance) -> None:
+def _direct(beam: _Sunbeam, sun: SunPosition, result: _Radiance) -> None:
     direct, result.bending_deg = beam.at(sun.elevation_deg)
     result.direct.append(direct)
 
 
-def _suns(config: Config) -> Iterator[_SunPosition]:
+def suns_of(config: Config) -> Iterator[SunPosition]:
+    """The positions of the sun of a configuration, one by one."""
     sun = config.sun
     if isinstance(sun, SunElevation):
-        yield _SunPosition(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
+        yield SunPosition(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
             one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au)
-            yield _SunPosition(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+            yield SunPosition(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
     else:
         from twilight.sun.ephemeris import sun_position
 
@@ -392,7 +393,7 @@ def _suns(config: Config) -> Iterator[_SunPosition]:
             one_at = SunAt(at=moment, **place)
             at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
             name = moment.strftime("%Y-%m-%dT%H%M%S" if moment.second else "%Y-%m-%dT%H%M")
-            yield _SunPosition(
+            yield SunPosition(
                 name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment
             )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.config.scene import Config
-from twilight.run import _suns
+from twilight.run import suns_of
 
 _GOLDEN = 0.6180339887498949
 
@@ -46,4 +46,4 @@ def stratified_directions(shape: tuple[int, int], count: int) -> tuple[np.ndarra
 
 def sun_elevations(config: Config) -> list[float]:
     """True elevations [deg] of the suns of a configuration, each once."""
-    return list(dict.fromkeys(round(sun.elevation_deg, 6) for sun in _suns(config)))
+    return list(dict.fromkeys(round(sun.elevation_deg, 6) for sun in suns_of(config)))
