@@ -70,6 +70,17 @@ def test_noise_and_gradients_make_no_stars():
     assert len(detect(np.zeros((400, 600)), LENS)) == 0
 
 
+def test_black_sky_of_an_8_bit_picture():
+    xy = grid()
+    picture = render_stars(xy, np.linspace(0.0, 4.0, len(xy)), LENS, seed=7, width_px=1.0)
+    eight = np.clip(np.round((picture - 180.0) / 20.0), 0, 255)  # black sky, bright stars clipped
+    assert np.median(eight) == 0 and (eight == 255).sum() > 20
+    found = detect(eight, LENS)
+    distance, _ = cKDTree(found.xy).query(xy)
+    assert (distance < 0.3).mean() > 0.9
+    assert len(found) < 1.3 * len(xy)
+
+
 def test_values_that_are_not_numbers_do_no_harm():
     xy = grid()
     picture = render_stars(xy, np.full(len(xy), 2.0), LENS, seed=1)

@@ -12,6 +12,10 @@ CELL_PX = 24
 """Side of the cells in which background and noise are measured: many stars wide, narrow beside a skyline."""
 SMOOTHING_PX = 1.0
 """Standard deviation of the Gaussian that a star is looked for with."""
+LEAST_NOISE, BLACK_SKY_SHARE = 0.2, 1e-3
+"""Smallest noise that is believed: as a share of the picture's median, and of its brightest star where that is 0."""
+WIDEST = 2.5
+"""Sources this many times wider than usual are clouds."""
 HALF_PATCH = 5
 WINDOW_PX = 1.8
 """Standard deviation of the window of the centroid."""
@@ -144,7 +148,9 @@ def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> So
     above = light - low
     smooth = gaussian_filter(above, SMOOTHING_PX, mode="nearest")
     _, noise = background(smooth)
-    floor = max(float(np.median(noise)) * 1e-3, float(np.finfo(np.float32).tiny))
+    # a sky that 8 bits made black has no noise of its own
+    usual = float(np.median(noise))
+    floor = LEAST_NOISE * usual if usual > 0 else BLACK_SKY_SHARE * max(float(smooth.max()), 1e-30)
     ratio = smooth / np.maximum(noise, floor)
     peaks = (ratio >= threshold) & (smooth == maximum_filter(smooth, size=5, mode="nearest"))
     edge = HALF_PATCH + 1
@@ -159,8 +165,8 @@ def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> So
     if not single_pixels:
         keep &= ~_hot(_largest_neighbour(above, row, column), ratio[row, column])
     found = Sources(xy, flux, ratio[row, column], width).take(keep)
-    usual = float(np.median(found.width_px)) if len(found) else 0.0
-    found = found.take(found.width_px <= 2.5 * max(usual, SMOOTHING_PX))
+    width_px = float(np.median(found.width_px)) if len(found) else 0.0
+    found = found.take(found.width_px <= WIDEST * max(width_px, SMOOTHING_PX))
     return _without_twins(found.take(np.argsort(-found.flux, kind="stable")))
 
 

@@ -47,15 +47,22 @@ def draw(picture: np.ndarray, calibration: Calibration, path: Path) -> None:
     limit = np.quantile(stars.magnitude[fit.match.star], 0.9) - MISSING_MAG_MARGIN
     missing = calibration.visible & (stars.magnitude < limit)
     missing[fit.match.star] = False
-    for at in predicted[missing]:
+    crossed = np.flatnonzero(missing)
+    for at in predicted[crossed]:
         x, y = at * scale
         pen.line([x - 5, y - 5, x + 5, y + 5], fill=MISSING)
         pen.line([x - 5, y + 5, x + 5, y - 5], fill=MISSING)
-    named = np.sort(np.concatenate([fit.match.star, np.flatnonzero(missing)]))[:LABELS]
-    for i in named:
+    named = np.sort(np.concatenate([fit.match.star, crossed]))[:LABELS]
+    taken: list[tuple[float, float, float, float]] = []
+    for i in named:  # the brightest first; a name that would cover another is left out
         x, y = predicted[i] * scale
+        place, name = (x + 9, y - 7), stars.label(int(i))
+        box = pen.textbbox(place, name, font=font)
+        if any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken):
+            continue
+        taken.append(box)
         colour = MISSING if missing[i] else TEXT
-        pen.text((x + 9, y - 7), stars.label(int(i)), fill=colour, font=font, stroke_width=1, stroke_fill=(0, 0, 0))
+        pen.text(place, name, fill=colour, font=font, stroke_width=1, stroke_fill=(0, 0, 0))
     with whole_file(path) as temporary:
         image.save(temporary, format="PNG")
 
