@@ -56,7 +56,8 @@ def perspective(width=300, height=200, azimuth_deg=70.0, elevation_deg=20.0, fov
 def take(sky, camera, sun_azimuth_deg, *, xyz=None, noise=0.0, ground=0.02, sun=True, seed=5, exposure=None):
     """Linear RGB (H, W, 3) that the camera sees: the sky, a dark ground, vignetting, noise (relative), the sun's disc.
 
-    xyz (E, A, 3): what the sky looks like instead of its own spectra.  exposure: factor; None scales the 99th percentile to 0.8.
+    xyz (E, A, 3): what the sky looks like instead of its own spectra.
+    exposure: factor; None scales the 99th percentile to 0.8.
     """
     azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
     there = np.isfinite(elevation)

@@ -152,9 +152,12 @@ def _estimate(
     folder: Path,
 ) -> None:
     from twilight.cli.validate_photo import _compare
+    from twilight.colour import sky_to_xyz
+    from twilight.run import run
     from twilight.validate.estimate import estimate as fit
     from twilight.validate.estimate import facts, sentences
-    from twilight.validate.library import SUN, climate_settings, make_library, with_settings
+    from twilight.validate.library import make_library
+    from twilight.validate.photo import OBSERVER
     from twilight.validate.report import write_json
 
     suns = _suns(config)
@@ -171,13 +174,15 @@ def _estimate(
         middle = libraries[0].apparent_elevations_deg
         azimuth = _sun_of(photograph, config, suns, sun_azimuth)
         seen = photograph.seen(azimuth, float(0.5 * (middle[0] + middle[-1])))
-        made = fit(seen.sky, libraries, progress=lambda share, doing: bar(0.85 + 0.1 * share, doing), **options)
+
+        def compute(name: str, values: Any) -> Any:
+            return sky_to_xyz(run(_scene(config, design, values, name, photograph.cell_deg)), observer=OBSERVER)
+
+        made = fit(
+            seen.sky, libraries, refine=compute, progress=lambda share, doing: bar(0.85 + 0.1 * share, doing), **options
+        )
     best = made[0]
-    settings = climate_settings(design, best.values, best.aerosol_type)
-    if SUN in best.values:
-        settings["sun"] = {"elevation_deg": best.values[SUN]}
-    settings["texture"] = {"resolution_deg": photograph.cell_deg}
-    final = with_settings(config, settings)
+    final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg)
     _write_climate(folder / "climate.yaml", final.climate)
     write_json(
         folder / "estimate.json",
@@ -210,6 +215,16 @@ def _estimate(
         print(line)
     _compare(image, photograph, final, azimuth, options["white_balance"], folder)
     print(f"wrote estimate.json and climate.yaml to {folder}/")
+
+
+def _scene(config: Any, design: Any, values: Any, aerosol_type: str, cell_deg: float) -> Any:
+    """The configuration of one climate of the design, and of its sun where that is a parameter."""
+    from twilight.validate.library import SUN, climate_settings, with_settings
+
+    settings = climate_settings(design, values, aerosol_type) | {"texture": {"resolution_deg": cell_deg}}
+    if SUN in values:
+        settings["sun"] = {"elevation_deg": values[SUN]}
+    return with_settings(config, settings)
 
 
 def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None) -> float:

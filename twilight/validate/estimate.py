@@ -29,12 +29,17 @@ CORRELATED_SR = 0.1
 FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
 """Least sum of squares: 2 % in luminance and 0.0015 in u', v', what the library and the solver are off themselves."""
 UNTOLD = 0.6
-PROFILE_POINTS = 9
+PROFILE_POINTS = 8
+REFINEMENTS = 2
+
+Refine = Callable[[str, Mapping[str, float]], np.ndarray]
+"""From an aerosol type and the values of all parameters to the XYZ (E, A, 3) of that sky on the library's texture."""
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """One parameter: best value, standard error (curvature, in the parameter's unit), interval of the profile, bounds.
+    """One parameter: best value, standard error (curvature, in the parameter's unit; at most that of an
+    even spread over the bounds), interval of the profile, bounds.
 
     told: the photograph tells it.  relative_width: its standard deviation within the bounds over that of no knowledge.
     """
@@ -88,6 +93,11 @@ class _Problem:
         scaled = self.low + x * (self.high - self.low)
         return {p.name: float(p.value(s)) for p, s in zip(self.parameters, scaled, strict=True)}
 
+    def correct(self, x: np.ndarray, xyz: np.ndarray) -> None:
+        """Move the library by what it is off at x, where the sky itself is xyz (E, A, 3)."""
+        off = self.library.cells(self.photo, xyz).reshape(-1) - self.library.weights(self.values(x)) @ self.table
+        self.table = self.table + off  # the weights of all skies sum to 1
+
     def residuals(self, x: np.ndarray) -> np.ndarray:
         log_xyz = (self.library.weights(self.values(x)) @ self.table).reshape(self.shape)
         xyz = np.full(self.photo.xyz.shape, np.nan)
@@ -124,9 +134,13 @@ def estimate(
     *,
     white_balance: bool = False,
     with_colour: bool = True,
+    refine: Refine | None = None,
     progress: Callable[[float, str], None] = lambda share, doing: None,
 ) -> list[Estimate]:
     """The best climate of every library, the best type first.
+
+    refine: computes the sky of a climate itself; the best type is then fitted again with what its library is off there
+    taken out, REFINEMENTS times, so that the design's spacing does not bias the result.
 
     Errors: TwilightError without a library, and where a library's suns do not suit the photograph.
     """
@@ -140,6 +154,13 @@ def estimate(
         for start, share in zip(starts, (0.2, 0.5, 0.8), strict=True):
             start[0] = share
         fits.append((problem, *min((problem.fit(start) for start in starts), key=lambda f: f[1])))
+    if refine is not None:
+        i = int(np.argmin([q for _, _, q, _ in fits]))
+        for _ in range(REFINEMENTS):
+            problem, x, _, _ = fits[i]
+            progress(0.45, f"computing the sky of the best {problem.library.aerosol_type}")
+            problem.correct(x, refine(problem.library.aerosol_type, problem.values(x)))
+            fits[i] = (problem, *problem.fit(x))
     best = min(q for _, _, q, _ in fits)
     scale = max(best, FLOOR)
     made = []
@@ -172,7 +193,9 @@ def _describe(
                 name=p.name,
                 unit=p.unit,
                 value=value,
-                standard_error=float(np.ptp(around) / max(np.ptp(ends), 1e-12) * deviation[i]),
+                standard_error=float(
+                    np.ptp(around) / max(np.ptp(ends), 1e-12) * min(deviation[i], 1.0 / np.sqrt(12.0))
+                ),
                 low=float(p.value(problem.low[i] + span * low)),
                 high=float(p.value(problem.low[i] + span * high)),
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),

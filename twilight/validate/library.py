@@ -153,18 +153,16 @@ class Library:
 
         Errors: TwilightError where a sky is black there.
         """
-        m, s, e, a, _ = self.xyz.shape
-        elevation, azimuth = texture_grid(90.0 / e)
-        grid = Sky(np.array([550.0]), elevation, azimuth, np.zeros((e, a, 1)), 0.0)
-        out = []
-        for xyz in self.xyz.reshape(m * s, e, a, 3):
-            cells = seen_as(photo, grid, xyz.astype(float))[1][photo.counts]
-            if not (cells > 0).all():
-                raise TwilightError(
-                    "library: a sky is black where the photograph shows clear sky; use sets of other suns"
-                )
-            out.append(np.log(cells))
-        return np.array(out)
+        return np.array([self.cells(photo, xyz) for xyz in self.xyz.reshape(-1, *self.xyz.shape[2:])])
+
+    def cells(self, photo: PhotoSky, xyz: np.ndarray) -> np.ndarray:
+        """ln(XYZ) of one sky (E, A, 3) on the library's texture, in the cells of a photograph that count, (n, 3)."""
+        e, a, _ = xyz.shape
+        grid = Sky(np.array([550.0]), *texture_grid(90.0 / e), np.zeros((e, a, 1)), 0.0)
+        values = seen_as(photo, grid, xyz.astype(float))[1][photo.counts]
+        if not (values > 0).all():
+            raise TwilightError("library: a sky is black where the photograph shows clear sky; choose other suns")
+        return np.log(values)
 
 
 def make_library(

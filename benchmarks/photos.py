@@ -1,0 +1,137 @@
+"""Three panoramas against computed skies: estimated air, side-by-side pictures, figures.
+
+    python benchmarks/photos.py FOLDER_OF_PHOTOS [--library DIR] [--output docs/photos]
+
+The photographs are Poly Haven's, CC0, 1024 x 512, linear: kiara_1_dawn_1k.hdr, pmndrs_sunset.hdr (also known as
+venice_sunset) and rooitou_park_1k.hdr.  Their white balance and scale are not known, so both are free.  The air is not
+known either: optical depth of the aerosol, ozone and albedo of the ground are fitted (`twilight validate estimate`), for
+kiara the sun's elevation too.  One library of 13 fields serves all three, for a field serves every sun.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+from twilight.camera import read_camera
+from twilight.colour import sky_to_xyz
+from twilight.config import load
+from twilight.io.whole import whole_file
+from twilight.run import run
+from twilight.validate.estimate import estimate, sentences
+from twilight.validate.figure import write_figure
+from twilight.validate.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
+from twilight.validate.photo import OBSERVER, compare
+from twilight.validate.photograph import read_photograph
+
+HERE = Path(__file__).parent / "photos"
+DESIGN = Design(tuple(p for p in OTHERS if p.name in ("ozone", "albedo")))
+TYPE = "continental_average"
+CELL_DEG, PICTURE_CELL_DEG = 3.0, 2.0
+PHOTOS = {  # file, lowest and highest sun [deg] of the search
+    "kiara_1_dawn": ("kiara_1_dawn_1k.hdr", -6.0, -2.0),
+    "pmndrs_sunset": ("pmndrs_sunset.hdr", 3.0, 3.0),
+    "rooitou_park": ("rooitou_park_1k.hdr", 10.4, 10.4),
+}
+COLUMNS = (
+    "luminance_median_percent",
+    "luminance_rms_percent",
+    "luminance_p95_percent",
+    "solar_meridian_rms_percent",
+    "perpendicular_meridian_rms_percent",
+    "correlation_of_log_luminance",
+    "uv_distance_median",
+    "uv_distance_p95",
+    "ciede2000_median",
+    "ciede2000_p95",
+    "ciede2000_colour_median",
+    "ciede2000_colour_p95",
+)
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("photos", type=Path)
+    arguments.add_argument("--library", type=Path, default=Path("out/photos-library"))
+    arguments.add_argument("--output", type=Path, default=HERE.parents[1] / "docs" / "photos")
+    arguments.add_argument("--only", choices=sorted(PHOTOS))
+    given = arguments.parse_args()
+    for folder in (given.library, given.output):
+        folder.mkdir(parents=True, exist_ok=True)
+    base = load(HERE / "base.scene.yaml")
+    library = make_library(
+        base,
+        DESIGN,
+        TYPE,
+        base.sun.elevations_deg,  # type: ignore[union-attr]
+        CELL_DEG,
+        file=given.library / f"photos_{TYPE}.npz",
+        progress=lambda share, doing: print(doing, flush=True),
+    )
+    for name in PHOTOS if given.only is None else (given.only,):
+        rows = one(name, given.photos, base, library, given.output)
+        with whole_file(given.output / f"{name}.csv") as temporary, open(temporary, "w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["photograph", "quantity", "value", "standard_error", "low", "high", "told"])
+            writer.writerows(rows)
+
+
+def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
+    """Estimate, compare and draw one panorama; rows of its table."""
+    file, low, high = PHOTOS[name]
+    camera = read_camera(HERE / f"{name}.camera.yaml")
+    shot = read_photograph(photos / file, camera, cell_deg=CELL_DEG, min_elevation_deg=3.0, glare_deg=10.0)
+    part = library.select(low, high)
+    sun = shot.sun
+    print(name, sun, flush=True)
+    photo = shot.seen(sun.azimuth_deg, float(part.apparent_elevations_deg.mean())).sky
+
+    def scene(values, cell_deg):
+        settings = climate_settings(DESIGN, values, TYPE) | {"texture": {"resolution_deg": cell_deg}}
+        return with_settings(base, settings | {"sun": {"elevation_deg": values.get(SUN, low)}})
+
+    found = estimate(
+        photo,
+        [part],
+        white_balance=True,
+        refine=lambda _, values: sky_to_xyz(run(scene(values, CELL_DEG)), observer=OBSERVER),
+        progress=lambda share, doing: print(doing, flush=True),
+    )
+    best = found[0]
+    rows = [
+        [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.told]
+        for p in best.parameters
+    ]
+    sky = run(scene(best.values, PICTURE_CELL_DEG))
+    fine = replace(shot, cell_deg=PICTURE_CELL_DEG, min_elevation_deg=0.0, glare_deg=6.0)
+    seen = fine.seen(sun.azimuth_deg, sky.apparent_sun_elevation_deg)
+    for white_balance in (False, True):
+        compared = compare(seen.sky, sky, white_balance=white_balance)
+        kind = "white balance free" if white_balance else "as it is"
+        rows += [[name, f"{key}, {kind}", f"{compared.figures[key]:.4g}", "", "", "", ""] for key in COLUMNS]
+    rows += [[name, f"masked, {cause}", f"{share:.4g}", "", "", "", ""] for cause, share in seen.mask.taken.items()]
+    rows.append([name, "sun_azimuth_deg", f"{sun.azimuth_deg:.4g}", f"{sun.uncertainty_deg:.2g}", "", "", sun.method])
+    lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol, fitted:"]
+    lines += [
+        f"  {p.name} {p.value:.3g} +- {p.standard_error:.1g} {p.unit}{'' if p.told else ' (not told)'}"
+        for p in best.parameters
+    ]
+    write_figure(
+        output / f"{name}.png",
+        compared,
+        seen.panorama,
+        seen.mask,
+        title=f"{name} (Poly Haven, CC0)",
+        lines=tuple(lines),
+    )
+    for row in rows:
+        print(*row, flush=True)
+    for sentence in sentences(found):
+        print(sentence, flush=True)
+    return rows
+
+
+if __name__ == "__main__":
+    main()
