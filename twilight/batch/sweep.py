@@ -22,7 +22,7 @@ from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.errors import TwilightError
 from twilight.io.provenance import configuration_hash, to_json
-from twilight.run import _suns, _texture, check_size
+from twilight.run import _texture, check_size, suns_of
 
 MAX_SCENES = 10_000_000
 MAX_FIELDS = 200_000
@@ -250,7 +250,7 @@ class Sweep:
                 None if sun.time is None else sun.time.timestamp(),
                 sun.name,
             )
-            for sun in _suns(config)
+            for sun in suns_of(config)
         )
 
     # Chunks and tasks -----------------------------------------------------------------------------------------
