@@ -4,7 +4,7 @@
 
 The photographs are Poly Haven's, CC0, 1024 x 512, linear: kiara_1_dawn_1k.hdr, pmndrs_sunset.hdr (also known as
 venice_sunset) and rooitou_park_1k.hdr.  Their white balance and scale are not known, so both are free.  The air is not
-known either: optical depth of the aerosol, ozone and albedo of the ground are fitted (`twilight validate estimate`), for
+known either: the aerosol's optical depth, ozone and the ground's albedo are fitted (`twilight validate estimate`), for
 kiara the sun's elevation too.  One library of 13 fields serves all three, for a field serves every sun.
 """
 
@@ -113,11 +113,10 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         rows += [[name, f"{key}, {kind}", f"{compared.figures[key]:.4g}", "", "", "", ""] for key in COLUMNS]
     rows += [[name, f"masked, {cause}", f"{share:.4g}", "", "", "", ""] for cause, share in seen.mask.taken.items()]
     rows.append([name, "sun_azimuth_deg", f"{sun.azimuth_deg:.4g}", f"{sun.uncertainty_deg:.2g}", "", "", sun.method])
-    lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol, fitted:"]
-    lines += [
-        f"  {p.name} {p.value:.3g} +- {p.standard_error:.1g} {p.unit}{'' if p.told else ' (not told)'}"
-        for p in best.parameters
-    ]
+    lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol (OPAC average); fitted:"]
+    for p in best.parameters:
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        lines.append(f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.told else ' (not told)'}")
     write_figure(
         output / f"{name}.png",
         compared,

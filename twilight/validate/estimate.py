@@ -262,8 +262,8 @@ def sentences(estimates: list[Estimate]) -> list[str]:
     for p in best.parameters:
         if not p.told:
             out.append(
-                f"{p.name}: the photograph cannot tell it ({p.low:.3g} to {p.high:.3g} {p.unit} of "
-                f"{p.bounds[0]:g} to {p.bounds[1]:g} fit alike)"
+                f"{p.name}: the photograph cannot tell it (its standard deviation is {100 * p.relative_width:.0f} % of that "
+                f"of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit})"
             )
         elif min(abs(p.value - b) for b in p.bounds) < 0.01 * (p.bounds[1] - p.bounds[0]):
             out.append(f"{p.name}: lies at the bound {p.value:.3g} {p.unit} of what was tried")

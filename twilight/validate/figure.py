@@ -144,15 +144,15 @@ def _pictures(comparison: Comparison, panorama: Panorama, mask: Mask) -> tuple[n
 
 
 def _foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg: float) -> np.ndarray:
-    """What is drawn before the computed sky (e, a): from the horizon up, until the photograph looks like that sky.
+    """What is drawn before the computed sky (e, a): from the horizon up, what is darker than it or of another colour.
 
     The mask of ground and trees also holds a rim of sky about them, and clouds, which would be mistaken for computed.
     """
     from scipy import ndimage
 
     with np.errstate(invalid="ignore", divide="ignore"):
-        unlike = np.abs(np.log(photo[..., 1] / sky[..., 1])) > 0.25
-        unlike |= np.hypot(*np.moveaxis(uv(photo) - uv(sky), -1, 0)) > 0.02
+        unlike = photo[..., 1] < 0.75 * sky[..., 1]
+        unlike |= np.hypot(*np.moveaxis(uv(photo) - uv(sky), -1, 0)) > 0.03
     gap = max(1, round(1.5 / step_deg))
     padded = np.pad(unlike & masked, ((gap, gap), (0, 0)), mode="edge")
     closed = ndimage.binary_closing(padded, np.ones((2 * gap + 1, 1)))[gap:-gap]
