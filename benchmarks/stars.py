@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from twilight.camera import Camera
 from twilight.camera.image import read_image
@@ -123,7 +124,11 @@ def photograph(path: Path) -> None:
     for key, value in facts.items():
         print(key, value, sep="\t")
     _write("stars_photograph.csv", ("figure", "value"), list(facts.items()))
-    draw(light, made, HERE / "stars_photograph.png")
+    drawn = HERE / "stars_photograph.png"
+    draw(light, made, drawn)
+    with Image.open(drawn) as whole:
+        sky = whole.crop((0, 0, whole.width, round(0.53 * whole.height))).quantize(256, Image.Quantize.MAXCOVERAGE)
+    sky.save(drawn, optimize=True)
 
 
 def _write(name: str, header: tuple[str, ...], rows: list) -> None:

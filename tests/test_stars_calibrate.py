@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,11 +45,12 @@ GUESSED_FOCAL_LENGTH_PX = {"fisheye": 333.0, "perspective": 640.0}
 FALSE_SHARE, HOT_PIXELS = 0.2, 200
 
 
-def draw(kind, faintest=5.0, false_share=FALSE_SHARE):
+@cache
+def draw(kind, false_share=FALSE_SHARE):
     """(true camera, guess, picture): a fifth of the sources false, hot pixels, noise of photons and reading out."""
     truth = Camera.model_validate(TRUTHS[kind])
     stars = horizontal(PLACE, MOMENT, 1013.25, 10.0)
-    stars = stars.take(stars.magnitude < faintest)
+    stars = stars.take(stars.magnitude < 5.0)
     xy = truth.project(stars.directions)
     n = int(truth.inside(xy).sum())
     picture = render_stars(
@@ -64,18 +66,24 @@ def draw(kind, faintest=5.0, false_share=FALSE_SHARE):
     return truth, guess, picture
 
 
-def errors_arcmin(truth, solved):
+@cache
+def solved(kind):
+    """(true camera, calibration with place and time)."""
+    truth, guess, picture = draw(kind)
+    return truth, calibrate(picture, guess, PLACE, MOMENT)
+
+
+def errors_arcmin(truth, camera):
     """Angles between the true and the solved direction of pixels all over the picture, above the horizon."""
     xy = truth.pixel_centres()[10::40, 10::40].reshape(-1, 2)
-    a, b = truth.directions(xy), solved.directions(xy)
+    a, b = truth.directions(xy), camera.directions(xy)
     seen = a[:, 2] > 0.05
     return np.degrees(2.0 * np.arcsin(0.5 * np.linalg.norm(a - b, axis=1)[seen])) * 60.0
 
 
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_place_and_time_known(kind):
-    truth, guess, picture = draw(kind)
-    made = calibrate(picture, guess, PLACE, MOMENT)
+    truth, made = solved(kind)
     errors = errors_arcmin(truth, made.camera)
     assert np.sqrt(np.mean(errors**2)) < 0.25 * ARCMINUTE and errors.max() < ARCMINUTE
     assert made.camera.focal_length_px == pytest.approx(truth.focal_length_px, rel=5e-4)
@@ -108,6 +116,7 @@ def test_standard_errors_are_of_the_size_of_the_errors():
     assert abs(np.log(made.camera.focal_length_px / truth.focal_length_px)) < 5.0 * made.fit.standard_errors[3]
 
 
+@pytest.mark.slow
 def test_wrong_hour_is_refused_or_seen():
     truth, guess, picture = draw("perspective")
     made = calibrate(picture, guess, PLACE, MOMENT.replace(hour=22))
@@ -157,8 +166,7 @@ def test_spread_takes_few_from_one_place():
 
 
 def test_matches_by_chance_are_counted():
-    truth, _, picture = draw("fisheye")  # a guess that is right
-    made = calibrate(picture, truth, PLACE, MOMENT)
+    made = solved("fisheye")[1]
     right = match(made.fit.state, made.sources, made.stars, np.radians(0.2), np.zeros(3), np.pi)
     away = replace(made.fit.state, matrix=camera_axes(0.0, 20.0, 0.0) @ made.fit.state.matrix)
     wrong = match(away, made.sources, made.stars, np.radians(0.2), np.zeros(3), np.pi)
