@@ -339,6 +339,15 @@ def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):
     assert not (tmp_path / "out").exists()
 
 
+def test_eight_bits_as_linear_light_are_remarked(tmp_path):
+    from twilight.validate.photograph import read_photograph
+
+    Image.fromarray(np.full((20, 40, 3), 99, np.uint8)).save(tmp_path / "a.png")
+    with pytest.warns(UserWarning, match="srgb"):
+        read_photograph(tmp_path / "a.png", latlong(40))
+    assert read_photograph(tmp_path / "a.png", latlong(40, response="srgb")).picture.samples[0, 0, 0] < 0.2
+
+
 def test_the_response_command(tmp_path):
     random = np.random.default_rng(0)
     light = np.exp(random.uniform(-6, 0, (40, 60, 1))) * np.array([1.0, 0.9, 0.7])

@@ -30,6 +30,8 @@ FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
 """Least sum of squares: 2 % in luminance and 0.0015 in u', v', what the library and the solver are off themselves."""
 UNTOLD = 0.6
 PROFILE_POINTS = 8
+STEP = 2e-3
+"""Step of the Jacobian's differences, as a share of a parameter's range."""
 REFINEMENTS = 2
 
 Refine = Callable[[str, Mapping[str, float]], np.ndarray]
@@ -121,10 +123,19 @@ class _Problem:
         if not free:
             r = self.residuals(full(np.zeros(0)))
             return full(np.zeros(0)), float(r @ r), np.zeros((r.size, 0))
+
+        def residuals(part: np.ndarray) -> np.ndarray:
+            return self.residuals(full(part))
+
+        def jacobian(part: np.ndarray) -> np.ndarray:
+            # differences over a fixed step, inwards: relative ones mean nothing for a value near 0, at a bound
+            here, steps = residuals(part), np.where(part < 0.5, STEP, -STEP)
+            return np.stack(
+                [(residuals(part + h * e) - here) / h for h, e in zip(steps, np.eye(part.size), strict=True)], -1
+            )
+
         inside = np.clip(start[free], 0.01, 0.99)
-        found = least_squares(
-            lambda part: self.residuals(full(part)), inside, bounds=(0.0, 1.0), diff_step=1e-3, xtol=1e-5, ftol=1e-7
-        )
+        found = least_squares(residuals, inside, jacobian, bounds=(0.0, 1.0), xtol=1e-5, ftol=1e-7)
         return full(found.x), float(2.0 * found.cost), found.jac
 
 
@@ -262,8 +273,8 @@ def sentences(estimates: list[Estimate]) -> list[str]:
     for p in best.parameters:
         if not p.told:
             out.append(
-                f"{p.name}: the photograph cannot tell it (its standard deviation is {100 * p.relative_width:.0f} % of that "
-                f"of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit})"
+                f"{p.name}: the photograph cannot tell it (its standard deviation is {100 * p.relative_width:.0f} % of "
+                f"that of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit})"
             )
         elif min(abs(p.value - b) for b in p.bounds) < 0.01 * (p.bounds[1] - p.bounds[0]):
             out.append(f"{p.name}: lies at the bound {p.value:.3g} {p.unit} of what was tried")

@@ -94,7 +94,7 @@ def write_figure(
     )
     try:
         with whole_file(path) as temporary:
-            figure.savefig(temporary, dpi=90)
+            figure.savefig(temporary, dpi=84)
     finally:
         pyplot.close(figure)
 
@@ -154,8 +154,8 @@ def _foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg
         unlike = photo[..., 1] < 0.75 * sky[..., 1]
         unlike |= np.hypot(*np.moveaxis(uv(photo) - uv(sky), -1, 0)) > 0.03
     gap = max(1, round(1.5 / step_deg))
-    padded = np.pad(unlike & masked, ((gap, gap), (0, 0)), mode="edge")
-    closed = ndimage.binary_closing(padded, np.ones((2 * gap + 1, 1)))[gap:-gap]
+    padded = np.pad(np.pad(unlike & masked, ((gap, gap), (0, 0)), mode="edge"), ((0, 0), (gap, gap)), mode="wrap")
+    closed = ndimage.binary_closing(padded, np.ones((2 * gap + 1, gap)))[gap:-gap, gap:-gap]
     return np.logical_and.accumulate(closed, axis=0)
 
 
@@ -182,4 +182,4 @@ def summary(figures: dict[str, Any]) -> list[str]:
         ]
     gains = figures["white_balance_gains"]
     balanced = "none" if gains == [1.0, 1.0, 1.0] else " ".join(f"{g:.3f}" for g in gains)
-    return [*lines, f"exposure: 1 = {figures['exposure_cd_per_m2']:.4g} cd/m^2; white balance: {balanced}"]
+    return [*lines, f"exposure: 1 = {figures['exposure_cd_per_m2']:.4g} cd/m^2", f"white balance: {balanced}"]

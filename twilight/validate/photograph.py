@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -106,4 +107,9 @@ def read_photograph(
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
     picture = read_image(path, load_response(camera.response))
+    if picture.bits == 8 and camera.response == "linear":
+        warnings.warn(
+            f"{path}: its 8 bits are taken for linear light, as response in the camera's file says; most are srgb",
+            stacklevel=2,
+        )
     return Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg)
