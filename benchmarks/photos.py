@@ -104,6 +104,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.told]
         for p in best.parameters
     ]
+    rows.append([name, "misfit", f"{best.misfit:.4g}", "", "", "", ""])
     sky = run(scene(best.values, PICTURE_CELL_DEG))
     fine = replace(shot, cell_deg=PICTURE_CELL_DEG, min_elevation_deg=0.0, glare_deg=6.0)
     seen = fine.seen(sun.azimuth_deg, sky.apparent_sun_elevation_deg)

@@ -3,13 +3,15 @@
 Least squares of ``photo.residual_vector`` (ln(luminance), u' and v' over the clear sky, after one free exposure and, on
 request, one free white balance) over a library of precomputed skies (``library``), for every aerosol type in turn.
 
-*Uncertainty.*  What is left after the fit (haze in streaks, stitching, the camera's colours, the solver's and the
-library's error) is not noise of single cells: it is alike over some degrees.  So a photograph counts as
-clear solid angle / CORRELATED_SR independent places with three numbers each, of the variance that the best fit leaves,
-and not less than FLOOR; chi^2 = 3 N Q / Q_best, where Q is the sum of squares of the residuals.  Standard errors are
-from its curvature, intervals from its profile (chi^2 + 1, all others fitted again).  *A parameter that the photograph
-cannot tell* is one whose standard deviation, limited by its bounds, is more than UNTOLD of that of an even spread over
-the bounds.
+*Uncertainty.* What is left after the fit (clouds, stitching, haze in streaks) is not noise of single cells: it is
+alike over some degrees, and the photograph counts as N = clear solid angle / CORRELATED_SR independent places with
+three numbers each.  Errors that the fit cannot see because they are alike over the whole sky (vignetting left over,
+the camera's colours, the solver) are taken to be FLOOR, in M places, 1 to SYSTEMATIC_PLACES by the share of the
+hemisphere that is seen.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is the sum of squares of the residuals.  Standard errors are from its curvature, intervals
+from its profile (chi^2 + 1, all others fitted again).
+
+*A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than UNTOLD
+of that of an even spread over the bounds.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ from twilight.validate.photo import CHROMATICITY_SCALE, LOG_SCALE, PhotoSky, res
 CORRELATED_SR = 0.1
 """Solid angle within which errors are alike: a disc of 10 deg radius."""
 FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
-"""Least sum of squares: 2 % in luminance and 0.0015 in u', v', what the library and the solver are off themselves."""
+"""Sum of squares of errors alike over the whole sky: 2 % in luminance and 0.0015 in u', v'."""
+SYSTEMATIC_PLACES = 5.0
 UNTOLD = 0.6
 PROFILE_POINTS = 8
 STEP = 2e-3
@@ -90,6 +93,11 @@ class _Problem:
         ends = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(ends).T
         self.places = max(float(photo.solid_angle_sr.sum()) / CORRELATED_SR, 1.0)
+
+    def variance(self, q: float) -> float:
+        """Of the mean over the sky of one number, for a best sum of squares q."""
+        seen = float(self.photo.solid_angle_sr.sum()) / (2.0 * np.pi)
+        return q / self.places + FLOOR / (1.0 + (SYSTEMATIC_PLACES - 1.0) * seen)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         scaled = self.low + x * (self.high - self.low)
@@ -173,12 +181,11 @@ def estimate(
             problem.correct(x, refine(problem.library.aerosol_type, problem.values(x)))
             fits[i] = (problem, *problem.fit(x))
     best = min(q for _, _, q, _ in fits)
-    scale = max(best, FLOOR)
     made = []
     for i, (problem, x, q, jacobian) in enumerate(fits):
         progress((i + 0.5) / len(fits), f"profiles of {problem.library.aerosol_type}")
-        above = 3.0 * problem.places * (q - best) / scale
-        made.append(_describe(problem, x, q, jacobian, max(q, FLOOR), above))
+        above = 3.0 * (q - best) / problem.variance(best)
+        made.append(_describe(problem, x, q, jacobian, problem.variance(q), above))
     return sorted(made, key=lambda e: e.misfit)
 
 
@@ -186,7 +193,7 @@ def _describe(
     problem: _Problem, x: np.ndarray, q: float, jacobian: np.ndarray, variance: float, above: float
 ) -> Estimate:
     """Uncertainties of a fit: curvature and profiles."""
-    information = 3.0 * problem.places / variance * (jacobian.T @ jacobian)
+    information = 3.0 / variance * (jacobian.T @ jacobian)
     # a trace of prior knowledge keeps what the photograph does not tell finite: the variance of an even spread
     covariance = np.linalg.inv(information + np.eye(x.size) * 12.0e-3)
     deviation = np.sqrt(np.diag(covariance))
@@ -234,7 +241,7 @@ def _profile(
                 chi2[k] = 0.0
                 continue
             start, here, _ = problem.fit(start, {i: float(grid[k])})
-            chi2[k] = 3.0 * problem.places * (here - q) / variance
+            chi2[k] = 3.0 * (here - q) / variance
     return grid, np.maximum(chi2, 0.0)
 
 
