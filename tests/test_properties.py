@@ -149,10 +149,9 @@ def test_null_effects_are_exact(air, sun):
     without = replace(plain, aerosol_share=plain.aerosol_share[:0], phase_functions=())
     expected = sky(plain, sun)
     np.testing.assert_allclose(sky(without, sun), expected, rtol=1e-6)
-    off = sky(
-        replace(plain, refractivity=medium_of(air).refractivity), sun, refraction=False, bent_lines_of_sight=False
-    )
-    assert np.array_equal(off, sky(plain, sun, refraction=False, bent_lines_of_sight=False))
+    straight = {"refraction": False, "bent_lines_of_sight": False, "bent_paths": False}
+    off = sky(replace(plain, refractivity=medium_of(air).refractivity), sun, **straight)
+    assert np.array_equal(off, sky(plain, sun, **straight))
     np.testing.assert_allclose(expected, off, rtol=1e-6, atol=1e-30)
 
 

@@ -29,7 +29,11 @@ def find(target: str | Path, folder: Path = Path(), kinds: tuple[str, ...] = ("c
     if "\0" in text or not text:
         raise TwilightError(f"{text!r} is neither a file nor the name of a climate")
     path = folder / Path(text).expanduser()
-    if path.is_file():
+    try:
+        there = path.is_file()
+    except OSError as error:
+        raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
+    if there:
         return path
     if path.is_dir():
         raise TwilightError(f"{path}: is a folder; give the file of a climate or configuration")

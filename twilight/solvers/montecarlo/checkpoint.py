@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import struct
 import tempfile
 import time
+import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -67,7 +70,16 @@ class Checkpoint:
             with np.load(self.path, allow_pickle=False) as data:
                 key = str(data["fingerprint"])
                 values = {f.name: data[f.name] for f in fields(State)}
-        except (OSError, ValueError, KeyError) as error:
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            EOFError,
+            NotImplementedError,
+            BadZipFile,
+            zlib.error,
+            struct.error,
+        ) as error:
             raise TwilightError(f"{self.path}: not a Monte-Carlo checkpoint; delete it or name another file") from error
         if key != self.key:
             raise TwilightError(
