@@ -25,7 +25,7 @@ from twilight.io.whole import whole_file
 from twilight.run import resolve_solver_of
 
 GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
-RANKS = {"dark": (80, 36, 12, 7), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
+RANKS = {"dark": (80, 36, 12, 6), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
 """Of direction, sun, wavelength and amount."""
 LOAD_OFFSET = 0.02
 SMOOTH_QUALITY = "draft"
