@@ -7,11 +7,11 @@ request, one free white balance) over a library of precomputed skies (``library`
 alike over some degrees, and the photograph counts as N = clear solid angle / CORRELATED_SR independent places with
 three numbers each.  Errors that the fit cannot see because they are alike over the whole sky (vignetting left over,
 the camera's colours, the solver) are taken to be FLOOR, in M places, 1 to SYSTEMATIC_PLACES by the share of the
-hemisphere that is seen.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is the sum of squares of the residuals.  Standard errors are from its curvature, intervals
-from its profile (chi^2 + 1, all others fitted again).
+hemisphere that is seen.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is the sum of squares of the residuals.
+Standard errors are from its curvature, intervals from its profile (chi^2 + 1, all others fitted again).
 
-*A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than UNTOLD
-of that of an even spread over the bounds.
+*A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than
+UNTOLD of that of an even spread over the bounds.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
 SYSTEMATIC_PLACES = 5.0
 UNTOLD = 0.6
 PROFILE_POINTS = 8
+AT_BOUND = 1e-6
+"""A fit keeps this much off the bounds, as a share of a parameter's range; nearer than that is at the bound."""
 STEP = 2e-3
 """Step of the Jacobian's differences, as a share of a parameter's range."""
 REFINEMENTS = 2
@@ -144,7 +146,8 @@ class _Problem:
 
         inside = np.clip(start[free], 0.01, 0.99)
         found = least_squares(residuals, inside, jacobian, bounds=(0.0, 1.0), xtol=1e-5, ftol=1e-7)
-        return full(found.x), float(2.0 * found.cost), found.jac
+        x = full(found.x)
+        return np.where(x < AT_BOUND, 0.0, np.where(x > 1.0 - AT_BOUND, 1.0, x)), float(2.0 * found.cost), found.jac
 
 
 def estimate(
