@@ -87,7 +87,7 @@ def test_the_library_interpolates_between_its_climates():
             off = found - np.log(toy(**values, sun=sun))
             off = np.abs(off - off.mean())  # the exposure is free
             near = np.hypot(ELEVATION[:, None] - sun, np.minimum(AZIMUTH, 360 - AZIMUTH)[None, :]) < 15
-            assert off[~near].max() < 0.06, values
+            assert off[~near].max() < 0.08, values
             assert off[~near].mean() < 0.025, values
     node = library.design.nodes[7]
     weights = library.weights({**node, SUN: 25.0})
