@@ -61,7 +61,7 @@ FORMAT = "twilight compact sky 1"
 TERMS = ("dark", "ground", "ozone")
 ARRAYS = ("sun_elevation_deg", "wavelength_nm", "optical_depth_550nm", "ozone_column_du", "returned")
 NUMBERS = ("load_offset", "ozone_reference_du")
-_CHUNK = 65536
+_CHUNK = 4096
 
 
 class CompactSkyError(ValueError):
