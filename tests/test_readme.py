@@ -44,7 +44,7 @@ def test_the_commands_shown_are_understood(command, monkeypatch, tmp_path):
     words = shlex.split(command)[1:]
     if words[0] == "render":
         words += [] if "--plan" in words else ["--plan"]
-    elif words[0] in ("climates", "describe", "compare"):
+    elif words[0] in ("climates", "describe", "compare", "fit"):
         words.append("--help")
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
@@ -59,7 +59,7 @@ def test_the_documents_shown_are_valid(text, tmp_path):
 
 
 def test_the_python_shown_uses_what_exists():
-    text, _ = blocks("python")
+    text, *_ = blocks("python")
     namespace: dict = {}
     tree = ast.parse(text)
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
