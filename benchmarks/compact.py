@@ -3,8 +3,9 @@
     python benchmarks/compact.py [MODEL.npz] [--quality QUALITY] [--picture FILE.png]
 
 Writes benchmarks/compact.csv from what the fit found on skies that it was not fitted to (they are in the model's file),
-the file's size, and processor times measured here, with numba and with numpy alone.  The picture shows both skies of one air, and
-their ratio, under several suns; its zones are solved anew at the quality, that of the model unless another is given.
+the file's size, and processor times measured here, with numba and with numpy alone.  The picture (committed as
+compact.png) shows both skies of one air, and their ratio, under several suns; its zones are solved anew at the quality,
+that of the model unless another is given.
 """
 
 from __future__ import annotations
