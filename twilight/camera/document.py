@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os.path import isfile
 from pathlib import Path
 
 import yaml
@@ -32,7 +33,7 @@ def read_camera(path: str | Path) -> Camera:
     response = camera.response
     if isinstance(response, str) and response not in KNOWN_RESPONSES:
         curve = path.parent / response
-        if not curve.is_file():
+        if not isfile(curve):
             raise TwilightError(
                 f"{path}: response must be linear, srgb, an exponent or the path of a CSV file; there is no {curve}"
             )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def read_samples(path: str | Path) -> Picture:
     suffix = path.suffix.lower()
     if path.is_dir():
         raise TwilightError(f"{path}: is a folder; give the file of a photograph")
-    if not path.is_file():
+    if not isfile(path):
         raise TwilightError(f"{path}: no such file")
     if suffix in RADIANCE_SUFFIXES:
         return _floating(path, read_rgbe(path, MAX_PIXELS))

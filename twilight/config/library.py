@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os.path import isdir, isfile
 from pathlib import Path
 
 from twilight.config.validate import unknown
@@ -29,13 +30,9 @@ def find(target: str | Path, folder: Path = Path(), kinds: tuple[str, ...] = ("c
     if "\0" in text or not text:
         raise TwilightError(f"{text!r} is neither a file nor the name of a climate")
     path = folder / Path(text).expanduser()
-    try:
-        there = path.is_file()
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
-    if there:
+    if isfile(path):  # unlike Path.is_file, False for a name that is too long
         return path
-    if path.is_dir():
+    if isdir(path):
         raise TwilightError(f"{path}: is a folder; give the file of a climate or configuration")
     names = {name: file for kind in kinds for name, file in shipped(kind).items()}
     if text in names:

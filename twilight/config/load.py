@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ class _Draft:
         origins = Origins(self.origins, frozenset(self.hidden))
         config = validate(Config, self.data, origins)
         medium = config.climate.medium
-        if medium is not None and not Path(medium.table).is_file():
+        if medium is not None and not isfile(medium.table):
             where, shown = origins.describe(("climate", "medium", "table"))
             raise TwilightError(f"{where}: {'.'.join(shown)}: there is no file {medium.table}")
         if solver:
@@ -142,7 +143,7 @@ class Series:
 
         Errors: TwilightError that names the file, the key, and what is allowed.
         """
-        folder = Path(self.where).parent if Path(self.where).is_file() else Path()
+        folder = Path(self.where).parent if isfile(self.where) else Path()
         one = deepcopy(self._draft)
         for name in sorted(point, key=lambda name: name.count(".")):  # a climate before what is set in it
             one.set(name, deepcopy(point[name]), f"{self.where}: vary", folder)

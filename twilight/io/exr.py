@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,7 @@ def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     import OpenEXR
 
     path = Path(path)
-    if not path.is_file():
+    if not isfile(path):
         raise TwilightError(f"{path}: no such file")
     try:
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:

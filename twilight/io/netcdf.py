@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -212,7 +213,7 @@ def read_sky(path: str | Path) -> Sky:
     Raises TwilightError where the file is missing, not complete, or not a sky.
     """
     path = Path(path)
-    if not path.is_file():
+    if not isfile(path):
         raise TwilightError(f"{path}: no such file")
     try:
         dataset = _load(path)

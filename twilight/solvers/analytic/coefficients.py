@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,7 @@ def load_coefficients(name: str) -> SkyCoefficients:
             ".json file"
         )
     try:
-        if not path.is_file():  # a pipe or a device could go on for ever
+        if not isfile(path):  # a pipe or a device could go on for ever
             raise TwilightError(f"solver.coefficients: {path}: there is no such file")
         if path.stat().st_size > MAX_BYTES:
             raise TwilightError(

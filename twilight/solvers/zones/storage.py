@@ -7,6 +7,7 @@ import json
 import os
 import tempfile
 from dataclasses import asdict, fields
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,7 +110,7 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     from twilight.solvers.zones.field import Convergence, Field
 
     path = Path(path)
-    if not path.is_file():
+    if not isfile(path):
         raise TwilightError(f"{path}: there is no such file; a field is written by Field.save or solver.field_file")
     try:
         with h5py.File(path, "r") as file:
