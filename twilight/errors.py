@@ -2,8 +2,8 @@
 
 import re
 
-LONGEST_WORD = 200
-"""Characters of one word of a sentence; what an input repeats a thousand times is shown by its ends."""
+LONGEST_WORD, LONGEST_SENTENCE = 200, 2000
+"""Characters of one word and of all; what an input repeats a thousand times is shown by its ends."""
 
 
 class TwilightError(Exception):
@@ -14,7 +14,10 @@ class TwilightError(Exception):
 
     def __init__(self, sentence: str = ""):
         one_line = " ".join(str(sentence).splitlines())
-        super().__init__(re.sub(rf"\S{{{LONGEST_WORD + 1},}}", _ends, one_line))
+        text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", _ends, one_line)
+        if len(text) > LONGEST_SENTENCE:
+            text = f"{text[: LONGEST_SENTENCE * 3 // 4]} ... {text[-LONGEST_SENTENCE // 5 :]}"
+        super().__init__(text)
 
 
 def _ends(word: re.Match[str]) -> str:
