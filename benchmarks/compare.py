@@ -9,7 +9,8 @@ For each climate:
     twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones --set solver.bent_paths=false \
         --reference benchmarks/reference/CLIMATE.csv
 
-with the solvers in SOLVERS; paths between two scattering events are straight, as the referee's are.  Finished rows are kept in out/benchmark-CLIMATE.
+with the solvers in SOLVERS; paths between two scattering events are straight, as the referee's are.  Finished rows are
+kept in out/benchmark-CLIMATE.
 """
 
 from __future__ import annotations

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.config import load_series
-from twilight.errors import TwilightError
 from twilight.plan import make_plan
 from twilight.run import check_size, count_frames
 
