@@ -168,6 +168,7 @@ def test_operator_serves_every_sun():
     assert np.array_equal(before, kernel)
 
 
+@pytest.mark.slow
 def test_active_shells_and_mode_cut_are_small_errors():
     medium = air(aerosol=0.05)
     settings = replace(QUALITIES["haber2005"], azimuth_cells=36, subcells=2, azimuth_modes=0)
@@ -189,6 +190,7 @@ def test_closed_operator_keeps_the_energy():
     assert np.median(np.abs(operator.closure - 1.0)) < 0.1
 
 
+@pytest.mark.slow
 def test_ground_brightens_the_isotropic_sky():
     settings = replace(QUALITIES["haber2005"], azimuth_cells=36, active_shell_step=2)
     dark = cells.prepare(air(), settings).radiance(30.0, 60.0, 90.0)
@@ -351,7 +353,7 @@ def test_one_thread_and_two_are_bit_identical():
         {"scattering": 1e-9},
     ],
 )
-@pytest.mark.parametrize("mode", ["exact", "isotropic"])
+@pytest.mark.parametrize("mode", ["exact", pytest.param("isotropic", marks=pytest.mark.slow)])
 def test_extreme_air_is_finite_and_not_negative(medium, mode):
     settings = replace(COARSE, multiple_scattering=mode, active_shell_step=4)
     field = cells.prepare(air(**medium), settings)

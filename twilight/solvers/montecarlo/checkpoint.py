@@ -10,6 +10,7 @@ import time
 import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -69,7 +70,9 @@ class Checkpoint:
         try:
             with np.load(self.path, allow_pickle=False) as data:
                 key = str(data["fingerprint"])
-                values = {f.name: data[f.name] for f in fields(State)}
+                values: dict[str, Any] = {f.name: data[f.name] for f in fields(State)}
+                for name in ("limited", "round_index", "batch_index"):
+                    values[name] = int(values[name])
         except (
             OSError,
             ValueError,
@@ -85,8 +88,6 @@ class Checkpoint:
             raise TwilightError(
                 f"{self.path}: checkpoint of another medium, setting or view; delete it or name another file"
             )
-        for name in ("limited", "round_index", "batch_index"):
-            values[name] = int(values[name])
         return State(**values)
 
     def save_if_due(self, state: dict) -> None:
