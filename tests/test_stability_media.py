@@ -71,9 +71,6 @@ def test_extreme_air(name):
     check(name, look(name, extremes(), suns, settings=settings), EXTREMES.values(), suns, "extremes")
 
 
-@pytest.mark.xfail(
-    strict=True, reason="grids coarser than draft: cubics of the logarithm overshoot from order to order, night is lit"
-)
 def test_fog_on_a_coarse_grid_is_dark_at_night():
     fog = Air(aerosol=20.0, albedo=1.0, ground=1.0)
     check("zones", look("zones", medium_of(fog), (-40.0,)), [fog], (-40.0,), "fog")

@@ -40,7 +40,7 @@ def prepare(
     Raises TwilightError for an observer below the ground.
     """
     settings = settings or MonteCarloSettings()
-    if not observer_altitude_km >= medium.bottom_km:
+    if not medium.bottom_km <= observer_altitude_km < np.inf:
         raise TwilightError(
             f"the observer's altitude must be at or above the ground ({medium.bottom_km:g} km), "
             f"not {observer_altitude_km}"

@@ -18,6 +18,8 @@ TINY = 1e-30
 FAINT = 1e-12
 """Radiance over F0 that convergence does not look at: about a thousandth of a moonless night's own light."""
 PHASE_NODES = 2049
+SWING = 0.2
+"""How far the logarithm may go beyond those of the altitudes around it, and by which share of their difference."""
 PER_INTERVAL = 3
 """Steps of the fine grid of solar zenith angles in every interval of the nodes."""
 
@@ -52,9 +54,18 @@ class Nodes:
         """Values (T, ...) on the fine grid of solar zenith angles."""
         return _apply(self.zenith_rule, values)
 
-    def refine_altitude(self, values: np.ndarray) -> np.ndarray:
-        """Values (Z, ...) on the fine grid of altitudes."""
-        return _apply(self.altitude_rule, values)
+    def refine_altitude(self, log_mean: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Logarithms (Z, T, 8) and relative moments (Z, T, C, 8) on the fine grid of altitudes.
+
+        A cubic through logarithms that differ by tens, in air that is black, would swing from order to order: it stays
+        near its interval's ends.
+        """
+        log_fine = _apply(self.altitude_rule, log_mean)
+        interval = np.minimum(np.arange(log_fine.shape[0]) // PER_INTERVAL, log_mean.shape[0] - 2)
+        low, high = log_mean[interval], log_mean[interval + 1]
+        slack = np.float32(SWING) * (np.float32(1.0) + np.abs(high - low))
+        np.clip(log_fine, np.minimum(low, high) - slack, np.maximum(low, high) + slack, out=log_fine)
+        return log_fine, _apply(self.altitude_rule, ratio)
 
 
 def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarray:
@@ -141,7 +152,7 @@ class Passes:
         """Radiance of the next order from the mean (Z, T, 8), the moments and the ground (T, 8) of the one before."""
         out = self._empty()
         n = self.nodes
-        log_mean, ratio = (n.refine_altitude(values) for values in normalised(mean, moments))
+        log_mean, ratio = n.refine_altitude(*normalised(mean, moments))
         log_ground = n.refine_zenith(np.log(np.maximum(ground, TINY)))
         ground_weight, ground_angle = self._ground()
         in_slices(
@@ -197,7 +208,8 @@ def solve_orders(
         total[:, :, kept] += order
         total_ground += ground
         events += 1
-        ratio = np.clip(mean / np.maximum(before, TINY), 0.0, 0.97)
+        # written so that nothing overflows where there was no light before
+        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, TINY)
         # what is left behaves like a geometric series at every node; two such guesses in a row show how well
         guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
         if previous is not None:
@@ -211,7 +223,7 @@ def solve_orders(
             total_ground += ground * rest[0]
             break
     nodes = early.nodes
-    log_mean, relative = (nodes.refine_altitude(values) for values in normalised(total[:, :, 0], total))
+    log_mean, relative = nodes.refine_altitude(*normalised(total[:, :, 0], total))
     log_ground = nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
     return Solution(log_mean, relative, log_ground, events + 1, residual)
 
