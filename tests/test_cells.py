@@ -158,6 +158,7 @@ def test_fourier_operator_is_the_loop_over_pairs(brute_force):
     np.testing.assert_allclose(total, reference, rtol=2e-6, atol=reference.max() * 1e-7)  # kept in single precision
 
 
+@pytest.mark.slow
 def test_operator_serves_every_sun():
     field = cells.prepare(air(), replace(QUALITIES["haber2005"], azimuth_cells=24, active_shell_step=2))
     kernel = field.isotropic.operator.kernel
@@ -308,6 +309,7 @@ def test_ground_is_seen_at_the_wavelengths_that_reach_it():
     assert got == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_more_ground_more_light_more_absorber_less():
     light = [
         cells.prepare(medium, COARSE).radiance(20.0, [10.0, 50.0, 90.0], 70.0)
@@ -319,6 +321,7 @@ def test_more_ground_more_light_more_absorber_less():
     assert np.all(darker < light[0])
 
 
+@pytest.mark.slow
 def test_scattering_is_followed_until_it_converges():
     field = cells.prepare(air(albedo=1.0, aerosol=0.4, ground=0.9), COARSE)
     radiance = field.radiance(30.0, [10.0, 80.0], 90.0)

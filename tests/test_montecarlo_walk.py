@@ -187,6 +187,7 @@ def test_progress_tells_the_present_error(field):
     assert said[-1][1] == 1.0 and "standard error" in said[-1][0]
 
 
+@pytest.mark.slow
 def test_isotropic_after_first_keeps_single_scattering_and_changes_the_rest():
     plain = MonteCarloSettings(target_stderr=0.01, refraction=False)
     thin = hazy_earth(ground=0.0)

@@ -232,6 +232,7 @@ def test_exposure_and_white_balance_are_recovered():
     assert total == pytest.approx(1e3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_another_sun_is_seen_as_another_sky():
     seen = photograph(latlong(360), 0.0).seen(0.0, 12.0).sky
     same, other = (comparing.compare(seen, preetham(e)).figures for e in (12.0, 20.0))

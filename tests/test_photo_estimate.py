@@ -140,6 +140,7 @@ def test_degraded_photographs_are_as_uncertain_as_they_say(degraded):
     assert found["aerosol"].value == pytest.approx(0.22, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_part_of_the_sky_says_less():
     wide = seen(latlong(), TRUTH)
     low = replace(
@@ -158,6 +159,7 @@ def test_the_sun_is_found_with_the_air():
     assert found["aerosol"].value == pytest.approx(0.22, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_type_that_fits_comes_first():
     others = [toy_library("grey", steepness=-1.0), toy_library("true"), toy_library("blue", steepness=3.0)]
     made = estimate(seen(latlong(), TRUTH), others)
@@ -186,6 +188,7 @@ def test_settings_replace_what_the_scene_says():
     assert made.climate.aerosol.type == "desert"
 
 
+@pytest.mark.slow
 def test_a_library_is_computed_once(tmp_path, monkeypatch):
     base, design, file = load("continental-average", TINY), Design(()), tmp_path / "skies.npz"
     one = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)

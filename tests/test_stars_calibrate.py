@@ -124,6 +124,7 @@ def test_wrong_hour_is_refused_or_seen():
     assert errors_arcmin(truth, made.camera).min() > 60.0
 
 
+@pytest.mark.slow
 def test_what_cannot_be_solved_says_so():
     _, guess, picture = draw("perspective")
     random = np.random.default_rng(1)

@@ -528,6 +528,7 @@ def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow
     assert_right(toy, out)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_a_sentence(toy, slow_sweep):
     path, out = slow_sweep
     result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--scheduler", "tcp://127.0.0.1:9"])
