@@ -168,6 +168,7 @@ def test_the_command_writes_a_set_that_the_solver_takes(small):
     assert config.solver["coefficients"] == str(small.path)
 
 
+@pytest.mark.slow
 def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
     scene = ["pure-air", "--set", "solver.turbidity=3.0", "--solver", "preetham", "--sun-elevation", "30"]
     coarse = ["--set", "texture.resolution_deg=7.5", "--set", "wavelengths.count=5", "--set", "refraction.model=none"]
