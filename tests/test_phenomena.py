@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from twilight.colour import uv_of_xy
 from twilight.config import load
 from twilight.validate import phenomena as see
 
@@ -27,7 +28,7 @@ def zenith(a, sun):
 def test_chromaticities_of_known_light():
     x, y = see.chromaticity(np.array([[95.047, 100.0, 108.883]]))  # D65
     assert (float(x[0]), float(y[0])) == pytest.approx((0.3127, 0.3290), abs=1e-4)
-    assert see.uv_prime(0.3127, 0.3290) == pytest.approx([0.1978, 0.4683], abs=1e-4)
+    assert uv_of_xy(0.3127, 0.3290) == pytest.approx([0.1978, 0.4683], abs=1e-4)
     assert see.above_daylight(0.3127, 0.3290) == pytest.approx(0.0, abs=2e-3)
     assert see.above_daylight(0.33, 0.30) < -0.01 < 0.01 < see.above_daylight(0.30, 0.36)
 

@@ -56,6 +56,18 @@ def colour_note(sky: Sky, observer: str = DEFAULT_OBSERVER) -> str:
     )
 
 
+def uv_of_xyz(xyz: np.ndarray) -> np.ndarray:
+    """CIE 1976 u', v' (..., 2) of XYZ (..., 3); NaN for black."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([4.0 * xyz[..., 0], 9.0 * xyz[..., 1]], axis=-1) / (xyz @ np.array([1.0, 15.0, 3.0]))[..., None]
+
+
+def uv_of_xy(x, y) -> np.ndarray:
+    """CIE 1976 u', v' (..., 2) of the chromaticities x and y."""
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    return uv_of_xyz(np.stack([x, y, 1.0 - x - y], axis=-1))
+
+
 def spectrum_to_xyz(
     factor: np.ndarray,
     wavelength_nm: np.ndarray,

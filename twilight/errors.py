@@ -2,7 +2,7 @@
 
 import re
 
-LONGEST_WORD, LONGEST_SENTENCE = 200, 2000
+LONGEST_WORD, LONGEST_SENTENCE = 200, 800
 """Characters of one word and of all; what an input repeats a thousand times is shown by its ends."""
 
 
@@ -13,13 +13,9 @@ class TwilightError(Exception):
     """
 
     def __init__(self, sentence: str = ""):
-        one_line = " ".join(str(sentence).splitlines())
-        text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", _ends, one_line)
-        if len(text) > LONGEST_SENTENCE:
-            text = f"{text[: LONGEST_SENTENCE * 3 // 4]} ... {text[-LONGEST_SENTENCE // 5 :]}"
-        super().__init__(text)
+        text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _ends(word[0], LONGEST_WORD), str(sentence))
+        super().__init__(_ends(" ".join(text.split()), LONGEST_SENTENCE))
 
 
-def _ends(word: re.Match[str]) -> str:
-    text = word[0]
-    return f"{text[: LONGEST_WORD // 2]}...{text[-LONGEST_WORD // 4 :]}"
+def _ends(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 2 :]}"

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.options import file_stem, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
-
-
-def _option(metavar: str, help: str, *names: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help)
 
 
 def compare(
@@ -21,38 +17,33 @@ def compare(
         str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate, or file of a configuration.")
     ],
     solvers: Annotated[
-        str | None, _option("NAMES", "Comma-separated, e.g. cells,montecarlo:draft; without it, all qualities of all.")
+        str | None, option("NAMES", "Comma-separated, e.g. cells,montecarlo:draft; without it, all qualities of all.")
     ] = None,
     sun_elevation: Annotated[
-        str | None, _option("DEG,...", "True elevations of the sun; without it, the scene's, or the table's.")
+        str | None, option("DEG,...", "True elevations of the sun; without it, the scene's, or the table's.")
     ] = None,
     reference: Annotated[
         Path | None,
-        _option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them."),
+        option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them."),
     ] = None,
     reference_stderr: Annotated[
-        float, _option("SHARE", "Relative standard error of the radiances that montecarlo makes.")
+        float, option("SHARE", "Relative standard error of the radiances that montecarlo makes.")
     ] = 0.003,
-    directions: Annotated[int, _option("N", "Directions of the texture in which montecarlo makes them.")] = 48,
+    directions: Annotated[int, option("N", "Directions of the texture in which montecarlo makes them.")] = 48,
     time_limit: Annotated[
-        float, _option("SECONDS", "For one solver at one quality, all suns together, and for one sun of montecarlo's.")
+        float, option("SECONDS", "For one solver at one quality, all suns together, and for one sun of montecarlo's.")
     ] = 900.0,
-    repeats: Annotated[int, _option("N", "Most timed runs of each, of which the median is given.")] = 3,
+    repeats: Annotated[int, option("N", "Most timed runs of each, of which the median is given.")] = 3,
     ablations: Annotated[
         bool, typer.Option("--ablations", help="Instead: what each simplification changes, and the time it saves.")
     ] = False,
-    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
-    output: Annotated[Path | None, _option("DIR", "Folder for tables, picture and finished rows.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
     """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. Takes up what is there."""
     from twilight.config import load_series
-    from twilight.config.load import parse_setting
 
-    chosen: dict[str, Any] = {}
-    names: dict[str, str] = {}
-    for text in settings or ():
-        key, value = parse_setting(text)
-        chosen[key], names[key] = value, f"--set {key}"
+    chosen, names = settings_of(settings)
     suns = None if sun_elevation is None else _numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     _within(reference_stderr, "--reference-stderr", 1e-4, 0.1)
     _within(directions, "--directions", 4, 100_000)
@@ -62,7 +53,7 @@ def compare(
     if len(cases) > 1:
         raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); compare takes one")
     config = cases[0].config
-    folder = output or Path("out") / ("compare-" + (re.sub(r"[^\w.+-]+", "-", config.title).strip("-.") or "scene"))
+    folder = output or Path("out") / ("compare-" + file_stem(config.title, "scene"))
     if ablations:
         if solvers is not None or reference is not None:
             raise TwilightError("--ablations: compares runs of one solver; it takes no --solvers and no --reference")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.cli.fit_compact import compact
-from twilight.cli.render import _option
+from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar, sentences
 from twilight.errors import TwilightError
 
@@ -28,14 +28,14 @@ def perez(
     per_sky: Annotated[
         bool, typer.Option("--per-sky", help="Fit the five parameters to each sky of the scene.")
     ] = False,
-    sun_elevation: Annotated[float | None, _option("DEG", "With --per-sky: true elevation of the sun.")] = None,
+    sun_elevation: Annotated[float | None, option("DEG", "With --per-sky: true elevation of the sun.")] = None,
     haze: Annotated[
-        str | None, _option("NAME", "Aerosol of the skies: climate (default), scaled, or preetham1999, the paper's.")
+        str | None, option("NAME", "Aerosol of the skies: climate (default), scaled, or preetham1999, the paper's.")
     ] = None,
-    solver: Annotated[str | None, _option("NAME", "See `twilight solvers`.")] = None,
-    quality: Annotated[str | None, _option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
-    output: Annotated[Path | None, _option("FILE.yaml", "Coefficients; without it, out/perez_NAME.yaml.")] = None,
+    solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("FILE.yaml", "Coefficients; without it, out/perez_NAME.yaml.")] = None,
 ) -> None:
     """Fit Perez's sky, as Preetham did: 5 turbidities, 12 suns, 343 directions; or five parameters to one sky."""
     if output is not None and output.suffix not in (".yaml", ".yml"):
@@ -55,7 +55,6 @@ def _chosen(
     sun_elevation: float | None, solver: str | None, quality: str | None, settings: list[str] | None
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Dotted keys with their values, and what to call each in errors."""
-    from twilight.config.load import parse_setting
 
     sun = None if sun_elevation is None else {"elevation_deg": sun_elevation}
     given = {
@@ -65,9 +64,8 @@ def _chosen(
     }
     chosen = {key: value for key, (value, _) in given.items() if value is not None}
     names = {key: option for key, (_, option) in given.items()}
-    for text in settings or ():
-        key, value = parse_setting(text)
-        chosen[key], names[key] = value, f"--set {key}"
+    set_here, called = settings_of(settings)
+    chosen, names = chosen | set_here, names | called
     return chosen, names
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.render import _option
+from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
@@ -19,12 +19,12 @@ def compact(
     climate: Annotated[
         str, typer.Argument(metavar="CLIMATE", help="Climate or configuration.")
     ] = "continental-average",
-    output: Annotated[Path | None, _option("FILE.npz", "Model; without it, out/compact_NAME.npz.")] = None,
-    quality: Annotated[str | None, _option("NAME", "Preset of the solver zones.")] = None,
+    output: Annotated[Path | None, option("FILE.npz", "Model; without it, out/compact_NAME.npz.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver zones.")] = None,
     optical_depths: Annotated[
-        str | None, _option("LIST", "Aerosol optical depths at 550 nm, at least 4 [0.01,0.04,0.09,0.2,0.4,0.8].")
+        str | None, option("LIST", "Aerosol optical depths at 550 nm, at least 4 [0.01,0.04,0.09,0.2,0.4,0.8].")
     ] = None,
-    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
 ) -> None:
     """Fit a compact spectral sky: every sun to -18 deg, direction, 380 to 740 nm, aerosol load, albedo and ozone."""
     from twilight.config import load_series
@@ -78,15 +78,13 @@ def _numbers(text: str) -> list[float]:
 
 def _chosen(quality: str | None, settings: list[str] | None) -> tuple[dict[str, Any], dict[str, str]]:
     """Dotted keys with their values, and what to call each in errors; what the model is a function of is refused."""
-    from twilight.config.load import parse_setting
 
     chosen: dict[str, Any] = {}
     names: dict[str, str] = {}
     if quality is not None:
         chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    for text in settings or ():
-        key, value = parse_setting(text)
+    set_here, called = settings_of(settings)
+    for key in set_here:
         if key.split(".")[0] in FITTED_KEYS or key.removeprefix("climate.") in FITTED_CLIMATE_KEYS:
             raise TwilightError(f"--set {key}: changes nothing in a compact sky, which is for all of these")
-        chosen[key], names[key] = value, f"--set {key}"
-    return chosen, names
+    return chosen | set_here, names | called

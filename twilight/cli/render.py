@@ -9,42 +9,38 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
-
-
-def _option(metavar: str, help: str, *names: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help)
 
 
 def render(
     scene: Annotated[
         str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate, or file of a configuration.")
     ],
-    sun_elevation: Annotated[float | None, _option("DEG", "True elevation of the sun.")] = None,
-    at: Annotated[str | None, _option("TIME", "Date and time, e.g. 2003-12-08T16:30; needs a place.")] = None,
-    latitude: Annotated[float | None, _option("DEG", "North positive.")] = None,
-    longitude: Annotated[float | None, _option("DEG", "East positive.")] = None,
-    time_zone: Annotated[str | None, _option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
-    altitude_km: Annotated[float | None, _option("KM", "Altitude of the observer.")] = None,
-    solver: Annotated[str | None, _option("NAME", "See `twilight solvers`.")] = None,
-    quality: Annotated[str | None, _option("NAME", "Preset of the solver.")] = None,
+    sun_elevation: Annotated[float | None, option("DEG", "True elevation of the sun.")] = None,
+    at: Annotated[str | None, option("TIME", "Date and time, e.g. 2003-12-08T16:30; needs a place.")] = None,
+    latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
+    longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
+    time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
+    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer.")] = None,
+    solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     target_stderr: Annotated[
-        float | None, _option("SHARE", "Relative standard error of every pixel, e.g. 0.01; montecarlo only.")
+        float | None, option("SHARE", "Relative standard error of every pixel, e.g. 0.01; montecarlo only.")
     ] = None,
     target_error: Annotated[
-        float | None, _option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01; zones only.")
+        float | None, option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01; zones only.")
     ] = None,
-    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     target: Annotated[
-        str | None, _option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
+        str | None, option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
     ] = None,
-    output: Annotated[Path | None, _option("DIR", "Folder for the files; made where it is missing.")] = None,
+    output: Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Only say what the scene leaves out, and why.")] = False,
 ) -> None:
     """Compute a sky, or a series of them, and write PNG, EXR and HDF5."""
     from twilight.config import load_series
-    from twilight.config.load import parse_setting
 
     chosen: dict[str, Any] = {}
     names: dict[str, str] = {}
@@ -59,9 +55,9 @@ def render(
     choose("solver.name", solver, "--solver")
     choose("solver.quality", quality, "--quality")
     choose("output.target", target, "--target")
-    for text in settings or ():
-        key, value = parse_setting(text)
-        chosen[key], names[key] = value, f"--set {key}"
+    set_here, called = settings_of(settings)
+    chosen.update(set_here)
+    names.update(called)
     if target_error is not None:
         _check_solver(load_series(scene, chosen, names), "--target-error", "zones", "refines to a target error")
         choose("solver.target_error", target_error, "--target-error")

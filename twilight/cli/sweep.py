@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.render import _option
+from twilight.cli.options import file_stem, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
@@ -20,21 +19,21 @@ LISTED_SCENES = 5
 def sweep(
     scene: Annotated[str, typer.Argument(metavar="CONFIG", help="Name or file of a configuration with `vary`.")],
     scheduler: Annotated[
-        str | None, _option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786; without it, this machine.")
+        str | None, option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786; without it, this machine.")
     ] = None,
     batch_system: Annotated[
-        str | None, _option("NAME", "Jobs of slurm, pbs, sge, lsf, htcondor, oar or moab, as jobqueue.yaml says.")
+        str | None, option("NAME", "Jobs of slurm, pbs, sge, lsf, htcondor, oar or moab, as jobqueue.yaml says.")
     ] = None,
-    workers: Annotated[int | None, _option("N", "Processes on this machine (default: its cores), or jobs.")] = None,
-    threads: Annotated[int | None, _option("N", "Of each worker; without it, cores are shared evenly.")] = None,
-    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
-    output: Annotated[Path | None, _option("DIR.zarr", "The dataset; continued where it is there.")] = None,
+    workers: Annotated[int | None, option("N", "Processes on this machine (default: its cores), or jobs.")] = None,
+    threads: Annotated[int | None, option("N", "Of each worker; without it, cores are shared evenly.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("DIR.zarr", "The dataset; continued where it is there.")] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
     from twilight.batch.cluster import BATCH_SYSTEMS, Place
     from twilight.batch.sweep import Sweep
-    from twilight.config.load import load_axes, parse_setting
+    from twilight.config.load import load_axes
     from twilight.config.validate import unknown
     from twilight.io.whole import check_folder
 
@@ -47,15 +46,11 @@ def sweep(
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
     if output is not None and output.suffix != ".zarr":
         raise TwilightError(f"--output: {output} must end in .zarr")
-    chosen: dict[str, Any] = {}
-    names: dict[str, str] = {}
-    for text in settings or ():
-        key, value = parse_setting(text)
-        chosen[key], names[key] = value, f"--set {key}"
+    chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
         made = Sweep(series, lambda doing, share: bar(share, doing))
-    name = re.sub(r"[^\w.+-]+", "-", made.first.name or Path(scene).stem).strip("-.") or "sweep"
+    name = file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
         _print_plan(made, path)

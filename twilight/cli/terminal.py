@@ -15,8 +15,6 @@ import typer
 
 from twilight.errors import TwilightError
 
-LONGEST_SENTENCE = 800
-
 
 def sentences(command: Callable[..., None]) -> Callable[..., None]:
     """The command, with a TwilightError printed as one sentence (exit code 2) and signals as exit codes 130 and 143."""
@@ -28,29 +26,19 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
                 warnings.showwarning = _say_warning  # type: ignore[assignment]
                 command(*args, **kwargs)
         except TwilightError as error:
-            print(f"twilight: {_one_line(str(error))}", file=sys.stderr)
+            print(f"twilight: {error}", file=sys.stderr)
             raise typer.Exit(2) from None
         except OSError as error:
             # a file or folder that the system refuses in a way that nobody foresaw
             if error.filename is None:
                 raise
-            print(f"twilight: {_one_line(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
+            print(f"twilight: {TwilightError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:
             print("twilight: interrupted; what was finished before is kept", file=sys.stderr)
             raise typer.Exit(130) from None
 
     return guarded
-
-
-def _one_line(text: str) -> str:
-    """A sentence on one line; what a user wrote may be longer than anyone wants to read back."""
-    text = " ".join(text.split())
-    return (
-        text
-        if len(text) <= LONGEST_SENTENCE
-        else f"{text[: LONGEST_SENTENCE // 2]} ... {text[-LONGEST_SENTENCE // 2 :]}"
-    )
 
 
 def _say_warning(message: Any, category: type[Warning], *_: Any) -> None:

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
 
+from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.photograph import (
+    Azimuth,
+    CameraFile,
+    Folder,
+    Glare,
+    Image,
+    MaskImage,
+    MinElevation,
+    NoAutomaticMask,
+    Resolution,
+    Settings,
+    Skyline,
+    WhiteBalance,
+    open_photograph,
+)
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.cli.validate_photo import _azimuth, _option
+from twilight.cli.validate_photo import _azimuth
 from twilight.errors import TwilightError
 
 SUN_STEP_DEG = 1.0
@@ -17,74 +32,58 @@ MOST_SUNS = 25
 
 
 def estimate(
-    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")],
-    camera: Annotated[Path, _option("CAMERA.yaml", "Projection, lens, orientation and response of the camera.")],
+    image: Image,
+    camera: CameraFile,
     config: Annotated[
         str,
-        _option("CLIMATE_OR_CONFIG", "All that is not estimated; with several suns the elevation is, between them."),
+        option("CLIMATE_OR_CONFIG", "All that is not estimated; with several suns the elevation is, between them."),
     ],
     types: Annotated[
-        str, _option("NAMES", "Aerosol types to try, with commas between.")
+        str, option("NAMES", "Aerosol types to try, with commas between.")
     ] = "continental_average,maritime_clean,desert,urban",
     parameters: Annotated[
-        str, _option("NAMES", "Besides the aerosol's optical depth: humidity, ozone, albedo, or none.")
+        str, option("NAMES", "Besides the aerosol's optical depth: humidity, ozone, albedo, or none.")
     ] = "humidity,ozone,albedo",
     library: Annotated[
-        Path | None, _option("DIR", "Folder where computed skies are kept for other photographs of the same sun.")
+        Path | None, option("DIR", "Folder where computed skies are kept for other photographs of the same sun.")
     ] = None,
-    white_balance: Annotated[
-        bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
-    ] = False,
+    white_balance: WhiteBalance = False,
     no_colour: Annotated[bool, typer.Option("--no-colour", help="Use the luminance only.")] = False,
-    sun_azimuth: Annotated[float | None, _option("DEG", "In the camera's azimuths; unset: as in photo.")] = None,
-    profile: Annotated[Path | None, _option("FILE.csv", "Skyline: azimuth_deg,elevation_deg.")] = None,
-    mask: Annotated[
-        Path | None, _option("IMAGE", "Picture of the photograph's size, bright where there is sky.")
-    ] = None,
-    no_automatic_mask: Annotated[
-        bool, typer.Option("--no-automatic-mask", help="Do not look for ground, trees, buildings and clouds.")
-    ] = False,
-    min_elevation: Annotated[float, _option("DEG", "Compare nothing below.")] = 3.0,
-    glare: Annotated[float, _option("DEG", "Radius about a risen sun that is masked.")] = 10.0,
-    resolution: Annotated[float, _option("DEG", "Cells of the comparison; must divide 90.")] = 3.0,
-    settings: Annotated[
-        list[str] | None, _option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")
-    ] = None,
-    output: Annotated[Path | None, _option("DIR", "Folder for the files; made where it is missing.")] = None,
+    sun_azimuth: Azimuth = None,
+    profile: Skyline = None,
+    mask: MaskImage = None,
+    no_automatic_mask: NoAutomaticMask = False,
+    min_elevation: MinElevation = 3.0,
+    glare: Glare = 10.0,
+    resolution: Resolution = 3.0,
+    settings: Settings = None,
+    output: Folder = None,
 ) -> None:
     """Estimate aerosol, humidity, ozone, ground albedo and, on request, the sun's elevation from a photograph.
 
     Computes a library of skies, fits them to the photograph, computes the sky of the best fit and compares it.  Writes
     estimate.json, climate.yaml and what `twilight validate photo` writes.  Says what the photograph cannot tell.
     """
-    from twilight.camera import read_camera
     from twilight.config import load_series
-    from twilight.config.load import parse_setting
     from twilight.io.whole import check_folder
-    from twilight.validate.photograph import read_photograph
 
     chosen_types, design = _wanted(types, parameters)
-    chosen: dict[str, Any] = {}
-    names: dict[str, str] = {}
-    for text in settings or ():
-        key, value = parse_setting(text)
-        chosen[key], names[key] = value, f"--set {key}"
-    if sun_azimuth is not None and not -360.0 <= sun_azimuth <= 360.0:
-        raise TwilightError(f"--sun-azimuth: {sun_azimuth:g} must be from -360 to 360 deg")
-    photograph = read_photograph(
+    chosen, names = settings_of(settings)
+    photograph = open_photograph(
         image,
-        read_camera(camera),
-        cell_deg=resolution,
+        camera,
+        sun_azimuth,
         profile=profile,
-        mask_image=mask,
+        mask=mask,
         automatic=not no_automatic_mask,
         min_elevation_deg=min_elevation,
         glare_deg=glare,
+        resolution_deg=resolution,
     )
     cases = load_series(config, chosen, names)
     if len(cases) > 1:
         raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate estimate takes one")
-    folder = output or Path("out") / ("estimate-" + (re.sub(r"[^\w.+-]+", "-", image.stem).strip("-.") or "photo"))
+    folder = output or Path("out") / ("estimate-" + file_stem(image.stem, "photo"))
     for place in (folder, *([library] if library else [])):
         check_folder(place)
         place.mkdir(parents=True, exist_ok=True)

@@ -2,83 +2,72 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.photograph import (
+    Azimuth,
+    CameraFile,
+    Folder,
+    Glare,
+    Image,
+    MaskImage,
+    MinElevation,
+    NoAutomaticMask,
+    Resolution,
+    Settings,
+    Skyline,
+    WhiteBalance,
+    open_photograph,
+)
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
 
-def _option(metavar: str, help: str, *names: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help)
-
-
 def photo(
-    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")],
-    camera: Annotated[Path, _option("CAMERA.yaml", "Projection, lens, orientation and response of the camera.")],
-    config: Annotated[str, _option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
-    white_balance: Annotated[
-        bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
-    ] = False,
-    sun_azimuth: Annotated[
-        float | None,
-        _option("DEG", "In the camera's azimuths; unset: the scene's if the camera's azimuth is known, else found."),
-    ] = None,
-    profile: Annotated[
-        Path | None, _option("FILE.csv", "Skyline: azimuth_deg,elevation_deg; below it is no sky.")
-    ] = None,
-    mask: Annotated[
-        Path | None, _option("IMAGE", "Picture of the photograph's size, bright where there is sky.")
-    ] = None,
-    no_automatic_mask: Annotated[
-        bool, typer.Option("--no-automatic-mask", help="Do not look for ground, trees, buildings and clouds.")
-    ] = False,
-    min_elevation: Annotated[float, _option("DEG", "Compare nothing below.")] = 0.0,
-    glare: Annotated[float, _option("DEG", "Radius about a risen sun that is masked.")] = 6.0,
-    resolution: Annotated[float, _option("DEG", "Cells of the comparison; must divide 90.")] = 2.0,
-    settings: Annotated[
-        list[str] | None, _option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")
-    ] = None,
-    output: Annotated[Path | None, _option("DIR", "Folder for the files; made where it is missing.")] = None,
+    image: Image,
+    camera: CameraFile,
+    config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
+    white_balance: WhiteBalance = False,
+    sun_azimuth: Azimuth = None,
+    profile: Skyline = None,
+    mask: MaskImage = None,
+    no_automatic_mask: NoAutomaticMask = False,
+    min_elevation: MinElevation = 0.0,
+    glare: Glare = 6.0,
+    resolution: Resolution = 2.0,
+    settings: Settings = None,
+    output: Folder = None,
 ) -> None:
     """Compare a photograph with the computed sky, and write a side-by-side picture with its figures.
 
     Writes comparison.png, figures.json, profiles.csv and comparison.h5; with several suns also suns.csv, and the files
     are those of the sun that fits best.
     """
-    from twilight.camera import read_camera
     from twilight.config import load_series
-    from twilight.config.load import parse_setting
     from twilight.io.whole import check_folder
-    from twilight.validate.photograph import read_photograph
 
-    chosen: dict[str, Any] = {}
-    names: dict[str, str] = {}
-    for text in settings or ():
-        key, value = parse_setting(text)
-        chosen[key], names[key] = value, f"--set {key}"
-    if sun_azimuth is not None and not -360.0 <= sun_azimuth <= 360.0:
-        raise TwilightError(f"--sun-azimuth: {sun_azimuth:g} must be from -360 to 360 deg")
-    model = read_camera(camera)
-    photograph = read_photograph(
+    chosen, names = settings_of(settings)
+    photograph = open_photograph(
         image,
-        model,
-        cell_deg=resolution,
+        camera,
+        sun_azimuth,
         profile=profile,
-        mask_image=mask,
+        mask=mask,
         automatic=not no_automatic_mask,
         min_elevation_deg=min_elevation,
         glare_deg=glare,
+        resolution_deg=resolution,
     )
     chosen["texture"] = {"resolution_deg": resolution}
     names["texture"] = "--resolution"
     cases = load_series(config, chosen, names)
     if len(cases) > 1:
         raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate photo takes one")
-    folder = output or Path("out") / ("photo-" + (re.sub(r"[^\w.+-]+", "-", image.stem).strip("-.") or "photo"))
+    folder = output or Path("out") / ("photo-" + file_stem(image.stem, "photo"))
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     _compare(image, photograph, cases[0].config, sun_azimuth, white_balance, folder)
@@ -171,14 +160,14 @@ def response(
         list[Path], typer.Argument(metavar="IMAGE...", help="Photographs of one still scene with different exposures.")
     ],
     times: Annotated[
-        str | None, _option("SECONDS,...", "Exposure times, one each; unset: from the files' EXIF.")
+        str | None, option("SECONDS,...", "Exposure times, one each; unset: from the files' EXIF.")
     ] = None,
-    merge: Annotated[Path | None, _option("FILE.exr", "Also write the series as one linear picture.")] = None,
+    merge: Annotated[Path | None, option("FILE.exr", "Also write the series as one linear picture.")] = None,
     curve: Annotated[
         str | None,
-        _option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it."),
+        option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it."),
     ] = None,
-    output: Annotated[Path | None, _option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
+    output: Annotated[Path | None, option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
 ) -> None:
     """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
     from twilight.camera.image import read_samples, write_exr

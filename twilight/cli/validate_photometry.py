@@ -7,14 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
 DEFAULT_CLIMATES = ("continental-average", "continental-clean")
-
-
-def _option(metavar: str, help: str, *names: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help)
 
 
 def photometry(
@@ -22,9 +19,9 @@ def photometry(
         list[str] | None,
         typer.Argument(metavar="[CLIMATE...]", help="Names or files; without them continental-average and -clean."),
     ] = None,
-    quality: Annotated[str, _option("NAME", "Preset of the solver zones.")] = "standard",
-    settings: Annotated[list[str] | None, _option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
-    output: Annotated[Path, _option("DIR", "Folder for the tables and the picture.")] = Path("out/photometry"),
+    quality: Annotated[str, option("NAME", "Preset of the solver zones.")] = "standard",
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path, option("DIR", "Folder for the tables and the picture.")] = Path("out/photometry"),
 ) -> None:
     """Illuminance of the ground (Janiczek and DeYoung 1987) and luminance of the zenith (Koomen et al. 1952).
 
@@ -32,7 +29,6 @@ def photometry(
     to 2. With the night sky; --set night=null leaves it out.
     """
     from twilight.config import load
-    from twilight.config.load import parse_setting
     from twilight.io.whole import check_folder
     from twilight.validate import photometry as work
     from twilight.validate import photometry_report as report
@@ -42,8 +38,7 @@ def photometry(
         "wavelengths.list_nm": list(work.WAVELENGTHS_NM),
         "solver.quality": quality,
     }
-    for text in settings or ():
-        key, value = parse_setting(text)
+    for key, value in settings_of(settings)[0].items():
         if key == "night":
             chosen = {k: v for k, v in chosen.items() if not k.startswith("night.")}
         chosen[key] = value

@@ -7,33 +7,30 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.options import option
 from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
 
 FIRST_DIGITAL_YEAR = 2000.0
 
 
-def _option(metavar: str, help: str, *names: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help)
-
-
 def stars(
     image: Annotated[Path, typer.Argument(metavar="IMAGE", help="Night exposure: HDR, EXR, TIFF, PNG, JPEG or RAW.")],
-    camera: Annotated[Path, _option("GUESS.yaml", "Projection and size must be right, the focal length to 10 %.")],
-    latitude: Annotated[float | None, _option("DEG", "North positive.")] = None,
-    longitude: Annotated[float | None, _option("DEG", "East positive.")] = None,
-    at: Annotated[str | None, _option("TIME", "Date and time of the middle of the exposure.")] = None,
-    time_zone: Annotated[str | None, _option("ZONE", "For a time without its offset, e.g. Europe/Berlin.")] = None,
-    altitude: Annotated[float, _option("KM", "Of the camera; sets the pressure for the refraction.")] = 0.0,
-    temperature: Annotated[float, _option("DEG_C", "Of the air, for the refraction.")] = 10.0,
-    year: Annotated[float, _option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0,
-    distortion: Annotated[int, _option("N", "Coefficients of distortion to solve, 0 to 4.")] = 2,
-    threshold: Annotated[float, _option("SIGMA", "Of detection above the local noise.")] = 5.0,
+    camera: Annotated[Path, option("GUESS.yaml", "Projection and size must be right, the focal length to 10 %.")],
+    latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
+    longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
+    at: Annotated[str | None, option("TIME", "Date and time of the middle of the exposure.")] = None,
+    time_zone: Annotated[str | None, option("ZONE", "For a time without its offset, e.g. Europe/Berlin.")] = None,
+    altitude: Annotated[float, option("KM", "Of the camera; sets the pressure for the refraction.")] = 0.0,
+    temperature: Annotated[float, option("DEG_C", "Of the air, for the refraction.")] = 10.0,
+    year: Annotated[float, option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0,
+    distortion: Annotated[int, option("N", "Coefficients of distortion to solve, 0 to 4.")] = 2,
+    threshold: Annotated[float, option("SIGMA", "Of detection above the local noise.")] = 5.0,
     planets: Annotated[
         bool, typer.Option("--planets", help="Without a time: find the date, from 2000 on, by the planets.")
     ] = False,
-    picture: Annotated[Path | None, _option("FILE.png", "Draw sources, stars and their names.")] = None,
-    output: Annotated[Path | None, _option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml.")] = None,
+    picture: Annotated[Path | None, option("FILE.png", "Draw sources, stars and their names.")] = None,
+    output: Annotated[Path | None, option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml.")] = None,
 ) -> None:
     """Calibrate a camera from stars: orientation, focal length, principal point and distortion.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twilight.colour import uv_of_xy
 from twilight.fit.truth import ColourSky
 from twilight.solvers.analytic.coefficients import SkyCoefficients
 
@@ -38,13 +39,7 @@ def error_of(made: SkyCoefficients, skies: Sequence[ColourSky]) -> SetError:
         absolute.append(np.abs(ratio - 1.0))
         scale = np.exp(-np.sum(sky.weight * np.log(ratio)))
         distribution.append(np.abs(scale * ratio - 1.0))
-        chromaticity.append(np.hypot(*(a - b for a, b in zip(_uv(x, y), _uv(sky.x, sky.y), strict=True))))
+        chromaticity.append(np.linalg.norm(uv_of_xy(x, y) - uv_of_xy(sky.x, sky.y), axis=-1))
     errors = [np.concatenate(e) for e in (absolute, distribution, chromaticity)]
     quantiles = [float(np.percentile(e, q)) for e in errors for q in (50, 95)]
     return SetError(float(np.mean(np.concatenate(bias))), *quantiles)
-
-
-def _uv(x, y):
-    """CIE 1976 u', v'."""
-    d = -2.0 * x + 12.0 * y + 3.0
-    return 4.0 * x / d, 9.0 * y / d

@@ -11,7 +11,7 @@ from twilight import colour
 from twilight.io.whole import whole_file
 from twilight.validate.mask import Mask
 from twilight.validate.panorama import Panorama
-from twilight.validate.photo import OBSERVER, Comparison, Profile, uv
+from twilight.validate.photo import OBSERVER, Comparison, Profile
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
@@ -152,7 +152,7 @@ def _foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg
 
     with np.errstate(invalid="ignore", divide="ignore"):
         unlike = photo[..., 1] < 0.75 * sky[..., 1]
-        unlike |= np.hypot(*np.moveaxis(uv(photo) - uv(sky), -1, 0)) > 0.03
+        unlike |= np.hypot(*np.moveaxis(colour.uv_of_xyz(photo) - colour.uv_of_xyz(sky), -1, 0)) > 0.03
     gap = max(1, round(1.5 / step_deg))
     padded = np.pad(np.pad(unlike & masked, ((gap, gap), (0, 0)), mode="edge"), ((0, 0), (gap, gap)), mode="wrap")
     closed = ndimage.binary_closing(padded, np.ones((2 * gap + 1, gap)))[gap:-gap, gap:-gap]

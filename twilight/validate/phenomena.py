@@ -63,12 +63,6 @@ def chromaticity(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return xyz[..., 0] / total, xyz[..., 1] / total
 
 
-def uv_prime(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """CIE 1976 u', v' (..., 2)."""
-    d = -2.0 * np.asarray(x) + 12.0 * np.asarray(y) + 3.0
-    return np.stack([4.0 * np.asarray(x) / d, 9.0 * np.asarray(y) / d], axis=-1)
-
-
 def above_daylight(x: float, y: float) -> float:
     """How far y lies above the CIE daylight locus, -3 x^2 + 2.87 x - 0.275: below it is pink, above it green."""
     return float(y - (-3.0 * x * x + 2.87 * x - 0.275))
@@ -140,7 +134,7 @@ def horizon_bands(air: Air, sun_elevation_deg: float, highest_deg: float = 8.0) 
     """Colour bands that lie on the horizon in the sun's azimuth: the way of (u', v') over the lowest degrees in units
     of a noticeable step, its fastest change and where, and the elevations of maxima of luminance."""
     p = air.profile(sun_elevation_deg, 0.0, np.arange(0.1, highest_deg + 0.01, 0.2))
-    way = np.linalg.norm(np.diff(uv_prime(p.x, p.y), axis=0), axis=1) / NOTICEABLE_UV
+    way = np.linalg.norm(np.diff(colour.uv_of_xy(p.x, p.y), axis=0), axis=1) / NOTICEABLE_UV
     inner = p.luminance[1:-1]
     maxima = np.flatnonzero((inner > p.luminance[:-2]) & (inner > p.luminance[2:])) + 1
     return Bands(

@@ -129,12 +129,6 @@ def _average(
 # Comparison -----------------------------------------------------------------------------------------------------
 
 
-def uv(xyz: np.ndarray) -> np.ndarray:
-    """CIE 1976 u', v' (..., 2) of XYZ (..., 3); NaN for black."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([4.0 * xyz[..., 0], 9.0 * xyz[..., 1]], axis=-1) / (xyz @ np.array([1.0, 15.0, 3.0]))[..., None]
-
-
 @dataclass(frozen=True, eq=False)
 class Balance:
     """What brings a photograph onto the computed sky: xyz' = exposure x matrix x xyz.
@@ -233,7 +227,11 @@ def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False) -> Compar
         log_ratio = np.log(photo_xyz[..., 1] / simulated.xyz[..., 1])
     log_ratio[~np.isfinite(log_ratio)] = np.nan
     has_colour = photo.colour_known and simulated.colour_known
-    difference = uv(photo_xyz) - uv(simulated.xyz) if has_colour else np.full((*log_ratio.shape, 2), np.nan)
+    difference = (
+        colour.uv_of_xyz(photo_xyz) - colour.uv_of_xyz(simulated.xyz)
+        if has_colour
+        else np.full((*log_ratio.shape, 2), np.nan)
+    )
     delta_uv = np.hypot(difference[..., 0], difference[..., 1])
     delta_e, delta_e_colour = (np.full(log_ratio.shape, np.nan) for _ in range(2))
     if has_colour:
@@ -355,7 +353,7 @@ def residual_vector(
     root = np.sqrt(weight / weight.sum())
     parts = [root * np.log(one[:, 1] / other[:, 1]) / LOG_SCALE]
     if with_colour and photo.colour_known:
-        parts += list((root[:, None] * (uv(one) - uv(other)) / CHROMATICITY_SCALE).T)
+        parts += list((root[:, None] * (colour.uv_of_xyz(one) - colour.uv_of_xyz(other)) / CHROMATICITY_SCALE).T)
     return np.concatenate(parts)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twilight import colour
 from twilight.io.whole import whole_file
-from twilight.validate.photo import Comparison, uv
+from twilight.validate.photo import Comparison
 
 if TYPE_CHECKING:
     import xarray
@@ -53,7 +54,7 @@ def write_profiles(path: str | Path, comparison: Comparison) -> None:
         for name, profile in (("solar", comparison.solar), ("perpendicular", comparison.perpendicular)):
             for angle, one, other in zip(profile.angle_deg, profile.photo, profile.simulated, strict=True):
                 if np.isfinite(one[1]):
-                    numbers = [one[1], other[1], *uv(one), *uv(other)]
+                    numbers = [one[1], other[1], *colour.uv_of_xyz(one), *colour.uv_of_xyz(other)]
                     writer.writerow([name, f"{angle:g}", *(f"{number:.6g}" for number in numbers)])
 
 

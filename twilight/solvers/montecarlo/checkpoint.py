@@ -73,16 +73,7 @@ class Checkpoint:
                 values: dict[str, Any] = {f.name: data[f.name] for f in fields(State)}
                 for name in ("limited", "round_index", "batch_index"):
                     values[name] = int(values[name])
-        except (
-            OSError,
-            ValueError,
-            KeyError,
-            EOFError,
-            NotImplementedError,
-            BadZipFile,
-            zlib.error,
-            struct.error,
-        ) as error:
+        except (OSError, EOFError, RuntimeError, ValueError, KeyError, BadZipFile, zlib.error, struct.error) as error:
             raise TwilightError(f"{self.path}: not a Monte-Carlo checkpoint; delete it or name another file") from error
         if key != self.key:
             raise TwilightError(

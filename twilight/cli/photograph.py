@@ -1,0 +1,65 @@
+"""The photograph of `twilight validate photo` and `estimate`: its options, and how they become one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.options import option
+from twilight.errors import TwilightError
+
+Image = Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")]
+CameraFile = Annotated[Path, option("CAMERA.yaml", "Projection, lens, orientation and response of the camera.")]
+WhiteBalance = Annotated[
+    bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
+]
+Azimuth = Annotated[
+    float | None,
+    option("DEG", "In the camera's azimuths; unset: the scene's if the camera's azimuth is known, else found."),
+]
+Skyline = Annotated[
+    Path | None, option("FILE.csv", "Skyline: azimuth_deg,elevation_deg; below it is no sky.", "--profile")
+]
+MaskImage = Annotated[
+    Path | None, option("IMAGE", "Picture of the photograph's size, bright where there is sky.", "--mask")
+]
+NoAutomaticMask = Annotated[
+    bool, typer.Option("--no-automatic-mask", help="Do not look for ground, trees, buildings and clouds.")
+]
+MinElevation = Annotated[float, option("DEG", "Compare nothing below.")]
+Glare = Annotated[float, option("DEG", "Radius about a risen sun that is masked.")]
+Resolution = Annotated[float, option("DEG", "Cells of the comparison; must divide 90.")]
+Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")]
+Folder = Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")]
+
+
+def open_photograph(
+    image: Path,
+    camera: Path,
+    sun_azimuth_deg: float | None,
+    *,
+    profile: Path | None,
+    mask: Path | None,
+    automatic: bool,
+    min_elevation_deg: float,
+    glare_deg: float,
+    resolution_deg: float,
+) -> Any:
+    """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
+    from twilight.camera import read_camera
+    from twilight.validate.photograph import read_photograph
+
+    if sun_azimuth_deg is not None and not -360.0 <= sun_azimuth_deg <= 360.0:
+        raise TwilightError(f"--sun-azimuth: {sun_azimuth_deg:g} must be from -360 to 360 deg")
+    return read_photograph(
+        image,
+        read_camera(camera),
+        cell_deg=resolution_deg,
+        profile=profile,
+        mask_image=mask,
+        automatic=automatic,
+        min_elevation_deg=min_elevation_deg,
+        glare_deg=glare_deg,
+    )
