@@ -1,15 +1,9 @@
-"""Sweeps: axes, grouping, the dataset, and what is left when workers, schedulers, disks or users stop one."""
+"""Sweeps: axes, grouping, the dataset, failed tasks and full disks."""
 
 from __future__ import annotations
 
 import json
-import os
 import resource
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +12,8 @@ from typer.testing import CliRunner
 pytest.importorskip("distributed")
 pytest.importorskip("zarr")
 import xarray as xr
+from sweeping import BASE, SUNS, right
 
-from twilight import solvers
 from twilight.batch.dimensions import describe_key, serves_observers
 from twilight.batch.sky import sky_of
 from twilight.batch.store import JOURNAL, open_store
@@ -30,89 +24,7 @@ from twilight.config.load import load_axes, load_series
 from twilight.errors import TwilightError
 from twilight.run import run
 
-TOY = '''
-"""A solver with a closed form that serves every observer, knows no sun below -10 deg, and waits or fails if told to."""
-
-import os
-import time
-from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
-
-from twilight import solvers
-from twilight.errors import TwilightError
-
-solvers.SOLVERS["toy"] = "toy_swept"
-
-
-@dataclass(frozen=True)
-class Settings:
-    wait_s: float = 0.0
-    factor: float = 1.0
-
-
-QUALITIES = {"standard": Settings()}
-
-
-def truth(factor, albedo, sun, altitude_km, elevation, azimuth, wavelength_nm):
-    elevation, azimuth = np.broadcast_arrays(elevation, azimuth)
-    shape = 10.0 ** (sun / 10.0) * (2.0 + np.cos(np.radians(azimuth))) * (2.0 - np.sin(np.radians(elevation)))
-    return factor * (1.0 + albedo) * np.exp(-altitude_km) * shape[..., None] * (np.asarray(wavelength_nm) / 550.0) ** -3
-
-
-class Field:
-    def __init__(self, medium, settings):
-        self.medium, self.settings = medium, settings
-
-    def radiance(self, sun, elevation, azimuth, *, observer_altitude_km=0.0):
-        if sun < -10.0:
-            raise TwilightError("the toy solver needs a sun at -10 deg or higher")
-        albedo, nm = self.medium.ground_albedo[0], self.medium.wavelength_nm
-        return truth(self.settings.factor, albedo, sun, observer_altitude_km, elevation, azimuth, nm)
-
-
-def prepare(medium, settings, *, observer_altitude_km=0.0, progress=None):
-    if os.environ.get("TOY_LOG"):
-        with open(os.environ["TOY_LOG"], "a") as log:
-            log.write(f"{os.getpid()} {settings.factor:g} {medium.ground_albedo[0]:g}\\n")
-    if settings.factor == 13.0 and not Path(os.environ["TOY_LOG"]).with_name("mended").exists():
-        raise ZeroDivisionError("the toy broke")
-    time.sleep(settings.wait_s)
-    return Field(medium, settings)
-'''
-
-BASE = {
-    "version": 1,
-    "climate": {"version": 1, "name": "air"},
-    "solver": {"name": "toy"},
-    "wavelengths": {"list_nm": [450.0, 600.0]},
-    "texture": {"azimuth_count": 8, "elevation_count": 3},
-    "sun": {"elevation_deg": -5},
-}
-SUNS = [-4.0, -5.0, -6.0]
-
-
-@pytest.fixture(scope="module")
-def toy(tmp_path_factory):
-    """The module of the toy solver, here and in every worker that is started."""
-    folder = tmp_path_factory.mktemp("toy")
-    (folder / "toy_swept.py").write_text(TOY)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder)
-        paths = [str(folder), *([os.environ["PYTHONPATH"]] if os.environ.get("PYTHONPATH") else [])]
-        patch.setenv("PYTHONPATH", os.pathsep.join(paths))
-        patch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", "['toy_swept']")
-        patch.setitem(solvers.SOLVERS, "toy", "toy_swept")
-        import toy_swept
-
-        yield toy_swept
-
-
-@pytest.fixture
-def log(tmp_path, monkeypatch):
-    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
-    return tmp_path / "log"
+pytest_plugins = ("sweeping",)
 
 
 @pytest.fixture(scope="module")
@@ -137,13 +49,6 @@ def swept(sweep, client, path):
     with open_store(path, sweep) as store:
         outcome = run_sweep(client, store, threads=1)
         return outcome, dict(failures(store, outcome))
-
-
-def right(toy, data, factor=1.0, albedo=0.0, altitude=0.0):
-    """What the dataset's radiance must be for all its suns, in their order."""
-    e, a = np.meshgrid(data.elevation.values, data.azimuth.values, indexing="ij")
-    suns = np.atleast_1d(data.sun_elevation_deg.values)
-    return np.stack([toy.truth(factor, albedo, sun, altitude, e, a, data.wavelength.values) for sun in suns])
 
 
 # Axes -----------------------------------------------------------------------------------------------------------
@@ -418,149 +323,3 @@ def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch
     with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
         with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
             pass
-
-
-# Processes ------------------------------------------------------------------------------------------------------
-
-
-def command(path, out, *more):
-    return [sys.executable, "-c", "import toy_swept; from twilight.cli import main; main()",
-            "sweep", str(path), "--output", str(out), *more]  # fmt: skip
-
-
-def start(arguments, log):
-    return subprocess.Popen(
-        arguments,
-        env={**os.environ, "TOY_LOG": str(log)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def until(condition, seconds=600.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
-def lines(path):
-    return path.read_text().splitlines() if path.exists() else []
-
-
-@pytest.fixture
-def slow_sweep(toy, tmp_path):
-    """A file of six tasks of half a second and more."""
-    path = tmp_path / "slow.yaml"
-    vary = {"solver.factor": [1, 2, 3, 4, 5, 6], "sun.elevation_deg": SUNS}
-    path.write_text(json.dumps({**BASE, "solver": {"name": "toy", "wait_s": 0.7}, "vary": vary}))
-    return path, tmp_path / "out.zarr"
-
-
-def assert_right(toy, out):
-    with xr.open_zarr(out) as data:
-        assert data.sun_normalised_radiance.chunks is not None  # lazy
-        assert (data.status == 1).all()
-        for i in range(6):
-            assert np.allclose(data.sun_normalised_radiance.values[i], right(toy, data, i + 1), rtol=1e-6)
-
-
-def test_a_killed_worker_then_a_killed_client_lose_only_their_tasks(toy, slow_sweep, log):
-    path, out = slow_sweep
-    process = start(command(path, out, "--workers", "2"), log)
-    until(lambda: len(lines(log)) >= 3)
-    pids = {int(line.split()[0]) for line in lines(log)}
-    assert len(pids) == 2  # two workers took part
-    os.kill(int(lines(log)[-1].split()[0]), signal.SIGKILL)
-    until(lambda: len(lines(out / JOURNAL)) >= 4)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-    assert len({line.split()[0] for line in lines(log)}) >= 2
-    done = len(lines(out / JOURNAL))
-    before = len(lines(log))
-    result = subprocess.run(
-        command(path, out, "--workers", "1"), env={**os.environ, "TOY_LOG": str(log)}, capture_output=True, text=True
-    )
-    assert result.returncode == 0, result.stderr
-    assert len(lines(log)) - before == 6 - done < 6
-    assert_right(toy, out)
-
-
-@pytest.mark.slow
-def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow_sweep, log):
-    path, out = slow_sweep
-    process = start(command(path, out, "--workers", "1"), log)
-    until(lambda: len(lines(out / JOURNAL)) >= 1)
-    os.killpg(process.pid, signal.SIGINT)
-    error = process.communicate(timeout=300)[1]
-    assert process.returncode == 130 and error.count("\n") == 1 and "interrupted" in error, error
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(lines(log)[0].split()[0]), 0)
-    done = len(lines(out / JOURNAL))
-    assert 1 <= done < 6
-
-    address = out.with_name("scheduler.json")
-    servers = [
-        start([sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard",
-               "--scheduler-file", str(address)], log),
-    ]  # fmt: skip
-    try:
-        until(address.exists)
-        servers.append(
-            start([sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address),
-                   "--nthreads", "1", "--no-dashboard", "--no-nanny"], log)
-        )  # fmt: skip
-        where = json.loads(address.read_text())["address"]
-        process = start(command(path, out, "--scheduler", where), log)
-        until(lambda: len(lines(out / JOURNAL)) > done)
-        servers[0].kill()
-        error = process.communicate(timeout=300)[1]
-        assert process.returncode == 2 and "the scheduler is gone" in error and "Traceback" not in error, error
-    finally:
-        for server in servers:
-            server.kill()
-            server.communicate()
-    done = len(lines(out / JOURNAL))
-    output, error = start(command(path, out, "--workers", "1"), log).communicate(timeout=300)
-    assert f"({done} tasks were there)" in output and "failed" not in output, output + error
-    assert_right(toy, out)
-
-
-@pytest.mark.slow
-def test_a_scheduler_that_is_not_there_is_a_sentence(toy, slow_sweep):
-    path, out = slow_sweep
-    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--scheduler", "tcp://127.0.0.1:9"])
-    assert result.exit_code == 2 and "cannot be reached" in result.output, result.output
-
-
-@pytest.mark.slow
-def test_jobs_of_a_batch_system(toy, slow_sweep, log, tmp_path, monkeypatch):
-    """Slurm's two commands, played by scripts: sbatch starts the job's script."""
-    pytest.importorskip("dask_jobqueue")
-    path, out = slow_sweep
-    commands = tmp_path / "bin"
-    commands.mkdir()
-    for name, text in {
-        "sbatch": f"""cp $1 {tmp_path}/job.sh  # which is deleted when sbatch returns
-            setsid bash {tmp_path}/job.sh > {tmp_path}/job.log 2>&1 &
-            echo $! > {tmp_path}/pid
-            echo Submitted batch job 17""",
-        "scancel": f"kill -- -$(cat {tmp_path}/pid)",
-    }.items():
-        (commands / name).write_text(f"#!/bin/bash\n{text}\n")
-        (commands / name).chmod(0o755)
-    monkeypatch.setenv("PATH", f"{commands}{os.pathsep}{os.environ['PATH']}")
-    settings = tmp_path / "dask"
-    settings.mkdir()
-    (settings / "jobqueue.yaml").write_text(
-        "jobqueue:\n  slurm: {name: twilight, cores: 1, memory: 2GB, walltime: '00:10:00', interface: lo}\n"
-    )
-    monkeypatch.setenv("DASK_CONFIG", str(settings))
-    process = start(command(path, out, "--batch-system", "slurm", "--workers", "1"), log)
-    output, error = process.communicate(timeout=600)
-    assert process.returncode == 0, error + (tmp_path / "job.log").read_text()
-    assert "18 skies in 6 tasks" in output
-    assert_right(toy, out)
-    assert Path(tmp_path / "pid").exists()

@@ -1,0 +1,49 @@
+"""A solver with a closed form that serves every observer, knows no sun below -10 deg, and waits or fails if told to."""
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twilight import solvers
+from twilight.errors import TwilightError
+
+solvers.SOLVERS["toy"] = "toy_swept"
+
+
+@dataclass(frozen=True)
+class Settings:
+    wait_s: float = 0.0
+    factor: float = 1.0
+
+
+QUALITIES = {"standard": Settings()}
+
+
+def truth(factor, albedo, sun, altitude_km, elevation, azimuth, wavelength_nm):
+    elevation, azimuth = np.broadcast_arrays(elevation, azimuth)
+    shape = 10.0 ** (sun / 10.0) * (2.0 + np.cos(np.radians(azimuth))) * (2.0 - np.sin(np.radians(elevation)))
+    return factor * (1.0 + albedo) * np.exp(-altitude_km) * shape[..., None] * (np.asarray(wavelength_nm) / 550.0) ** -3
+
+
+class Field:
+    def __init__(self, medium, settings):
+        self.medium, self.settings = medium, settings
+
+    def radiance(self, sun, elevation, azimuth, *, observer_altitude_km=0.0):
+        if sun < -10.0:
+            raise TwilightError("the toy solver needs a sun at -10 deg or higher")
+        albedo, nm = self.medium.ground_albedo[0], self.medium.wavelength_nm
+        return truth(self.settings.factor, albedo, sun, observer_altitude_km, elevation, azimuth, nm)
+
+
+def prepare(medium, settings, *, observer_altitude_km=0.0, progress=None):
+    if os.environ.get("TOY_LOG"):
+        with open(os.environ["TOY_LOG"], "a") as log:
+            log.write(f"{os.getpid()} {settings.factor:g} {medium.ground_albedo[0]:g}\n")
+    if settings.factor == 13.0 and not Path(os.environ["TOY_LOG"]).with_name("mended").exists():
+        raise ZeroDivisionError("the toy broke")
+    time.sleep(settings.wait_s)
+    return Field(medium, settings)
