@@ -24,8 +24,6 @@ from twilight.config.load import load_axes, load_series
 from twilight.errors import TwilightError
 from twilight.run import run
 
-pytest_plugins = ("sweeping",)
-
 
 @pytest.fixture(scope="module")
 def client(toy):

@@ -22,8 +22,6 @@ from sweeping import BASE, SUNS, right
 from twilight.batch.store import JOURNAL
 from twilight.cli.app import app
 
-pytest_plugins = ("sweeping",)
-
 
 def command(path, out, *more):
     return [sys.executable, "-c", "import toy_swept; from twilight.cli import main; main()",
