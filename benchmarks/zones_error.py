@@ -6,7 +6,8 @@
 
 Writes benchmarks/zones_error.csv when all is asked for, and prints otherwise: relative errors of the radiance over all
 directions and wavelengths of benchmarks/reference/CLIMATE.csv.  The referee's own standard error is subtracted in the
-mean square: `excess_percent` is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8 wavelengths
+mean square: `excess_percent` is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8
+wavelengths
 from 380 to 720 nm and all suns, with bent paths, compilation apart; memory is the peak of the process.
 """
 
