@@ -35,15 +35,17 @@ class ShippedOptics:
 
 def write(path: Path, version: str, keys: list[str], rows: np.ndarray) -> None:
     """Write rows (R, mie.ROW): ln P11 as float32, ratios of matrix elements as multiples of 1/32767."""
-    head = rows[:, :3]
-    log_phase, ratios = np.split(rows[:, 3:], [(rows.shape[1] - 3) // 4], axis=1)
-    arrays = {
-        "head": head,
-        "log_phase": log_phase.astype("<f4"),
-        "ratios": np.round(ratios * RATIO_SCALE).astype("<i2"),
-    }
+    head, log_phase, ratios = np.split(rows, [3, 3 + (rows.shape[1] - 3) // 4], axis=1)
+    log_phase = log_phase.astype("<f4")
+    ratios = np.round(ratios * RATIO_SCALE).astype("<i2")
     np.savez_compressed(
-        path, miepython=version, digest=_digest(version, keys, *arrays.values()), key=np.array(keys), **arrays
+        path,
+        miepython=version,
+        digest=_digest(version, keys, head, log_phase, ratios),
+        key=np.array(keys),
+        head=head,
+        log_phase=log_phase,
+        ratios=ratios,
     )
 
 
