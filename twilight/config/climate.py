@@ -187,8 +187,8 @@ class Aerosol(Section):
     free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
     stratosphere: Literal["measured", "opac", "none"] = key(
         "measured",
-        "measured: SAGE III/ISS, typical loading, of the profile's latitude; opac: OPAC's background, constant from 12 to "
-        "35 km, too bright in twilight; none (the section stratosphere takes its place)",
+        "measured: SAGE III/ISS, typical loading, of the profile's latitude; opac: OPAC's background, constant from 12 "
+        "to 35 km, too bright in twilight; none (the section stratosphere takes its place)",
     )
 
     @model_validator(mode="after")
