@@ -214,7 +214,7 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     for radius in _SAGE_RADII_UM[used]:
         size = LogNormal(float(radius), SAGE_MODE_WIDTH, float(radius) / 50.0, float(radius) * 50.0)
         optics = particle_optics(size, index, wavelength, cache_dir)
-        phases.append(table_phase_function(np.exp(optics.log_phase), f"sulphate {1e3 * radius:.0f} nm"))
+        phases.append(table_phase_function(np.exp(optics.log_phase), optics.ratios, f"sulphate {1e3 * radius:.0f} nm"))
         albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
     share = np.repeat(weight[:, :, None], wavelength.size, axis=2)
     albedo = np.einsum("kn,kw->nw", weight, np.stack(albedos))
