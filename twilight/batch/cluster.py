@@ -49,7 +49,7 @@ BATCH_SYSTEMS = {
     "moab": "MoabCluster",
 }
 
-_QUIET = {
+_QUIET: dict[str, Any] = {
     "distributed.scheduler.worker-ttl": None,  # a kernel that keeps the interpreter's lock is no dead worker
     "distributed.scheduler.http.routes": [],  # pages that show and end tasks
     "distributed.worker.http.routes": [],
