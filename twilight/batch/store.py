@@ -1,8 +1,8 @@
 """The dataset of a sweep: a Zarr store that xarray opens lazily, and in it the journal of its finished tasks.
 
-A chunk is a file that is there whole or not at all, with a CRC-32 of its values inside; a task counts as done when a line
-of the journal says so, which is written after its chunks.  Whatever stops a sweep, nothing but the tasks at hand is
-lost; a chunk that was damaged or deleted since is computed again.
+A chunk is a file that is there whole or not at all, with a CRC-32 of its values inside; a task counts as done when a
+line of the journal says so, which is written after its chunks.  Whatever stops a sweep, nothing but the tasks at hand
+is lost; a chunk that was damaged or deleted since is computed again.
 """
 
 from __future__ import annotations
