@@ -107,7 +107,8 @@ def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:
 def table_sha256(path: str | Path) -> str:
     """SHA-256 of a table's content, hexadecimal; TwilightError when it cannot be read."""
     try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
 
