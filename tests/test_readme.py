@@ -25,7 +25,8 @@ def blocks(language: str, text: str = README + MANUAL) -> list[str]:
 
 
 def test_two_commands_do_all_set_up_and_the_integration_runs_them():
-    set_up = [line for block in blocks("sh", README) for line in block.splitlines() if line.startswith("python3 -m venv")]
+    lines = [line for block in blocks("sh", README) for line in block.splitlines()]
+    set_up = [line for line in lines if line.startswith("python3 -m venv")]
     assert len(set_up) == 2
     assert "pip install ." in set_up[0] and "render climates/continental-average.yaml --sun-elevation -4" in set_up[0]
     assert "[test]" in set_up[1] and set_up[1].endswith("pytest")
