@@ -1,4 +1,4 @@
-"""README and manual show what works: its commands, its documents, its Python, and the commands of the continuous integration."""
+"""README and manual show what works: commands, documents, Python, and what continuous integration runs."""
 
 from __future__ import annotations
 
