@@ -1,4 +1,4 @@
-"""The ground at the altitude of the site: what the medium is then, and that every solver takes the lowest level for it."""
+"""The ground at its site's altitude: what the medium is then, and that solvers take the lowest level for it."""
 
 from __future__ import annotations
 

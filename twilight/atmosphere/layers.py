@@ -47,7 +47,7 @@ class Boundaries:
             )
         if z[0] != ground_km or not math.isclose(z[-1], top_km, rel_tol=1e-9):
             raise TwilightError(
-                f"layers.boundaries_km must begin at {ground_km:g} and end at the top of the atmosphere, {top_km:g} km, "
+                f"layers.boundaries_km must begin at {ground_km:g} and end at the top of the air, {top_km:g} km, "
                 f"not {z[0]:g} and {z[-1]:g}"
             )
         return z

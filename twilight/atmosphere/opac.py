@@ -111,7 +111,8 @@ class AerosolSpec:
             _check("aerosol.optical_depth_550nm", self.optical_depth_550nm, 0.0, 100.0)
         if self.boundary_layer_base not in BASES:
             raise TwilightError(
-                f"aerosol.boundary_layer_base: `{self.boundary_layer_base}` is not known; allowed are {', '.join(BASES)}"
+                f"aerosol.boundary_layer_base: `{self.boundary_layer_base}` is not known; "
+                f"allowed are {', '.join(BASES)}"
             )
         if self.phase_function not in ("mie", "henyey_greenstein"):
             raise TwilightError(

@@ -185,8 +185,8 @@ class Aerosol(Section):
     )
     boundary_layer_base: Literal["ground", "sea_level"] = key(
         "ground",
-        "where that layer's heights and densities count from: the ground at ground.altitude_km, or sea level, so that a "
-        "mountain rises through it",
+        "where that layer's heights and densities count from: the ground at ground.altitude_km, or sea level, so that "
+        "a mountain rises through it",
     )
     mineral_transported: MineralTransported | None = key(None, "a layer of transported desert dust; unset: none")
     free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
@@ -253,8 +253,8 @@ class Ground(Section):
     ] = key(0.0, "share of light reflected, a number or {wavelength_nm: [...], albedo: [...]}", unit="1")
     altitude_km: Number = key(
         0.0,
-        "above sea level, of all the land that is seen: air and gases begin there (for a peak above low land leave 0 and "
-        "set observer.altitude_km)",
+        "above sea level, of all the land that is seen: air and gases begin there (for a peak above low land leave 0 "
+        "and set observer.altitude_km)",
         unit="km",
         ge=0.0,
         le=9.0,
