@@ -57,6 +57,7 @@ def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
     below, above = light.ratio[node], light.ratio[node + 1]
     polar, chi = point.polar[k], point.chi[k]
     here, there = light.log_mean[node], light.log_mean[node + 1]
+    n_nodes = here.shape[0]
     per_interval = rule.per_interval
     for t in range(low, high + 1):
         c = 0
@@ -73,16 +74,18 @@ def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
                 for w in range(LANES):
                     wave[w] += x[w] * (y0 * r0[w] + y1 * r1[w])
                 c += 1
-        if series.pattern_orders > 0:
-            add_patterns(point, k, below[t], above[t], series, c, fine_wave[t * per_interval])
+    if series.pattern_orders > 0:
+        # a cubic between two nodes looks at the next ones too
+        for t in range(max(0, low - 1), min(n_nodes, high + 2)):
+            inside = low <= t <= high
+            add_patterns(point, k, below[t], above[t], series, inside, fine_wave[t * per_interval])
+        refine_patterns(rule, series, low * per_interval, high * per_interval, fine_wave)
     for t in range(low, high):
         base = t * per_interval
         for q in range(1, per_interval):
             b = np.float32(q) / np.float32(per_interval)
             a = ONE - b
-            for m in range(fine_wave.shape[1]):
-                if highest < m < series.orders:
-                    continue
+            for m in range(highest + 1):
                 u, v, out = fine_wave[base, m], fine_wave[base + per_interval, m], fine_wave[base + q, m]
                 for w in range(LANES):
                     out[w] = a * u[w] + b * v[w]
@@ -98,11 +101,29 @@ def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
 
 
 @njit(cache=True)
-def add_patterns(point, k, below, above, series, n_harmonics, wave):
-    """What Q and U of the light give to I, and the source of Q and U, added to or set in wave (waves, LANES).
+def refine_patterns(rule, series, low, high, fine_wave):
+    """Waves of Q and U between the nodes, by cubics: on the fine grid of solar zenith angles low..high."""
+    for t in range(low, high + 1):
+        if t % rule.per_interval == 0:
+            continue
+        for m in range(series.orders, fine_wave.shape[1]):
+            out = fine_wave[t, m]
+            for w in range(LANES):
+                out[w] = ZERO
+            for j in range(4):
+                y = rule.weight[t, j]
+                value = fine_wave[rule.node[t, j] * rule.per_interval, m]
+                for w in range(LANES):
+                    out[w] += y * value[w]
 
-    below, above (C + 2 C', LANES): moments at the node altitudes around point k; n_harmonics: C.
+
+@njit(cache=True)
+def add_patterns(point, k, below, above, series, with_i, wave):
+    """The source of Q and U, set in wave (waves, LANES), and what Q and U of the light give to I, added to it.
+
+    below, above (C + 2 C', LANES): moments at the node altitudes around point k; with_i: is the wave of I wanted?
     """
+    n_harmonics = below.shape[0] - 2 * point.even.shape[1]
     f = point.node_share[k]
     g = ONE - f
     matrix, polar = point.matrix[k], point.polar[k]
@@ -127,7 +148,8 @@ def add_patterns(point, k, below, above, series, n_harmonics, wave):
                 e = g * e0[w] + f * e1[w]
                 a = of_b[w] * (g * i0[w] + f * i1[w]) + of_even[w] * e
                 b = of_odd[w] * (g * b0[w] + f * b1[w])
-                of_i[w] += y * of_b[w] * e
+                if with_i:
+                    of_i[w] += y * of_b[w] * e
                 of_q[w] += x * a + z * b
                 of_u[w] += z * a + x * b
             p += 1
