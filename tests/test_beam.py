@@ -8,7 +8,7 @@ import pytest
 from airs import pure_air
 
 from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
-from twilight.transport.rays import OUTSIDE, ray_profile, refractivity_at, sun_ray
+from twilight.transport.rays import OUTSIDE, outward, ray_profile, refractivity_at, sun_ray
 
 RADIUS = 6371.0
 LEVELS = np.linspace(0.0, 100.0, 51)
@@ -154,6 +154,26 @@ def test_edge_of_the_shadow():
         dark, _ = look_up(beam, z, math.degrees(edge) + 0.005)
         assert lit[0] > 0.0
         assert np.all(dark == 0.0)
+
+
+def test_no_altitude_in_the_light_is_dark():
+    """0.3 deg beyond the geometric edge the refracted sun is up at every altitude, whatever rounding does."""
+    for shift in (0.0, 1e-3, 0.017, 0.31):
+        levels = np.concatenate([LEVELS[:1], LEVELS[1:] + shift])
+        beam = prepare_beam(pure_air(levels), cosine_nodes=10, distance_nodes=8)
+        for z in np.linspace(0.0, 99.9, 3000):
+            chi = math.pi / 2 + math.acos(RADIUS / (RADIUS + z)) + math.radians(0.3)
+            assert beam_at_one(beam, z, math.cos(chi), 0)[0] > 0.0, (shift, z)
+
+
+def test_a_ray_from_within_rounding_of_a_level_is_that_from_the_level():
+    profile = ray_profile(hazy())
+    for level in (0.0, 2.0, 20.0):
+        at_level = outward(profile, 0, level, 0.0, 1e9)
+        for below in (1e-16, 1e-15, 1e-14, 1e-13, 5e-13, 2e-12):
+            near = outward(profile, 0, level - below, 0.0, 1e9)
+            assert near[4]
+            np.testing.assert_allclose(near[:3], at_level[:3], rtol=3e-6)
 
 
 def test_bending_is_positive_and_largest_for_low_suns():

@@ -16,6 +16,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
+from twilight.reading import check_hdf5
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Convergence, Solution
 from twilight.transport.beam import Beam
@@ -128,6 +129,7 @@ def read(path: str | Path) -> Stored:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise TwilightError(f"{path}: is not a field of the zones solver ({FORMAT})")
+            check_hdf5(path, file)
             m = file["medium"]
             phases: list[PhaseFunction] = []
             while f"phase_function_{len(phases)}" in m:
@@ -161,7 +163,7 @@ def read(path: str | Path) -> Stored:
             if _content_hash(beam, solutions) != file.attrs["content"]:
                 raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
             convergence = json.loads(file.attrs["convergence"])
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
         raise TwilightError(f"{path}: is not a whole field of the zones solver ({error})") from None
     return Stored(
         medium,
