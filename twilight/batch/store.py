@@ -19,7 +19,8 @@ import numpy as np
 
 from twilight import __version__
 from twilight.batch.dimensions import describe_key, variable_name
-from twilight.batch.sweep import Sweep, Task
+from twilight.batch.sweep import Sweep
+from twilight.batch.task import Task
 from twilight.batch.work import TaskResult
 from twilight.errors import TwilightError
 from twilight.io.provenance import to_json

@@ -49,7 +49,7 @@ def sweep(
     chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
-        made = Sweep(series, lambda doing, share: bar(share, doing))
+        made = Sweep(series, bar)
     name = file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
@@ -66,12 +66,10 @@ def _run(made: Any, path: Path, place: Any) -> None:
 
     with open_store(path, made) as store, progress_bar() as bar:
         had = len(store.done)
-        bar(0.0, "starting workers")
+        bar("starting workers", 0.0)
         if had < len(made.tasks):
             with connect(place) as client:
-                outcome = run_sweep(
-                    client, store, threads=place.threads, progress=lambda doing, share: bar(share, doing)
-                )
+                outcome = run_sweep(client, store, threads=place.threads, progress=bar)
         else:
             from twilight.batch.run import Outcome
 

@@ -6,17 +6,20 @@ Measured sites differ among themselves by a factor 1.5 to 2, so level and slope 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twilight import spectrum
+from twilight import solvers, spectrum
 from twilight.config.scene import Config
+from twilight.engine.solve import problem_of
+from twilight.engine.sunbeam import Sunbeam
 from twilight.errors import TwilightError
+from twilight.progress import Progress, part_of, silent
 from twilight.validate import references
 from twilight.validate.references import KOOMEN_SITES, Site
 
@@ -37,8 +40,6 @@ LUMINANCE_RANGES_DEG = ((-6, 0), (-12, -6), (-15, -12))
 SOLAR_RADIUS_DEG = 0.2666
 """Of the disc at 1 au."""
 DISC_STRIPS = 12
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -92,19 +93,17 @@ class Photometer:
     """The light of one climate for any sun, on the ground and at the sites of Koomen et al. 1952."""
 
     def __init__(self, config: Config, progress: Progress | None = None):
-        from twilight import solvers
-        from twilight.air import climate_medium, wavelengths_of
-        from twilight.plan import make_plan
-        from twilight.run import resolve_solver_of
-        from twilight.transport.beam import prepare_beam
-
-        name, _, settings = resolve_solver_of(config)
-        if name != "zones":
-            raise TwilightError(f"validate photometry: needs the solver zones, which serves every sun, not {name}")
+        problem = replace(problem_of(config), observer_altitude_km=0.0)
+        able = problem.capabilities
+        if not (able.every_sun and able.every_observer):
+            name = config.solver.get("name", solvers.DEFAULT)
+            raise TwilightError(
+                f"validate photometry: needs a solver whose field serves every sun and observer, as zones, not {name}"
+            )
         self.config = config
-        self.medium: Medium = climate_medium(make_plan(config).climate, wavelengths_of(config))
-        self.field: Any = solvers.load(name).prepare(self.medium, settings, progress=progress)
-        self.beam = prepare_beam(self.medium)
+        self.medium = problem.medium
+        self.solved = problem.solve(progress)
+        self.beam = Sunbeam(self.medium)
         self._weight = (
             spectrum.LUMINOUS_EFFICACY_LM_PER_W
             * spectrum.solar_at_visible(config.solar_spectrum)
@@ -117,9 +116,9 @@ class Photometer:
 
     def illuminance_lux(self, sun_elevation_deg: float) -> tuple[float, float]:
         """(sun, sky and night together; night alone): illuminance of level ground at the medium's foot [lx]."""
-        sun = float(self.luminous(disc_irradiance(self.beam, self.medium, sun_elevation_deg)))
+        sun = float(self.luminous(disc_irradiance(self.beam.beam, self.medium, sun_elevation_deg)))
         elevation, azimuth, weight = hemisphere(sun_elevation_deg)
-        radiance = self.field.radiance(sun_elevation_deg, elevation, azimuth, observer_altitude_km=0.0)
+        radiance = self.solved.radiance(sun_elevation_deg, elevation, azimuth, observer_altitude_km=0.0)
         sky = float(self.luminous(weight @ radiance))
         night = self._night(np.arcsin(np.sqrt((np.arange(20) + 0.5) / 20)), 24, sun_elevation_deg, None)
         lux = float(np.pi * np.mean(night)) if night is not None else 0.0  # rows of equal cosine x solid angle
@@ -127,17 +126,14 @@ class Photometer:
 
     def zenith_luminance(self, sun_elevation_deg: float, site: Site) -> tuple[float, float]:
         """(sky and night together; night alone): luminance of the zenith at a site [cd m^-2]."""
-        factor = self.field.radiance(sun_elevation_deg, [90.0], [0.0], observer_altitude_km=site.altitude_km)
+        factor = self.solved.radiance(sun_elevation_deg, [90.0], [0.0], observer_altitude_km=site.altitude_km)
         night = self._night(np.array([np.pi / 2]), 1, sun_elevation_deg, site)
         floor = float(night[0, 0]) if night is not None else 0.0
         return float(self.luminous(factor)[0]) + floor, floor
 
     def transmission(self, altitude_km: float) -> float:
         """Vertical photopic transmission of the air above an altitude: of sunlight, by V(lambda)."""
-        out = np.zeros(self.medium.n_wavelengths)
-        from twilight.transport.beam import beam_at
-
-        beam_at(self.beam, altitude_km, 1.0, out)
+        out = self.beam.at(90.0, altitude_km).irradiance
         return float(self.luminous(out) / self.luminous(np.ones_like(out)))
 
     def _night(self, elevation_rad: np.ndarray, columns: int, sun_deg: float, site: Site | None) -> np.ndarray | None:
@@ -218,8 +214,8 @@ def photometry(config: Config, progress: Progress | None = None) -> tuple[list[P
 
     Raises TwilightError for a configuration with a solver other than zones.
     """
-    tell = progress or (lambda doing, share: None)
-    meter = Photometer(config, lambda doing, share: tell(doing, 0.7 * share))
+    tell = progress or silent
+    meter = Photometer(config, part_of(tell, 0.0, 0.7))
     name, points = config.climate.name, []
     for i, sun in enumerate(SUNS_DEG):
         tell("illuminance", 0.7 + 0.25 * i / len(SUNS_DEG))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import altitude_nodes, make_angles, resolve_layers, zenith_nodes
 from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
@@ -26,7 +27,6 @@ from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase
 
-Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
@@ -35,18 +35,6 @@ SHARP = 2.0
 """Points on a line of sight for light scattered once, over those for the rest."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """events: scattering events followed; residual: largest change of the light at a node that the last one made.
-
-    error: how far two qualities differ at 95 % of the directions, where a target was asked for; otherwise None.
-    """
-
-    events: int
-    residual: float
-    error: float | None = None
 
 
 def zenith_range(sun_elevations_deg) -> tuple[float, float]:
@@ -59,7 +47,7 @@ def zenith_range(sun_elevations_deg) -> tuple[float, float]:
     return first, last
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium for any sun, observer and direction."""
 
     def __init__(
@@ -78,7 +66,7 @@ class Field:
         """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = self._checked(observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
-        tell = progress or (lambda doing, share: None)
+        tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         tell("sunbeam", 0.0)
         if solved is None:
