@@ -271,8 +271,12 @@ class Output(Section):
     )
     width: Integer = key(1024, "of sky.rgb.exr, unless texture.latlong_width sets it", unit="pixel", ge=8, le=16384)
     spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
-    views: tuple[Literal["panorama", "fisheye"], ...] = key(
-        ("panorama",), "pictures: panorama is sky.png, fisheye is sky.fisheye.png", min_length=1, max_length=2
+    views: tuple[Literal["wide", "panorama", "fisheye"], ...] = key(
+        ("wide",),
+        "pictures: wide looks to the sun's side over a horizon, panorama goes all round, fisheye looks up; the "
+        "first is sky.png, others sky.VIEW.png",
+        min_length=1,
+        max_length=3,
     )
     exposure_ev100: Number | None = key(
         None,
@@ -281,7 +285,9 @@ class Output(Section):
         ge=-60.0,
         le=60.0,
     )
-    tone_mapping: Literal["filmic", "gamma"] = key("filmic", "of the pictures")
+    tone_mapping: Literal["photographic", "filmic", "gamma"] = key(
+        "photographic", "of the pictures: photographic has contrast, filmic is soft, gamma clips"
+    )
     colour_observer: Literal["cie1964_10deg", "cie1931_2deg"] = key("cie1964_10deg", "standard observer of all colours")
 
     @model_validator(mode="after")
