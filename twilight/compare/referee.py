@@ -158,7 +158,7 @@ class Referee:
             meter.phase(f"referee, sun {sun:g} deg:", i / len(suns), 1.0 / len(suns))
             if not file.exists():
                 if solved is None:
-                    solved = replace(problem_of(self.config), solver=solver, settings=settings).solve(meter)
+                    solved = problem_of(self.config, by=(solver, settings)).solve(meter)
                 write_references(file, {sun: _computed(solved, sun, directions, file)})
             found[sun] = read_references(file)[sun]
         return found

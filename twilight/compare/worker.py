@@ -112,8 +112,8 @@ class _Execution:
 
     def _problem(self, wavelength_nm: np.ndarray | None) -> Problem:
         """The scene at its own or at other wavelengths, with the solver and the settings that the job names."""
-        problem = problem_of(self.config, self.message["all_suns"], wavelength_nm=wavelength_nm)
-        return replace(problem, solver=self.solver, settings=self.settings)
+        by = self.solver, self.settings
+        return problem_of(self.config, self.message["all_suns"], wavelength_nm=wavelength_nm, by=by)
 
     def _warm_up(self, problem: Problem) -> None:
         """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""

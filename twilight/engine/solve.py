@@ -272,18 +272,21 @@ def problem_of(
     sun_elevations_deg: Sequence[float] | None = None,
     *,
     wavelength_nm: np.ndarray | None = None,
+    by: tuple[Solver, Any] | None = None,
 ) -> Problem:
     """The problem of a configuration's scene: its climate without what its plan leaves out, its solver, its observer.
 
     sun_elevations_deg: all the suns that will be asked for, None: any.  wavelength_nm: in place of the scene's own.
+    by: (solver, settings) in place of the configuration's.
     Errors: TwilightError for whatever in the configuration cannot be computed.
     """
+    if by is None:
+        name, _, settings = resolve_solver(config.solver)
+        by = solvers.load(name), settings
     plan = make_plan(config, wavelength_nm)
-    name, _, settings = resolve_solver(config.solver)
     return Problem(
         climate_medium(plan.climate, wavelengths_of(config) if wavelength_nm is None else wavelength_nm),
-        solvers.load(name),
-        settings,
+        *by,
         config.observer.altitude_km,
         None if sun_elevations_deg is None else tuple(sun_elevations_deg),
         config.title,

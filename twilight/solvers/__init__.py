@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
-from twilight.solvers.base import Solver
+if TYPE_CHECKING:
+    from twilight.solvers.base import Solver
 
 SOLVERS: dict[str, str] = {
     "cells": "twilight.solvers.cells",
@@ -21,7 +22,7 @@ DEFAULT = "zones"
 
 def load(name: str) -> Solver:
     """The module of a solver; KeyError when there is none of that name."""
-    return cast(Solver, import_module(SOLVERS[name]))
+    return cast("Solver", import_module(SOLVERS[name]))
 
 
 def installed() -> list[str]:
