@@ -57,7 +57,7 @@ class Problem:
     """What is to be solved.
 
     solver: a module as `solvers.load` gives it; settings: one of its QUALITIES, perhaps with options replaced.
-    observer_altitude_km: where directions are seen from unless a question says otherwise.
+    observer_altitude_km: where directions are seen from unless a question says otherwise; None: from the ground.
     sun_elevations_deg: all the suns that will be asked for [deg]; None: any.
     title: what to call it in errors; left_out: what the plan of its scene left out of the medium.
     """
@@ -65,7 +65,7 @@ class Problem:
     medium: Medium
     solver: Solver
     settings: Any
-    observer_altitude_km: float = 0.0
+    observer_altitude_km: float | None = None
     sun_elevations_deg: tuple[float, ...] | None = None
     title: str = ""
     left_out: tuple[LeftOut, ...] = ()
@@ -81,6 +81,11 @@ class Problem:
     def capabilities(self) -> Capabilities:
         """What the solver declares."""
         return self.solver.CAPABILITIES
+
+    @property
+    def altitude_km(self) -> float:
+        """Of the observer."""
+        return self.medium.bottom_km if self.observer_altitude_km is None else self.observer_altitude_km
 
     @property
     def slices(self) -> list[slice]:
@@ -117,7 +122,7 @@ class Block:
         self.capabilities = problem.capabilities
         self.sunbeam = Sunbeam(medium)
         self._progress = progress
-        self._altitude_km = problem.observer_altitude_km
+        self._altitude_km = problem.altitude_km
         self.field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
@@ -156,7 +161,7 @@ class Block:
         """The field that serves an observer, and what to tell it."""
         if self.capabilities.every_observer:
             return self.field, {} if altitude_km is None else {"observer_altitude_km": altitude_km}
-        wanted = self.problem.observer_altitude_km if altitude_km is None else altitude_km
+        wanted = self.problem.altitude_km if altitude_km is None else altitude_km
         if wanted != self._altitude_km:
             self.field = self._prepare(wanted)
             self._altitude_km = wanted
@@ -185,7 +190,7 @@ class Block:
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
-        altitude = self.problem.observer_altitude_km if observer_altitude_km is None else observer_altitude_km
+        altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
         return self.sunbeam.at(sun_elevation_deg, altitude)
 
 
@@ -236,7 +241,7 @@ class Solved:
         **facts: Any,
     ) -> Sky:
         """The sky on a grid of rows (E,) and columns (A,) [deg]; `facts` are further fields of `Sky`."""
-        altitude = self.problem.observer_altitude_km if observer_altitude_km is None else observer_altitude_km
+        altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
         answer = joined([b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks])
         direct = self.direct(sun_elevation_deg, altitude)
         return sky_of(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)

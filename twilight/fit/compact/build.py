@@ -76,8 +76,12 @@ def fit_compact(
     if not solver.CAPABILITIES.every_sun:
         able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.every_sun)
         raise TwilightError(f"solver.name is {name}; a compact sky takes {able}, whose one field serves every sun")
-    if config.observer.altitude_km != 0.0:
-        raise TwilightError(f"observer.altitude_km is {config.observer.altitude_km:g}; a compact sky is seen from 0 km")
+    ground_km = config.climate.ground.altitude_km
+    if config.observer.altitude_km != ground_km:
+        raise TwilightError(
+            f"observer.altitude_km is {config.observer.altitude_km:g}; a compact sky is seen from the ground, "
+            f"{ground_km:g} km"
+        )
     depths = check_depths(depths)
     clock = Clock()
     wavelength = np.array(training.WAVELENGTHS_NM)
