@@ -70,7 +70,7 @@ def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate
     if aerosol is None:
         return climate
     background = aerosol.free_troposphere or aerosol.mineral_transported is not None
-    own_stratosphere = climate.stratosphere is None and aerosol.stratosphere
+    own_stratosphere = climate.stratosphere is None and aerosol.stratosphere != "none"
     if aerosol.optical_depth_550nm == 0.0 and climate.stratosphere is None:
         left_out.append(LeftOut("aerosol", "aerosol.optical_depth_550nm is 0: no Mie theory", "none"))
         return climate.model_copy(update={"aerosol": None})
@@ -105,7 +105,7 @@ def _weak_gases(climate: Climate, wavelength_nm: np.ndarray) -> Iterator[tuple[s
     from twilight.atmosphere import gases
     from twilight.atmosphere.profiles import load_profile
 
-    full = load_profile(climate.atmosphere.profile)
+    full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
     profile = full.at(full.altitude_km[full.altitude_km <= climate.atmosphere.top_km])
     ozone = climate.gases.ozone
     wanted = {"ozone": ozone.treatment == "layer", "no2": climate.gases.no2, "o4": climate.gases.o4}

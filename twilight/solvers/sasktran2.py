@@ -25,6 +25,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.extras import missing
 
 JUMP_KM = 1e-3
 
@@ -113,7 +114,7 @@ class Field:
         try:
             import sasktran2  # noqa: F401
         except ImportError:
-            raise TwilightError("the sasktran2 solver is not installed: pip install 'twilight-sky[peers]'") from None
+            raise missing("sasktran2", "the solver sasktran2") from None
         if not medium.bottom_km <= observer_altitude_km < medium.top_km:
             raise TwilightError(
                 f"observer.altitude_km is {observer_altitude_km:g}; the sasktran2 solver allows {medium.bottom_km:g} "
@@ -142,9 +143,9 @@ def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
     bottom, top = medium.bottom_km, medium.top_km
     if growth == 0.0:
         return np.linspace(bottom, top, round((top - bottom) / start_km) + 1)
-    z = medium.altitude_km
+    z, top = medium.altitude_km - bottom, top - bottom
     stops = [*z[:-1][np.diff(z) == 0], top]
-    out = [bottom]
+    out = [0.0]
     for stop in stops:
         end = stop if stop == top else stop - JUMP_KM
         start = out[-1]
@@ -155,7 +156,7 @@ def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
         out.extend((start + offset) * ((end + offset) / (start + offset)) ** ratio - offset)
         if stop != top:
             out.append(stop)
-    return np.array(out)
+    return bottom + np.array(out)
 
 
 def source_altitudes(medium: Medium, start_km: float, growth: float) -> np.ndarray:
