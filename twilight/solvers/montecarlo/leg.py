@@ -156,7 +156,7 @@ def depth_inside(air, w, piece, t, i, f):
 
 @njit(inline="always", **INNER)
 def secant_parabola(radius, bottom, enter_km, leave_km, u):
-    """(c0, c1, c2): secant of a line as c0 + c1 h + c2 h^2 of the height above `bottom`, exact at both ends and between.
+    """(c0, c1, c2): secant of a line as c0 + c1 h + c2 h^2 of the height h above `bottom`, exact at three points.
 
     radius [km] of the Earth; the line crosses the altitude enter_km at the distance u [km] from its lowest point.
     """
@@ -180,7 +180,7 @@ def column(table, i, f, c):
 
 @njit(inline="always", **INNER)
 def lifted_sun(x, y, z, to_sun, mu_sun, bending):
-    """The apparent direction of the sun at a point (x, y, z) [any length], bent by `bending` [rad] towards the vertical.
+    """The apparent direction of the sun at a point (x, y, z), lifted by `bending` [rad] towards the vertical.
 
     to_sun (3,): unit vector to the true sun; mu_sun: cosine of its zenith angle there.
     """
@@ -277,7 +277,7 @@ def land(air, sun, steering, w, chord, distance, factor, n, last_chord, to_sun, 
 
 @njit(**INNER)
 def enter_air(air, ray):
-    """Move the start of a ray (9,) from space to the top of the air along a straight line; False if it misses the air."""
+    """Move the start of a ray (9,) from space to the top of the air along a line; False if it misses the air."""
     r = math.sqrt(ray[ORIGIN] * ray[ORIGIN] + ray[ORIGIN + 1] * ray[ORIGIN + 1] + ray[ORIGIN + 2] * ray[ORIGIN + 2])
     top = air.shell_km[air.shell_km.size - 1]
     z = r - air.earth_radius_km

@@ -1,7 +1,7 @@
 """Lines through shells: chords of the refracted ray, and the steps in which a chord crosses the air.
 
-Where the refractive index n falls with altitude, a ray curves towards the Earth.  With i its angle to the local vertical,
-its direction turns in the vertical plane by
+Where the refractive index n falls with altitude, a ray curves towards the Earth.  With i its angle to the vertical, its
+direction turns in the vertical plane by
 
     d(omega) / ds = -(dn / dr) sin(i) / n                                   (Bouguer: n r sin(i) is constant),
 
@@ -192,7 +192,7 @@ class Step(NamedTuple):
     """One step along a chord: through a whole layer where the secant is a parabola over it (`by_layer`), else a shell.
 
     end [km]: distance from the chord's start to its end; leave_km: altitude there; first, last: levels that bound it;
-    next_shell: shell after it (-1: the ground, the number of shells: space); falling: whether the line falls from there;
+    next_shell: shell after it (-1: the ground, the number of shells: space); falling: the line falls from there;
     ends_chord: the chord is at its end, wherever the shell's is.
     """
 

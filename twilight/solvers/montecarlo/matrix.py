@@ -4,13 +4,13 @@ Light is (I, Q, U).  On every leg Q and U refer to a frame: d, the unit vector a
 light), the *reference* e normal to d, and f = e x d.  Light that vibrates along cos(chi) e + sin(chi) f has
 Q = I cos(2 chi), U = I sin(2 chi).  No vertical plane enters, so nothing happens at the zenith or towards the sun.
 
-An event between the leg d and the next leg d' has the scattering angle cos(Theta) = d . d'.  The plane of d and d' meets
-the plane normal to d along d' - cos(Theta) d, at the angle phi from e, where
+An event between the leg d and the next leg d' has the scattering angle cos(Theta) = d . d'.  The plane of d and d'
+meets the plane normal to d along d' - cos(Theta) d, at the angle phi from e, where
 
     cos(2 phi) = (a^2 - b^2) / (a^2 + b^2),  sin(2 phi) = 2 a b / (a^2 + b^2),  a = d' . e,  b = d' . f.
 
-With the reference of the next leg in the scattering plane, e' ~ cos(Theta) d' - d, light (I', Q', U') that arrives along
-the next leg leaves as
+With the reference of the next leg in the scattering plane, e' ~ cos(Theta) d' - d, light (I', Q', U') that arrives
+along the next leg leaves as
 
     I = P11 I' + P12 Q',   q = P12 I' + P22 Q',   u = P33 U';
     Q = cos(2 phi) q - sin(2 phi) u,   U = sin(2 phi) q + cos(2 phi) u.
@@ -25,43 +25,28 @@ import math
 import numpy as np
 from numba import njit
 
-from twilight.phase import aerosol_phase, rayleigh_phase
+from twilight.phase import aerosol_matrix, rayleigh_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 
 N_STOKES = 3
 
 
-@njit(inline="always", **INNER)
-def rayleigh_amplitude(depolarisation):
-    """K [sr^-1] of air: P12 = -K sin^2, P22 = K (1 + cos^2), P33 = 2 K cos (Hansen & Travis 1974, eq. 2.15-2.16)."""
-    return 3.0 * (1.0 - depolarisation) / (8.0 * math.pi * (2.0 + depolarisation))
-
-
 @njit(**INNER)
-def species_phase(air, w, c, cosine):
-    """P11 [sr^-1] of species c, 0 being air, at wavelength w and the cosine of the scattering angle."""
+def species_matrix(air, w, c, cosine):
+    """(P11, P12, P22, P33) [sr^-1] of species c, 0 being air, at the cosine of the scattering angle."""
     if c == 0:
-        return rayleigh_phase(cosine, air.depolarisation[w])
-    return aerosol_phase(air.phase_kind[c - 1], air.phase_asymmetry[c - 1, w], air.phase_log_table[c - 1, w], cosine)
+        return rayleigh_matrix(cosine, air.depolarisation[w])
+    k = c - 1
+    return aerosol_matrix(
+        air.phase_kind[k], air.phase_asymmetry[k, w], air.phase_log_table[k, w], air.phase_ratios[k, :, w], cosine
+    )
 
 
 @njit(**INNER)
 def species_polarising(air, w, c, cosine):
     """(P11, P12) [sr^-1] of species c: what becomes of unpolarised light."""
-    p11 = species_phase(air, w, c, cosine)
-    if c == 0:
-        return p11, -rayleigh_amplitude(air.depolarisation[w]) * (1.0 - cosine * cosine)
-    return p11, 0.0
-
-
-@njit(**INNER)
-def species_matrix(air, w, c, cosine):
-    """(P11, P12, P22, P33) [sr^-1] of species c."""
-    p11, p12 = species_polarising(air, w, c, cosine)
-    if c == 0:
-        amplitude = rayleigh_amplitude(air.depolarisation[w])
-        return p11, p12, amplitude * (1.0 + cosine * cosine), 2.0 * amplitude * cosine
-    return p11, p12, 0.0, 0.0
+    p11, p12, _, _ = species_matrix(air, w, c, cosine)
+    return p11, p12
 
 
 @njit(inline="always", **INNER)

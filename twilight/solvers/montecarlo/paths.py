@@ -91,8 +91,8 @@ class Walk(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """What is asked, P pixels: key (P,) names their random streams; sun_elevation, elevation, azimuth (P,) [rad], azimuth
-    from the sun; altitude [km] of the observer; wavelength_key (W,)."""
+    """What is asked, P pixels: key (P,) names their random streams; sun_elevation, elevation, azimuth (P,) [rad],
+    azimuth from the sun; altitude [km] of the observer; wavelength_key (W,)."""
 
     key: np.ndarray
     sun_elevation: np.ndarray
@@ -261,10 +261,10 @@ def next_leg(air, steering, w, walk, event, unit, to_sun, stream, work):
 def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders):
     """Add one estimate of the light scattered more than once, order by order, to `orders`; 1 if a limit was met.
 
-    orders (S, N_ORDERS + 1): of I and, if S is 3, Q and U.  orders[:, n] is light with n + 1 events (a reflection by the
-    ground is one); column N_ORDERS - 1 takes the rest, and COARSE is the coarse field's part: its light along every leg,
-    less what the events drawn on that leg stand for.  The sum of that over the legs of a path has the mean 0, and takes
-    away most of the noise of the orders' sum.
+    orders (S, N_ORDERS + 1): of I and, if S is 3, Q and U.  orders[:, n] is light with n + 1 events (a reflection by
+    the ground is one); column N_ORDERS - 1 takes the rest, and COARSE is the coarse field's part: its light along every
+    leg, less what the events drawn on that leg stand for.  The sum of that over the legs of a path has the mean 0, and
+    takes away most of the noise of the orders' sum.
     From every leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none
     (roulette) or many (splitting), so that the weights of long paths do not drift apart.
     at_observer: n - 1 there; to_sun (3,); sight: `Found` of the line of sight that memory.sight holds.
@@ -352,16 +352,13 @@ def add_sample(orders, first, second):
 def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums):
     """Run the jobs first_job..end_job of :class:`Jobs` for :class:`Pixels` and fill their rows of :class:`Sums`.
 
-    A row depends on its job alone, so neither threads nor the order of jobs change it.  sight_air is the air that single
-    scattering is seen through, the same as `air` unless events are isotropic; seed: an integer.
+    A row depends on its job alone, so neither threads nor the order of jobs change it.  sight_air is the air that
+    single scattering is seen through, the same as `air` unless events are isotropic; seed: an integer.
     """
     n_species = air.table.shape[2] - SPECIES
-    memory = Memory(
-        new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS),
-        new_leg(n_species, LEG_PIECES, LEG_CHORDS),
-        np.empty((STACK, EVENT_COLUMNS)),
-        new_work(),
-    )
+    sight_leg = new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS)
+    leg = new_leg(n_species, LEG_PIECES, LEG_CHORDS)
+    memory = Memory(sight_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_work())
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.empty(3)
     n_stokes = sums.first.shape[1]

@@ -1,7 +1,7 @@
 """The first leg, the same for all samples of a pixel: its single scattering by quadrature, its pieces for later draws.
 
-The integral is that of :mod:`twilight.solvers.montecarlo.leg`.  Each piece has three Gauss nodes; where sunlight changes
-steeply along it, it is cut.  Where the edge of the shadow crosses a part, the edge is found by bisection and the nodes
+The integral is that of :mod:`twilight.solvers.montecarlo.leg`.  Each piece has three Gauss nodes; where sunlight
+changes steeply along it, it is cut.  Where the edge of the shadow crosses a part, the edge is found by bisection and the nodes
 lie on the lit side, so that no node can stand now on one side of the edge and now on the other.
 """
 
@@ -83,7 +83,7 @@ def is_lit(air, beam, w, chord, row, to_sun, s):
 
 @njit(**INNER)
 def lit_part(air, beam, w, chord, row, to_sun, a, b):
-    """(a, b) [km]: the lit side of a part of a chord that the shadow's edge crosses once; all of it if both ends agree."""
+    """(a, b) [km]: the lit side of a part of a chord that the shadow's edge crosses; all of it if both ends agree."""
     at_a = is_lit(air, beam, w, chord, row, to_sun, a)
     if at_a == is_lit(air, beam, w, chord, row, to_sun, b):
         return a, b
@@ -101,8 +101,8 @@ def lit_part(air, beam, w, chord, row, to_sun, a, b):
 def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer, parts, edge):
     """Integrals over one piece (a row of `pieces`, filled up to CHORD) in so many parts.
 
-    Returns I, Q, U of sunlight scattered towards the observer [sr^-1]; the weights of the next event, STEERED and PLAIN;
-    the smallest and the largest sunlight at a node [sr^-1 km^-1].  edge: look for the edge of the shadow in every part.
+    Returns I, Q, U of sunlight scattered towards the observer [sr^-1]; the weights of the next event, STEERED and
+    PLAIN; the smallest and the largest sunlight at a node [sr^-1 km^-1].  edge: look for the edge of the shadow in every part.
     at_observer: n - 1 where the line begins.
     """
     bottom = air.shell_km[0]
