@@ -1,8 +1,8 @@
 """The first leg, the same for all samples of a pixel: its single scattering by quadrature, its pieces for later draws.
 
 The integral is that of :mod:`twilight.solvers.montecarlo.leg`.  Each piece has three Gauss nodes; where sunlight
-changes steeply along it, it is cut.  Where the edge of the shadow crosses a part, the edge is found by bisection and the nodes
-lie on the lit side, so that no node can stand now on one side of the edge and now on the other.
+changes steeply along it, it is cut.  Where the edge of the shadow crosses a part, the edge is found by bisection and
+the nodes lie on the lit side, so that no node can stand now on one side of the edge and now on the other.
 """
 
 from __future__ import annotations
@@ -102,8 +102,8 @@ def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observ
     """Integrals over one piece (a row of `pieces`, filled up to CHORD) in so many parts.
 
     Returns I, Q, U of sunlight scattered towards the observer [sr^-1]; the weights of the next event, STEERED and
-    PLAIN; the smallest and the largest sunlight at a node [sr^-1 km^-1].  edge: look for the edge of the shadow in every part.
-    at_observer: n - 1 where the line begins.
+    PLAIN; the smallest and the largest sunlight at a node [sr^-1 km^-1].  edge: look for the edge of the shadow in
+    every part.  at_observer: n - 1 where the line begins.
     """
     bottom = air.shell_km[0]
     per_depth = 1.0 / (air.shell_km[air.shell_km.size - 1] - bottom)
