@@ -3,8 +3,16 @@
 from twilight.solvers.base import Capabilities
 from twilight.solvers.montecarlo.field import Field, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
-from twilight.solvers.montecarlo.tally import MonteCarloResult
+from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
 
-CAPABILITIES = Capabilities(standard_error=True)
+CAPABILITIES = Capabilities(standard_error=True, stokes=True)
 
-__all__ = ["CAPABILITIES", "QUALITIES", "Field", "MonteCarloResult", "MonteCarloSettings", "prepare"]
+__all__ = [
+    "CAPABILITIES",
+    "QUALITIES",
+    "Field",
+    "MonteCarloResult",
+    "MonteCarloSettings",
+    "StokesResult",
+    "prepare",
+]
