@@ -20,9 +20,8 @@ from twilight.errors import TwilightError
 @pytest.fixture(scope="module")
 def sky():
     made = glow_sky(step_deg=10.0, wavelength_nm=(450.0, 550.0, 650.0), direct_irradiance=np.full(3, 0.1))
-    return replace(
-        made, provenance={"solver": "toy", "quality": "draft", "configuration": {"climate": {"name": "air"}}}
-    )
+    configuration = {"climate": {"name": "air"}}
+    return replace(made, provenance={"solver": "toy", "quality": "draft", "configuration": configuration})
 
 
 def test_representations_are_five_lines(sky):
@@ -96,4 +95,4 @@ def test_half_skies_and_sequences_say_the_same_lazily(sky):
     with pytest.raises(TwilightError, match="holds no radiance"):
         half.sky.scene(sun=2)
     with pytest.raises(TwilightError, match="has no sun_normalised_radiance"):
-        xr.Dataset().sky
+        xr.Dataset().sky.scene()

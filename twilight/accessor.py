@@ -27,8 +27,8 @@ _DEFAULT_SPECTRUM = "astm_g173_etr"
 class SkyAccessor:
     """`.sky` of a dataset that holds `sun_normalised_radiance` over elevation, azimuth, wavelength and any others.
 
-    Half skies (a sweep's, azimuth 0 to 180 deg) stand for whole ones.  Results keep all other dimensions and are as lazy
-    as the dataset; scenes that were not computed are NaN.
+    Half skies (a sweep's, azimuth 0 to 180 deg) stand for whole ones.  Results keep all other dimensions and are as
+    lazy as the dataset; scenes that were not computed are NaN.
     """
 
     def __init__(self, dataset: xarray.Dataset):
