@@ -46,6 +46,11 @@ class AerosolRegion:
     def scaled(self, factor: float) -> AerosolRegion:
         return replace(self, extinction_per_km=self.extinction_per_km * factor)
 
+    def henyey_greenstein(self) -> AerosolRegion:
+        """The same with Henyey-Greenstein phase functions of the same asymmetry."""
+        phases = tuple(PhaseFunction.henyey_greenstein(p.asymmetry, p.name) for p in self.phase_functions)
+        return replace(self, phase_functions=phases)
+
     def below(self, altitude_km: float) -> AerosolRegion | None:
         """The part of the region below an altitude, None where there is none."""
         return self._cut(-math.inf, altitude_km)

@@ -174,6 +174,14 @@ def sage_scenarios() -> tuple[str, ...]:
     return tuple(_sage())
 
 
+def measured_kind(profile: str) -> str:
+    """The measured profile, of typical loading, of the latitude of an AFGL profile (which are of the northern half).
+
+    There are three bands: the subarctic profiles take the midlatitudes'.
+    """
+    return "tropical_typical" if profile == "tropical" else "nh_midlat_typical"
+
+
 def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     """Extinction (n, W) from n rows at the nine channels, log-log in wavelength.
 
