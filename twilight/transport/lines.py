@@ -6,9 +6,9 @@ above the local horizontal,
 which pass a lowest point without a singularity; with n = 1 the line is straight.
 
 A step is never longer than about 0.7 optical depths.  It ends where the line turns (sin a = 0), so that the altitude
-goes one way within it, and at every one of the profile's `stop_km`, between which the air changes smoothly: a step whose
-end lies beyond a stop is shortened to end on it.  So no layer, however thin, is stepped over.  Within a step optical
-depth and scattered light are two-point Gauss sums.
+goes one way within it, and at every one of the profile's `stop_km`, between which the air changes smoothly: a step
+whose end lies beyond a stop is shortened to end on it.  So no layer, however thin, is stepped over.  Within a step
+optical depth and scattered light are two-point Gauss sums.
 """
 
 from __future__ import annotations

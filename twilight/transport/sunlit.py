@@ -7,9 +7,9 @@ g = scattering coefficient x transmittance x length of each, light scattered onc
 
 E the sunbeam and p_s the phase functions.  The steps follow the air; what the beam does within one depends on the sun:
 it begins at the edge of the Earth's shadow, and its logarithm bends where the beam grazes a layer.  Steps in which such
-a change matters are cut again.  In a cut step the density of g goes exponentially through its two points, with the same
-sum; a part that begins at the edge of the shadow, found by bisection, has points spaced like squares from there, because
-light grows like a square root behind an edge.
+a change matters are cut again.  In a cut step the density of g goes exponentially through its two points, with the
+same sum; a part that begins at the edge of the shadow, found by bisection, has points spaced like squares from there,
+because light grows like a square root behind an edge.
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ def _densities(weight, k, density):
 
 @njit(cache=True, nogil=True)
 def scattered_once(
-    beam, rays, share, elevation, zenith, row_first, cos_azimuth, phase, of_sun, of_ray, floor, ground_km, ground_albedo,
-    out, begin, end,
+    beam, rays, share, elevation, zenith, row_first, cos_azimuth, phase, of_sun, of_ray, floor, ground_km,
+    ground_albedo, out, begin, end,
 ):  # fmt: skip
     """Light scattered once, by air or by the ground in view, added to out (D, W) for rays begin..end.
 

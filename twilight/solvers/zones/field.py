@@ -13,26 +13,25 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import altitude_nodes, make_angles, resolve_layers, zenith_nodes
-from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
+from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution, solve_orders
 from twilight.solvers.zones.storage import save
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple, view_single
+from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, prepare_beam
-from twilight.transport.lines import refractive_gradient
-from twilight.transport.march import jump_altitudes
+from twilight.transport.bundle import species_share, trace_rays
+from twilight.transport.lines import ALTITUDE, ANGLE, with_refraction
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase
+from twilight.transport.sunlit import scattered_once
 
 Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
-SHARP = 2.0
-"""Points on a line of sight for light scattered once, over those for the rest."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
@@ -97,12 +96,13 @@ class Field:
         self.profile = prepare_profile(self.scaled.medium)
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile.altitude_km) if several else None
-        self.jumps = jump_altitudes(self.profile)
-        self.sight_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
-        self.path_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_paths)
-        altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
+        bent = with_refraction(self.profile, medium)
+        self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
+        self.path_profile = bent if settings.bent_paths else self.profile
+        breaks = self.profile.break_km
+        altitude = altitude_nodes(medium.bottom_km, medium.top_km, breaks, settings.altitude_density)
         altitude = resolve_layers(altitude, self.profile, settings.altitude_density)
-        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), self.jumps)
+        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
         if solved is not None:
@@ -142,7 +142,7 @@ class Field:
         tell("rays", 0.05)
         early = self._stage(s.polar_directions, s.azimuth_directions, s.degree)
         late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree)
-        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)
+        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
 
@@ -165,11 +165,9 @@ class Field:
         horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
         angles = make_angles(horizon, polar, around, degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
-        rays = trace_rays(
-            self.profile, self.path_gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
-        )
+        rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
         # air with nothing in it has no points along its rays
-        longest = float(max(rays.place[:, 1].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
+        longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         moments = self.scaled.moments[:, : degree + 1]
 
@@ -204,20 +202,12 @@ class Field:
         order = np.argsort(row_of, kind="stable")
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
         cos_azimuth = np.cos(np.radians(a))[order]
-        rays, fine_rays = (
-            trace_rays(
-                self.profile,
-                self.sight_gradient,
-                self.jumps,
-                np.full(row_elevation.size, altitude),
-                np.sin(np.radians(row_elevation)),
-                density * self.settings.sight_density,
-            )
-            for density in (1.0, SHARP)  # the shadow's edge is sharp in light scattered once
-        )
+        start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
+        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
+        pairs = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, pairs=True)
         zenith = math.radians(90.0 - sun_elevation_deg)
         sorted_elevation = np.radians(e[order])
-        out = self._single(fine_rays, zenith, np.radians(row_elevation), row_first, sorted_elevation, cos_azimuth)
+        out = self._single(pairs, zenith, np.radians(row_elevation), row_first, sorted_elevation, cos_azimuth)
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[1]))
             out[:, part] += self._multiple(rays, zenith, row_first, cos_azimuth, block, solution)[
@@ -229,7 +219,7 @@ class Field:
 
     def _single(self, rays, zenith, row_elevation, row_first, elevation, cos_azimuth) -> np.ndarray:
         """Light scattered once, (D, W), directions sorted by ray."""
-        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
+        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, ALTITUDE]))
         phases = []
         for lifted, lowered in ((0.0, 0.0), (REFERENCE_TURN_RAD, 0.0), (0.0, REFERENCE_TURN_RAD)):
             t, e = zenith - lifted, elevation - lowered
@@ -241,10 +231,9 @@ class Field:
         of_sun, of_ray = ((turned - phases[0]) / REFERENCE_TURN_RAD for turned in phases[1:])
         out = np.zeros((cos_azimuth.size, self.medium.n_wavelengths))
         in_slices(
-            lambda begin, end: view_single(
-                self.beam, rays.first, rays.place, rays.weight, share, row_elevation, zenith, row_first, cos_azimuth,
-                phases[0], of_sun, of_ray, rays.ground_weight, rays.ground_angle_rad, self.medium.bottom_km,
-                self.medium.ground_albedo, out, begin, end,
+            lambda begin, end: scattered_once(
+                self.beam, rays, share, row_elevation, zenith, row_first, cos_azimuth, phases[0], of_sun, of_ray, 0.0,
+                self.medium.bottom_km, self.medium.ground_albedo, out, begin, end,
             ),
             row_elevation.size,
         )  # fmt: skip

@@ -10,9 +10,11 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.grid import Angles, cubic_refinement
 from twilight.solvers.zones.passes import moments_of, scatter, scatter_sunlight
-from twilight.solvers.zones.paths import LANES, Points, Rays, Turning, lanes_of
+from twilight.solvers.zones.paths import LANES, Points, Turning, lanes_of
 from twilight.solvers.zones.sunlight import Sunlight
 from twilight.threads import in_slices
+from twilight.transport.bundle import Rays
+from twilight.transport.lines import ALTITUDE
 
 TINY = 1e-30
 FAINT = 1e-12
@@ -122,7 +124,7 @@ class Passes:
     def first(self, sunlight: Sunlight, moments: np.ndarray) -> np.ndarray:
         """Radiance of sunlight scattered once."""
         out = self._empty()
-        z = self.rays.place[:, 0]
+        z = self.rays.place[:, ALTITUDE]
         row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
         share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
         a = self.angles

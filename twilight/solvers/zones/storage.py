@@ -23,7 +23,7 @@ from twilight.transport.beam import Beam
 if TYPE_CHECKING:
     from twilight.solvers.zones.field import Field
 
-FORMAT = "twilight zones field 2"
+FORMAT = "twilight zones field 3"
 _SOLUTION = ("log_mean", "ratio", "log_ground")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
 

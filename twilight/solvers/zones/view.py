@@ -1,4 +1,4 @@
-"""Lines of sight through a solved field: light scattered once with the exact phase function, and all the rest."""
+"""Lines of sight through a solved field: light scattered at least twice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import njit
 
 from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab
 from twilight.solvers.zones.paths import LANES
-from twilight.transport.beam import beam_at
+from twilight.transport.lines import ANGLE
 
 REFERENCE_TURN_RAD = math.radians(0.5)
 """Phase functions are taken with sun and ray as they are, with the sun lifted by this, and with the ray lowered by it,
@@ -33,7 +33,7 @@ def view_multiple(
     ct, st = math.cos(zenith), math.sin(zenith)
     for r in range(begin, end):
         for k in range(rays_first[r], rays_first[r + 1]):
-            psi = place[k, 1]
+            psi = place[k, ANGLE]
             low = max(0, np.searchsorted(zenith_nodes, zenith - psi, side="right") - 1)
             high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
             low = min(low, n_nodes - 2)
@@ -76,43 +76,3 @@ def view_multiple(
                     out[d, w] += ground_weight[r, w] * math.exp(
                         (ONE - b1) * log_ground[j, w] + b1 * log_ground[j + 1, w]
                     )
-
-
-@njit(cache=True, nogil=True)
-def view_single(
-    beam, rays_first, place, weight, share, elevation, zenith, row_first, cos_azimuth, phase, of_sun, of_ray,
-    ground_weight, ground_angle, ground_altitude, ground_albedo, out, begin, end,
-):  # fmt: skip
-    """Light scattered once, by air or by the ground in view, added to out (D, W).
-
-    place, weight, share: points of the rays; elevation (R,) [rad]: apparent, of each ray
-    phase (D, S, W): with the sun at its true and the ray at its apparent place
-    of_sun, of_ray (D, S, W): its change per radian by which the sun is lifted and the ray is lowered
-    """
-    n_w = out.shape[1]
-    light = np.empty(n_w)
-    ct, st = math.cos(zenith), math.sin(zenith)
-    for r in range(begin, end):
-        for k in range(rays_first[r], rays_first[r + 1]):
-            psi = place[k, 1]
-            cp, sp = math.cos(psi), math.sin(psi)
-            # by refraction, so far
-            lowered = elevation[r] - (math.asin(min(1.0, max(-1.0, place[k, 2]))) - psi)
-            for d in range(row_first[r], row_first[r + 1]):
-                up = cp * ct + sp * st * cos_azimuth[d]
-                lifted = beam_at(beam, place[k, 0], up, light)
-                for w in range(n_w):
-                    if light[w] > 0.0:
-                        source = 0.0
-                        for s in range(share.shape[0]):
-                            turned = phase[d, s, w] + lifted * of_sun[d, s, w] + lowered * of_ray[d, s, w]
-                            source += share[s, k, w] * max(0.0, turned)
-                        out[d, w] += weight[k, w] * light[w] * source
-        if ground_weight[r].max() > 0.0:
-            cp, sp = math.cos(ground_angle[r]), math.sin(ground_angle[r])
-            for d in range(row_first[r], row_first[r + 1]):
-                up = cp * ct + sp * st * cos_azimuth[d]
-                bending = beam_at(beam, ground_altitude, up, light)
-                incidence = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, up))) - bending))
-                for w in range(n_w):
-                    out[d, w] += ground_weight[r, w] * ground_albedo[w] / math.pi * light[w] * max(0.0, incidence)
