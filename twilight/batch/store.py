@@ -1,7 +1,8 @@
 """The dataset of a sweep: a Zarr store that xarray opens lazily, and in it the journal of its finished tasks.
 
-A chunk is a file that is there whole or not at all; a task counts as done when a line of the journal says so, which is
-written after its chunks.  Whatever stops a sweep, nothing but the tasks at hand is lost.
+A chunk is a file that is there whole or not at all, with a CRC-32 of its values inside; a task counts as done when a
+line of the journal says so, which is written after its chunks.  Whatever stops a sweep, nothing but the tasks at hand
+is lost; a chunk that was damaged or deleted since is computed again.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.batch.dimensions import describe_key, variable_name
-from twilight.batch.sweep import Sweep, Task
+from twilight.batch.sweep import Block, Sweep, Task
 from twilight.batch.work import TaskResult
 from twilight.errors import TwilightError
 from twilight.io.provenance import to_json
@@ -46,6 +47,7 @@ class Store:
         self.path, self.sweep = path, sweep
         self.done = _read_journal(path / JOURNAL)
         self._group, self._journal = group, journal
+        self.damaged = self._without_damaged()
 
     def write(self, task: Task, result: TaskResult) -> None:
         """Chunks first, then the line that says that they are there.  TwilightError where the system refuses."""
@@ -57,7 +59,7 @@ class Store:
                 if found.standard_error is not None:
                     arrays["standard_error"] = found.standard_error
                 for name, values in arrays.items():
-                    self._group[name][block.region] = values.reshape(*block.shape, *values.shape[1:])
+                    self._group[name][block.region] = values.reshape((*block.shape, *values.shape[1:]))
                 scenes = list(block.scenes())
                 for i, reason in found.refused.items():
                     refused[",".join(map(str, scenes[i]))] = reason
@@ -68,6 +70,31 @@ class Store:
         except OSError as error:
             raise TwilightError(f"{self.path}: cannot be written ({error.strerror or error})") from error
         self.done[task.key] = entry
+
+    def _without_damaged(self) -> int:
+        """Forget the tasks of which a chunk is no longer what was written; how many they are."""
+        names = [_RADIANCE, "direct_irradiance_factor", "solar_bending"]
+        names += ["standard_error"] if self.sweep.stochastic else []
+        lost = [
+            task.key
+            for task in self.sweep.tasks
+            if task.key in self.done and not all(self._is_whole(name, block) for block in task.blocks for name in names)
+        ]
+        for key in lost:
+            del self.done[key]
+        return len(lost)
+
+    def _is_whole(self, name: str, block: Block) -> bool:
+        chunk = [part.start // size for part, size in zip(block.region, self.sweep.chunk, strict=True)]
+        array = self._group[name]
+        chunk += [0] * (array.ndim - len(chunk))
+        if not (self.path / name).joinpath("/".join(map(str, chunk)) or "0").is_file():
+            return False  # which zarr reads as NaN
+        try:
+            array[block.region]
+        except Exception:  # of the checksum, the decompressor or the system
+            return False
+        return True
 
     def write_status(self) -> None:
         """Bring the variable `status` up to date with the journal."""
@@ -228,7 +255,7 @@ def _results(group: Any, sweep: Sweep) -> None:
     names = tuple(d.name for d in sweep.dimensions)
 
     def add(name: str, last: tuple[str, ...], shape: tuple[int, ...], **attributes: str) -> None:
-        from numcodecs import Blosc
+        from numcodecs import CRC32, Blosc
 
         group.create_array(
             name,
@@ -236,6 +263,7 @@ def _results(group: Any, sweep: Sweep) -> None:
             chunks=(*sweep.chunk, *shape),
             dtype="f4",
             fill_value=float("nan"),
+            filters=[CRC32()],
             compressors=[Blosc(cname="zstd", clevel=5, shuffle=Blosc.SHUFFLE)],
             chunk_key_encoding={"name": "v2", "separator": "/"},
             attributes={"_ARRAY_DIMENSIONS": [*names, *last], **attributes},

@@ -68,6 +68,8 @@ def _run(made: Any, path: Path, place: Any) -> None:
 
     with open_store(path, made) as store, progress_bar() as bar:
         had = len(store.done)
+        if store.damaged:
+            print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
         bar(0.0, "starting workers")
         if had < len(made.tasks):
             with connect(place) as client:

@@ -17,7 +17,11 @@ from typing import Any
 import numpy as np
 
 from twilight.compare.job import Job, Outcome, Timing
+from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
+from twilight.reading import read_text
+
+MAX_ROW_BYTES = 200_000_000
 
 Progress = Callable[[str, float], None]
 
@@ -114,8 +118,8 @@ class Bench:
 def _read(path: Path) -> dict[str, Any]:
     """What is kept in a file; nothing where there is none or it is damaged."""
     try:
-        kept = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        kept = json.loads(read_text(path, MAX_ROW_BYTES))
+    except (TwilightError, ValueError):
         return {}
     return kept if isinstance(kept, dict) else {}
 

@@ -5,7 +5,7 @@ g = scattering coefficient x transmittance x length of each, light scattered onc
 
     g x E/F0 x sum_s share_s p_s,
 
-E the sunbeam and p_s the phase functions.  The steps follow the air; what the beam does within one depends on the sun:
+E the sunbeam and p_s the phase functions, for Q and U the elements of the matrix in their place.  The steps follow the air; what the beam does within one depends on the sun:
 it begins at the edge of the Earth's shadow, and its logarithm bends where the beam grazes a layer.  Steps in which such
 a change matters are cut again.  In a cut step the density of g goes exponentially through its two points, with the
 same sum; a part that begins at the edge of the shadow, found by bisection, has points spaced like squares from there,
@@ -15,6 +15,7 @@ because light grows like a square root behind an edge.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,6 +28,31 @@ WORTH = 5e-5
 MOST_PARTS, EDGE_PARTS = 24, 8
 """Parts that a step is cut into, and a piece of one that ends on the shadow's edge."""
 _BETWEEN = GAUSS_HIGH - GAUSS_LOW
+
+
+class Directions(NamedTuple):
+    """D directions that one looks in, sorted by the ray (elevation) they belong to; R rays.
+
+    first (R + 1,): where those of each ray start; cos_azimuth (D,): of the azimuth from the sun.
+    zenith_rad: solar zenith angle at the observer
+    """
+
+    first: np.ndarray
+    cos_azimuth: np.ndarray
+    zenith_rad: float
+
+
+class Phases(NamedTuple):
+    """What each species makes of sunlight in each direction, (Stokes, D, S, W) [sr^-1]: P11, and P12 turned to the
+    vertical plane for Q and for U.
+
+    value: with the sun at its true and the ray at its apparent place; of_sun, of_ray: its change per radian by which
+    the sun is lifted and the ray is lowered by refraction.
+    """
+
+    value: np.ndarray
+    of_sun: np.ndarray
+    of_ray: np.ndarray
 
 
 @njit(cache=True, inline="always")
@@ -68,10 +94,10 @@ def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
 
 @njit(cache=True)
 def _add_part(
-    beam, rays, share, k, begin, end, square, parts, elevation, to_sun, cos_azimuth, phase, of_sun, of_ray, floor,
-    light, density, total,
+    beam, rays, share, k, begin, end, square, parts, elevation, to_sun, cos_azimuth, phases, d, floor, light, density,
+    total,
 ):  # fmt: skip
-    """Add to total (W,) the light of the piece begin..end (fractions) of the step of points k and k + 1.
+    """Add to total (Stokes, W) the light of the piece begin..end (fractions) of the step of points k and k + 1.
 
     square: 0 for equal parts, -1 where they grow like squares from the begin, 1 from the end; density (W, 2): value at
     the first point and logarithmic slope of g per step; for the others see `scattered_once`.
@@ -94,13 +120,23 @@ def _add_part(
             lowered = elevation - (math.asin(min(1.0, max(-1.0, cosine))) - angle)
             f = (t - GAUSS_LOW) / _BETWEEN
             g = min(1.0, max(0.0, f))
-            for w in range(total.size):
+            for w in range(light.size):
                 if light[w] > 0.0:
-                    source = 0.0
-                    for s in range(share.shape[0]):
-                        turned = phase[s, w] + lifted * of_sun[s, w] + lowered * of_ray[s, w]
-                        source += ((1.0 - g) * share[s, k, w] + g * share[s, k + 1, w]) * max(floor, turned)
-                    total[w] += width * density[w, 0] * math.exp(density[w, 1] * f) * light[w] * source
+                    strength = width * density[w, 0] * math.exp(density[w, 1] * f) * light[w]
+                    for i in range(total.shape[0]):
+                        source = 0.0
+                        for s in range(share.shape[0]):
+                            here = (1.0 - g) * share[s, k, w] + g * share[s, k + 1, w]
+                            source += here * _turned(phases, i, d, s, w, lifted, lowered, floor)
+                        total[i, w] += strength * source
+
+
+@njit(cache=True, inline="always")
+def _turned(phases, stokes, d, s, w, lifted, lowered, floor):
+    """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered by so much [rad]."""
+    value = phases.value[stokes, d, s, w] + lifted * phases.of_sun[stokes, d, s, w]
+    value += lowered * phases.of_ray[stokes, d, s, w]
+    return max(floor, value) if stokes == 0 else value
 
 
 @njit(cache=True)
@@ -119,37 +155,32 @@ def _densities(weight, k, density):
 
 
 @njit(cache=True, nogil=True)
-def scattered_once(
-    beam, rays, share, elevation, zenith, row_first, cos_azimuth, phase, of_sun, of_ray, floor, ground_km,
-    ground_albedo, out, begin, end,
-):  # fmt: skip
-    """Light scattered once, by air or by the ground in view, added to out (D, W) for rays begin..end.
+def scattered_once(beam, rays, share, elevation, directions, phases, floor, ground_km, ground_albedo, out, begin, end):
+    """Light scattered once, by air or by the ground in view, added to out (D, Stokes, W) for rays begin..end.
 
     beam: of :func:`twilight.transport.beam.prepare_beam`; rays: traced with `pairs`
     share (1 + K, P, W): of air and of each aerosol in what the points scatter
-    elevation (R,) [rad]: apparent, of each ray; zenith [rad]: true solar zenith angle at the start
-    row_first (R + 1,): directions row_first[r]..row_first[r + 1] are those of ray r
-    cos_azimuth (D,): of the directions from the sun
-    phase (D, 1 + K, W) [sr^-1]: with the sun at its true and the ray at its apparent place
-    of_sun, of_ray (D, 1 + K, W): its change per radian by which the sun is lifted and the ray is lowered by refraction
+    elevation (R,) [rad]: apparent, of each ray; directions: `Directions`; phases: `Phases`
     floor: least value of a phase function
     ground_km: altitude of the ground; ground_albedo (W,)
     """
-    n_w = out.shape[1]
+    n_stokes, n_w = out.shape[1], out.shape[2]
     most = 0
     for r in range(begin, end):
         most = max(most, rays.first[r + 1] - rays.first[r])
-    light, logarithm, part = np.empty((most, n_w)), np.empty((most, n_w)), np.empty((most, n_w))
+    light, logarithm, parts_of = np.empty((most, n_w)), np.empty((most, n_w)), np.empty((n_stokes, most, n_w))
+    part = parts_of[0]
     lit = np.empty(most, np.bool_)
-    total, piece, at_one = np.empty(n_w), np.empty(n_w), np.empty(n_w)
+    total, piece, at_one = np.empty(n_w), np.empty((n_stokes, n_w)), np.empty(n_w)
     density = np.empty((n_w, 2))
     mark, mark_lit = np.empty(4), np.empty(4, np.bool_)
-    to_sun = (math.cos(zenith), math.sin(zenith))
+    to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
+    cos_azimuth = directions.cos_azimuth
     place, weight = rays.place, rays.weight
     for r in range(begin, end):
         k0 = rays.first[r]
         n = rays.first[r + 1] - k0
-        for d in range(row_first[r], row_first[r + 1]):
+        for d in range(directions.first[r], directions.first[r + 1]):
             total[:] = 0.0
             for i in range(n):
                 k = k0 + i
@@ -157,16 +188,17 @@ def scattered_once(
                 lowered = elevation[r] - (math.asin(min(1.0, max(-1.0, place[k, COSINE]))) - place[k, ANGLE])
                 lit[i] = False
                 for w in range(n_w):
-                    part[i, w] = 0.0
-                    source = 0.0
-                    for s in range(share.shape[0]):
-                        turned = phase[d, s, w] + lifted * of_sun[d, s, w] + lowered * of_ray[d, s, w]
-                        source += share[s, k, w] * max(floor, turned)
                     logarithm[i, w] = -80.0
                     if light[i, w] > 0.0:
                         lit[i] = True
                         logarithm[i, w] = max(-80.0, math.log(light[i, w]))
-                        part[i, w] = weight[k, w] * light[i, w] * source
+                    for stokes in range(n_stokes):
+                        source = 0.0
+                        if light[i, w] > 0.0:
+                            for s in range(share.shape[0]):
+                                source += share[s, k, w] * _turned(phases, stokes, d, s, w, lifted, lowered, floor)
+                        parts_of[stokes, i, w] = weight[k, w] * light[i, w] * source
+                        out[d, stokes, w] += parts_of[stokes, i, w]
                     total[w] += part[i, w]
             for i in range(0, n, 2):
                 k = k0 + i
@@ -215,8 +247,8 @@ def scattered_once(
                 piece[:] = 0.0
                 if all_lit:
                     _add_part(
-                        beam, rays, share, k, 0.0, 1.0, 0, parts, elevation[r], to_sun, cos_azimuth[d], phase[d],
-                        of_sun[d], of_ray[d], floor, at_one, density, piece,
+                        beam, rays, share, k, 0.0, 1.0, 0, parts, elevation[r], to_sun, cos_azimuth[d], phases, d,
+                        floor, at_one, density, piece,
                     )  # fmt: skip
                 else:
                     mark[0], mark[1], mark[2], mark[3] = 0.0, GAUSS_LOW, GAUSS_HIGH, 1.0
@@ -240,20 +272,19 @@ def scattered_once(
                                 cuts = max(cuts, EDGE_PARTS)
                             _add_part(
                                 beam, rays, share, k, start, stop, -1 if square != 0 else (1 if m < 3 else 0), cuts,
-                                elevation[r], to_sun, cos_azimuth[d], phase[d], of_sun[d], of_ray[d], floor, at_one,
-                                density, piece,
+                                elevation[r], to_sun, cos_azimuth[d], phases, d, floor, at_one, density, piece,
                             )  # fmt: skip
                         start = stop
                         square = 1
-                for w in range(n_w):
-                    out[d, w] += piece[w] - part[i, w] - part[i + 1, w]
-            for w in range(n_w):
-                out[d, w] += total[w]
+                for stokes in range(n_stokes):
+                    for w in range(n_w):
+                        coarse = parts_of[stokes, i, w] + parts_of[stokes, i + 1, w]
+                        out[d, stokes, w] += piece[stokes, w] - coarse
         if rays.ground_weight[r].max() > 0.0:
-            for d in range(row_first[r], row_first[r + 1]):
+            for d in range(directions.first[r], directions.first[r + 1]):
                 up = _cos_sun(rays.ground_angle_rad[r], to_sun, cos_azimuth[d])
                 bending = beam_at(beam, ground_km, up, at_one)
                 incidence = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, up))) - bending))
                 for w in range(n_w):
                     reflected = ground_albedo[w] / math.pi * at_one[w] * max(0.0, incidence)
-                    out[d, w] += rays.ground_weight[r, w] * reflected
+                    out[d, 0, w] += rays.ground_weight[r, w] * reflected

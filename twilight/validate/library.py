@@ -24,8 +24,8 @@ from twilight import __version__, colour, spectrum
 from twilight.config.load import load
 from twilight.config.scene import Config
 from twilight.errors import TwilightError
-from twilight.io.damage import check_expansion, first_line
 from twilight.io.whole import whole_file
+from twilight.reading import first_line, open_npz
 from twilight.run import frames
 from twilight.sky import Sky, texture_grid
 from twilight.validate.photo import OBSERVER, PhotoSky, seen_as
@@ -236,12 +236,8 @@ def _key(configs: list[Config]) -> str:
 
 def _read(path: Path, key: str) -> tuple[np.ndarray, np.ndarray] | None:
     """Apparent suns and skies of a stored library, None where it holds others.  Errors: TwilightError if damaged."""
-    import zipfile
-
     try:
-        with zipfile.ZipFile(path) as archive:
-            check_expansion(path, float(sum(member.file_size for member in archive.infolist())))
-        with np.load(path, allow_pickle=False) as stored:
+        with open_npz(path) as stored:
             if str(stored["key"]) != key:
                 return None
             return stored["apparent"], stored["xyz"]

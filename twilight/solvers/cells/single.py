@@ -14,7 +14,7 @@ from twilight.transport.bundle import Rays, species_share, trace_rays
 from twilight.transport.lines import ALTITUDE
 from twilight.transport.profile import Profile
 from twilight.transport.scaling import ScaledMedium, species_phase
-from twilight.transport.sunlit import scattered_once
+from twilight.transport.sunlit import Directions, Phases, scattered_once
 
 REFERENCE_BEND_RAD = math.radians(0.5)
 """Phase functions are taken at the true and at this bent direction of the sun, and linearly between and beyond."""
@@ -75,19 +75,19 @@ def single_scattering(
         for h in (sun, sun + REFERENCE_BEND_RAD):
             cosine = np.sin(elevation) * math.sin(h) + np.cos(elevation) * math.cos(h) * np.cos(sight.azimuth[order])
             turned.append(species_phase(medium, forward_share, cosine))
-        sorted_phase, of_sun, floor = turned[0], (turned[1] - turned[0]) / REFERENCE_BEND_RAD, 0.0
+        value, of_sun, floor = turned[0], (turned[1] - turned[0]) / REFERENCE_BEND_RAD, 0.0
     else:
-        sorted_phase, of_sun, floor = phase[order], np.zeros_like(phase), -np.inf
-    of_ray = np.zeros_like(sorted_phase)
-    found = np.zeros((order.size, medium.n_wavelengths))
+        value, of_sun, floor = phase[order], np.zeros_like(phase), -np.inf
+    phases = Phases(value[None], of_sun[None], np.zeros_like(value)[None])
+    directions = Directions(sight.row_first, np.cos(sight.azimuth[order]), 0.5 * math.pi - sun)
+    found = np.zeros((order.size, 1, medium.n_wavelengths))
     in_slices(
         lambda begin, end: scattered_once(
-            beam, sight.rays, sight.share, sight.elevation, 0.5 * math.pi - sun, sight.row_first,
-            np.cos(sight.azimuth[order]), sorted_phase, of_sun, of_ray, floor, medium.bottom_km, medium.ground_albedo,
-            found, begin, end,
+            beam, sight.rays, sight.share, sight.elevation, directions, phases, floor, medium.bottom_km,
+            medium.ground_albedo, found, begin, end,
         ),
         sight.elevation.size,
     )  # fmt: skip
-    out = np.empty_like(found)
-    out[order] = found
+    out = np.empty_like(found[:, 0])
+    out[order] = found[:, 0]
     return out
