@@ -7,9 +7,9 @@ g = scattering coefficient x transmittance x length of each, light scattered onc
 
 E the sunbeam and p_s the phase functions, for Q and U the elements of the matrix in their place.  The steps follow the
 air; what the beam does within one depends on the sun: it begins at the edge of the Earth's shadow, and its logarithm
-bends where the beam grazes a layer.  Steps in which such a change matters are cut again.  In a cut step the density of g goes exponentially through its two points, with the
-same sum; a part that begins at the edge of the shadow, found by bisection, has points spaced like squares from there,
-because light grows like a square root behind an edge.
+bends where the beam grazes a layer.  Steps in which such a change matters are cut again.  In a cut step the density of
+g goes exponentially through its two points, with the same sum; a part that begins at the edge of the shadow, found by
+bisection, has points spaced like squares from there, because light grows like a square root behind an edge.
 """
 
 from __future__ import annotations
