@@ -117,8 +117,8 @@ def quick_target(sun_elevation_deg: float) -> float:
 
 def compute_climate(name: str, refraction: bool, quick: bool) -> None:
     """A shipped climate, with all refraction or without any; `quick` takes every second direction and larger errors."""
-    from twilight.air import climate_medium
     from twilight.config.load import load_climate
+    from twilight.scene.medium import climate_medium
 
     medium = climate_medium(load_climate(name), np.array(WAVELENGTHS_NM))
     file = "pure-air-climate" if name == "pure-air" else name

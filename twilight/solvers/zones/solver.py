@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, Progress, zenith_range
+from twilight.errors import TwilightWarning
+from twilight.progress import Progress, silent
+from twilight.solvers.base import Convergence
+from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solution import Convergence
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 
 LADDER = ("draft", "standard", "reference")
@@ -53,6 +55,7 @@ def prepare(
         warnings.warn(
             f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            TwilightWarning,
             stacklevel=2,
         )
     if settings.field_file:
@@ -93,7 +96,7 @@ def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
 
 def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
     suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    tell = progress or (lambda doing, share: None)
+    tell = progress or silent
     before: np.ndarray | None = None
     field = None
     error = float("inf")
@@ -117,6 +120,7 @@ def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_ele
         warnings.warn(
             f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
             f"{error:.2g} at 95 % of the directions",
+            TwilightWarning,
             stacklevel=3,
         )
     return field
