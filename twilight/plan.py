@@ -105,7 +105,7 @@ def _weak_gases(climate: Climate, wavelength_nm: np.ndarray) -> Iterator[tuple[s
     from twilight.atmosphere import gases
     from twilight.atmosphere.profiles import load_profile
 
-    full = load_profile(climate.atmosphere.profile)
+    full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
     profile = full.at(full.altitude_km[full.altitude_km <= climate.atmosphere.top_km])
     ozone = climate.gases.ozone
     wanted = {"ozone": ozone.treatment == "layer", "no2": climate.gases.no2, "o4": climate.gases.o4}

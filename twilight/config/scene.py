@@ -172,7 +172,9 @@ by a factor of four to twenty."""
 class Observer(Section):
     """Where the eye is."""
 
-    altitude_km: Number = key(0.0, "altitude above the ground", unit="km", ge=0.0, le=40000.0)
+    altitude_km: Number = key(
+        0.0, "altitude above sea level; unset: on the ground (ground.altitude_km)", unit="km", ge=0.0, le=40000.0
+    )
 
 
 class Wavelengths(Section):
@@ -334,6 +336,18 @@ class Config(Section):
         "to, count, scale: linear | log}; list: mappings of keys that change together; latin_hypercube: {samples, "
         "seed, ranges: {key: {from, to, scale} | [choices]}}",
     )
+
+    @model_validator(mode="after")
+    def _stands_on_the_ground(self) -> Config:
+        ground_km = self.climate.ground.altitude_km
+        if ground_km > 0.0 and "altitude_km" not in self.observer.model_fields_set:
+            object.__setattr__(self, "observer", Observer(altitude_km=ground_km))
+        elif self.observer.altitude_km < ground_km:
+            raise ValueError(
+                f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
+                f"{ground_km:g} km); both count from sea level"
+            )
+        return self
 
     @property
     def title(self) -> str:

@@ -150,7 +150,7 @@ def _with_paper_haze(clean: Medium, turbidity: float) -> Medium:
     surface = (turbidity - 1.0) * air * aerial.HAZE_DECAY_PER_KM * relative[:-1] / relative[-1]
     angle = np.radians(np.linspace(0.0, 180.0, 1441))
     phase = PhaseFunction.from_samples(angle, aerial.haze_phase(angle, wavelength).T, "haze of Preetham 1999")
-    extinction = np.exp(-aerial.HAZE_DECAY_PER_KM * clean.altitude_km)[:, None] * surface
+    extinction = np.exp(-aerial.HAZE_DECAY_PER_KM * (clean.altitude_km - clean.bottom_km))[:, None] * surface
     return replace(
         clean,
         aerosol_extinction_per_km=extinction,

@@ -143,9 +143,9 @@ def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
     bottom, top = medium.bottom_km, medium.top_km
     if growth == 0.0:
         return np.linspace(bottom, top, round((top - bottom) / start_km) + 1)
-    z = medium.altitude_km
+    z, top = medium.altitude_km - bottom, top - bottom
     stops = [*z[:-1][np.diff(z) == 0], top]
-    out = [bottom]
+    out = [0.0]
     for stop in stops:
         end = stop if stop == top else stop - JUMP_KM
         start = out[-1]
@@ -156,7 +156,7 @@ def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
         out.extend((start + offset) * ((end + offset) / (start + offset)) ** ratio - offset)
         if stop != top:
             out.append(stop)
-    return np.array(out)
+    return bottom + np.array(out)
 
 
 def source_altitudes(medium: Medium, start_km: float, growth: float) -> np.ndarray:

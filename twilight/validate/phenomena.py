@@ -42,7 +42,7 @@ class Air:
         name, _, settings = resolve_solver_of(config)
         self.config = config
         self.medium = climate_medium(make_plan(config).climate, wavelengths_of(config))
-        self.field: Any = solvers.load(name).prepare(self.medium, settings)
+        self.field: Any = solvers.load(name).prepare(self.medium, settings, observer_altitude_km=self.medium.bottom_km)
 
     def xyz(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """XYZ (D, 3), 2 deg observer, Y in cd m^-2."""

@@ -72,8 +72,12 @@ def fit_compact(
     name, quality, settings = resolve_solver_of(config)
     if name != "zones":
         raise TwilightError(f"solver.name is {name}; a compact sky takes zones, whose one field serves every sun")
-    if config.observer.altitude_km != 0.0:
-        raise TwilightError(f"observer.altitude_km is {config.observer.altitude_km:g}; a compact sky is seen from 0 km")
+    ground_km = config.climate.ground.altitude_km
+    if config.observer.altitude_km != ground_km:
+        raise TwilightError(
+            f"observer.altitude_km is {config.observer.altitude_km:g}; a compact sky is seen from the ground, "
+            f"{ground_km:g} km"
+        )
     depths = check_depths(depths)
     clock = Clock()
     wavelength = np.array(training.WAVELENGTHS_NM)

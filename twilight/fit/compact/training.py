@@ -144,7 +144,7 @@ def compute_skies(
     for b, start in enumerate(starts):
         medium = medium_of(config, air, wavelength[start : start + WAVELENGTHS_AT_ONCE])
         tell("solving", b / len(starts))
-        field = solver.prepare(medium, settings)
+        field = solver.prepare(medium, settings, observer_altitude_km=medium.bottom_km)
         for s, (sun, (e, a)) in enumerate(zip(suns, where, strict=True)):
             tell(f"sun {sun:g} deg", (b + 0.3 + 0.7 * s / suns.size) / len(starts))
             parts[s].append(field.radiance(float(sun), e, a))
