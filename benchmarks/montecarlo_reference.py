@@ -7,8 +7,8 @@
     python benchmarks/montecarlo_reference.py media                      writes reference/pure-air.csv, hazy-air.csv
 
 Climates are built at the three wavelengths, with their Mie phase matrices and ground; pure-air is written to
-pure-air-climate.csv.  Sun-normalised I, Q, U [sr^-1] with standard errors, per wavelength, sun and direction; observer on
-the ground; the elevation of a direction is the apparent one, and every leg of a path is bent.  The media are read
+pure-air-climate.csv.  Sun-normalised I, Q, U [sr^-1] with standard errors, per wavelength, sun and direction; observer
+on the ground; the elevation of a direction is the apparent one, and every leg of a path is bent.  The media are read
 back from their tables: two climates without their aerosol, one with a Henyey-Greenstein one; their light is scalar and
 its lines are straight, as in the solver `cells`.
 """

@@ -10,6 +10,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
 from twilight.solvers.zones.paths import (
@@ -23,7 +25,7 @@ from twilight.solvers.zones.paths import (
 )
 from twilight.solvers.zones.polarised import matrix_moments, rotated
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Convergence, Nodes, Passes, Solution, solve_orders
+from twilight.solvers.zones.solution import Nodes, Passes, Solution, solve_orders
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_TURN_RAD, Directions, Phases, view_multiple, view_single
@@ -34,7 +36,6 @@ from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
 
-Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
@@ -55,7 +56,7 @@ def zenith_range(sun_elevations_deg) -> tuple[float, float]:
     return first, last
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium for any sun, observer and direction."""
 
     def __init__(
@@ -74,7 +75,7 @@ class Field:
         """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = self._checked(observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
-        tell = progress or (lambda doing, share: None)
+        tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
         self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)

@@ -81,18 +81,6 @@ def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarra
 
 
 @dataclass(frozen=True)
-class Convergence:
-    """events: scattering events followed; residual: largest change of the light at a node that the last one made.
-
-    error: how far two qualities differ at 95 % of the directions, where a target was asked for; otherwise None.
-    """
-
-    events: int
-    residual: float
-    error: float | None = None
-
-
-@dataclass(frozen=True)
 class Solution:
     """Light scattered at least once, all orders, for one block of wavelengths.
 

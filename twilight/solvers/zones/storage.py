@@ -17,8 +17,9 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 from twilight.reading import check_hdf5
+from twilight.solvers.base import Convergence
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Convergence, Solution
+from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
 FORMAT = "twilight zones field 2"
