@@ -121,9 +121,8 @@ def of_medium(name: str) -> None:
 
 def of_climate(name: str) -> None:
     """A shipped climate, polarised, with all refraction, or without any (NAME-unrefracted)."""
-    from twilight.scene.medium import climate_medium
-
     from twilight.config.load import load_climate
+    from twilight.scene.medium import climate_medium
 
     climate = name.removesuffix("-unrefracted")
     refraction = climate == name
