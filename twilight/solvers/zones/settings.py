@@ -48,8 +48,8 @@ class ZonesSettings:
     max_events: int = 200
     tolerance: float = 2e-3
     polarisation: bool = True
-    polarisation_degree: int = 12
-    late_polarisation_degree: int = 4
+    polarisation_degree: int = 8
+    late_polarisation_degree: int = 6
     refraction: bool = True
     bent_lines_of_sight: bool = True
     bent_paths: bool = True
@@ -127,7 +127,7 @@ QUALITIES: dict[str, ZonesSettings] = {
         step_density=1.0,
         sight_density=2.5,
         tolerance=5e-4,
-        polarisation_degree=18,
-        late_polarisation_degree=6,
+        polarisation_degree=16,
+        late_polarisation_degree=8,
     ),
 }
