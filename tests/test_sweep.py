@@ -11,15 +11,16 @@ import xarray as xr
 from sweeping import BASE, SUNS, right
 from typer.testing import CliRunner
 
-from twilight.batch.dimensions import describe_key, serves_observers
+from twilight import solvers
+from twilight.batch.dimensions import describe_key
 from twilight.batch.sky import sky_of
 from twilight.batch.store import JOURNAL, open_store
 from twilight.batch.sweep import Sweep
 from twilight.batch.work import compute, forget
 from twilight.cli.app import app
 from twilight.config.load import load_axes, load_series
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.run import run
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +156,8 @@ def test_scenes_that_share_a_field_share_its_computation(toy):
     made = planned(vary)
     assert [d.name for d in made.dimensions] == ["ground_albedo", "sun_elevation_deg", "observer_altitude_km"]
     assert (made.scenes, made.fields, len(made.tasks)) == (12, 2, 2) and made.chunk == (1, 3, 2)
-    assert serves_observers("zones") and serves_observers("toy") and not serves_observers("cells")
+    able = {name: solvers.load(name).CAPABILITIES.every_observer for name in ("zones", "toy", "cells")}
+    assert able == {"zones": True, "toy": True, "cells": False}
     cells = planned(vary, solver={"name": "cells"})
     assert (cells.scenes, cells.fields, cells.chunk) == (12, 4, (1, 1, 3))
     listed = [{"ground.albedo": a, "sun.elevation_deg": s} for s in SUNS for a in (0, 0.5)]
