@@ -45,8 +45,8 @@ def neutral_points(field: Any, sun_elevation_deg: float) -> NeutralPoints:
     elevation = np.where(front, along, 180.0 - along)
     stokes = field.stokes(sun_elevation_deg, elevation, np.where(front, 0.0, 180.0))
     q = stokes[:, 1]
-    above, below, opposite = [], [], []
-    for column in q.T:
+    found = np.full((3, q.shape[1]), np.nan)
+    for w, column in enumerate(q.T):
         k = np.flatnonzero(np.signbit(column[:-1]) != np.signbit(column[1:]))
         zero = along[k] + STEP_DEG * column[k] / (column[k] - column[k + 1])
         # Q rises towards sun and antisolar point
@@ -55,9 +55,9 @@ def neutral_points(field: Any, sun_elevation_deg: float) -> NeutralPoints:
         babinet = from_sun[towards_sun & (from_sun > 0.0) & (zero < 90.0)]
         brewster = -from_sun[~towards_sun & (from_sun < 0.0)]
         arago = 180.0 + sun_elevation_deg - zero[~towards_sun & (zero > 90.0)]
-        for found, values in ((above, babinet), (below, brewster), (opposite, arago)):
-            found.append(values.min() if values.size else np.nan)
-    return NeutralPoints(np.array(above), np.array(below), np.array(opposite))
+        for row, values in zip(found, (babinet, brewster, arago), strict=True):
+            row[w] = values.min() if values.size else np.nan
+    return NeutralPoints(*found)
 
 
 def zenith_polarisation(field: Any, sun_elevation_deg: float) -> np.ndarray:
