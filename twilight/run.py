@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight import __version__, solvers
-from twilight.air import climate_medium, table_sha256, wavelengths_of
+from twilight.air import climate_medium, name_by_content, wavelengths_of
+from twilight.config.climate import climate_files
 from twilight.config.scene import Config, SunAt, SunElevation, SunElevations, SunInterval
 from twilight.config.solver import complete_solver, resolve_solver
 from twilight.errors import TwilightError
@@ -203,7 +204,7 @@ def resolve_solver_of(config: Config) -> tuple[str, str, Any]:
 def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dict[str, Any]:
     """The configuration of one frame with every default written out, as JSON values; rendering it gives the frame.
 
-    A tabulated medium is named by its file's name and the SHA-256 of its content, not by where it was.
+    Tables of the climate are named by their files' names and the SHA-256 of their content, not by where they were.
     """
     data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
     data["solver"] = complete_solver(config.solver)
@@ -214,9 +215,10 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
     wavelength_nm = wavelengths_of(config)
     if wavelength_nm is not None:
         data["wavelengths"] = {"list_nm": wavelength_nm.tolist()}
+    name_by_content(data["climate"])
+    for section, _, name, _ in climate_files(data["climate"]):
+        section[name] = Path(section[name]).name
     if config.climate.medium is not None:
-        table = config.climate.medium.table
-        data["climate"]["medium"] |= {"table": Path(table).name, "sha256": table_sha256(table)}
         for key in ("atmosphere", "gases", "refraction"):
             data["climate"].pop(key)
     return data
