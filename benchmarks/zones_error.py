@@ -79,8 +79,8 @@ def main(qualities: list[str], climates: list[str]) -> None:
                 continue
             table = results.read_numbers(file)
             wavelength_nm = np.unique(table["wavelength_nm"])
-            # the referee bends the sunbeam and lines of sight, not the paths between two scattering events
-            settings = replace(zones.QUALITIES[quality], bent_paths=False)
+            # the referee is scalar, and bends the sunbeam and lines of sight, not paths between two scattering events
+            settings = replace(zones.QUALITIES[quality], bent_paths=False, polarisation=False)
             field = zones.prepare(climate_medium(load_climate(climate), wavelength_nm), settings)
             seconds, memory = set_up(climate, quality)
             for row in errors(field, table):

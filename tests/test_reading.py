@@ -40,7 +40,8 @@ def npy(shape, dtype="<f8", data=b""):
 def test_an_hdf5_field_of_1e12_elements(tmp_path):
     import h5py
 
-    from twilight.solvers.zones.storage import FORMAT, load
+    from twilight.solvers.zones import load
+    from twilight.solvers.zones.storage import FORMAT
 
     path = tmp_path / "field.h5"
     with h5py.File(path, "w") as file:

@@ -244,6 +244,20 @@ def test_units_and_help_of_any_key_are_found():
     assert describe_key("solver.degree") == ("", "")
 
 
+def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):
+    made = planned({})
+    assert (made.scenes, made.fields, len(made.tasks), made.shape) == (1, 1, 1, ())
+    assert swept(made, client, tmp_path / "a.zarr")[0].skies == 1
+    with xr.open_zarr(tmp_path / "a.zarr") as data:
+        assert int(data.status) == 1 and data.sun_normalised_radiance.dims == ("elevation", "azimuth", "wavelength")
+        sky = sky_of(data)
+    again = run(load_series({**BASE})[0].config)
+    assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
+    assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 0  # taken up, not begun again
+    (tmp_path / "a.zarr" / "solar_bending" / "0").unlink()
+    assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 1
+
+
 # Faults ---------------------------------------------------------------------------------------------------------
 
 

@@ -59,7 +59,7 @@ class Store:
                 if found.standard_error is not None:
                     arrays["standard_error"] = found.standard_error
                 for name, values in arrays.items():
-                    self._group[name][block.region] = values.reshape(*block.shape, *values.shape[1:])
+                    self._group[name][block.region] = values.reshape((*block.shape, *values.shape[1:]))
                 scenes = list(block.scenes())
                 for i, reason in found.refused.items():
                     refused[",".join(map(str, scenes[i]))] = reason
@@ -88,7 +88,7 @@ class Store:
         chunk = [part.start // size for part, size in zip(block.region, self.sweep.chunk, strict=True)]
         array = self._group[name]
         chunk += [0] * (array.ndim - len(chunk))
-        if not (self.path / name).joinpath("/".join(map(str, chunk))).is_file():
+        if not (self.path / name).joinpath("/".join(map(str, chunk)) or "0").is_file():
             return False  # which zarr reads as NaN
         try:
             array[block.region]

@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 
 
 def sentences(command: Callable[..., None]) -> Callable[..., None]:
@@ -43,7 +43,7 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
 
 def _say_warning(message: Any, category: type[Warning], *_: Any) -> None:
     """What a solver warns of is a sentence to the user; other warnings are for developers and stay silent here."""
-    if category is UserWarning:
+    if issubclass(category, TwilightWarning) or category is UserWarning:
         print(f"twilight: {message}", file=sys.stderr)
 
 

@@ -61,6 +61,7 @@ def _haber(name: str, against: Mapping[str, Any], **settings: Any) -> Ablation:
 
 
 ABLATIONS: tuple[Ablation, ...] = (
+    _zones("no polarisation", solver__polarisation=False),
     _zones("refraction off", refraction__model="none"),
     _zones("straight lines of sight", solver__bent_lines_of_sight=False),
     _zones("ozone as a vertical filter", gases__ozone__treatment="overhead_filter"),

@@ -15,6 +15,7 @@ from twilight.config.climate import Climate, climate_files
 from twilight.config.document import parse_yaml, read_yaml
 from twilight.config.library import find
 from twilight.config.scene import Config
+from twilight.config.slips import warn_of_slips
 from twilight.config.solver import resolve_solver
 from twilight.config.validate import Origins, unknown, validate
 from twilight.config.vary import Axis, axes_of
@@ -150,7 +151,9 @@ class Series:
         one = deepcopy(self._draft)
         for name in sorted(point, key=lambda name: name.count(".")):  # a climate before what is set in it
             one.set(name, deepcopy(point[name]), f"{self.where}: vary", folder)
-        return one.validated()
+        config = one.validated()
+        warn_of_slips(config)
+        return config
 
 
 def load_axes(

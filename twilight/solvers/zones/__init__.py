@@ -2,8 +2,7 @@
 
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solver import prepare
-from twilight.solvers.zones.storage import load
+from twilight.solvers.zones.solver import load, prepare
 
 TAKES_SUNS = True
 """`prepare` takes sun_elevations_deg, and computes only what those suns need."""
