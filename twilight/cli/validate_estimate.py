@@ -92,7 +92,7 @@ def estimate(
 
 
 def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
-    from twilight.config.climate import AerosolType
+    from twilight.config.aerosol import AerosolType
     from twilight.config.validate import unknown
     from twilight.validate.library import OTHERS, Design
 
