@@ -34,6 +34,7 @@ def sweep(
     from twilight.batch.cluster import BATCH_SYSTEMS, Place, check_installed
     from twilight.batch.sweep import Sweep
     from twilight.config.load import load_axes
+    from twilight.config.slips import warn_of_slips
     from twilight.config.validate import unknown
     from twilight.io.whole import check_folder
 
@@ -52,6 +53,7 @@ def sweep(
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
         made = Sweep(series, lambda doing, share: bar(share, doing))
+    warn_of_slips(made.first)
     name = file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:

@@ -23,7 +23,7 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
             with _leaving_on_sigterm(), warnings.catch_warnings():
-                warnings.showwarning = _say_warning  # type: ignore[assignment]
+                warnings.showwarning = _warnings_said_once()  # type: ignore[assignment]
                 command(*args, **kwargs)
         except TwilightError as error:
             print(f"twilight: {error}", file=sys.stderr)
@@ -41,10 +41,16 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-def _say_warning(message: Any, category: type[Warning], *_: Any) -> None:
-    """What a solver warns of is a sentence to the user; other warnings are for developers and stay silent here."""
-    if issubclass(category, TwilightWarning) or category is UserWarning:
-        print(f"twilight: {message}", file=sys.stderr)
+def _warnings_said_once() -> Callable[..., None]:
+    """What a user should know is a sentence, said once; other warnings are for developers and stay silent here."""
+    said: set[str] = set()
+
+    def say(message: Any, category: type[Warning], *_: Any) -> None:
+        if issubclass(category, TwilightWarning) and str(message) not in said:
+            said.add(str(message))
+            print(f"twilight: {message}", file=sys.stderr)
+
+    return say
 
 
 @contextmanager

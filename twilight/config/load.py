@@ -122,7 +122,9 @@ def load_series(
     """
     series = load_axes(target, settings, names)
     if not series.axes:
-        return [Case("", series.config({}))]
+        cases = [Case("", series.config({}))]
+        warn_of_slips(cases[0].config)
+        return cases
     if math.prod(len(axis.points) for axis in series.axes) > MAX_CASES:
         raise TwilightError(f"{series.where}: vary asks for more than {MAX_CASES} cases")
     cases = []
@@ -131,6 +133,8 @@ def load_series(
         cases.append(Case("_".join(text for _, text in chosen), series.config(point)))
     if len({case.name for case in cases}) < len(cases):
         raise TwilightError(f"{series.where}: vary lists the same value twice")
+    for case in cases:
+        warn_of_slips(case.config)
     return cases
 
 
@@ -151,9 +155,7 @@ class Series:
         one = deepcopy(self._draft)
         for name in sorted(point, key=lambda name: name.count(".")):  # a climate before what is set in it
             one.set(name, deepcopy(point[name]), f"{self.where}: vary", folder)
-        config = one.validated()
-        warn_of_slips(config)
-        return config
+        return one.validated()
 
 
 def load_axes(

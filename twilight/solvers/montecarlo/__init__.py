@@ -2,6 +2,6 @@
 
 from twilight.solvers.montecarlo.field import Field, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
-from twilight.solvers.montecarlo.tally import MonteCarloResult
+from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
 
-__all__ = ["QUALITIES", "Field", "MonteCarloResult", "MonteCarloSettings", "prepare"]
+__all__ = ["QUALITIES", "Field", "MonteCarloResult", "MonteCarloSettings", "StokesResult", "prepare"]

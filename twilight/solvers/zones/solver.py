@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightWarning
 from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, Progress, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solution import Convergence
@@ -53,6 +54,7 @@ def prepare(
         warnings.warn(
             f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            TwilightWarning,
             stacklevel=2,
         )
     if settings.field_file:
@@ -117,6 +119,7 @@ def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_ele
         warnings.warn(
             f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
             f"{error:.2g} at 95 % of the directions",
+            TwilightWarning,
             stacklevel=3,
         )
     return field
