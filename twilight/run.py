@@ -216,8 +216,8 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
     if wavelength_nm is not None:
         data["wavelengths"] = {"list_nm": wavelength_nm.tolist()}
     name_by_content(data["climate"])
-    for section, _, name, _ in climate_files(data["climate"]):
-        section[name] = Path(section[name]).name
+    for holder, _, name, _ in climate_files(data["climate"]):
+        holder[name] = Path(holder[name]).name
     if config.climate.medium is not None:
         for key in ("atmosphere", "gases", "refraction"):
             data["climate"].pop(key)
