@@ -7,7 +7,6 @@ import shutil
 import numpy as np
 import pytest
 
-from twilight.air import climate_medium, table_sha256
 from twilight.atmosphere import opac
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.atmosphere.own import Mode, read_phase
@@ -15,7 +14,8 @@ from twilight.config import load, load_climate
 from twilight.config.scene import SunElevation
 from twilight.errors import TwilightError
 from twilight.phase import HENYEY_GREENSTEIN, TABLE
-from twilight.run import resolved_configuration
+from twilight.scene.medium import climate_medium, table_sha256
+from twilight.scene.record import resolved_configuration
 
 AT_NM = np.array([450.0, 550.0, 650.0])
 ONLY = "free_troposphere: false, stratosphere: none, "

@@ -20,7 +20,8 @@ import numpy as np
 
 from twilight import __version__
 from twilight.batch.dimensions import describe_key, variable_name
-from twilight.batch.sweep import Block, Sweep, Task
+from twilight.batch.sweep import Sweep
+from twilight.batch.task import Block, Task
 from twilight.batch.work import TaskResult
 from twilight.errors import TwilightError
 from twilight.io.journal import Journal, open_journal, read_journal

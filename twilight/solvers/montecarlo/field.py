@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress
+from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo.air import Air, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
 from twilight.solvers.montecarlo.coarse import solve_steering
@@ -24,7 +25,6 @@ from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, StokesRe
 from twilight.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
-Progress = Callable[[str, float], None]
 BATCH_SAMPLES = 4096
 ADAPTIVE_ROUNDS = 2
 
@@ -60,7 +60,7 @@ def prepare(
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(BareField):
     """A medium ready for random walks; made by :func:`prepare`."""
 
     medium: Medium

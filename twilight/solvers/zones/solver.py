@@ -11,9 +11,10 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightWarning
-from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, Progress, zenith_range
+from twilight.progress import Progress, silent
+from twilight.solvers.base import Convergence
+from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solution import Convergence
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 
 LADDER = ("draft", "standard", "reference")
@@ -95,7 +96,7 @@ def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
 
 def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
     suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    tell = progress or (lambda doing, share: None)
+    tell = progress or silent
     before: np.ndarray | None = None
     field = None
     error = float("inf")
