@@ -184,7 +184,8 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         step = np.diff(out)
         middle = out[:-1] + 0.5 * step
         # just inside the ends, which may be jumps
-        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + 1e-6, middle, out[1:] - 1e-6))
+        nudge = np.minimum(1e-6, 1e-3 * step)
+        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + nudge, middle, out[1:] - nudge))
         depth = step * (low + 4.0 * mid + high) / 6.0
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
         coarse = (depth > THICKEST / density) | ((bend > MOST_BEND / density**2) & (depth > THIN / density))

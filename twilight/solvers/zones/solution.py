@@ -11,10 +11,12 @@ from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.first import Beams, Scattered, scatter_sunlight
 from twilight.solvers.zones.grid import Angles, cubic_refinement
 from twilight.solvers.zones.passes import Light, Refinement, moments_of, scatter
-from twilight.solvers.zones.paths import LANES, Points, Rays, Scattering, Turning, lanes_of
+from twilight.solvers.zones.paths import LANES, Points, Scattering, Turning, lanes_of
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.sunlight import Sunlight
 from twilight.threads import in_slices
+from twilight.transport.bundle import Rays
+from twilight.transport.lines import ALTITUDE
 from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30
@@ -145,7 +147,7 @@ class Passes:
     def first(self, sunlight: Sunlight) -> np.ndarray:
         """Stokes parameters of sunlight scattered once."""
         out = self._empty()
-        z = self.rays.place[:, 0]
+        z = self.rays.place[:, ALTITUDE]
         row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
         share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
         beams = Beams(
