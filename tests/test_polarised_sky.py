@@ -10,8 +10,9 @@ import pytest
 from twilight.config import load
 from twilight.engine import Problem, problem_of
 from twilight.errors import TwilightError
+from twilight.grids import texture_centres
 from twilight.io import read_sky, read_spectral_exr, write_sky, write_spectral_exr
-from twilight.sky import Sky, texture_centres
+from twilight.sky import Sky
 from twilight.solvers.base import BareField, Capabilities
 
 SUN_DEG = 20.0

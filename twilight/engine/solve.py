@@ -22,10 +22,11 @@ from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.errors import TwilightError
+from twilight.grids import half_of
 from twilight.progress import Progress, part_of, silent
 from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.scene.plan import LeftOut, make_plan
-from twilight.sky import Sky, half_of
+from twilight.sky import Sky
 from twilight.solvers.base import Capabilities, Field, Solver
 
 
