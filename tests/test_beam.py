@@ -93,7 +93,7 @@ def test_straight_beam_is_the_transmittance_with_no_bending():
 
 
 def test_flux_through_spheres_inside_transparent_air():
-    """The beam that enters a sphere of radius r inside the air carries F0 pi (n r)^2 (DESIGN fact 7)."""
+    """The beam that enters a sphere of radius r inside the air carries F0 pi (n r)^2."""
     medium = pure_air(LEVELS, scattering=0.0)
     beam, profile = prepare_beam(medium), ray_profile(medium)
     reference = 0  # most refracted: its table is the one that is entered directly
@@ -110,7 +110,7 @@ def test_flux_through_spheres_inside_transparent_air():
 
 def test_spreading_restores_the_thin_zenith():
     """Zenith of thin air in single scattering, refracted over straight: 1.37 at -4 deg and 1.9 at -6 deg with the
-    spreading of the beam, 2.26 and 4.1 without (DESIGN fact 7)."""
+    spreading of the beam, 2.26 and 4.1 without."""
     medium = pure_air(LEVELS, refractivity=2.78e-4, scattering=1e-5, wavelengths=(550.0,))
     z = np.linspace(0.0, 100.0, 2001)
 

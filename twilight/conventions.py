@@ -28,8 +28,15 @@ vertical I and Q are mirrored, U changes its sign.  (The signs of Emde et al. 20
 
 *Scattering angle.*  0 is forward.  A phase function is per steradian, its integral over the sphere is 1.
 
+*Polarisation.*  Stokes parameters I, Q, U are sun-normalised like the radiance, which is I.  They refer to the vertical
+plane through the line of sight, in the zenith to that of the azimuth asked for.  Q > 0: light vibrates in this plane;
+U > 0: for somebody who looks along the line of sight with the zenith side up, the vibration leans from the vertical to
+the right, towards larger azimuth.  Degree of linear polarisation: sqrt(Q^2 + U^2)/I; angle of vibration, clockwise from
+the vertical: atan2(U, Q)/2.  Signs as in Emde et al. 2015 (IPRT), J. Quant. Spectrosc. Radiat. Transfer 164, 8.
+
 *Array order.*  Directions first, wavelength last: ``radiance[direction, wavelength]``,
-``radiance[elevation, azimuth, wavelength]``; profiles are ``[level, wavelength]``.
+``radiance[elevation, azimuth, wavelength]``, ``stokes[direction, I Q U, wavelength]``; profiles are
+``[level, wavelength]``.
 """
 
 EARTH_RADIUS_KM = 6371.0

@@ -140,8 +140,9 @@ class Field(BareField):
     def _solve(self, tell: Progress) -> None:
         s = self.settings
         tell("rays", 0.05)
-        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree)
-        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree)
+        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
+        late_patterns = s.late_polarisation_degree if s.polarisation else 0
+        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
@@ -154,13 +155,14 @@ class Field(BareField):
             )
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
 
-    def _stage(self, polar: int, around: int, degree: int) -> Callable[[int], Passes]:
-        """What orders of scattering need at one number of directions and harmonics, for each block of wavelengths."""
+    def _stage(self, polar: int, around: int, degree: int, pattern_degree: int) -> Callable[[int], Passes]:
+        """What orders of scattering need at one number of directions, harmonics and patterns, for each block of
+        wavelengths."""
         n = self.nodes
         radius = self.medium.earth_radius_km
         height = n.altitude_km - self.medium.bottom_km
         horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
-        angles = make_angles(horizon, polar, around, degree, self._pattern_degree)
+        angles = make_angles(horizon, polar, around, degree, pattern_degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
         rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
         # air with nothing in it has no points along its rays
