@@ -21,11 +21,11 @@ from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.engine.memory import check_size
 from twilight.errors import TwilightError
+from twilight.grids import half_of, texture_centres
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.progress import Progress, silent
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
-from twilight.sky import half_of, texture_centres
 
 MAX_SCENES = 10_000_000
 MAX_FIELDS = 200_000

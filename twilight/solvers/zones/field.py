@@ -193,6 +193,11 @@ class Field(BareField):
         """
         return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
 
+    @property
+    def polarised(self) -> bool:
+        """Whether it was solved with polarisation."""
+        return self.settings.polarisation
+
     def stokes(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
     ) -> np.ndarray:
