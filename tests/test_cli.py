@@ -241,8 +241,8 @@ def test_a_black_sky_says_why(plain, table, tmp_path):
     result = call(*black)
     assert result.exit_code == 0, result.output
     assert result.stderr.splitlines() == [
-        "twilight: the sky is black in every direction: no sunlight reaches it with the sun at -40 deg; add the night sky "
-        "with night.airglow=1"
+        "twilight: the sky is black in every direction: no sunlight reaches it with the sun at -40 deg; add the night "
+        "sky with night.airglow=1"
     ]
 
 
