@@ -23,7 +23,7 @@ def render(
     latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
     longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
     time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
-    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer.")] = None,
+    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
     solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     target_stderr: Annotated[
