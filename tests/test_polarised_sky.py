@@ -11,7 +11,9 @@ from twilight.config import load
 from twilight.engine import Problem, problem_of
 from twilight.errors import TwilightError
 from twilight.grids import texture_centres
-from twilight.io import read_sky, read_spectral_exr, write_sky, write_spectral_exr
+from twilight.io import read_latlong_exr, read_sky, read_spectral_exr, write_outputs, write_sky, write_spectral_exr
+from twilight.io.picture import view_directions
+from twilight.io.polarisation import polarisation_maps
 from twilight.sky import Sky
 from twilight.solvers.base import BareField, Capabilities
 
@@ -161,6 +163,34 @@ def test_colour_science_reads_the_stokes_components_of_a_spectral_exr(sky, tmp_p
     wavelength, total, _ = read_spectral_exr(path)
     np.testing.assert_allclose(wavelength, NM)
     np.testing.assert_allclose(total, i)
+
+
+def test_the_picture_shows_degree_and_angle_over_the_whole_sky(sky, tmp_path):
+    from PIL import Image
+
+    degree, angle, wavelength = polarisation_maps(sky, 200)
+    assert wavelength == 550.0 and np.isnan(degree[0, 0]) and degree.shape == (200, 200)
+    elevation, azimuth = view_directions("fisheye", 200)
+    inside = elevation > 5.0
+    expected = rayleigh(SUN_DEG, elevation[inside], azimuth[inside])
+    found = degree[inside] * np.exp(2j * np.radians(angle[inside]))
+    right = (expected[:, 1] + 1j * expected[:, 2]) / expected[:, 0]
+    assert np.abs(found - right).max() < 0.01
+    paths = write_outputs(sky, tmp_path, files=("polarisation", "h5"))
+    assert [path.name for path in paths] == ["sky.polarisation.png", "sky.h5"]
+    picture = Image.open(paths[0])
+    assert picture.size[0] > 800 and "configuration_hash" in picture.text
+
+
+def test_a_polariser_changes_the_pictures_and_not_the_radiance(sky, tmp_path):
+    plain = write_outputs(sky, tmp_path / "plain", files=("rgb", "h5"), width=32)
+    behind = write_outputs(sky, tmp_path / "behind", files=("rgb", "h5"), width=32, polariser_deg=0.0)
+    np.testing.assert_array_equal(*(read_sky(paths[1]).stokes for paths in (plain, behind)))
+    ratio = read_latlong_exr(behind[0]).rgb[:8] / read_latlong_exr(plain[0]).rgb[:8]
+    elevation, azimuth = 90.0 - 360.0 * (np.arange(8) + 0.5) / 32, 360.0 * (np.arange(32) + 0.5) / 32 - 180.0
+    expected = rayleigh(SUN_DEG, elevation[:, None], azimuth[None, :])
+    passed = 0.5 * (1.0 + expected[..., 1] / expected[..., 0])
+    np.testing.assert_allclose(ratio[1:, :, 1], passed[1:], atol=0.03)
 
 
 def test_a_sky_without_polarisation_says_so(sky):

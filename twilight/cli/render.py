@@ -41,6 +41,10 @@ def render(
         str | None,
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
     ] = None,
+    only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
+    polariser: Annotated[
+        float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
+    ] = None,
     output: Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
@@ -64,6 +68,8 @@ def render(
     choose("solver.quality", quality, "--quality")
     choose("output.target", target, "--target")
     choose(*_exposure(exposure), "--exposure")
+    choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
+    choose("output.polariser_deg", polariser, "--polariser")
     set_here, called = settings_of(settings)
     chosen.update(set_here)
     names.update(called)
@@ -80,6 +86,8 @@ def render(
     from twilight.cli.render_files import render_files
     from twilight.config.scene import SunElevation
 
+    for case in cases:
+        _check_polarised(case.config)
     if any("sun" not in case.config.model_fields_set for case in cases):
         default = SunElevation().elevation_deg
         print(
@@ -138,3 +146,21 @@ def _print_plans(cases: list[Any]) -> None:
         if not plan.left_out:
             rows.append([name, "nothing", "everything in this scene matters", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
+
+
+def _check_polarised(config: Any) -> None:
+    """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
+    from twilight import solvers
+    from twilight.config.solver import resolve_solver
+    from twilight.formats import WHERE_POLARISED
+
+    wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
+    if config.output.polariser_deg is not None:
+        wanted.append("output.polariser_deg")
+    name, quality, settings = resolve_solver(config.solver)
+    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
+        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
+        raise TwilightError(
+            f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
+            f"solver.polarisation: true with one of {able}"
+        )

@@ -44,6 +44,7 @@ def render_files(
 
     for case in cases:
         check_size(case.config)
+        _check_exposure(case.config)
     asked, wanted = _asked(cases)
     root = output or _default_folder(cases, scene, settings, asked)
     check_folder(root)
@@ -54,7 +55,7 @@ def render_files(
         if one_exposure:
             _expose_together(one_exposure, wanted, rows, folder, progress)
         labels = {one.label: rows[one.folder] for one in asked}
-        notes = _once(asked, labels, root, progress) if len(asked) > 1 else []
+        once, notes = _once(asked, labels, root, progress) if len(asked) > 1 else ([], [])
     kept = len(folder.there)
     if kept:
         print(f"twilight: {kept} of {len(asked)} were there already ({JOURNAL}); --overwrite computes them again",
@@ -63,8 +64,8 @@ def render_files(
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
     for note in notes:
         print(note)
-    what = "sky.png, sky.rgb.exr, sky.spectral.exr, sky.h5"
-    more = f" in {len(asked)} folders, contact-sheet.png, series.csv, series.nc and frames/" if len(asked) > 1 else ""
+    what = ", ".join(sorted({file.name for one in asked for file in (root / one.folder).glob("sky.*")}))
+    more = f" in {len(asked)} folders, and {', '.join(once)}" if len(asked) > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
 
 
@@ -103,6 +104,12 @@ def _code(cases: Sequence[Any]) -> str:
     return code_digest("twilight.engine.frames", "twilight.io.outputs", *(solvers.SOLVERS[name] for name in names))
 
 
+def _check_exposure(config: Any) -> None:
+    lacks = {"png", "h5"} - set(config.output.files or ("png", "h5"))
+    if _by_series(config) and lacks:
+        raise TwilightError(f"output.exposure: series draws its pictures from sky.h5; add {', '.join(sorted(lacks))}")
+
+
 def _by_series(config: Any) -> bool:
     return config.output.exposure == "series" and config.output.exposure_ev100 is None
 
@@ -132,7 +139,7 @@ def _compute(
     return rows
 
 
-def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None, **more: Any) -> list[Path]:
+def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None, files: Any = None) -> list[Path]:
     from twilight.io.outputs import write_outputs
 
     o = config.output
@@ -141,6 +148,8 @@ def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None,
         frame.sky,
         folder,
         panorama=frame.panorama,
+        files=files or o.files,
+        polariser_deg=o.polariser_deg,
         views=o.views,
         target=o.target,
         width=config.texture.latlong_width or o.width,
@@ -148,7 +157,6 @@ def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None,
         exposure="auto" if given is None else given,
         tone_mapping=o.tone_mapping,
         observer=o.colour_observer,
-        **more,
     )
 
 
@@ -170,27 +178,30 @@ def _expose_together(
     for one in asked:
         path = folder.root / one.folder
         frame = Frame(one.sun, read_sky(path / "sky.h5"))
-        _write(frame, one.case.config, path, brightest, files=("sky.png",))
+        _write(frame, one.case.config, path, brightest, files=("png",))
         files = [file for file in sorted(path.glob("sky.*")) if file.is_file()]
         folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
 
 
-def _once(asked: Sequence[_Asked], labels: Mapping[str, Any], root: Path, progress: Any) -> list[str]:
+def _once(asked: Sequence[_Asked], labels: Mapping[str, Any], root: Path, progress: Any) -> tuple[list[str], list[str]]:
     """The files that a series has once; sentences about those that it cannot have."""
     from twilight.io.series import FRAMES, number_files, write_dataset, write_table
     from twilight.plotting import contact_sheet
 
     progress("the series", 1.0)
-    folders = [root / one.folder for one in asked]
-    contact_sheet(
-        list(zip(labels, (folder / "sky.png" for folder in folders), strict=True)), root / "contact-sheet.png"
-    )
+    folders = dict(zip(labels, (root / one.folder for one in asked), strict=True))
+    made, notes = ["series.csv"], []
     write_table(labels, root / "series.csv")
-    number_files(folders, root / FRAMES)
-    why = write_dataset(
-        {label: folder / "sky.h5" for label, folder in zip(labels, folders, strict=True)}, root / "series.nc"
-    )
-    return [f"no series.nc: {why}"] if why else []
+    if all((folder / "sky.png").is_file() for folder in folders.values()):
+        contact_sheet([(label, folder / "sky.png") for label, folder in folders.items()], root / "contact-sheet.png")
+        made.append("contact-sheet.png")
+    if all((folder / "sky.h5").is_file() for folder in folders.values()):
+        why = write_dataset({label: folder / "sky.h5" for label, folder in folders.items()}, root / "series.nc")
+        made += [] if why else ["series.nc"]
+        notes += [f"no series.nc: {why}"] if why else []
+    if number_files(list(folders.values()), root / FRAMES):
+        made.append(f"{FRAMES}/")
+    return made, notes
 
 
 def _default_folder(cases: Sequence[Any], scene: str, settings: Mapping[str, Any], asked: Sequence[_Asked]) -> Path:

@@ -11,6 +11,7 @@ import numpy as np
 
 from twilight.errors import TwilightError
 from twilight.io.provenance import provenance_fields, provenance_from_fields
+from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
 from twilight.reading import check_expansion, first_line
 from twilight.sky import Sky
@@ -244,6 +245,11 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
     with whole_file(path) as temporary:
         dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
     return Path(path)
+
+
+def write_h5(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
+    """``sky.h5``."""
+    return [write_sky(rendered.sky, folder / "sky.h5")]
 
 
 def read_sky(path: str | Path) -> Sky:

@@ -119,22 +119,25 @@ def _same_grid(a: Any, b: Any) -> bool:
     return all(np.array_equal(a[name], b[name]) for name in ("wavelength", "elevation", "azimuth"))
 
 
-def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = ("sky.png", "sky.rgb.exr")) -> None:
+def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = ("sky.png", "sky.rgb.exr")) -> int:
     """Give the files of a series numbers in one folder, `sky.0001.png`, as programs want that read image sequences.
 
-    They are links to the same data where the file system has them, else copies.  Errors: TwilightError.
+    Links to the same data where the file system has them, else copies.  Returns how many; errors: TwilightError.
     """
+    count = 0
     try:
-        target.mkdir(parents=True, exist_ok=True)
         for old in target.glob("sky.*"):
             old.unlink()
         for i, folder in enumerate(folders, start=1):
             for name in names:
                 if (folder / name).is_file():
+                    target.mkdir(parents=True, exist_ok=True)
                     stem, _, suffix = name.rpartition(".")
                     _link(folder / name, target / f"{stem}.{i:04d}.{suffix}")
+                    count += 1
     except OSError as error:
         raise TwilightError(f"{target}: cannot be written ({error.strerror or error})") from error
+    return count
 
 
 def _link(source: Path, target: Path) -> None:
