@@ -15,13 +15,13 @@ kept in out/benchmark-CLIMATE.
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import results
+
 from twilight.compare.figure import draw, read_points
-from twilight.io.whole import whole_file
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "compare"
@@ -47,8 +47,7 @@ def run(climate: str) -> None:
     subprocess.run(command, cwd=ROOT, check=True)
     TABLES.mkdir(exist_ok=True)
     for name, target in (("compare.csv", f"{climate}.csv"), ("wavelengths.csv", f"{climate}-wavelengths.csv")):
-        with whole_file(TABLES / target) as temporary:
-            shutil.copyfile(folder / name, temporary)
+        results.stamp(folder / name, TABLES / target, f"python benchmarks/compare.py {climate}")
 
 
 def picture() -> None:

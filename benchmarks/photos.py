@@ -11,14 +11,14 @@ kiara the sun's elevation too.  One library of 13 fields serves all three, for a
 from __future__ import annotations
 
 import argparse
-import csv
 from dataclasses import replace
 from pathlib import Path
+
+import results
 
 from twilight.camera import read_camera
 from twilight.colour import sky_to_xyz
 from twilight.config import load
-from twilight.io.whole import whole_file
 from twilight.run import run
 from twilight.validate.estimate import estimate, sentences
 from twilight.validate.figure import write_figure
@@ -72,10 +72,11 @@ def main() -> None:
     )
     for name in PHOTOS if given.only is None else (given.only,):
         rows = one(name, given.photos, base, library, given.output)
-        with whole_file(given.output / f"{name}.csv") as temporary, open(temporary, "w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["photograph", "quantity", "value", "standard_error", "low", "high", "told"])
-            writer.writerows(rows)
+        results.write(
+            given.output / f"{name}.csv",
+            ["photograph", "quantity", "value", "standard_error", "low", "high", "told"],
+            rows,
+        )
 
 
 def one(name: str, photos: Path, base, library, output: Path) -> list[list]:

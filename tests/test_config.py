@@ -84,6 +84,7 @@ def test_all_shipped_documents_load_and_are_named_like_their_files():
     for name in OPAC_TYPES:
         aerosol = load_climate(name).aerosol
         assert aerosol is not None and aerosol.type == name.replace("-", "_")
+        assert aerosol.stratosphere == "measured"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from twilight.config import load, load_climate, load_series
 from twilight.config.library import shipped
 from twilight.describe import horizontal_refraction_arcmin, scale_height_km
 from twilight.errors import TwilightError
+from twilight.phase import HENYEY_GREENSTEIN
 from twilight.plan import GAS_TOLERANCE, make_plan
 from twilight.run import count_frames, resolved_configuration, run, suns_of
 
@@ -34,7 +35,7 @@ SMALL = {
             "pure-air",
             {
                 "wavelengths.list_nm": [550],
-                "aerosol": {"components": {"waso": 0}, "free_troposphere": False, "stratosphere": False},
+                "aerosol": {"components": {"waso": 0}, "free_troposphere": False, "stratosphere": "none"},
             },
             "aerosol",
             0.0,
@@ -141,6 +142,30 @@ def test_keys_of_the_aerosol_reach_the_medium():
     assert spec.mineral_transported.optical_depth_550nm == 0.1
     scaled = load("urban", {"aerosol.optical_depth_550nm": 0.25}).climate
     assert climate_medium(scaled, np.array([550.0])).optical_depth("aerosol") == pytest.approx(0.25, abs=1e-9)
+
+
+def test_the_stratosphere_is_measured_unless_opac_is_asked_for():
+    at = np.array([550.0])
+
+    def regions(name, **settings):
+        notes = climate_medium(load(name, settings).climate, at).notes
+        return {region: (bottom, top) for region, bottom, top in notes["regions"] if region.startswith("strat")}
+
+    assert regions("continental-average") == {"stratosphere (nh_midlat_typical)": (16.5, 100.0)}
+    assert list(regions("desert")) == ["stratosphere (tropical_typical)"]
+    assert list(regions("antarctic")) == ["stratosphere (sh_midlat_typical)"]
+    assert list(regions("volcanic-stratosphere")) == ["stratosphere (high_volcanic)"]
+    opac = {"stratosphere": (12.0, 35.0)}
+    assert regions("haber2005") == regions("urban", **{"aerosol.stratosphere": "opac"}) == opac
+    assert regions("urban", **{"aerosol.stratosphere": "none"}) == {}
+    assert regions("urban", **{"aerosol.optical_depth_550nm": 0.0}) == {}
+    assert regions("pure-air") == {}
+    plain = climate_medium(load("urban", {"aerosol.phase_function": "henyey_greenstein"}).climate, at)
+    mie = climate_medium(load("urban").climate, at)
+    assert {p.kind for p in plain.phase_functions} == {HENYEY_GREENSTEIN}
+    assert [p.asymmetry[0] for p in plain.phase_functions] == pytest.approx(
+        [p.asymmetry[0] for p in mie.phase_functions], rel=1e-4
+    )
 
 
 def test_keys_of_gases_layers_and_refraction_reach_the_medium():

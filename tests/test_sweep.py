@@ -7,12 +7,9 @@ import resource
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
-
-pytest.importorskip("distributed")
-pytest.importorskip("zarr")
 import xarray as xr
 from sweeping import BASE, SUNS, right
+from typer.testing import CliRunner
 
 from twilight.batch.dimensions import describe_key, serves_observers
 from twilight.batch.sky import sky_of
@@ -31,7 +28,7 @@ def client(toy):
     import distributed
 
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
         distributed.Client(cluster, set_as_default=False) as made,
     ):
         yield made

@@ -70,7 +70,7 @@ def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate
     if aerosol is None:
         return climate
     background = aerosol.free_troposphere or aerosol.mineral_transported is not None
-    own_stratosphere = climate.stratosphere is None and aerosol.stratosphere
+    own_stratosphere = climate.stratosphere is None and aerosol.stratosphere != "none"
     if aerosol.optical_depth_550nm == 0.0 and climate.stratosphere is None:
         left_out.append(LeftOut("aerosol", "aerosol.optical_depth_550nm is 0: no Mie theory", "none"))
         return climate.model_copy(update={"aerosol": None})

@@ -46,6 +46,11 @@ class AerosolRegion:
     def scaled(self, factor: float) -> AerosolRegion:
         return replace(self, extinction_per_km=self.extinction_per_km * factor)
 
+    def henyey_greenstein(self) -> AerosolRegion:
+        """The same with Henyey-Greenstein phase functions of the same asymmetry."""
+        phases = tuple(PhaseFunction.henyey_greenstein(p.asymmetry, p.name) for p in self.phase_functions)
+        return replace(self, phase_functions=phases)
+
     def below(self, altitude_km: float) -> AerosolRegion | None:
         """The part of the region below an altitude, None where there is none."""
         return self._cut(-math.inf, altitude_km)
@@ -101,12 +106,13 @@ def mixture_optics(
     name: str = "",
     cache_dir: CacheDir = None,
 ) -> MixtureOptics:
-    """External mixture of OPAC components; the phase function is the mean weighted with scattering."""
+    """External mixture of OPAC components; the phase matrix is the mean weighted with scattering."""
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     extinction = np.zeros(wavelength.size)
     scattering = np.zeros(wavelength.size)
     forward = np.zeros(wavelength.size)
     phase = np.zeros((wavelength.size, N_ANGLES))
+    elements = np.zeros((4, wavelength.size, N_ANGLES))
     for component, number in number_density_per_cm3.items():
         if number <= 0.0:
             continue
@@ -115,23 +121,28 @@ def mixture_optics(
         extinction += number * optics.extinction_per_km
         scattering += number * optics.scattering_per_km
         forward += number * optics.scattering_per_km * optics.asymmetry
-        phase += (number * optics.scattering_per_km)[:, None] * np.exp(optics.log_phase)
+        one = (number * optics.scattering_per_km)[:, None] * np.exp(optics.log_phase)
+        phase += one
+        elements += one * optics.ratios
     empty = scattering <= 0.0
     weight = np.where(empty, 1.0, scattering)
     asymmetry = forward / weight
     if phase_function == "henyey_greenstein" or np.any(empty):
         mixed = PhaseFunction.henyey_greenstein(asymmetry, name)
     else:
-        mixed = table_phase_function(phase / weight[:, None], name)
+        mixed = table_phase_function(phase / weight[:, None], elements / phase, name)
     albedo = np.where(extinction > 0.0, np.minimum(1.0, scattering / np.where(extinction > 0.0, extinction, 1.0)), 0.0)
     return MixtureOptics(extinction, albedo, mixed)
 
 
-def table_phase_function(phase_per_sr: np.ndarray, name: str) -> PhaseFunction:
-    """Phase function from values (W, N) at the table's own angles, normalised to 1 under the table's rule."""
+def table_phase_function(phase_per_sr: np.ndarray, ratios: np.ndarray, name: str) -> PhaseFunction:
+    """Phase function from values (W, N) at the table's own angles, normalised to 1 under the table's rule.
+
+    ratios (4, W, N): of the other elements of the phase matrix to it.
+    """
     log_table = np.log(phase_per_sr)
     moments = PhaseFunction(TABLE, np.zeros(log_table.shape[0]), log_table, name).legendre_moments(1)
-    return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name)
+    return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name, ratios)
 
 
 def uniform_region(

@@ -149,7 +149,9 @@ def _aerosol_regions(
     def stratospheric(w) -> list[AerosolRegion]:
         if stratosphere is not None:
             cut = [region.above(bottom_km) for region in stratosphere.regions(w, cache_dir)]
-            return [region for region in cut if region is not None]
+            found = [region for region in cut if region is not None]
+            plain = aerosol is not None and aerosol.phase_function == "henyey_greenstein"
+            return [region.henyey_greenstein() for region in found] if plain else found
         return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, cache_dir)
 
     factor = 1.0

@@ -174,6 +174,14 @@ def sage_scenarios() -> tuple[str, ...]:
     return tuple(_sage())
 
 
+def measured_kind(profile: str) -> str:
+    """The measured profile, of typical loading, of the latitude of an AFGL profile (which are of the northern half).
+
+    There are three bands: the subarctic profiles take the midlatitudes'.
+    """
+    return "tropical_typical" if profile == "tropical" else "nh_midlat_typical"
+
+
 def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     """Extinction (n, W) from n rows at the nine channels, log-log in wavelength.
 
@@ -214,7 +222,7 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     for radius in _SAGE_RADII_UM[used]:
         size = LogNormal(float(radius), SAGE_MODE_WIDTH, float(radius) / 50.0, float(radius) * 50.0)
         optics = particle_optics(size, index, wavelength, cache_dir)
-        phases.append(table_phase_function(np.exp(optics.log_phase), f"sulphate {1e3 * radius:.0f} nm"))
+        phases.append(table_phase_function(np.exp(optics.log_phase), optics.ratios, f"sulphate {1e3 * radius:.0f} nm"))
         albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
     share = np.repeat(weight[:, :, None], wavelength.size, axis=2)
     albedo = np.einsum("kn,kw->nw", weight, np.stack(albedos))

@@ -16,6 +16,7 @@ import numpy as np
 
 from twilight.camera.rgbe import read_rgbe
 from twilight.errors import TwilightError
+from twilight.extras import missing
 from twilight.io.damage import first_line
 
 MAX_PIXELS = 400_000_000
@@ -166,10 +167,7 @@ def _opencv(path: Path) -> np.ndarray:
     try:
         import cv2
     except ImportError:
-        raise TwilightError(
-            f"{path}: has more than 8 bits, and OpenCV, which reads it, is not installed: "
-            "pip install 'twilight-sky[photo]'"
-        ) from None
+        raise missing("cv2", f"{path}: a picture of more than 8 bits") from None
     try:
         level = cv2.utils.logging.getLogLevel()
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -201,9 +199,7 @@ def _raw(path: Path) -> Picture:
     try:
         import rawpy
     except ImportError:
-        raise TwilightError(
-            f"{path}: rawpy, which reads RAW files, is not installed: pip install 'twilight-sky[raw]'"
-        ) from None
+        raise missing("rawpy", f"{path}: a RAW file") from None
     try:
         with rawpy.imread(str(path)) as raw:
             _check_size(path, raw.sizes.width, raw.sizes.height)

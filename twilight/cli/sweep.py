@@ -31,7 +31,7 @@ def sweep(
     plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
-    from twilight.batch.cluster import BATCH_SYSTEMS, Place
+    from twilight.batch.cluster import BATCH_SYSTEMS, Place, check_installed
     from twilight.batch.sweep import Sweep
     from twilight.config.load import load_axes
     from twilight.config.validate import unknown
@@ -46,6 +46,8 @@ def sweep(
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
     if output is not None and output.suffix != ".zarr":
         raise TwilightError(f"--output: {output} must end in .zarr")
+    place = Place(scheduler, batch_system, workers, threads)
+    check_installed(place)
     chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
@@ -56,7 +58,7 @@ def sweep(
         _print_plan(made, path)
         return
     check_folder(path.parent)
-    _run(made, path, Place(scheduler, batch_system, workers, threads))
+    _run(made, path, place)
 
 
 def _run(made: Any, path: Path, place: Any) -> None:

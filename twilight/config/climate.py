@@ -89,7 +89,14 @@ class Atmosphere(Section):
 class Ozone(Section):
     """Ozone: how much, and where it absorbs."""
 
-    column_du: Number | None = key(None, "total column; unset: the profile's own", unit="DU", ge=0.0, le=1000.0)
+    column_du: Number | None = key(
+        None,
+        "total column; unset: the profile's own (AFGL 1986, means of many years: tropical 282, 15 N; midlatitude 45 N, "
+        "summer 334, winter 378; subarctic 60 N, summer 348, winter 375; US standard 344)",
+        unit="DU",
+        ge=0.0,
+        le=1000.0,
+    )
     day_of_year: Integer | None = key(
         None, "sets the column by season, 260 to 370 DU over the year (Haber 2005 sec. 4.3)", unit="day", ge=1, le=366
     )
@@ -160,7 +167,7 @@ class Aerosol(Section):
         le=20.0,
     )
     phase_function: Literal["mie", "henyey_greenstein"] = key(
-        "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives"
+        "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives, in the stratosphere too"
     )
     boundary_layer_top_km: Number | None = key(
         None,
@@ -178,7 +185,11 @@ class Aerosol(Section):
     )
     mineral_transported: MineralTransported | None = key(None, "a layer of transported desert dust; unset: none")
     free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
-    stratosphere: Flag = key(True, "OPAC's background from 12 to 35 km (replaced by the section stratosphere)")
+    stratosphere: Literal["measured", "opac", "none"] = key(
+        "measured",
+        "measured: SAGE III/ISS, typical loading, of the profile's latitude; opac: OPAC's background, constant from 12 "
+        "to 35 km, too bright in twilight; none (the section stratosphere takes its place)",
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Aerosol:
@@ -188,7 +199,7 @@ class Aerosol(Section):
 
 
 class Stratosphere(Section):
-    """Particles of the stratosphere, in place of OPAC's background."""
+    """Particles of the stratosphere, in place of what aerosol.stratosphere says."""
 
     kind: StratosphereKind = key(
         "background",
@@ -264,7 +275,7 @@ class Climate(Section):
     refraction: Refraction = key(Refraction, "refractive index of the air")
     aerosol: Aerosol | None = key(None, "particles below the stratosphere; unset: none")
     stratosphere: Stratosphere | None = key(
-        None, "particles of the stratosphere; unset: OPAC's background if any aerosol"
+        None, "particles of the stratosphere; unset: what aerosol.stratosphere says, if there is any aerosol"
     )
     ground: Ground = key(Ground, "the ground")
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")

@@ -25,6 +25,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.extras import missing
 
 JUMP_KM = 1e-3
 
@@ -113,7 +114,7 @@ class Field:
         try:
             import sasktran2  # noqa: F401
         except ImportError:
-            raise TwilightError("the sasktran2 solver is not installed: pip install 'twilight-sky[peers]'") from None
+            raise missing("sasktran2", "the solver sasktran2") from None
         if not medium.bottom_km <= observer_altitude_km < medium.top_km:
             raise TwilightError(
                 f"observer.altitude_km is {observer_altitude_km:g}; the sasktran2 solver allows {medium.bottom_km:g} "

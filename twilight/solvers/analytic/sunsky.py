@@ -16,6 +16,7 @@ import numpy as np
 from twilight import spectrum
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.extras import missing
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)
@@ -70,7 +71,7 @@ class Field:
         try:
             import mitsuba
         except ImportError:
-            raise TwilightError("the sunsky solver needs Mitsuba: pip install 'twilight-sky[peers]'") from None
+            raise missing("mitsuba", "the solver sunsky") from None
         check_observer(medium, altitude_km, "sunsky")
         self.medium = medium
         self.turbidity, self.medium_turbidity = chosen_turbidity(

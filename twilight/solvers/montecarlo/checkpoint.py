@@ -48,6 +48,7 @@ def fingerprint(medium, settings, pixels) -> str:
                 digest.update(repr(p.kind).encode())
                 digest.update(np.ascontiguousarray(p.asymmetry).tobytes())
                 digest.update(np.ascontiguousarray(p.log_table).tobytes())
+                digest.update(np.ascontiguousarray(p.ratios).tobytes())
         else:
             digest.update(np.ascontiguousarray(value, dtype=float).tobytes())
     digest.update(repr([(k, v) for k, v in settings.as_dict().items() if k not in FREE_SETTINGS]).encode())

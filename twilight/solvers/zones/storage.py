@@ -23,7 +23,7 @@ from twilight.transport.beam import Beam
 if TYPE_CHECKING:
     from twilight.solvers.zones.field import Field
 
-FORMAT = "twilight zones field 1"
+FORMAT = "twilight zones field 2"
 _SOLUTION = ("log_mean", "ratio", "log_ground")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
 
@@ -38,6 +38,7 @@ def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[
         digest.update(str(phase.kind).encode())
         digest.update(np.ascontiguousarray(phase.asymmetry, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(phase.log_table, dtype=float).tobytes())
+        digest.update(np.ascontiguousarray(phase.ratios, dtype=float).tobytes())
     digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
     return digest.hexdigest()
 
@@ -85,7 +86,7 @@ def save(field: Field, path: str | Path) -> None:
             for k, phase in enumerate(field.medium.phase_functions):
                 g = m.create_group(f"phase_function_{k}")
                 g.attrs["kind"], g.attrs["name"] = phase.kind, phase.name
-                g["asymmetry"], g["log_table"] = phase.asymmetry, phase.log_table
+                g["asymmetry"], g["log_table"], g["ratios"] = phase.asymmetry, phase.log_table, phase.ratios
             file["beam/pool"], file["beam/layout"] = field.beam.pool, field.beam.layout
             for k, solution in enumerate(field.solutions):
                 g = file.create_group(f"solution_{k}")
@@ -121,7 +122,13 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
             while f"phase_function_{len(phases)}" in m:
                 g = m[f"phase_function_{len(phases)}"]
                 phases.append(
-                    PhaseFunction(int(g.attrs["kind"]), g["asymmetry"][()], g["log_table"][()], str(g.attrs["name"]))
+                    PhaseFunction(
+                        int(g.attrs["kind"]),
+                        g["asymmetry"][()],
+                        g["log_table"][()],
+                        str(g.attrs["name"]),
+                        g["ratios"][()],
+                    )
                 )
             medium = Medium(
                 **{key: m[key][()] for key in _MEDIUM},
