@@ -123,6 +123,11 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
             f"{table.table}: is not the table of this climate: medium.sha256 is {table.sha256}, not {found}"
         )
     medium = medium_from_table(
-        table.table, depolarisation=table.depolarisation, wavelength_nm=wavelength_nm, name=climate.name
+        table.table,
+        depolarisation=table.depolarisation,
+        phase_function=table.phase_function,
+        earth_radius_km=table.earth_radius_km,
+        wavelength_nm=wavelength_nm,
+        name=climate.name,
     )
     return replace(medium, ground_albedo=ground_albedo(climate.ground, medium.wavelength_nm))

@@ -15,12 +15,14 @@ from __future__ import annotations
 import csv
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.build import check_ground_albedo
 from twilight.atmosphere.medium import Medium, interpolate_coefficient
+from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 
@@ -39,6 +41,11 @@ COLUMNS: dict[str, tuple[float, float, str]] = {
 MAX_ROWS = 2_000_000
 MAX_BYTES = 400_000_000
 
+PHASE_FUNCTIONS: dict[str, Callable] = {
+    "henyey_greenstein": PhaseFunction.henyey_greenstein,
+    "cornette_shanks": PhaseFunction.cornette_shanks,
+}
+
 MAX_PHASE_FUNCTIONS = 8
 """With more different asymmetries than this at one wavelength, a grid of so many stands for them."""
 
@@ -49,6 +56,8 @@ def medium_from_table(
     ground_albedo=0.0,
     depolarisation=0.0,
     wavelength_nm=None,
+    phase_function: str = "henyey_greenstein",
+    earth_radius_km: float = EARTH_RADIUS_KM,
     name: str = "",
 ) -> Medium:
     """The medium of a table (see the module's text), at the table's own wavelengths or at others inside its range.
@@ -57,8 +66,8 @@ def medium_from_table(
     wavelength_nm: None for the table's.  Others are interpolated: the logarithm of coefficients and refractivity
         linearly in the logarithm of the wavelength (linearly where one end is 0), albedo and asymmetry linearly in it.
 
-    At every level the phase function is the Henyey-Greenstein function of the table's asymmetry.  Where one wavelength
-    has more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
+    At every level the phase function is the Henyey-Greenstein function of the table's asymmetry, or where phase_function
+    says `cornette_shanks` that of Cornette and Shanks with the asymmetry as its g.  Where one wavelength has more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
     Raises TwilightError, with file, line and column, on anything that is not allowed.
     """
     file = Path(path)
@@ -70,7 +79,7 @@ def medium_from_table(
         columns = _at_wavelengths(file, columns, table_nm, wavelength)
     albedo = check_ground_albedo(ground_albedo, wavelength.size)
     depolarisation = _check_depolarisation(depolarisation, wavelength.size)
-    share, phases = _phase_functions(columns["aerosol_asymmetry"])
+    share, phases = _phase_functions(columns["aerosol_asymmetry"], PHASE_FUNCTIONS[phase_function])
     if not np.any(columns["aerosol_extinction_per_km"] > 0):
         share, phases = share[:0], ()
     return Medium(
@@ -86,6 +95,7 @@ def medium_from_table(
         depolarisation=depolarisation,
         ground_albedo=albedo,
         overhead_absorption_optical_depth=np.zeros(wavelength.size),
+        earth_radius_km=earth_radius_km,
         name=name or file.stem,
         notes={"table": file.name},
     )
@@ -255,8 +265,8 @@ def _at_wavelengths(
     return out
 
 
-def _phase_functions(asymmetry: np.ndarray) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
-    """Shares (K, L, W) and K Henyey-Greenstein functions that together give the asymmetry (L, W) at every level."""
+def _phase_functions(asymmetry: np.ndarray, of: Callable) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
+    """Shares (K, L, W) and K phase functions of(g) that together give the asymmetry (L, W) at every level."""
     n_levels, n_wavelengths = asymmetry.shape
     nodes = [np.unique(column) for column in asymmetry.T]
     count = max(node.size for node in nodes)
@@ -269,4 +279,4 @@ def _phase_functions(asymmetry: np.ndarray) -> tuple[np.ndarray, tuple[PhaseFunc
         g[:, w] = np.append(node, np.full(count - node.size, node[-1]))
         position = np.interp(asymmetry[:, w], node, np.arange(node.size))
         share[: node.size, :, w] = np.maximum(0.0, 1.0 - np.abs(position - np.arange(node.size)[:, None]))
-    return share, tuple(PhaseFunction.henyey_greenstein(row) for row in g)
+    return share, tuple(of(row) for row in g)
