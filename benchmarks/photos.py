@@ -19,7 +19,7 @@ import results
 from twilight.camera import read_camera
 from twilight.colour import sky_to_xyz
 from twilight.config import load
-from twilight.run import run
+from twilight.engine import run
 from twilight.validate.estimate import estimate, sentences
 from twilight.validate.figure import write_figure
 from twilight.validate.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
@@ -68,7 +68,7 @@ def main() -> None:
         base.sun.elevations_deg,  # type: ignore[union-attr]
         CELL_DEG,
         file=given.library / f"photos_{TYPE}.npz",
-        progress=lambda share, doing: print(doing, flush=True),
+        progress=lambda doing, share: print(doing, flush=True),
     )
     for name in PHOTOS if given.only is None else (given.only,):
         rows = one(name, given.photos, base, library, given.output)
@@ -98,7 +98,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         [part],
         white_balance=True,
         refine=lambda _, values: sky_to_xyz(run(scene(values, CELL_DEG)), observer=OBSERVER),
-        progress=lambda share, doing: print(doing, flush=True),
+        progress=lambda doing, share: print(doing, flush=True),
     )
     best = found[0]
     rows = [

@@ -166,7 +166,7 @@ def test_population_of_one_size_is_one_sphere(tmp_path):
 def test_shipped_rows_are_what_the_code_computes():
     """A sample of the shipped file, computed anew; every population of the ten types is in it."""
     shipped = shipped_optics.load()
-    assert len(shipped.rows) == len(ship_optics.populations()) * len(shipped_optics.WAVELENGTHS_NM)
+    assert len(shipped.rows) == len(ship_optics.particles()) * len(shipped_optics.WAVELENGTHS_NM)
     for component, humidity, wavelength in (
         ("waso", 80.0, 550.0),
         ("soot", 0.0, 380.0),

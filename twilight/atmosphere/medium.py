@@ -173,7 +173,7 @@ class Medium:
             if b <= a:
                 new.append(np.array([b]))
                 continue
-            n = int(np.ceil(max(steps[i] / np.sqrt(8 * tolerance), (b - a) / max(max_thickness_km, 0.02 * a))))
+            n = int(np.ceil(max(steps[i] / np.sqrt(8 * tolerance), (b - a) / max(max_thickness_km, 0.02 * (a - z[0])))))
             new.append(np.linspace(a, b, max(1, min(n, 400)) + 1)[1:])
         return self._on_levels(new)
 

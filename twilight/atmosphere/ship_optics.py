@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere import mie, opac, shipped_optics
+from twilight.atmosphere.mie import LogNormal
+from twilight.atmosphere.stratosphere import SAGE_RADII_UM, droplets
 
 HUMIDITY_PERCENT = 80.0
 
@@ -21,12 +23,19 @@ def populations() -> list[tuple[str, float]]:
     return sorted({(c, rh if opac.takes_up_water(c) else 0.0) for c, rh in found})
 
 
+def particles() -> list[tuple[LogNormal, np.ndarray]]:
+    """Sizes and refractive indices (W,) of those, and of the droplets of measured stratospheres of typical loading."""
+    wavelength_nm = shipped_optics.WAVELENGTHS_NM
+    made = [opac.particles(component, humidity, wavelength_nm) for component, humidity in populations()]
+    sulphuric_acid = opac.particles("suso", 0.0, wavelength_nm)[1]
+    return made + [(droplets(float(radius)), sulphuric_acid) for radius in SAGE_RADII_UM[1:5]]
+
+
 def write(path: Path) -> None:
     """Compute all rows and write the file; a minute or two."""
     version = mie.installed_miepython()
     keys, rows = [], []
-    for component, humidity in populations():
-        size, index = opac.particles(component, humidity, shipped_optics.WAVELENGTHS_NM)
+    for size, index in particles():
         for m, wavelength in zip(index, shipped_optics.WAVELENGTHS_NM, strict=True):
             keys.append(mie.cache_key(size, complex(m), wavelength, version))
             rows.append(mie.compute_optics(size, complex(m), wavelength))

@@ -34,6 +34,7 @@ def sweep(
     from twilight.batch.cluster import BATCH_SYSTEMS, Place, check_installed
     from twilight.batch.sweep import Sweep
     from twilight.config.load import load_axes
+    from twilight.config.slips import warn_of_slips
     from twilight.config.validate import unknown
     from twilight.io.whole import check_folder
 
@@ -51,7 +52,8 @@ def sweep(
     chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
-        made = Sweep(series, lambda doing, share: bar(share, doing))
+        made = Sweep(series, bar)
+    warn_of_slips(made.first)
     name = file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
@@ -68,12 +70,12 @@ def _run(made: Any, path: Path, place: Any) -> None:
 
     with open_store(path, made) as store, progress_bar() as bar:
         had = len(store.done)
-        bar(0.0, "starting workers")
+        if store.damaged:
+            print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
+        bar("starting workers", 0.0)
         if had < len(made.tasks):
             with connect(place) as client:
-                outcome = run_sweep(
-                    client, store, threads=place.threads, progress=lambda doing, share: bar(share, doing)
-                )
+                outcome = run_sweep(client, store, threads=place.threads, progress=bar)
         else:
             from twilight.batch.run import Outcome
 

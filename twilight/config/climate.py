@@ -58,7 +58,7 @@ class Layers(Section):
         le=500,
     )
     boundaries_km: tuple[Number, ...] | None = key(
-        None, "altitudes of the levels, increasing from the ground, e.g. [0, 1, 2, 5, 10, 20, 50, 100]", unit="km"
+        None, "altitudes above sea level, increasing from the ground, e.g. [0, 1, 2, 5, 10, 20, 50, 100]", unit="km"
     )
 
     @model_validator(mode="after")
@@ -66,8 +66,8 @@ class Layers(Section):
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
-        if b is not None and (len(b) < 2 or b[0] != 0 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
-            raise ValueError("boundaries_km must start at 0 and increase up to top_km")
+        if b is not None and (len(b) < 2 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
+            raise ValueError("boundaries_km must start at the ground and increase up to top_km")
         return self
 
 
@@ -171,7 +171,7 @@ class Aerosol(Section):
     )
     boundary_layer_top_km: Number | None = key(
         None,
-        "top of the layer that holds the mixture; unset: the type's own (2 km for own mixtures)",
+        "top of the layer that holds the mixture, above its base; unset: the type's own (2 km for own mixtures)",
         unit="km",
         gt=0.0,
         le=12.0,
@@ -182,6 +182,11 @@ class Aerosol(Section):
         unit="km",
         gt=0.0,
         le=1000.0,
+    )
+    boundary_layer_base: Literal["ground", "sea_level"] = key(
+        "ground",
+        "where that layer's heights and densities count from: the ground at ground.altitude_km, or sea level, so that "
+        "a mountain rises through it",
     )
     mineral_transported: MineralTransported | None = key(None, "a layer of transported desert dust; unset: none")
     free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
@@ -240,12 +245,20 @@ def _albedo_kind(value: Any) -> str:
 
 
 class Ground(Section):
-    """The ground reflects alike in all directions (Lambert)."""
+    """The ground: a sphere at one altitude, which reflects alike in all directions (Lambert)."""
 
     albedo: Annotated[
         Annotated[Number, Field(ge=0.0, le=1.0), Tag("<number>")] | Annotated[Spectrum, Tag("<spectrum>")],
         Discriminator(_albedo_kind),
     ] = key(0.0, "share of light reflected, a number or {wavelength_nm: [...], albedo: [...]}", unit="1")
+    altitude_km: Number = key(
+        0.0,
+        "above sea level, of all the land that is seen: air and gases begin there (for a peak above low land leave 0 "
+        "and set observer.altitude_km)",
+        unit="km",
+        ge=0.0,
+        le=9.0,
+    )
 
 
 class TabulatedMedium(Section):
@@ -290,4 +303,13 @@ class Climate(Section):
             mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere"} & self.model_fields_set
             if mixed:
                 raise ValueError(f"takes either medium (a table) or {', '.join(sorted(mixed))}, not both")
+            if self.ground.altitude_km != 0.0:
+                raise ValueError("ground.altitude_km has no meaning for a table: its lowest level is the ground")
+            return self
+        lowest = (self.atmosphere.layers.boundaries_km or (self.ground.altitude_km,))[0]
+        if lowest != self.ground.altitude_km:
+            raise ValueError(
+                f"atmosphere.layers.boundaries_km must start at the ground (ground.altitude_km, "
+                f"{self.ground.altitude_km:g} km), not at {lowest:g} km"
+            )
         return self

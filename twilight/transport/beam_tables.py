@@ -252,8 +252,8 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
 def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos):
     """True zenith angle [rad] of the edge of the shadow and the apparent cosine there, at each altitude.
 
-    The edge is the ray whose lowest point is `lowest_free_km`, followed outwards from there: a search for that point from
-    the altitude would decide by rounding whether the ray is free.
+    The edge is the ray whose lowest point is `lowest_free_km`, followed outwards from there: a search for that point
+    from the altitude would decide by rounding whether the ray is free.
     """
     p0 = (profile.radius_km + lowest_free_km) * (1.0 + refractivity_at(profile, reference, lowest_free_km))
     half, _, _, _, free = outward(profile, reference, lowest_free_km, 0.0, 1e9)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.cells.exact import ExactCells
 from twilight.solvers.cells.isotropic import IsotropicCells
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
@@ -19,17 +18,6 @@ from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """events: scattering events followed; residual: largest share of the scattered light that may be missing or wrong
-    because no more were."""
-
-    events: int
-    residual: float
-
 
 def prepare(
     medium: Medium,
@@ -38,14 +26,14 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
 ) -> Field:
-    """Make everything that does not depend on the sun; `progress(stage, fraction)` is called now and then.
+    """Make everything that does not depend on the sun; `progress(doing, share)` is called now and then.
 
     The observer must be inside the air.  Raises TwilightError otherwise.
     """
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium around one observer, for any sun."""
 
     def __init__(self, medium: Medium, settings: CellsSettings, observer_altitude_km: float, progress: Progress | None):
@@ -56,7 +44,7 @@ class Field:
             )
         self.medium, self.settings = medium, settings
         self.observer_altitude_km = float(observer_altitude_km)
-        self._progress = progress or (lambda stage, fraction: None)
+        self._progress = progress or silent
         mode = settings.multiple_scattering
         if mode == "exact":
             self.scaled = delta_scaled(medium, settings.degree)
@@ -82,7 +70,6 @@ class Field:
         self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
         self._solved: tuple[float, object] | None = None
         self._views: dict[bool, MultipleView] = {}
-        self.convergence: Convergence | None = None
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.

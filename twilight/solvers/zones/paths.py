@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.zones.grid import even_harmonics
+from twilight.solvers.zones.grid import Series, even_harmonics
+from twilight.solvers.zones.polarised import MatrixMoments, patterns
 from twilight.threads import in_slices
 from twilight.transport.lines import GROUND, MAX_POINTS, Line, trace_line
 from twilight.transport.profile import Profile
@@ -90,11 +91,14 @@ def lanes_of(array: np.ndarray, block: int) -> np.ndarray:
 
 
 class Points(NamedTuple):
-    """The points of rays for the inner loops, for one block of wavelengths; P points, C harmonics.
+    """The points of rays for the inner loops, for one block of wavelengths; P points, C harmonics, C' patterns.
 
     node (P,), node_share (P,): node altitude below and the way to the next; angle (P,): place in the turning table
     polar (P, C): harmonics at the ray's local zenith angle; highest (P,): largest order that matters there
     chi (P, degree + 1, LANES): phase moments of the mixture; share (P, S, LANES): of each species in scattering
+    weight (P, LANES): scattering coefficient x transmittance x length
+    even, odd (P, C'): patterns of Q and U at the same zenith angle; matrix (P, 3, pattern_degree + 1, LANES): moments
+    b, even and odd of the mixture's phase matrix.  Both are empty without polarisation.
     """
 
     node: np.ndarray
@@ -105,25 +109,37 @@ class Points(NamedTuple):
     chi: np.ndarray
     share: np.ndarray
     weight: np.ndarray
+    even: np.ndarray
+    odd: np.ndarray
+    matrix: np.ndarray
+
+
+class Scattering(NamedTuple):
+    """What scaled air and aerosol do to each degree: chi (1 + K, degree + 1, W) of I, and of the phase matrices."""
+
+    medium: Medium
+    chi: np.ndarray
+    matrix: MatrixMoments
 
 
 def make_points(
-    rays: Rays, medium: Medium, moments: np.ndarray, nodes_km: np.ndarray, step_rad: float, orders: int, block: int
+    rays: Rays, scattering: Scattering, nodes_km: np.ndarray, step_rad: float, series: Series, block: int
 ) -> Points:
-    """moments (1 + K, degree + 1, W): of the scaled phase functions of `medium`, the scaled one.
-
-    step_rad: of the geocentric angles of the turning table; orders: of harmonics in azimuth, from 0.
-    """
+    """scattering: of the scaled medium; step_rad: of the geocentric angles of the turning table."""
     z = rays.place[:, 0]
     node = np.clip(np.searchsorted(nodes_km, z, side="right") - 1, 0, nodes_km.size - 2)
     share = np.clip((z - nodes_km[node]) / np.diff(nodes_km)[node], 0.0, 1.0)
-    species = species_share(medium, z)
-    chi = np.einsum("spw,slw->plw", species, moments)
-    degree = moments.shape[1] - 1
-    polar = even_harmonics(rays.place[:, 2], degree, orders - 1)
+    species = species_share(scattering.medium, z)
+    chi = np.einsum("spw,slw->plw", species, scattering.chi[:, : series.degree + 1])
+    polar = even_harmonics(rays.place[:, 2], series.degree, series.orders - 1)
     sine = np.sqrt(np.maximum(0.0, 1.0 - rays.place[:, 2] ** 2))
     # sin^m: an order that is this weak cannot be seen
-    highest = np.clip(np.ceil(np.log(1e-4) / np.log(np.clip(sine, 1e-6, 1.0 - 1e-12))), 1, orders - 1)
+    highest = np.clip(np.ceil(np.log(1e-4) / np.log(np.clip(sine, 1e-6, 1.0 - 1e-12))), 1, series.orders - 1)
+    n = series.pattern_degree
+    even, odd = patterns(rays.place[:, 2], n, series.pattern_orders - 1)
+    matrix = np.zeros((1, 3, 0, chi.shape[2]))
+    if n:
+        matrix = np.einsum("spw,jslw->pjlw", species, np.stack([part[:, : n + 1] for part in scattering.matrix]))
     return Points(
         node.astype(np.int32),
         share.astype(np.float32),
@@ -133,6 +149,9 @@ def make_points(
         lanes_of(chi, block),
         lanes_of(species.transpose(1, 0, 2), block),
         lanes_of(rays.weight, block),
+        np.ascontiguousarray(even, dtype=np.float32),
+        np.ascontiguousarray(odd, dtype=np.float32),
+        lanes_of(matrix, block),
     )
 
 

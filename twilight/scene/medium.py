@@ -46,6 +46,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         wavelength_nm,
         profile=climate.atmosphere.profile,
         top_km=climate.atmosphere.top_km,
+        ground_altitude_km=climate.ground.altitude_km,
         layers=layers,
         ozone_column_du=climate.gases.ozone.column_du,
         ozone_day_of_year=climate.gases.ozone.day_of_year,
@@ -77,6 +78,7 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
         "stratosphere": aerosol.stratosphere == "opac" and aerosol.optical_depth_550nm != 0.0,
         "optical_depth_550nm": aerosol.optical_depth_550nm,
         "phase_function": aerosol.phase_function,
+        "boundary_layer_base": aerosol.boundary_layer_base,
         "mineral_transported": None if dust is None else MineralLayer(**dust.model_dump()),
     }
     for name in ("boundary_layer_top_km", "scale_height_km"):
@@ -107,7 +109,8 @@ def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:
 def table_sha256(path: str | Path) -> str:
     """SHA-256 of a table's content, hexadecimal; TwilightError when it cannot be read."""
     try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
 
