@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twilight.air import climate_medium
 from twilight.config import load_climate
 from twilight.errors import TwilightError
+from twilight.scene.medium import climate_medium
 from twilight.solvers import tables
 from twilight.solvers.tables import mapping as maps
 from twilight.solvers.tables.field import Rays
@@ -128,9 +128,7 @@ def test_harmonics_obey_the_addition_theorem():
     orders = [(n, m) for m in range(degree + 1) for n in range(m, degree + 1)]
     angle = a * b + math.sqrt((1 - a * a) * (1 - b * b)) * math.cos(phi)
     for n in range(degree + 1):
-        series = sum(
-            (2.0 if m else 1.0) * p[e] * q[e] * math.cos(m * phi) for e, (l, m) in enumerate(orders) if l == n
-        )
+        series = sum((2.0 if m else 1.0) * p[e] * q[e] * math.cos(m * phi) for e, (k, m) in enumerate(orders) if k == n)
         assert series == pytest.approx(np.polynomial.legendre.Legendre.basis(n)(angle), abs=1e-12)
 
 
@@ -159,7 +157,7 @@ def test_single_scattering_is_that_of_exact_quadrature(air, once, scene):
 def test_a_finite_segment_is_the_difference_of_whole_rays(air, once, scene, distance_km):
     """Eq. 13 and 16: S(x) - T(x, x_s) S(x_s) against integration from x to x_s."""
     sun, elevation, azimuth, altitude = scene
-    light, passed = once.inscatter(sun, elevation, azimuth, distance_km, observer_altitude_km=altitude)
+    passed, light = once.aerial_perspective(sun, elevation, azimuth, distance_km, observer_altitude_km=altitude)
     whole = once.inscattered(ray(once, scene))[0]
     exact = exact_single(air, *scene, distance_km)
     np.testing.assert_allclose(light, exact, atol=0.02 * whole.max())
@@ -168,12 +166,12 @@ def test_a_finite_segment_is_the_difference_of_whole_rays(air, once, scene, dist
 
 
 def test_segments_add_up_and_end_with_the_ray(small):
-    short, _ = small.inscatter(20.0, 5.0, 60.0, 0.0)
+    _, short = small.aerial_perspective(20.0, 5.0, 60.0, 0.0)
     np.testing.assert_allclose(short, 0.0, atol=1e-6)
-    far, passed = small.inscatter(20.0, 5.0, 60.0, 1e5)
+    passed, far = small.aerial_perspective(20.0, 5.0, 60.0, 1e5)
     np.testing.assert_allclose(far, small.radiance(20.0, 5.0, 60.0), rtol=1e-12)
     assert np.all((passed > 0.0) & (passed < 1.0))
-    down, _ = small.inscatter(20.0, -30.0, 60.0, 1e5, observer_altitude_km=3.0)
+    _, down = small.aerial_perspective(20.0, -30.0, 60.0, 1e5, observer_altitude_km=3.0)
     assert np.all(down < small.radiance(20.0, -30.0, 60.0, observer_altitude_km=3.0))
 
 
@@ -296,12 +294,12 @@ def test_settings_that_cannot_be_are_one_sentence(change, words):
 
 
 def test_places_and_suns_that_cannot_be_are_one_sentence(once):
-    with pytest.raises(TwilightError, match="sun.elevation_deg is 91"):
+    with pytest.raises(TwilightError, match=r"sun\.elevation_deg is 91"):
         once.radiance(91.0, 10.0, 0.0)
     with pytest.raises(TwilightError, match=r"observer\.altitude_km"):
         once.radiance(10.0, 10.0, 0.0, observer_altitude_km=-1.0)
     with pytest.raises(TwilightError, match="distance_km"):
-        once.inscatter(10.0, 10.0, 0.0, -1.0)
+        once.aerial_perspective(10.0, 10.0, 0.0, -1.0)
 
 
 def test_the_climate_has_the_constants_of_the_paper(air):

@@ -66,8 +66,9 @@ def medium_from_table(
     wavelength_nm: None for the table's.  Others are interpolated: the logarithm of coefficients and refractivity
         linearly in the logarithm of the wavelength (linearly where one end is 0), albedo and asymmetry linearly in it.
 
-    At every level the phase function is the Henyey-Greenstein function of the table's asymmetry, or where phase_function
-    says `cornette_shanks` that of Cornette and Shanks with the asymmetry as its g.  Where one wavelength has more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
+    At every level the phase function is the Henyey-Greenstein function of the table's asymmetry, or, where
+    phase_function is `cornette_shanks`, that of Cornette and Shanks with the asymmetry as its g.  Where one wavelength
+    has more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
     Raises TwilightError, with file, line and column, on anything that is not allowed.
     """
     file = Path(path)

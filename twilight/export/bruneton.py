@@ -4,8 +4,9 @@
     index, y = mu, z = r; RGBA, headerless, little-endian
 
 Their shaders read `C P_R(nu) + M P_M(nu)`, with C the RGB of scattering and M from its alpha, the red of it, as
-C (M_r / C_r) (beta_R,r / beta_M,r) (beta_M / beta_R), faded out where mu_s falls from 0.01 to 0.  Where M counts, alpha is
-what aerosol scattered once without its phase function; C is such that the sum is the field's radiance at the texel.
+C (M_r / C_r) (beta_R,r / beta_M,r) (beta_M / beta_R), faded out where mu_s falls from 0.01 to 0.  Where M counts,
+alpha is what aerosol scattered once without its phase function; C is such that the sum is the field's radiance at the
+texel.
 """
 
 from __future__ import annotations
@@ -185,9 +186,7 @@ def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, mu_
     ground = 2 * np.arange(mapping.n_mu) < mapping.n_mu
     elevation = np.degrees(np.arcsin(view))
     horizon = source.horizon_deg(source.medium.bottom_km + height)
-    elevation = np.where(
-        ground, np.minimum(elevation, horizon - JUST_DEG), np.maximum(elevation, horizon + JUST_DEG)
-    )
+    elevation = np.where(ground, np.minimum(elevation, horizon - JUST_DEG), np.maximum(elevation, horizon + JUST_DEG))
     nu = np.array([[possible_nu(mu, mu_s, n) for n in nus] for mu in view])
     across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - mu_s**2)))[:, None]
     cosine = np.divide(nu - view[:, None] * mu_s, across, out=np.ones_like(nu), where=across > 1e-9)

@@ -7,7 +7,7 @@ P is the phase function of the column's aerosol.  Axes, with u from 0 to 1 over 
     sun elevation   -8 + 8 sinh(t), t uniform from the lowest to the highest sun
     elevation       sky: e_h + (90 - e_h) u^2; ground: e_h - (90 + e_h) u^2, e_h the apparent horizon at the altitude
     azimuth         180 u^1.5, from the sun
-    altitude        as listed, linear in its square root between
+    altitude        as listed, linear in the square root of its height above the first in between
 
 Files hold little-endian float32, RGB: azimuth fastest, then elevation (ground from the nadir, then sky from the
 horizon), sun, altitude.
@@ -44,10 +44,16 @@ class Sizes:
     altitude_km: tuple[float, ...] = (0.0, 2.0, 10.0, 30.0, 100.0)
 
 
+def altitudes_of(bottom_km: float, top_km: float) -> tuple[float, ...]:
+    """Altitudes of the observer [km] between the ground and the top of the air."""
+    inner = tuple(bottom_km + z for z in Sizes().altitude_km[:-1] if bottom_km + z < 0.9 * top_km)
+    return (*inner, top_km)
+
+
 def sun_nodes(count: int) -> np.ndarray:
     """Elevations of the sun [deg] of the texels."""
-    ends = [math.asinh((v - SUN_CENTRE_DEG) / SUN_WIDTH_DEG) for v in (LOWEST_SUN_DEG, 90.0)]
-    return np.minimum(90.0, SUN_CENTRE_DEG + SUN_WIDTH_DEG * np.sinh(np.linspace(*ends, count)))
+    low, high = (math.asinh((v - SUN_CENTRE_DEG) / SUN_WIDTH_DEG) for v in (LOWEST_SUN_DEG, 90.0))
+    return np.minimum(90.0, SUN_CENTRE_DEG + SUN_WIDTH_DEG * np.sinh(np.linspace(low, high, count)))
 
 
 def elevation_nodes(horizon_deg: float, ground: int, sky: int) -> np.ndarray:
@@ -100,8 +106,8 @@ class SkyTables:
         n_sun, n_azimuth = self.sky.shape[1], self.sky.shape[3]
         s = (t - ends[0]) / (ends[1] - ends[0]) * (n_sun - 1)
         z = (a / 180.0) ** (1.0 / AZIMUTH_POWER) * (n_azimuth - 1)
-        roots = np.sqrt(altitudes)
-        where = float(np.interp(math.sqrt(observer_altitude_km), roots, np.arange(roots.size)))
+        roots = np.sqrt(altitudes - altitudes[0])
+        where = float(np.interp(math.sqrt(observer_altitude_km - altitudes[0]), roots, np.arange(roots.size)))
         first = min(int(where), max(0, roots.size - 2))
         above = where - first
         horizon = np.interp(where, np.arange(roots.size), h["horizon_deg"])
@@ -185,7 +191,7 @@ def fill(source: Source, sizes: Sizes, facts: dict, progress: Callable[[str, flo
         "horizon_deg": horizons,
         "lowest_sun_deg": LOWEST_SUN_DEG,
         "phase_angles": 0 if source.phase is None else source.phase.shape[0],
-        "axes": __doc__.split("\n\n", 2)[2],
+        "axes": (__doc__ or "").partition("from 0 to 1 over the texels of each:")[2].strip(),
         "quantity": "natural logarithm of radiance over the sun's irradiance above the air [sr^-1]; RGB, float32",
     }
     sky = np.log(np.maximum(sky, 1e-30)).astype(np.float32)
@@ -205,7 +211,9 @@ def load(folder: str | Path) -> SkyTables:
     try:
         header = json.loads((folder / "sky.json").read_text(encoding="utf-8"))
         if header["layout"] != "twilight" or header["version"] != 1:
-            raise TwilightError(f"{folder}/sky.json: layout {header['layout']} {header['version']}, expected twilight 1")
+            raise TwilightError(
+                f"{folder}/sky.json: layout {header['layout']} {header['version']}, expected twilight 1"
+            )
         n = header["texels"]
         shape = (len(header["altitude_km"]), n["sun"], n["ground"] + n["sky"], n["azimuth"], 3)
         sky = np.fromfile(folder / "sky.bin", "<f4").reshape(shape)

@@ -116,10 +116,10 @@ class Source:
         if self._ground is None:
             low = max(-30.0, float(getattr(self.field, "sun_range_deg", (-90.0, 90.0))[0]))
             suns = np.concatenate([np.arange(low, 10.0, 0.5), np.linspace(10.0, 90.0, 33)])
-            seen = [self.radiance(self.medium.bottom_km, sun, -90.0, 0.0) for sun in suns]
+            seen = np.array([self.radiance(self.medium.bottom_km, sun, -90.0, 0.0) for sun in suns])
             self._ground = suns, np.log(np.maximum(seen, 1e-30))
-        suns, seen = self._ground
-        return np.stack([np.exp(np.interp(sun_deg, suns, column)) for column in seen.T], axis=-1)
+        nodes, logs = self._ground
+        return np.stack([np.exp(np.interp(sun_deg, nodes, column)) for column in logs.T], axis=-1)
 
 
 def read_phase(table: np.ndarray, cosine: np.ndarray) -> np.ndarray:

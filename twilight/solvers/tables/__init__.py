@@ -4,9 +4,10 @@ Transmittance T(r, mu), irradiance of the ground E(r, mu_s) and inscattered ligh
 order (their Algorithm 4.1) and read in constant time.  Rays are straight, as in the paper: there is no refraction.
 """
 
+from twilight.solvers.base import Capabilities
 from twilight.solvers.tables.field import Field, prepare
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
 
-WAVELENGTH_BLOCK = 16
+CAPABILITIES = Capabilities(every_sun=True, every_observer=True, finite_segments=True, wavelengths_at_once=16)
 
-__all__ = ["QUALITIES", "WAVELENGTH_BLOCK", "Field", "TablesSettings", "prepare"]
+__all__ = ["CAPABILITIES", "QUALITIES", "Field", "TablesSettings", "prepare"]

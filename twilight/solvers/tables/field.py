@@ -9,22 +9,15 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
-from twilight.solvers.tables.solve import Progress, rayleigh_at, solve, stored
+from twilight.solvers.tables.solve import rayleigh_at, solve, stored
 from twilight.threads import in_slices
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """events: scattering events followed; residual: share of the sky's irradiance of the ground that the last one gave,
-    where that was largest with the sun above -6 deg."""
-
-    events: int
-    residual: float
 
 
 def prepare(
@@ -41,7 +34,7 @@ def prepare(
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium for any sun, observer and direction, without refraction."""
 
     def __init__(
@@ -66,6 +59,7 @@ class Field:
         of_ground = self.tables.irradiance_by_event[:, 0, self._sunlit()]
         whole = of_ground.sum(axis=0)
         last = np.divide(of_ground[-1], whole, out=np.zeros_like(whole), where=whole > 0.0)
+        # of the sky's irradiance of the ground, with the sun above -6 deg
         self.convergence = Convergence(settings.max_events, float(np.max(last, initial=0.0)))
         self.ratio = self._proportion() if proportional else None
         self._store()
@@ -132,11 +126,11 @@ class Field:
         out[rays.ground] += self._ground(rays)
         return out.reshape(*rays.shape, -1)
 
-    def inscatter(
+    def aerial_perspective(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, distance_km, *, observer_altitude_km=None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Aerial perspective of what stands at distance_km in each direction: light scattered towards the observer on
-        the way, sun-normalised [sr^-1], and the transmittance; both of the shape of the directions plus (W,).
+        """(transmittance, sun-normalised radiance [sr^-1] scattered in) of the air up to distance_km in each direction,
+        both of the shape of the directions plus (W,).
 
         Eq. 16: S at the observer minus T times S at the far end.  Beyond the ground or the top it is all there is.
         Errors: TwilightError for a distance that is not a number of 0 or more.
@@ -153,7 +147,7 @@ class Field:
         light = self.inscattered(near) - np.where(ends, 0.0, passed * self.inscattered(far))
         seen = np.exp(-self._depths(self.profile, near, left))
         shape = (*near.shape, -1)
-        return np.maximum(light, 0.0).reshape(shape), seen.reshape(shape)
+        return seen.reshape(shape), np.maximum(light, 0.0).reshape(shape)
 
     def inscattered(self, rays: Rays) -> np.ndarray:
         """S (D, W) of rays."""
@@ -161,7 +155,7 @@ class Field:
         for part, log in zip(self.parts, self.logarithmic, strict=True):
             out = np.zeros((rays.mu.size, part.shape[-1]))
             in_slices(
-                lambda a, b, part=part, log=log, out=out: read(
+                lambda a, b, part=part, log=log, out=out: read(  # type: ignore[misc]
                     self.mapping, part, log, rays.height_km, rays.mu, rays.mu_s, rays.nu, rays.ground,
                     out, a, b,
                 ),

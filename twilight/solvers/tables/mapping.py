@@ -23,8 +23,8 @@ KINDS = {"bruneton2008": BRUNETON_2008, "bruneton2017": BRUNETON_2017}
 
 
 class Mapping(NamedTuple):
-    """kind of mapping; bottom_km, thickness_km: radius of the ground, and from there to the top; mu_s_min: cosine of the
-    largest solar zenith angle; n_r, n_mu, n_mu_s, n_nu: texels of S; n_t_r, n_t_mu: of T; n_e_r, n_e_mu_s: of E."""
+    """kind of mapping; bottom_km, thickness_km: radius of the ground, and from there to the top; mu_s_min: cosine of
+    the largest solar zenith angle; n_r, n_mu, n_mu_s, n_nu: texels of S; n_t_r, n_t_mu: of T; n_e_r, n_e_mu_s: of E."""
 
     kind: int
     bottom_km: float

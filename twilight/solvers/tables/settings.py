@@ -77,7 +77,9 @@ class TablesSettings:
         if self.storage == "float32" and self.storage_scale != 1.0:
             raise TwilightError(f"solver.storage_scale is {self.storage_scale:g}; float32 takes only 1")
         if self.degree >= self.azimuth_directions:
-            raise TwilightError(f"solver.degree is {self.degree}; azimuth_directions, {self.azimuth_directions}, is more")
+            raise TwilightError(
+                f"solver.degree is {self.degree}; azimuth_directions, {self.azimuth_directions}, is more"
+            )
 
 
 _BRUNETON_2008 = TablesSettings(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from twilight.progress import Progress
 from twilight.solvers.tables.lookup import DARK
 from twilight.solvers.tables.mapping import KINDS, Mapping, grid
 from twilight.solvers.tables.passes import (
@@ -22,8 +22,6 @@ from twilight.threads import in_slices
 from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         progress(f"scattering event {event}", 0.1 + 0.9 * (event - 1) / settings.max_events)
         from_sky = np.zeros_like(lit)
         in_slices(
-            lambda a, b, last=last, log=last_logarithmic, of=single_moments, out=from_sky: fill_irradiance(
+            lambda a, b, last=last, log=last_logarithmic, of=single_moments, out=from_sky: fill_irradiance(  # type: ignore[misc]
                 mapping, last, log, of, quadrature.up_mu, quadrature.up_weight, quadrature.azimuth, out, a, b
             ),
             mapping.n_e_r,
@@ -111,7 +109,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
             break
         source = np.zeros(shape, np.float32)
         in_slices(
-            lambda a, b, last=last, log=last_logarithmic, of=single_moments, lit=lit, first=event == 1, out=source: fill_source(
+            lambda a, b, last=last, log=last_logarithmic, of=single_moments, lit=lit, first=event == 1, out=source: fill_source(  # type: ignore[misc]  # noqa: E501
                 profile, jumps, mapping, depth, last, log, of, phases, lit, first, medium.ground_albedo,
                 heights, view, sun, nus, quadrature.polar, quadrature.mu, quadrature.weight, quadrature.azimuth,
                 quadrature.view_polar, quadrature.orders, sigma, out, a, b,
@@ -121,7 +119,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         source = stored(source, logarithmic)
         order = np.zeros(shape, np.float32)
         in_slices(
-            lambda a, b, source=source, out=order: fill_scattering(
+            lambda a, b, source=source, out=order: fill_scattering(  # type: ignore[misc]
                 profile, jumps, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, a, b
             ),
             mapping.n_r,
