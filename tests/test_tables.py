@@ -47,6 +47,9 @@ SCENES = [(30.0, 50.0, 40.0, 0.0), (10.0, 20.0, 90.0, 0.0), (3.0, 60.0, 180.0, 2
 """Elevation of the sun, of the view, its azimuth [deg], altitude of the observer [km]."""
 
 
+NODES = np.polynomial.legendre.leggauss(120)
+
+
 @pytest.fixture(scope="module")
 def air():
     """The paper's."""
@@ -65,7 +68,7 @@ def small(air):
 
 def exact_depth(medium, altitude_km, mu, length_km):
     """Optical depth (W,) of a straight path in exponential air, by Gauss-Legendre quadrature."""
-    x, w = np.polynomial.legendre.leggauss(400)
+    x, w = NODES
     s = 0.5 * length_km * (1.0 + x)
     r = medium.earth_radius_km + altitude_km
     z = np.sqrt(r * r + 2 * r * mu * s + s * s) - medium.earth_radius_km
@@ -78,7 +81,7 @@ def exact_single(medium, sun_deg, elevation_deg, azimuth_deg, altitude_km, lengt
     mu, mu_s = math.sin(e), math.sin(h)
     nu = mu * mu_s + math.cos(e) * math.cos(h) * math.cos(a)
     r = medium.earth_radius_km + altitude_km
-    x, w = np.polynomial.legendre.leggauss(120)
+    x, w = NODES
     total = np.zeros(medium.n_wavelengths)
     phase = species_phase(medium, np.zeros((1, medium.n_wavelengths)), np.array([nu]))[0]
     for s, weight in zip(0.5 * length_km * (1 + x), 0.5 * length_km * w, strict=True):
