@@ -13,9 +13,10 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import altitude_nodes, make_angles, resolve_layers, zenith_nodes
+from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution, solve_orders
+from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution
 from twilight.solvers.zones.storage import save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple, view_single

@@ -1,22 +1,19 @@
-"""The field of one block of wavelengths: all orders of scattering at every node."""
+"""The field of one block of wavelengths, and what one order of scattering makes of the one before."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.zones.grid import Angles, cubic_refinement
+from twilight.solvers.zones.grid import Angles, conserving, cubic_refinement
 from twilight.solvers.zones.passes import moments_of, scatter, scatter_sunlight
 from twilight.solvers.zones.paths import LANES, Points, Rays, Turning, lanes_of
 from twilight.solvers.zones.sunlight import Sunlight
 from twilight.threads import in_slices
 
 TINY = 1e-30
-FAINT = 1e-12
-"""Radiance over F0 that convergence does not look at: about a thousandth of a moonless night's own light."""
 PHASE_NODES = 2049
 SWING = 0.2
 """How far the logarithm may go beyond those of the altitudes around it, and by which share of their difference."""
@@ -83,8 +80,8 @@ class Solution:
 
     log_mean (Z', T, LANES): of the mean radiance; ratio (Z', T, C, LANES): moments relative to it, at fine altitudes
     log_ground (T', LANES): radiance of the ground that the sky lights, on the fine grid of zenith angles
-    events: scattering events; residual: largest change of the light at a node that the last event made to the sum with
-    its estimated rest
+    events: scattering events, or steps towards all of them; residual: largest change of the light at a node that the
+    last one made to the sum with its estimated rest
     """
 
     log_mean: np.ndarray
@@ -106,7 +103,8 @@ class Passes:
     medium: Medium
     block: int
 
-    def _ground(self) -> tuple[np.ndarray, np.ndarray]:
+    def ground(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where rays end on the ground: (transmittance (R, LANES), place in the turning table (R,))."""
         return (
             lanes_of(self.rays.ground_weight, self.block),
             (self.rays.ground_angle_rad / self.turning.step_rad).astype(np.float32),
@@ -135,7 +133,7 @@ class Passes:
         phase = lanes_of(np.einsum("nl,slw->nsw", legendre, moments), self.block)
         place = ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32)
         albedo = lanes_of(self.medium.ground_albedo, self.block)
-        ground_weight, ground_angle = self._ground()
+        ground_weight, ground_angle = self.ground()
         log_light, log_ground = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
         in_slices(
             lambda begin, end: scatter_sunlight(
@@ -154,7 +152,7 @@ class Passes:
         n = self.nodes
         log_mean, ratio = n.refine_altitude(*normalised(mean, moments))
         log_ground = n.refine_zenith(np.log(np.maximum(ground, TINY)))
-        ground_weight, ground_angle = self._ground()
+        ground_weight, ground_angle = self.ground()
         in_slices(
             lambda begin, end: scatter(
                 self.rays.first, self.points, self.turning.place, log_mean, ratio, log_ground, ground_weight,
@@ -172,60 +170,17 @@ class Passes:
         analysis = a.analysis.astype(np.float32)
         in_slices(lambda begin, end: moments_of(radiance, analysis, moments, begin, end), radiance.shape[0])
         mean = moments[:, :, 0]
-        up = np.maximum(a.cosine[0], 0.0) * a.weight[0]
-        # a uniform dome gives exactly pi
-        flux = np.pi / up.sum() * np.einsum("m,mtfw->tw", up / a.azimuth.size, radiance[0])
-        return mean, moments, flux * lanes_of(self.medium.ground_albedo, self.block) / np.pi
+        lit = np.einsum("m,mtfw->tw", self.ground_share() / a.azimuth.size, radiance[0])
+        return mean, moments, lit * lanes_of(self.medium.ground_albedo, self.block)
 
+    def conserving(self) -> Passes:
+        """The same with directions that keep the energy of light that is nearly the same all around."""
+        return replace(self, angles=conserving(self.angles))
 
-def solve_orders(
-    early: Passes,
-    late: Passes,
-    early_events: int,
-    sunlight: Sunlight,
-    moments: np.ndarray,
-    max_events: int,
-    tolerance: float,
-    progress: Callable[[int, float], None],
-) -> Solution:
-    """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series.
-
-    `early` computes the first `early_events` orders; light that has been scattered more often is smooth, and `late` may
-    do with fewer directions and harmonics.  moments (1 + K, degree + 1, W): of the scaled phase functions.
-    """
-    mean, order, ground = early.analyse(early.first(sunlight, moments))
-    total, total_ground = order.copy(), ground.copy()
-    kept = np.arange(order.shape[2])
-    events, residual = 1, 1.0
-    previous = None
-    while events + 1 < max_events:
-        passes = early if events < early_events else late
-        if passes is late and events == max(early_events, 1) and late is not early:
-            kept = early.angles.shared_with(late.angles)
-            order = np.ascontiguousarray(order[:, :, kept])
-        before = mean
-        mean, order, ground = passes.analyse(passes.next(mean, order, ground))
-        total[:, :, kept] += order
-        total_ground += ground
-        events += 1
-        # written so that nothing overflows where there was no light before
-        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, TINY)
-        # what is left behaves like a geometric series at every node; two such guesses in a row show how well
-        guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
-        if previous is not None:
-            lit = guess > FAINT
-            residual = float(np.max(np.abs(previous[lit] / guess[lit] - 1.0), initial=0.0))
-        previous = guess
-        progress(events, residual)
-        if tolerance > 0.0 and residual < tolerance:
-            rest = ratio / (1.0 - ratio)
-            total[:, :, kept] += order * rest[:, :, None]
-            total_ground += ground * rest[0]
-            break
-    nodes = early.nodes
-    log_mean, relative = nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    log_ground = nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
-    return Solution(log_mean, relative, log_ground, events + 1, residual)
+    def ground_share(self) -> np.ndarray:
+        """Share (M,) of each polar angle in the light that falls on the ground; of a uniform dome the sum is 1."""
+        up = np.maximum(self.angles.cosine[0], 0.0) * self.angles.weight[0]
+        return up / up.sum()
 
 
 def normalised(mean: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
