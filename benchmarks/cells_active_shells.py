@@ -6,12 +6,12 @@ Writes benchmarks/cells_active_shells.csv.
 
 from __future__ import annotations
 
-import csv
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.solvers import cells
@@ -39,12 +39,11 @@ def main() -> None:
                 + [f"{x:.2f}" for x in (np.median(error), error.max())]
             )
             print(*rows[-1], sep="\t", flush=True)
-    with open(HERE / "cells_active_shells.csv", "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            ["active_shell_step", "rings", "set_up_s", "sun_elevation_deg", "median_percent", "max_percent"]
-        )
-        writer.writerows(rows)
+    results.write(
+        HERE / "cells_active_shells.csv",
+        ["active_shell_step", "rings", "set_up_s", "sun_elevation_deg", "median_percent", "max_percent"],
+        rows,
+    )
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ benchmarks/reference (the reference's own error is in the last column), for each
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.solvers import cells
@@ -34,7 +34,7 @@ def main() -> None:
     rows = []
     for case, (table, answers) in CASES.items():
         medium = medium_from_table(HERE / "reference" / table)
-        reference = np.genfromtxt(HERE / "reference" / answers, delimiter=",", names=True)
+        reference = results.read_numbers(HERE / "reference" / answers)
         for name, settings in SETTINGS.items():
             field = cells.prepare(medium, settings)
             for sun in sorted(set(reference["sun_elevation_deg"]), reverse=True):
@@ -48,13 +48,20 @@ def main() -> None:
                     np.median(size), np.percentile(size, 95), size.max(), 100 * error.mean(), 100 * own))]  # fmt: skip
                 rows.append(row)
                 print(*row, sep="\t", flush=True)
-    with open(HERE / "cells_error.csv", "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            ["air", "setting", "sun_elevation_deg", "median_percent", "p95_percent", "max_percent", "mean_percent",
-             "reference_error_percent"]
-        )  # fmt: skip
-        writer.writerows(rows)
+    results.write(
+        HERE / "cells_error.csv",
+        [
+            "air",
+            "setting",
+            "sun_elevation_deg",
+            "median_percent",
+            "p95_percent",
+            "max_percent",
+            "mean_percent",
+            "reference_error_percent",
+        ],
+        rows,
+    )
 
 
 if __name__ == "__main__":

@@ -11,12 +11,12 @@ that of the model unless another is given.
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import results
 
 from twilight import colour, compact
 from twilight.compact import CompactSky
@@ -57,17 +57,13 @@ def table(model: CompactSky, path: Path) -> None:
     plain = seconds_per_value(model)
     compact._sums = with_numba
     lines = [
-        f"# {facts['climate']}, zones {facts['quality']}, {facts['cpu_minutes']:.1f} CPU minutes, "
+        f"{facts['climate']}, zones {facts['quality']}, {facts['cpu_minutes']:.1f} CPU minutes, "
         f"{path.stat().st_size / 1e6:.2f} MB",
-        f"# per direction and wavelength {1e9 * compiled[0]:.0f} ns (numba), {1e9 * plain[0]:.0f} ns (numpy); "
+        f"per direction and wavelength {1e9 * compiled[0]:.0f} ns (numba), {1e9 * plain[0]:.0f} ns (numpy); "
         f"per sun {1e3 * compiled[1]:.1f} ms",
     ]
     head = ["sun_from_deg", "sun_to_deg", "directions", "values", "median_percent", "p95_percent", "largest_percent"]
-    with open(HERE / "compact.csv", "w", newline="") as file:
-        file.writelines(line + "\n" for line in lines)
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(head)
-        writer.writerows(rows)
+    results.write(HERE / "compact.csv", head, rows, notes=lines)
     print((HERE / "compact.csv").read_text(), end="")
 
 

@@ -6,22 +6,21 @@
 
 For each climate:
 
-    twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones --set solver.bent_paths=false \
+    twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones \
         --reference benchmarks/reference/CLIMATE.csv
 
-with the solvers in SOLVERS; paths between two scattering events are straight, as the referee's are.  Finished rows are
-kept in out/benchmark-CLIMATE.
+with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE.
 """
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import results
+
 from twilight.compare.figure import draw, read_points
-from twilight.io.whole import whole_file
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "compare"
@@ -40,15 +39,14 @@ def run(climate: str) -> None:
     folder = ROOT / "out" / f"benchmark-{climate}"
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
-        *("--set", f"climate={climate}", "--set", "solver.name=zones", "--set", "solver.bent_paths=false"),
+        *("--set", f"climate={climate}", "--set", "solver.name=zones"),
         *("--reference", f"benchmarks/reference/{climate}.csv"),
         *("--solvers", SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]
     subprocess.run(command, cwd=ROOT, check=True)
     TABLES.mkdir(exist_ok=True)
     for name, target in (("compare.csv", f"{climate}.csv"), ("wavelengths.csv", f"{climate}-wavelengths.csv")):
-        with whole_file(TABLES / target) as temporary:
-            shutil.copyfile(folder / name, temporary)
+        results.stamp(folder / name, TABLES / target, f"python benchmarks/compare.py {climate}")
 
 
 def picture() -> None:

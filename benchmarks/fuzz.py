@@ -7,7 +7,6 @@ is a fault.  Writes benchmarks/fuzz.csv: kind, inputs, accepted, refused, faults
 
 from __future__ import annotations
 
-import csv
 import random
 import sys
 import tempfile
@@ -16,11 +15,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
+import results  # noqa: E402
 import test_fuzz_configurations  # noqa: E402
 import test_fuzz_files  # noqa: E402
 from fuzzing import Fault, attempt, mutated_document, seeds  # noqa: E402
-
-from twilight.io import whole_file  # noqa: E402
 
 AT_ONCE = 500
 """Files that one process reads: what it accumulates, and what a crash costs, stays small."""
@@ -66,10 +64,7 @@ def main() -> None:
         print(f"{kind}: {count} inputs, {accepted} accepted, {len(faults)} faults", flush=True)
         for fault in faults[:10]:
             print(f"  {fault[:1500]}")
-    with whole_file(Path(__file__).with_suffix(".csv")) as temporary, open(temporary, "w", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["kind", "inputs", "accepted", "refused", "faults", "seed"])
-        writer.writerows(rows)
+    results.write(Path(__file__).with_suffix(".csv"), ["kind", "inputs", "accepted", "refused", "faults", "seed"], rows)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ Writes two tables: errors per model and sun, and costs per model; prints the rat
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import subprocess
@@ -24,6 +23,7 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+import results  # noqa: E402
 from peers.case import REFERENCE, Referee, compare  # noqa: E402
 
 MODELS = ("sasktran2:draft", "sasktran2:standard", "zones:draft", "zones:standard", "zones:reference")
@@ -76,16 +76,6 @@ def error_rows(model: str, referee: Referee, radiance: np.ndarray) -> list[list]
     return rows
 
 
-def write(path: Path, columns: tuple[str, ...], rows: list[list]) -> None:
-    """The table, whole or not at all."""
-    part = path.with_suffix(".part")
-    with open(part, "w", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
-    os.replace(part, path)
-
-
 def ratios(costs: list[list]) -> None:
     """What each sasktran2 setting costs in units of each other model at the same task and threads."""
     named = {(row[0], row[1], row[2]): [float(x) for x in row[3:6]] for row in costs}
@@ -125,7 +115,7 @@ def main() -> None:
                     for row in rows:
                         print(*row, sep="\t", flush=True)
                     errors.extend(rows)
-                    write(arguments.output, ERROR_COLUMNS, errors)
+                    results.write(arguments.output, ERROR_COLUMNS, errors)
             for task in [t for t in arguments.tasks if t != "error"]:
                 for threads in arguments.threads:
                     done = run_job(folder, {"model": model, "task": task, "threads": threads})
@@ -133,7 +123,7 @@ def main() -> None:
                         measured = [f"{done[0][key]:.4g}" for key in COST_COLUMNS[3:]]
                         costs.append([model, task, str(threads), *measured])
                         print(*costs[-1], sep="\t", flush=True)
-                        write(arguments.output.with_stem(arguments.output.stem + "_cost"), COST_COLUMNS, costs)
+                        results.write(arguments.output.with_stem(arguments.output.stem + "_cost"), COST_COLUMNS, costs)
     ratios(costs)
 
 

@@ -8,12 +8,12 @@ light, and the horizon after sunset.  One argument: the quality of zones, draft 
 
 from __future__ import annotations
 
-import csv
 import sys
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight import colour
 from twilight.config import load
@@ -212,20 +212,11 @@ def main() -> None:
                 [*row[:3], f"{row[3]:g}", *row[4:7], row[7] if isinstance(row[7], str) else "yes" if row[7] else "no"]
             )
             print(*rows[-1][:6], rows[-1][7], sep="\t", flush=True)
-    with open(HERE / "phenomena.csv", "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        columns = [
-            "phenomenon",
-            "climate",
-            "variant",
-            "sun_elevation_deg",
-            "measure",
-            "value",
-            "literature",
-            "seen",
-        ]
-        writer.writerow(columns)
-        writer.writerows(rows)
+    results.write(
+        HERE / "phenomena.csv",
+        ["phenomenon", "climate", "variant", "sun_elevation_deg", "measure", "value", "literature", "seen"],
+        rows,
+    )
     draw()
 
 

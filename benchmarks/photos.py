@@ -11,15 +11,15 @@ kiara the sun's elevation too.  One library of 13 fields serves all three, for a
 from __future__ import annotations
 
 import argparse
-import csv
 from dataclasses import replace
 from pathlib import Path
+
+import results
 
 from twilight.camera import read_camera
 from twilight.colour import sky_to_xyz
 from twilight.config import load
-from twilight.io.whole import whole_file
-from twilight.run import run
+from twilight.engine import run
 from twilight.validate.estimate import estimate, sentences
 from twilight.validate.figure import write_figure
 from twilight.validate.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
@@ -68,14 +68,15 @@ def main() -> None:
         base.sun.elevations_deg,  # type: ignore[union-attr]
         CELL_DEG,
         file=given.library / f"photos_{TYPE}.npz",
-        progress=lambda share, doing: print(doing, flush=True),
+        progress=lambda doing, share: print(doing, flush=True),
     )
     for name in PHOTOS if given.only is None else (given.only,):
         rows = one(name, given.photos, base, library, given.output)
-        with whole_file(given.output / f"{name}.csv") as temporary, open(temporary, "w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["photograph", "quantity", "value", "standard_error", "low", "high", "told"])
-            writer.writerows(rows)
+        results.write(
+            given.output / f"{name}.csv",
+            ["photograph", "quantity", "value", "standard_error", "low", "high", "told"],
+            rows,
+        )
 
 
 def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
@@ -97,7 +98,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         [part],
         white_balance=True,
         refine=lambda _, values: sky_to_xyz(run(scene(values, CELL_DEG)), observer=OBSERVER),
-        progress=lambda share, doing: print(doing, flush=True),
+        progress=lambda doing, share: print(doing, flush=True),
     )
     best = found[0]
     rows = [

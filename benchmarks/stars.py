@@ -9,13 +9,13 @@ Writes benchmarks/stars.csv, and for a photograph benchmarks/stars_photograph.cs
 
 from __future__ import annotations
 
-import csv
 import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import results
 from PIL import Image
 
 from twilight.camera import Camera
@@ -99,7 +99,7 @@ def main() -> None:
                 )
             )
             print(*rows[-1], sep="\t", flush=True)
-    _write("stars.csv", HEADER, rows)
+    results.write(HERE / "stars.csv", HEADER, rows)
     if len(sys.argv) > 1:
         photograph(Path(sys.argv[1]))
 
@@ -123,19 +123,12 @@ def photograph(path: Path) -> None:
         facts["other_dates_2000_to_2036"] = dating.others
     for key, value in facts.items():
         print(key, value, sep="\t")
-    _write("stars_photograph.csv", ("figure", "value"), list(facts.items()))
+    results.write(HERE / "stars_photograph.csv", ("figure", "value"), list(facts.items()))
     drawn = HERE / "stars_photograph.png"
     draw(light, made, drawn)
     with Image.open(drawn) as whole:
         sky = whole.crop((0, 0, whole.width, round(0.53 * whole.height))).quantize(256, Image.Quantize.MAXCOVERAGE)
     sky.save(drawn, optimize=True)
-
-
-def _write(name: str, header: tuple[str, ...], rows: list) -> None:
-    with open(HERE / name, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@
 
 Three runs of the same sweep, each on machine code that is there: one worker with one thread, one worker with two
 threads, two workers with one thread each.  Processor time hardly depends on what else the machine does; `busy` is the
-share of the workers' wall time that went into tasks, and the rest is Dask and the dataset.  Prints a CSV table
-(committed as benchmarks/sweep.csv).
+share of the workers' wall time that went into tasks, and the rest is Dask and the dataset.
+
+Writes benchmarks/sweep.csv.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight.batch.cluster import Place, connect
 from twilight.batch.run import run_sweep
@@ -27,7 +29,7 @@ HOURS_PER_S = 1.0 / 3600.0
 
 
 def main() -> None:
-    """Print the table."""
+    """Measure and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", nargs="?", default="sweep-haze")
     parser.add_argument("--set", dest="settings", nargs="*", default=[], metavar="KEY=VALUE")
@@ -36,17 +38,21 @@ def main() -> None:
     warm = Sweep(load_axes(options.config, settings | {"vary": {"sun.elevation_deg": [5.0, -4.0]}}))
     measured(warm, 1, 1)
     sweep = Sweep(load_axes(options.config, settings))
-    print(f"# {options.config} {settings}: {sweep.scenes} skies of {sweep.fields} fields, {len(sweep.tasks)} tasks")
-    print("workers,threads,wall_s,cpu_s,cpu_ms_per_sky,busy,bytes_per_sky,compressed_share")
-    per_sky = []
+    notes = [f"{options.config} {settings}: {sweep.scenes} skies of {sweep.fields} fields, {len(sweep.tasks)} tasks"]
+    print(notes[0])
+    per_sky, rows = [], []
     for workers, threads in PLACES:
         wall, cpu, inside, size = measured(sweep, workers, threads)
         per_sky.append(cpu / sweep.scenes)
         busy = inside / (workers * wall)
         row = (wall, cpu, 1e3 * cpu / sweep.scenes, busy, size / sweep.scenes, size / sweep.bytes)
-        print(f"{workers},{threads}," + ",".join(f"{x:.4g}" for x in row), flush=True)
+        rows.append([workers, threads, *(f"{x:.4g}" for x in row)])
+        print(*rows[-1], sep="\t", flush=True)
     cost = float(np.median(per_sky))
-    print(f"# 1,000 skies: {1e3 * cost:.0f} s of processor time; 1,000,000: {1e6 * cost * HOURS_PER_S:.0f} h")
+    notes.append(f"1,000 skies: {1e3 * cost:.0f} s of processor time; 1,000,000: {1e6 * cost * HOURS_PER_S:.0f} h")
+    print(notes[1])
+    columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share".split()
+    results.write(Path(__file__).with_suffix(".csv"), columns, rows, notes=notes)
 
 
 def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, float, int]:

@@ -10,17 +10,17 @@ all directions, white at 1/0.18 of each sky's mean luminance.  What is beyond th
 
 from __future__ import annotations
 
-import csv
 import sys
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import results
 
-from twilight.air import climate_medium
 from twilight.colour import MIDDLE_GREY, spectrum_to_xyz
 from twilight.config.load import load_climate
 from twilight.config.scene import PLACED_NM
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
 CLIMATES = ("continental-average", "pure-air", "desert", "maritime-clean")
@@ -99,14 +99,12 @@ def main() -> None:
     sets["8 placed, the default"] = np.array(PLACED_NM)
     header = ["wavelengths", "luminance_mean_percent", "luminance_max_percent"]
     header += ["ciede2000_median", "ciede2000_p95", "ciede2000_max", "nm"]
-    with open(Path(__file__).with_suffix(".csv"), "w", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        for name, wavelength_nm in sets.items():
-            chosen = nearest(wavelength_nm)
-            row = [name, *(f"{x:.2f}" for x in figures(chosen)), " ".join(f"{w:g}" for w in FINE_NM[chosen])]
-            print(*row, sep="\t")
-            writer.writerow(row)
+    rows = []
+    for name, wavelength_nm in sets.items():
+        chosen = nearest(wavelength_nm)
+        rows.append([name, *(f"{x:.2f}" for x in figures(chosen)), " ".join(f"{w:g}" for w in FINE_NM[chosen])])
+        print(*rows[-1], sep="\t")
+    results.write(Path(__file__).with_suffix(".csv"), header, rows)
 
 
 if __name__ == "__main__":

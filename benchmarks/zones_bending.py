@@ -7,14 +7,14 @@ refracted in all.
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import results
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
 HERE = Path(__file__).parent
@@ -41,10 +41,11 @@ def main() -> None:
                 numbers = (np.median(values), *np.percentile(values, [5, 95]))
                 rows.append([climate, name, f"{sun:g}", *(f"{x:.2f}" for x in numbers)])
                 print(*rows[-1], sep="\t", flush=True)
-    with open(HERE / "zones_bending.csv", "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["climate", "bent", "sun_elevation_deg", "median_percent", "p5_percent", "p95_percent"])
-        writer.writerows(rows)
+    results.write(
+        HERE / "zones_bending.csv",
+        ["climate", "bent", "sun_elevation_deg", "median_percent", "p5_percent", "p95_percent"],
+        rows,
+    )
 
 
 if __name__ == "__main__":

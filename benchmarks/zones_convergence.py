@@ -7,11 +7,11 @@ of the hazy air of benchmarks/reference, in per cent.
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.solvers import zones
@@ -47,10 +47,9 @@ def main() -> None:
             error = 100.0 * np.percentile(np.abs(skies[value] / finest - 1.0), 95, axis=(1, 2))
             rows.append([setting, f"{value:g}", *(f"{x:.3f}" for x in error)])
             print(*rows[-1], sep="\t", flush=True)
-    with open(HERE / "zones_convergence.csv", "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["setting", "value", *(f"p95_percent_at_{sun:g}" for sun in SUNS_DEG)])
-        writer.writerows(rows)
+    results.write(
+        HERE / "zones_convergence.csv", ["setting", "value", *(f"p95_percent_at_{sun:g}" for sun in SUNS_DEG)], rows
+    )
 
 
 if __name__ == "__main__":

@@ -4,25 +4,25 @@
     python benchmarks/zones_error.py standard             one quality
     python benchmarks/zones_error.py standard urban       and one climate
 
-Appends to benchmarks/zones_error.csv: relative errors of the radiance over all directions and wavelengths of
-benchmarks/reference/CLIMATE.csv.  The referee's own standard error is subtracted in the mean square:
-`excess_percent` is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8 wavelengths
-from 380 to 720 nm and all suns, with bent paths, compilation apart; memory is the peak of the process.
+Writes benchmarks/zones_error.csv when all is asked for, and prints otherwise: relative errors of the radiance over all
+directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as that of `standard` and
+`reference` is; `draft` is scalar.  The referee's own standard error is subtracted in the mean square: `excess_percent`
+is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8 wavelengths from 380 to
+720 nm and all suns, compilation apart; memory is the peak of the process.
 """
 
 from __future__ import annotations
 
-import csv
 import resource
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import results
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
 HERE = Path(__file__).parent
@@ -69,27 +69,23 @@ def set_up(climate: str, quality: str) -> tuple[float, float]:
 
 def main(qualities: list[str], climates: list[str]) -> None:
     path = HERE / "zones_error.csv"
+    rows = []
     for quality in qualities:
         for climate in climates:
             file = HERE / "reference" / f"{CLIMATES[climate]}.csv"
             if not file.exists():
-                print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py climate {climate} makes it)")
+                print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
                 continue
-            table = np.genfromtxt(file, delimiter=",", names=True)
+            table = results.read_numbers(file)
             wavelength_nm = np.unique(table["wavelength_nm"])
-            # the referee bends the sunbeam and lines of sight, not the paths between two scattering events
-            settings = replace(zones.QUALITIES[quality], bent_paths=False)
-            field = zones.prepare(climate_medium(load_climate(climate), wavelength_nm), settings)
+            field = zones.prepare(climate_medium(load_climate(climate), wavelength_nm), zones.QUALITIES[quality])
             seconds, memory = set_up(climate, quality)
             for row in errors(field, table):
                 numbers = [f"{row[0]:g}", *(f"{x:.2f}" for x in row[1:]), f"{seconds:.1f}", f"{memory:.0f}"]
                 print(climate, quality, *numbers, sep="\t", flush=True)
-                new = not path.exists()
-                with open(path, "a", newline="") as stream:
-                    writer = csv.writer(stream, lineterminator="\n")
-                    if new:
-                        writer.writerow(HEADER.split(","))
-                    writer.writerow([climate, quality, *numbers])
+                rows.append([climate, quality, *numbers])
+    if set(qualities) == set(zones.QUALITIES) and set(climates) == set(CLIMATES):
+        results.write(path, HEADER.split(","), rows)
 
 
 if __name__ == "__main__":

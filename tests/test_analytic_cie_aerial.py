@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from airs import as_sky, turbid
 from scipy.integrate import quad
-from test_analytic_preetham import air, as_sky
 
 from twilight.errors import TwilightError
 from twilight.solvers.analytic import aerial, cie, preetham
@@ -19,7 +19,7 @@ from twilight.solvers.analytic.perez import angles
 
 def test_type_12_is_the_clear_sky_that_the_paper_quotes():
     """Preetham 1999 eq. 1, Kittler's clear sky."""
-    field = cie.prepare(air(), CieSettings(sky_type=12))
+    field = cie.prepare(turbid(), CieSettings(sky_type=12))
     e, a = np.meshgrid(np.linspace(0.5, 90.0, 20), np.linspace(0.0, 180.0, 19), indexing="ij")
     cosine, gamma = angles(40.0, e, a)
     sun_zenith = np.radians(50.0)
@@ -33,21 +33,21 @@ def test_type_12_is_the_clear_sky_that_the_paper_quotes():
 
 def test_overcast_skies():
     e = np.linspace(0.0, 90.0, 10)
-    uniform = cie.prepare(air(), CieSettings(sky_type=5)).relative_luminance(30.0, e, 0.0)
+    uniform = cie.prepare(turbid(), CieSettings(sky_type=5)).relative_luminance(30.0, e, 0.0)
     np.testing.assert_allclose(uniform, 1.0)
-    traditional = cie.prepare(air(), CieSettings(sky_type=16))
+    traditional = cie.prepare(turbid(), CieSettings(sky_type=16))
     np.testing.assert_allclose(traditional.relative_luminance(30.0, e, 77.0), (1 + 2 * np.sin(np.radians(e))) / 3)
     # Moon and Spencer's sky lights a plane with 7 pi / 9 times its zenith
     expected = 9.0 / (7.0 * np.pi) * (300.0 + 21000.0 * 0.5)
     assert traditional.zenith_luminance(30.0) == pytest.approx(expected, rel=1e-6)
     assert as_sky(traditional, 30.0).illuminance_lux() == pytest.approx(10800.0, rel=0.02)
-    steep = cie.prepare(air(), CieSettings(sky_type=1)).relative_luminance(30.0, np.array([0.0, 90.0]), 0.0)
+    steep = cie.prepare(turbid(), CieSettings(sky_type=1)).relative_luminance(30.0, np.array([0.0, 90.0]), 0.0)
     assert steep[0] / steep[1] == pytest.approx(1.0 / 3.0, rel=0.01)
 
 
 @pytest.mark.parametrize("sky_type", range(1, 17))
 def test_every_type_is_finite_and_positive(sky_type):
-    field = cie.prepare(air(), CieSettings(sky_type=sky_type))
+    field = cie.prepare(turbid(), CieSettings(sky_type=sky_type))
     for sun in (0.0, 10.0, 60.0, 90.0):
         radiance = field.radiance(sun, np.array([-90.0, -1.0, 0.0, 1e-9, sun, 90.0])[:, None], np.array([0.0, 180.0]))
         assert np.isfinite(radiance).all() and (radiance > 0).all()
@@ -55,34 +55,36 @@ def test_every_type_is_finite_and_positive(sky_type):
 
 
 def test_zenith_luminance_and_colour_can_be_set():
-    field = cie.prepare(air(), CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0, colour_temperature_k=6504.0))
+    field = cie.prepare(
+        turbid(), CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0, colour_temperature_k=6504.0)
+    )
     sky = as_sky(field, 50.0)
     zenith = sky.resample([85.0, 90.0], [0.0, 180.0]).luminance()[1, 0]
     assert zenith == pytest.approx(1234.0, rel=0.05)
     assert field.zenith_luminance(50.0) == 1234.0
-    clear = cie.prepare(air(3.0))
-    expected = preetham.prepare(air(3.0)).coefficients.zenith_luminance_cd_per_m2(40.0, 3.0)
+    clear = cie.prepare(turbid(3.0))
+    expected = preetham.prepare(turbid(3.0)).coefficients.zenith_luminance_cd_per_m2(40.0, 3.0)
     assert clear.zenith_luminance(50.0) == pytest.approx(expected, rel=2e-3)
 
 
 def test_flat_spectrum_is_constant_in_wavelength():
-    sky = as_sky(cie.prepare(air(), CieSettings(sky_type=16, spectrum="flat")), 50.0)
+    sky = as_sky(cie.prepare(turbid(), CieSettings(sky_type=16, spectrum="flat")), 50.0)
     radiance = sky.radiance[3, 4]
     assert radiance / radiance.mean() == pytest.approx(1.0, abs=0.01)
     assert sky.luminance()[3, 4] == pytest.approx(
-        cie.prepare(air(), CieSettings(sky_type=16)).luminance(50.0, sky.elevation_deg[3], 40.0), rel=0.01
+        cie.prepare(turbid(), CieSettings(sky_type=16)).luminance(50.0, sky.elevation_deg[3], 40.0), rel=0.01
     )
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: cie.prepare(air()).radiance(-2.0, 10.0, 0.0), "cie solver .* sun.elevation_deg is -2"),
+        (lambda: cie.prepare(turbid()).radiance(-2.0, 10.0, 0.0), "cie solver .* sun.elevation_deg is -2"),
         (lambda: CieSettings(sky_type=17), "solver.sky_type is 17; allowed is 1 to 16"),
         (lambda: CieSettings(sky_type=1, turbidity=3.0), "solver.turbidity does nothing for sky_type 1"),
         (lambda: CieSettings(spectrum="flat", colour_temperature_k=6500.0), "colour_temperature_k does nothing"),
         (lambda: CieSettings(colour_temperature_k=3000.0), "allowed is 4000 to 25000"),
-        (lambda: cie.prepare(air(), observer_altitude_km=9.0), "observer.altitude_km is 9"),
+        (lambda: cie.prepare(turbid(), observer_altitude_km=9.0), "observer.altitude_km is 9"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(make, words):
@@ -166,7 +168,7 @@ def test_a_uniform_sky_over_level_ground_fills_half_of_what_the_air_takes():
 
 
 def test_perspective_of_the_solver():
-    field = preetham.prepare(air(3.0))
+    field = preetham.prepare(turbid(3.0))
     distance = np.array([0.0, 0.001, 1.0, 10.0, 50.0])
     transmittance, light = field.aerial_perspective(20.0, 0.0, 90.0, distance)
     assert transmittance.shape == light.shape == (5, field.medium.n_wavelengths)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from test_analytic_preetham import as_sky
+from airs import as_sky
 from typer.testing import CliRunner
 
 from twilight.cli import fit as command

@@ -6,12 +6,10 @@ import warnings
 import numpy as np
 import pytest
 import yaml
+from airs import as_sky, turbid
 
 from twilight import spectrum
-from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
-from twilight.phase import PhaseFunction
-from twilight.sky import Sky, texture_grid
 from twilight.solvers.analytic import preetham, sunlight
 from twilight.solvers.analytic.coefficients import load_coefficients, parse_coefficients, shipped_sets
 from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y
@@ -20,42 +18,6 @@ from twilight.solvers.analytic.preetham import PreethamSettings
 from twilight.solvers.analytic.sun_position import solar_time_h, sun_angles
 from twilight.solvers.analytic.turbidity import turbidity_of
 from twilight.sun.ephemeris import sun_position
-
-WAVELENGTH_NM = np.linspace(380.0, 720.0, 18)
-
-
-def air(turbidity=3.0, wavelength_nm=WAVELENGTH_NM, albedo=0.2) -> Medium:
-    """Exponential air and aerosol of that turbidity at 550 nm."""
-    z = np.linspace(0.0, 60.0, 61)
-    relative = np.asarray(wavelength_nm, float) / 550.0
-    scattering = 0.0125 * np.exp(-z / 8.0)[:, None] * relative**-4.08
-    aerosol = 0.0125 * 8.0 / 1.2 * (turbidity - 1.0) * np.exp(-z / 1.2)[:, None] * relative**-1.3
-    # the rule between levels is exponential, so the columns are exact up to the top
-    aerosol *= (1 - np.exp(-60 / 8.0)) / (1 - np.exp(-60 / 1.2))
-    one = np.ones_like(scattering)
-    n = relative.size
-    return Medium(
-        wavelength_nm=np.asarray(wavelength_nm, float),
-        altitude_km=z,
-        air_scattering_per_km=scattering,
-        absorption_per_km=0.0 * one,
-        aerosol_extinction_per_km=aerosol,
-        aerosol_single_scattering_albedo=one,
-        aerosol_share=one[None],
-        phase_functions=(PhaseFunction.henyey_greenstein(np.full(n, 0.7)),),
-        refractivity=0.0 * one,
-        depolarisation=np.zeros(n),
-        ground_albedo=np.full(n, albedo),
-        overhead_absorption_optical_depth=np.zeros(n),
-        name="test-air",
-    )
-
-
-def as_sky(field, sun: float, step_deg: float = 10.0) -> Sky:
-    elevation, azimuth = texture_grid(step_deg)
-    radiance = field.radiance(sun, elevation[:, None], azimuth)
-    return Sky(field.medium.wavelength_nm, elevation, azimuth, radiance, sun_elevation_deg=sun)
-
 
 # --- sun ---
 
@@ -187,17 +149,17 @@ def test_one_wrong_sign_is_noticed():
 
 
 def test_turbidity_of_a_medium():
-    assert turbidity_of(air(3.0)) == pytest.approx(3.0, rel=1e-3)
-    assert turbidity_of(air(1.0)) == 1.0
-    assert turbidity_of(air(3.0, np.array([450.0]))) == pytest.approx(3.0, rel=1e-3)
-    assert turbidity_of(air(3.0, np.array([600.0, 700.0]))) == pytest.approx(3.0, rel=1e-3)
+    assert turbidity_of(turbid(3.0)) == pytest.approx(3.0, rel=1e-3)
+    assert turbidity_of(turbid(1.0)) == 1.0
+    assert turbidity_of(turbid(3.0, np.array([450.0]))) == pytest.approx(3.0, rel=1e-3)
+    assert turbidity_of(turbid(3.0, np.array([600.0, 700.0]))) == pytest.approx(3.0, rel=1e-3)
 
 
 # --- the solver ---
 
 
 def test_the_solver_gives_the_luminance_and_chromaticity_of_the_formula():
-    field = preetham.prepare(air(3.0))
+    field = preetham.prepare(turbid(3.0))
     sky = as_sky(field, 35.0)
     luminance, x, y = field.coefficients.sky(field.turbidity, 35.0, sky.elevation_deg[:, None], sky.azimuth_deg)
     assert sky.luminance() / luminance == pytest.approx(1.0, abs=0.02)
@@ -209,8 +171,8 @@ def test_the_solver_gives_the_luminance_and_chromaticity_of_the_formula():
 
 
 def test_bins_make_the_same_sky_at_any_sampling():
-    coarse = as_sky(preetham.prepare(air(3.0, np.linspace(380.0, 720.0, 8))), 35.0).luminance()
-    fine = as_sky(preetham.prepare(air(3.0, np.arange(380.0, 741.0, 2.0))), 35.0).luminance()
+    coarse = as_sky(preetham.prepare(turbid(3.0, np.linspace(380.0, 720.0, 8))), 35.0).luminance()
+    fine = as_sky(preetham.prepare(turbid(3.0, np.arange(380.0, 741.0, 2.0))), 35.0).luminance()
     assert coarse / fine == pytest.approx(1.0, abs=0.02)
 
 
@@ -218,7 +180,7 @@ def test_bins_make_the_same_sky_at_any_sampling():
 @pytest.mark.parametrize("turbidity", [2.0, 6.0])
 def test_every_direction_is_finite_and_not_negative(sun, turbidity):
     settings = PreethamSettings(turbidity=turbidity)
-    field = preetham.prepare(air(3.0, np.arange(300.0, 831.0, 10.0)), settings)
+    field = preetham.prepare(turbid(3.0, np.arange(300.0, 831.0, 10.0)), settings)
     elevation = np.array([-90.0, -10.0, -1e-9, 0.0, 1e-9, 0.01, sun, min(sun + 1e-7, 90.0), 90.0])[:, None]
     radiance = field.radiance(sun, elevation, np.array([0.0, 1e-8, 90.0, 180.0, 360.0]))
     assert radiance.shape == (9, 5, 54)
@@ -228,50 +190,68 @@ def test_every_direction_is_finite_and_not_negative(sun, turbidity):
 
 
 def test_below_the_horizon_is_the_ground_under_this_sky():
-    field = preetham.prepare(air(3.0, albedo=0.5))
+    field = preetham.prepare(turbid(3.0, albedo=0.5))
     ground = field.radiance(35.0, -20.0, 10.0)
     sky = as_sky(field, 35.0)
     irradiance = sky.irradiance_factor() + field.sunlight(35.0) * np.sin(np.radians(35.0))
     assert ground == pytest.approx(0.5 / np.pi * irradiance, rel=0.01)
-    assert not preetham.prepare(air(3.0, albedo=0.0)).radiance(35.0, -20.0, 10.0).any()
+    assert not preetham.prepare(turbid(3.0, albedo=0.0)).radiance(35.0, -20.0, 10.0).any()
 
 
 def test_a_set_turbidity_takes_the_place_of_the_mediums():
-    set_up = preetham.prepare(air(3.0), PreethamSettings(turbidity=5.0))
+    set_up = preetham.prepare(turbid(3.0), PreethamSettings(turbidity=5.0))
     np.testing.assert_allclose(
-        set_up.radiance(20.0, 40.0, 50.0), preetham.prepare(air(5.0)).radiance(20.0, 40.0, 50.0), rtol=2e-3
+        set_up.radiance(20.0, 40.0, 50.0), preetham.prepare(turbid(5.0)).radiance(20.0, 40.0, 50.0), rtol=2e-3
     )
     assert set_up.turbidity == 5.0 and set_up.medium_turbidity is None
 
 
 def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
     with pytest.warns(UserWarning, match="turbidity of test-air is 1; the preetham solver takes 2"):
-        field = preetham.prepare(air(1.0))
+        field = preetham.prepare(turbid(1.0))
     assert (field.turbidity, field.medium_turbidity) == (2.0, 1.0)
     with pytest.warns(UserWarning, match="takes 6"):
-        preetham.prepare(air(9.0))
+        preetham.prepare(turbid(9.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        preetham.prepare(air(4.0))
+        preetham.prepare(turbid(4.0))
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: preetham.prepare(air()).radiance(-0.1, 10.0, 0.0), "sun.elevation_deg is -0.1, allowed is 0 to 90"),
-        (lambda: preetham.prepare(air()).radiance(float("nan"), 10.0, 0.0), "sun.elevation_deg is nan"),
-        (lambda: preetham.prepare(air(), observer_altitude_km=400.0), "observer.altitude_km is 400, allowed is 0 to 1"),
-        (lambda: preetham.prepare(air(), PreethamSettings(turbidity=1.5)), "solver.turbidity is 1.5; .* allows 2 to 6"),
         (
-            lambda: preetham.prepare(air(1.0), PreethamSettings(outside="refuse")),
+            lambda: preetham.prepare(turbid()).radiance(-0.1, 10.0, 0.0),
+            "sun.elevation_deg is -0.1, allowed is 0 to 90",
+        ),
+        (lambda: preetham.prepare(turbid()).radiance(float("nan"), 10.0, 0.0), "sun.elevation_deg is nan"),
+        (
+            lambda: preetham.prepare(turbid(), observer_altitude_km=400.0),
+            "observer.altitude_km is 400, allowed is 0 to 1",
+        ),
+        (
+            lambda: preetham.prepare(turbid(), PreethamSettings(turbidity=1.5)),
+            "solver.turbidity is 1.5; .* allows 2 to 6",
+        ),
+        (
+            lambda: preetham.prepare(turbid(1.0), PreethamSettings(outside="refuse")),
             "turbidity of test-air is 1; .* 2 to 6",
         ),
-        (lambda: preetham.prepare(air(3.0, np.array([500.0, 900.0]))), "300 to 830 nm: wavelengths holds 900 nm"),
+        (
+            lambda: preetham.prepare(turbid(3.0, np.array([500.0, 900.0]))),
+            "300 to 830 nm: wavelengths holds 900 nm",
+        ),
         (lambda: PreethamSettings(ozone_cm=-1.0), "solver.ozone_cm is -1; allowed is 0 to 10"),
         (lambda: PreethamSettings(outside="clip"), "solver.outside is 'clip'; allowed is nearest, refuse"),
-        (lambda: preetham.prepare(air(), PreethamSettings(coefficients="hosek")), "hosek; allowed are .*preetham1999"),
-        (lambda: preetham.prepare(air(), PreethamSettings(coefficients="no.yaml")), "no.yaml: there is no such file"),
-        (lambda: preetham.prepare(air()).aerial_perspective(20.0, -30.0, 0.0, 1.0), "ends below it"),
+        (
+            lambda: preetham.prepare(turbid(), PreethamSettings(coefficients="hosek")),
+            "hosek; allowed are .*preetham1999",
+        ),
+        (
+            lambda: preetham.prepare(turbid(), PreethamSettings(coefficients="no.yaml")),
+            "no.yaml: there is no such file",
+        ),
+        (lambda: preetham.prepare(turbid()).aerial_perspective(20.0, -30.0, 0.0, 1.0), "ends below it"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(make, words):
@@ -298,8 +278,10 @@ def as_document(**changes) -> dict:
 def test_a_file_of_coefficients_is_used(tmp_path):
     path = tmp_path / "set.yaml"
     path.write_text(yaml.safe_dump(as_document()), encoding="utf-8")
-    field = preetham.prepare(air(), PreethamSettings(coefficients=str(path)))
-    np.testing.assert_array_equal(field.radiance(20.0, 40.0, 50.0), preetham.prepare(air()).radiance(20.0, 40.0, 50.0))
+    field = preetham.prepare(turbid(), PreethamSettings(coefficients=str(path)))
+    np.testing.assert_array_equal(
+        field.radiance(20.0, 40.0, 50.0), preetham.prepare(turbid()).radiance(20.0, 40.0, 50.0)
+    )
     with pytest.raises(TwilightError, match="allowed is 10 to 90"):
         field.radiance(5.0, 40.0, 50.0)
 
@@ -307,7 +289,7 @@ def test_a_file_of_coefficients_is_used(tmp_path):
 @pytest.mark.parametrize("name", shipped_sets())
 def test_every_set_that_is_shipped_is_used(name):
     own = load_coefficients(name)
-    field = preetham.prepare(air(3.0), PreethamSettings(coefficients=name))
+    field = preetham.prepare(turbid(3.0), PreethamSettings(coefficients=name))
     lowest = 90.0 - own.sun_zenith_deg[1]
     radiance = np.concatenate([field.radiance(sun, np.linspace(0.0, 90.0, 10), 60.0) for sun in (lowest, 30.0, 90.0)])
     assert np.isfinite(radiance).all() and (radiance >= 0).all() and (radiance.sum(axis=1) > 0).all()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twilight.atmosphere import mie, opac, shipped_optics
+from twilight.atmosphere import mie, opac, ship_optics, shipped_optics
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.errors import TwilightError
 from twilight.phase import TABLE, PhaseFunction
@@ -69,7 +69,7 @@ def check_against_tables(populations, wavelengths, cache_dir):
 
 def test_against_opac_tables_shipped(tmp_path):
     """All twelve populations of the ten types at 550 nm."""
-    check_against_tables(shipped_optics.populations(), [550.0], tmp_path)
+    check_against_tables(ship_optics.populations(), [550.0], tmp_path)
 
 
 def test_against_opac_tables_computed(tmp_path):
@@ -109,7 +109,7 @@ PHASE_RMS = {"sscm": 0.05, "micm": 0.03, "ssam": 0.03}
 """Relative difference to OPAC's phase functions from 1 to 170 deg: large spheres ripple, both sides sample radii."""
 
 
-@pytest.mark.parametrize("component, humidity", shipped_optics.populations())
+@pytest.mark.parametrize("component, humidity", ship_optics.populations())
 def test_phase_function_against_opac(component, humidity, tmp_path):
     angle_deg, error = phase_error(component, humidity, tmp_path)
     assert np.abs(error[angle_deg < 1]).max() < 0.012
@@ -128,7 +128,7 @@ def test_phase_function_against_opac_all(component, tmp_path):
 
 
 def test_phase_table_is_normalised_and_keeps_the_asymmetry(tmp_path):
-    for component, humidity in shipped_optics.populations():
+    for component, humidity in ship_optics.populations():
         got = optics(component, humidity, [550.0], tmp_path)
         moments = PhaseFunction(TABLE, got.asymmetry, got.log_phase).legendre_moments(1)[0]
         assert moments[0] == pytest.approx(1.0, abs=2e-6)
@@ -166,7 +166,7 @@ def test_population_of_one_size_is_one_sphere(tmp_path):
 def test_shipped_rows_are_what_the_code_computes():
     """A sample of the shipped file, computed anew; every population of the ten types is in it."""
     shipped = shipped_optics.load()
-    assert len(shipped.rows) == len(shipped_optics.populations()) * len(shipped_optics.WAVELENGTHS_NM)
+    assert len(shipped.rows) == len(ship_optics.particles()) * len(shipped_optics.WAVELENGTHS_NM)
     for component, humidity, wavelength in (
         ("waso", 80.0, 550.0),
         ("soot", 0.0, 380.0),
@@ -200,6 +200,7 @@ def test_cache_returns_the_same_numbers(tmp_path, small, monkeypatch):
     monkeypatch.setattr(mie, "compute_optics", not_again)
     second = mie.particle_optics(*small, [500.0], tmp_path)
     np.testing.assert_array_equal(first.log_phase, second.log_phase)
+    np.testing.assert_array_equal(first.ratios, second.ratios)
     np.testing.assert_array_equal(first.extinction_per_km, second.extinction_per_km)
 
 
@@ -219,7 +220,7 @@ def test_damaged_cache_entry_is_computed_again(tmp_path, small, damage):
     entry.write_bytes(bytes(raw))
     again = mie.particle_optics(*small, [500.0], tmp_path)
     np.testing.assert_array_equal(first.log_phase, again.log_phase)
-    assert len(entry.read_bytes()) == 32 + 8 * (3 + mie.N_ANGLES)
+    assert len(entry.read_bytes()) == 32 + 8 * mie.ROW
     assert not list(tmp_path.rglob("*.part"))
 
 

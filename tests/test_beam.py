@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_refraction import air
+from airs import pure_air
 
 from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
-from twilight.transport.rays import OUTSIDE, ray_profile, refractivity_at, sun_ray
+from twilight.transport.rays import OUTSIDE, outward, ray_profile, refractivity_at, sun_ray
 
 RADIUS = 6371.0
 LEVELS = np.linspace(0.0, 100.0, 51)
@@ -19,7 +19,7 @@ def hazy(refractivity=2.8e-4):
     levels = np.sort(np.append(LEVELS, 2.0))
     upper = int(np.flatnonzero(levels == 2.0)[1])
     aerosol = np.where(np.arange(levels.size) < upper, 0.08, 0.004) * np.exp(-levels / 8.0)
-    medium = air(levels, refractivity)
+    medium = pure_air(levels, refractivity)
     return replace(medium, aerosol_extinction_per_km=np.repeat(aerosol[:, None], 3, axis=1))
 
 
@@ -79,13 +79,13 @@ def test_table_against_traced_rays(refraction):
 
 
 def test_straight_beam_is_the_transmittance_with_no_bending():
-    beam = prepare_beam(air(LEVELS, refractivity=0.0))
+    beam = prepare_beam(pure_air(LEVELS, refractivity=0.0))
     # above the scale of the air the column is the vertical one times 1/cos
     out, bending = look_up(beam, 0.0, 0.0)
-    tau = air(LEVELS, refractivity=0.0).optical_depth()
+    tau = pure_air(LEVELS, refractivity=0.0).optical_depth()
     assert bending == 0.0
     assert out == pytest.approx(np.exp(-tau), rel=1e-6)
-    transparent = prepare_beam(air(LEVELS, refractivity=0.0, scattering=0.0))
+    transparent = prepare_beam(pure_air(LEVELS, refractivity=0.0, scattering=0.0))
     for z, chi in random_points(np.random.default_rng(1), 100, False):
         out, bending = look_up(transparent, z, math.degrees(chi))
         assert bending == 0.0
@@ -94,7 +94,7 @@ def test_straight_beam_is_the_transmittance_with_no_bending():
 
 def test_flux_through_spheres_inside_transparent_air():
     """The beam that enters a sphere of radius r inside the air carries F0 pi (n r)^2 (DESIGN fact 7)."""
-    medium = air(LEVELS, scattering=0.0)
+    medium = pure_air(LEVELS, scattering=0.0)
     beam, profile = prepare_beam(medium), ray_profile(medium)
     reference = 0  # most refracted: its table is the one that is entered directly
     node, weight = np.polynomial.legendre.leggauss(200)
@@ -111,7 +111,7 @@ def test_flux_through_spheres_inside_transparent_air():
 def test_spreading_restores_the_thin_zenith():
     """Zenith of thin air in single scattering, refracted over straight: 1.37 at -4 deg and 1.9 at -6 deg with the
     spreading of the beam, 2.26 and 4.1 without (DESIGN fact 7)."""
-    medium = air(LEVELS, refractivity=2.78e-4, scattering=1e-5, wavelengths=(550.0,))
+    medium = pure_air(LEVELS, refractivity=2.78e-4, scattering=1e-5, wavelengths=(550.0,))
     z = np.linspace(0.0, 100.0, 2001)
 
     def zenith(elevation, **settings):
@@ -127,7 +127,7 @@ def test_spreading_restores_the_thin_zenith():
 
 def test_bundle_of_rays_carries_the_energy():
     """Rays at equally spaced invariants, far before the Earth: dE between neighbours on the sphere at 20 km."""
-    medium = air(LEVELS, scattering=0.0, wavelengths=(550.0,))
+    medium = pure_air(LEVELS, scattering=0.0, wavelengths=(550.0,))
     beam, profile = prepare_beam(medium), ray_profile(medium)
     z = 20.0
     x = (RADIUS + z) * (1.0 + refractivity_at(profile, 0, z))
@@ -143,7 +143,7 @@ def test_bundle_of_rays_carries_the_energy():
 
 
 def test_edge_of_the_shadow():
-    medium = air(LEVELS)
+    medium = pure_air(LEVELS)
     beam, profile = prepare_beam(medium), ray_profile(medium)
     for z in (0.0, 0.5, 3.0, 20.0, 80.0):
         x = (RADIUS + z) * (1.0 + refractivity_at(profile, 0, z))
@@ -156,47 +156,69 @@ def test_edge_of_the_shadow():
         assert np.all(dark == 0.0)
 
 
+def test_no_altitude_in_the_light_is_dark():
+    """0.3 deg beyond the geometric edge the refracted sun is up at every altitude, whatever rounding does."""
+    for shift in (0.0, 1e-3, 0.017, 0.31):
+        levels = np.concatenate([LEVELS[:1], LEVELS[1:] + shift])
+        beam = prepare_beam(pure_air(levels), cosine_nodes=10, distance_nodes=8)
+        for z in np.linspace(0.0, 99.9, 3000):
+            chi = math.pi / 2 + math.acos(RADIUS / (RADIUS + z)) + math.radians(0.3)
+            assert beam_at_one(beam, z, math.cos(chi), 0)[0] > 0.0, (shift, z)
+
+
+def test_a_ray_from_within_rounding_of_a_level_is_that_from_the_level():
+    profile = ray_profile(hazy())
+    for level in (0.0, 2.0, 20.0):
+        at_level = outward(profile, 0, level, 0.0, 1e9)
+        for below in (1e-16, 1e-15, 1e-14, 1e-13, 5e-13, 2e-12):
+            near = outward(profile, 0, level - below, 0.0, 1e9)
+            assert near[4]
+            np.testing.assert_allclose(near[:3], at_level[:3], rtol=3e-6)
+
+
 def test_bending_is_positive_and_largest_for_low_suns():
-    beam = prepare_beam(air(LEVELS))
+    beam = prepare_beam(pure_air(LEVELS))
     bendings = [look_up(beam, 10.0, chi)[1] for chi in (0.0, 40.0, 80.0, 88.0, 90.0, 92.0, 94.0)]
     assert bendings[0] == pytest.approx(0.0, abs=1e-8)
     assert np.all(np.diff(bendings) > 0.0)
 
 
 def test_overhead_filter_dims_every_direction():
-    medium = replace(air(LEVELS), overhead_absorption_optical_depth=np.array([0.0, 0.1, 2.0]))
-    plain, filtered = prepare_beam(air(LEVELS)), prepare_beam(medium)
+    medium = replace(pure_air(LEVELS), overhead_absorption_optical_depth=np.array([0.0, 0.1, 2.0]))
+    plain, filtered = prepare_beam(pure_air(LEVELS)), prepare_beam(medium)
     for z, chi in ((0.0, 10.0), (20.0, 92.0), (500.0, 100.0)):
         a, b = look_up(plain, z, chi)[0], look_up(filtered, z, chi)[0]
         assert b == pytest.approx(a * np.exp(-np.array([0.0, 0.1, 2.0])), rel=1e-12)
 
 
 def _extreme_media():
-    yield air([0.0, 100.0])
-    yield air(np.linspace(0.0, 100.0, 500))
-    yield air([0.0, 100.0], refractivity=0.0, scattering=0.0)
-    yield air(np.linspace(0.0, 35.0, 36))
+    yield pure_air([0.0, 100.0])
+    yield pure_air(np.linspace(0.0, 100.0, 500))
+    yield pure_air([0.0, 100.0], refractivity=0.0, scattering=0.0)
+    yield pure_air(np.linspace(0.0, 35.0, 36))
     # 10 m of haze with an optical depth of 20
     levels = np.sort(np.concatenate([LEVELS, [0.5, 0.5, 0.51, 0.51]]))
     inside = np.zeros(levels.size)
     inside[np.flatnonzero((levels >= 0.5) & (levels <= 0.51))[1:3]] = 2000.0
-    base = air(levels)
+    base = pure_air(levels)
     yield replace(base, aerosol_extinction_per_km=np.repeat(inside[:, None], 3, axis=1))
     # ozone at 300 nm: more than 100 along the beam
-    base = air(LEVELS)
+    base = pure_air(LEVELS)
     ozone = 0.4 * np.exp(-(((LEVELS - 22.0) / 5.0) ** 2))
     yield replace(base, absorption_per_km=np.repeat(ozone[:, None], 3, axis=1))
     # ducts: elevated and on the ground
     levels = np.array([0.0, 0.5, 0.6, 2.0, 10.0, 50.0, 100.0])
     for values in ([2.8, 2.65, 2.25, 2.0, 0.8, 0.005, 0.0], [2.8, 2.0, 1.95, 1.8, 0.8, 0.005, 0.0]):
-        yield air(levels, lambda z, values=values: np.interp(z, levels, 1e-4 * np.array(values)))
+        yield pure_air(levels, lambda z, values=values: np.interp(z, levels, 1e-4 * np.array(values)))
     # layers of constant coefficients and index
     edges = -8.0 * np.log(1.0 - np.linspace(0.0, 1.0 - math.exp(-35.0 / 8.0), 51))
     levels = np.repeat(edges, 2)[1:-1]
     levels[0] = 0.0
     middle = np.exp(-np.repeat(0.5 * (edges[1:] + edges[:-1]), 2) / 8.0)[:, None]
     yield replace(
-        air(levels), air_scattering_per_km=0.0115 * middle * np.ones(3), refractivity=2.8e-4 * middle * np.ones(3)
+        pure_air(levels),
+        air_scattering_per_km=0.0115 * middle * np.ones(3),
+        refractivity=2.8e-4 * middle * np.ones(3),
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import re
+import warnings
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Union, get_args, get_origin
@@ -15,7 +17,7 @@ from twilight.config.document import parse_yaml
 from twilight.config.library import shipped
 from twilight.config.load import parse_setting
 from twilight.config.validate import Origins, validate
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 
 OPAC_TYPES = (
     "continental-clean continental-average continental-polluted urban desert "
@@ -84,6 +86,7 @@ def test_all_shipped_documents_load_and_are_named_like_their_files():
     for name in OPAC_TYPES:
         aerosol = load_climate(name).aerosol
         assert aerosol is not None and aerosol.type == name.replace("-", "_")
+        assert aerosol.stratosphere == "measured"
 
 
 @pytest.mark.parametrize(
@@ -327,3 +330,42 @@ def test_a_number_is_not_text_and_not_a_switch(tmp_path):
 def test_models_are_frozen():
     with pytest.raises(ValueError, match="frozen"):
         load("urban").climate.ground.albedo = 0.5
+
+
+@pytest.mark.parametrize(
+    "key, value, says",
+    (
+        ("aerosol.relative_humidity_percent", 0.8, "is 0.8 %, drier than any desert; 80 is 80 %"),
+        ("gases.ozone.column_du", 3, "is 3 DU, less than has ever been measured; 3 mm of ozone are 300 DU"),
+        ("observer.altitude_km", 2600, "is 2600 km, above the air; 2600 m are 2.6 km"),
+        ("aerosol.optical_depth_550nm", 12, "more than all but the densest smoke"),
+        ("refraction.co2_ppm", 0.042, "is 0.042 ppm; the air has 420"),
+    ),
+)
+def test_a_value_that_is_almost_surely_a_slip_is_said_and_taken(key, value, says):
+    with pytest.warns(TwilightWarning, match=re.escape(says)) as caught:
+        load_series("urban", {key: value})
+    assert len(caught) == 1 and key in str(caught[0].message)
+
+
+def test_what_ships_and_usual_values_hold_no_slip():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", TwilightWarning)
+        for kind in ("climates", "configs"):
+            for path in shipped(kind).values():
+                load_series(path)
+        load_series("urban", {"gases.ozone.column_du": 0, "aerosol.relative_humidity_percent": 0})
+        load_series("urban", {"observer.altitude_km": 12, "gases.ozone.column_du": 110})
+
+
+def test_the_command_line_says_a_slip_once(monkeypatch):
+    from typer.testing import CliRunner
+
+    from twilight.cli.app import app
+
+    words = ["render", "urban", "--set", "gases.ozone.column_du=3", "--plan", "--target-error", "0.01"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0
+    assert result.stderr.splitlines() == [
+        "twilight: gases.ozone.column_du is 3 DU, less than has ever been measured; 3 mm of ozone are 300 DU"
+    ]

@@ -7,31 +7,33 @@ import pytest
 from montecarlo_media import hazy_earth
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
-from twilight.solvers.montecarlo.leg import DEPTH, LENGTH, LOWER, MIDDLE, PLAIN, STEERED, UPPER
-from twilight.solvers.montecarlo.sight import (
-    DIRECTION,
-    GROUND,
-    LANDING,
-    N_SUMMARY,
-    SIGHT_COLUMNS,
-    SIGHT_PIECES,
-    THROUGH,
-    look,
+from twilight.solvers.montecarlo.leg import (
+    LENGTH,
+    PLAIN,
+    STEERED,
+    new_leg,
+    trace,
 )
+from twilight.solvers.montecarlo.lines import DIRECTION, ORIGIN
+from twilight.solvers.montecarlo.paths import observer_ray
+from twilight.solvers.montecarlo.sight import SIGHT_CHORDS, SIGHT_PIECES, look
 from twilight.transport.bent import trace_ray
 
 SETTINGS = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0)
 
 
-def follow(field, height, elevation_deg, bent):
-    """Pieces and summary of one line of sight at azimuth 0, the sun 10 deg up."""
-    pieces, summary = np.empty((SIGHT_PIECES, SIGHT_COLUMNS)), np.empty(N_SUMMARY)
-    e, sun = np.radians([elevation_deg, 10.0])
-    point = np.array([0.0, 0.0, field.air.earth_radius_km + height])
-    direction = np.array([np.cos(e), 0.0, np.sin(e)])
-    to_sun = np.array([np.cos(sun), 0.0, np.sin(sun)])
-    n = look(field.air, field.sun, field.steering, 0, bent, point, direction, to_sun, 10.0, 0.2, pieces, summary)
-    return pieces[:n], summary
+def follow(field, height, elevation_deg, bent, later=False):
+    """`Leg` and `Found` of one line of sight at azimuth 0, the sun 10 deg up; `later`: followed as a later leg is."""
+    leg = new_leg(1 + len(field.medium.phase_functions), SIGHT_PIECES, SIGHT_CHORDS)
+    ray, to_sun = np.empty(9), np.empty(3)
+    observer_ray(*np.radians([10.0, elevation_deg, 0.0]), height, field.air.earth_radius_km, ray, to_sun)
+    walk = field.settings.walk(True)
+    scene = (field.air, field.sun, field.steering, 0)
+    if later:
+        found = trace(*scene, ray, to_sun, walk.later._replace(bent=bent), np.ones(1, dtype=np.uint64), leg)
+    else:
+        found = look(*scene, walk.first._replace(bent=bent), ray, to_sun, leg)
+    return leg._replace(pieces=leg.pieces[: found.pieces], chords=leg.chords[: found.chord + 1]), found
 
 
 @pytest.fixture(scope="module")
@@ -39,23 +41,22 @@ def field():
     return prepare(hazy_earth(), SETTINGS)
 
 
+@pytest.mark.parametrize("later", [False, True])
 @pytest.mark.parametrize(
     ("height", "elevation"), [(0.0, 0.1), (0.0, 2.0), (0.0, 20.0), (10.0, -1.0), (10.0, -2.5), (20.0, -8.0)]
 )
-def test_bent_line_is_the_traced_ray(field, height, elevation):
-    pieces, summary = follow(field, height, elevation, True)
+def test_bent_line_is_the_traced_ray(field, height, elevation, later):
+    leg, found = follow(field, height, elevation, True, later)
+    pieces = leg.pieces
     ray = trace_ray(field.medium, height, 90.0 - elevation)
-    assert ray.hits_ground == (summary[GROUND] >= 0.0)
+    assert ray.hits_ground == (found.ground >= 0.0)
+    chord = leg.chords[found.chord]
+    heading = np.arctan2(chord[DIRECTION], chord[DIRECTION + 2])
+    depth = -np.log(found.transmittance)
     if ray.hits_ground:
-        depth = -np.log(summary[THROUGH])
-        x, z = summary[LANDING], summary[LANDING + 2]
+        x, z = chord[ORIGIN::2][:2] + found.ground * chord[DIRECTION : DIRECTION + 3 : 2]
         angle = np.degrees(np.arctan2(x, z))
-        heading = np.arctan2(summary[LANDING + 3], summary[LANDING + 5])
-        assert angle == pytest.approx(ray.geocentric_angle_deg[-1], abs=2e-4)
-    else:
-        last = pieces[-1]
-        depth = last[DEPTH] + last[LENGTH] * (last[LOWER] + 4 * last[MIDDLE] + last[UPPER]) / 6
-        heading = np.arctan2(last[DIRECTION], last[DIRECTION + 2])
+        assert angle == pytest.approx(ray.geocentric_angle_deg[-1], abs=1e-3 if later else 2e-4)
     # the medium's optical depth; on the ground (n_observer / n)^2 comes on top
     assert depth == pytest.approx(ray.optical_depth[-1], rel=2e-3, abs=6e-4)
     # direction in the observer's frame: local zenith angle plus the angle between the verticals; a chord has the mean
@@ -67,11 +68,12 @@ def test_bent_line_is_the_traced_ray(field, height, elevation):
 def test_without_refractivity_the_line_is_straight():
     field = prepare(hazy_earth(refractivity=0.0), SETTINGS)
     for elevation in (1.0, 30.0):
-        bent, summary = follow(field, 0.0, elevation, True)
+        bent, found = follow(field, 0.0, elevation, True)
         straight, other = follow(field, 0.0, elevation, False)
-        np.testing.assert_allclose(summary[:2], other[:2], rtol=2e-4)
+        assert found.sun_i == pytest.approx(other.sun_i, rel=2e-4)
+        assert found.sun_q == pytest.approx(other.sun_q, rel=2e-4)
         for column in (PLAIN, STEERED):
-            assert bent[-1, column] == pytest.approx(straight[-1, column], rel=2e-4)
+            assert bent.pieces[-1, column] == pytest.approx(straight.pieces[-1, column], rel=2e-4)
 
 
 def test_refracted_beam_and_bent_lines_off_is_air_without_refractivity():

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from montecarlo_media import assert_all_agree, hazy_earth
+from scipy.optimize import bisect
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.transport.beam import beam_at_one
@@ -12,8 +13,11 @@ from twilight.transport.beam import beam_at_one
 SINGLE = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0, bent_lines_of_sight=False)
 
 
-def line(medium, height, elevation_deg, n=6000):
-    """Points along a line of sight: nodes and weights [km], altitudes, and whether it ends on the ground."""
+def line(medium, height, elevation_deg, extra=()):
+    """Points along a line of sight: nodes and weights [km], altitudes, and whether it ends on the ground.
+
+    extra: distances [km] at which cells end besides.
+    """
     r0 = medium.earth_radius_km
     r, sine = r0 + height, np.sin(np.radians(elevation_deg))
     top = r0 + medium.top_km
@@ -28,7 +32,7 @@ def line(medium, height, elevation_deg, n=6000):
     if lands:
         end = ground
     # every kink of the medium is an edge, so Gauss-Legendre converges; between them cells of at most 2 km
-    marks = [start, end, -r * sine]
+    marks = [start, end, -r * sine, *extra]
     for z in np.unique(medium.altitude_km):
         marks += list(crossings(r0 + z))
     marks = np.unique([m for m in marks if start <= m <= end])
@@ -63,8 +67,6 @@ def straight_beam(medium, z, cos_sun):
 
 def single_scattering(medium, height, sun_deg, elevation_deg, azimuth_deg, beam):
     """L/F0 [sr^-1] by quadrature; `beam(z, cos_sun)` gives irradiance and bending."""
-    s, weight, z, lands, end = line(medium, height, elevation_deg)
-    depth, whole = depth_along(medium, s, weight, z)
     e, a, h = np.radians([elevation_deg, azimuth_deg, sun_deg])
     d = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     sun = np.array([np.cos(h), 0.0, np.sin(h)])
@@ -77,6 +79,16 @@ def single_scattering(medium, height, sun_deg, elevation_deg, azimuth_deg, beam)
         across = (up - cos_sun * sun) / np.sqrt(1 - cos_sun**2)
         return irradiance, np.cos(bending) * sun + np.sin(bending) * across, up
 
+    # a cell ends where the shadow does: without that one node decides the third digit
+    s, weight, z, lands, end = line(medium, height, elevation_deg)
+    lit = [towards_sun(start + x * d)[0] > 0.0 for x in s.ravel()]
+    edges = [
+        bisect(lambda x: (towards_sun(start + x * d)[0] > 0.0) - 0.5, s.ravel()[i], s.ravel()[i + 1], xtol=1e-9)
+        for i in range(s.size - 1)
+        if lit[i] != lit[i + 1]
+    ]
+    s, weight, z, lands, end = line(medium, height, elevation_deg, edges)
+    depth, whole = depth_along(medium, s, weight, z)
     total = 0.0
     rho = medium.depolarisation[0]
     for i in np.ndindex(s.shape):

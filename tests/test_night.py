@@ -173,6 +173,22 @@ def test_darkest_nights_and_the_usual_night():
     assert 21.2 < usual < 21.7
 
 
+def test_the_night_is_that_of_observers_it_was_not_derived_from():
+    """The zenith of a mountain's night settles at 1.3e-5 to 1.5e-5 candles per square foot (Koomen et al. 1952, Fig. 1,
+    read off); the ground has 6e-4 lx at the end of astronomical twilight (AMS Glossary).  A dark night of ours is 1.26
+    and 1.24 times those; real nights differ by a factor of two.
+    """
+    dark = NightLevels(0.6, 0.4, 0.8)
+    square_feet_per_square_metre = 10.7639
+    medium = hazy_earth(wavelength_nm=NM)
+    zenith = as_sky(night_radiance(medium, np.array([90.0]), np.array([0.0]), dark)).luminance()[0, 0]
+    assert 1.3e-5 / 1.5 < zenith / square_feet_per_square_metre < 1.5e-5 * 1.5
+    elevation, azimuth = texture_grid(6.0)
+    whole = night_radiance(medium, elevation, azimuth, dark)
+    ground = Sky(NM, elevation, azimuth, np.zeros_like(whole), -30.0, night_radiance=whole).illuminance_lux()
+    assert 6e-4 / 1.5 < ground < 6e-4 * 1.5
+
+
 def test_few_wavelengths_see_the_same_night():
     """Bin means: 8 wavelengths give the luminance of 35 although the green line is 1 nm wide."""
     brightness = []
@@ -233,7 +249,7 @@ def test_configuration_and_sweep():
 
 def test_a_render_at_a_place_and_time_has_its_own_night():
     """Preetham's formula is quick; the night is added to whatever a solver gives."""
-    from twilight.run import frames
+    from twilight.engine import frames
 
     def at(moment, **more):
         sun = {"at": moment, "latitude_deg": 0.0, "longitude_deg": 0.0, "time_zone": "UTC"}

@@ -13,8 +13,8 @@ from twilight.camera import write_camera
 from twilight.camera.image import write_exr
 from twilight.cli.app import app
 from twilight.config import load
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.run import run
 from twilight.sky import Sky, texture_grid
 from twilight.validate.estimate import estimate, facts, sentences
 from twilight.validate.library import (

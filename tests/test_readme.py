@@ -1,4 +1,4 @@
-"""README shows what works: its commands, its documents, its Python, and the commands of the continuous integration."""
+"""README and manual show what works: commands, documents, Python, and what continuous integration runs."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from twilight.config.library import shipped
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+MANUAL = (ROOT / "docs" / "manual.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+def blocks(language: str, text: str = README + MANUAL) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
 def test_two_commands_do_all_set_up_and_the_integration_runs_them():
-    set_up = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("python3 -m venv")]
+    lines = [line for block in blocks("sh", README) for line in block.splitlines()]
+    set_up = [line for line in lines if line.startswith("python3 -m venv")]
     assert len(set_up) == 2
     assert "pip install ." in set_up[0] and "render climates/continental-average.yaml --sun-elevation -4" in set_up[0]
     assert "[test]" in set_up[1] and set_up[1].endswith("pytest")
@@ -34,7 +36,7 @@ def test_two_commands_do_all_set_up_and_the_integration_runs_them():
     assert [line for line in README.splitlines() if re.match(pattern[1].replace("\\.", "[.]"), line)] == set_up
 
 
-COMMANDS = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("twilight ")]
+COMMANDS = sorted({line for b in blocks("sh") for line in b.splitlines() if line.startswith("twilight ")})
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -59,7 +61,7 @@ def test_the_documents_shown_are_valid(text, tmp_path):
 
 
 def test_the_python_shown_uses_what_exists():
-    text, *_ = blocks("python")
+    text, *_ = blocks("python", README)
     namespace: dict = {}
     tree = ast.parse(text)
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
@@ -76,7 +78,7 @@ def test_the_python_shown_uses_what_exists():
 def test_the_field_shown_is_solved_saved_and_loaded(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     namespace: dict = {}
-    exec(compile(blocks("python")[1], "README", "exec"), namespace)
+    exec(compile(blocks("python", MANUAL)[1], "README", "exec"), namespace)
     brightness = [sky.sum() for sky in namespace["sunset"]]
     assert brightness == sorted(brightness, reverse=True) and brightness[-1] > 0.0
     assert namespace["from_orbit"].min() > 0.0

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from airs import pure_air
 from scipy.integrate import solve_ivp
 
-from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.refraction import (
     ciddor_refractivity,
     haber_refractivity,
@@ -16,30 +16,6 @@ from twilight.errors import TwilightError
 from twilight.transport.bent import find_sun_path, trace_ray
 
 RADIUS = 6371.0
-
-
-def air(levels, refractivity=2.8e-4, scale_km=8.0, scattering=0.0115, wavelengths=(400.0, 550.0, 700.0)):
-    """Exponential air; a refractivity function of altitude may be given instead of a number."""
-    levels = np.asarray(levels, dtype=float)
-    wl = np.asarray(wavelengths)
-    shape = (levels.size, wl.size)
-    fall = np.exp(-levels / scale_km)[:, None]
-    n = refractivity(levels)[:, None] * np.ones(wl.size) if callable(refractivity) else refractivity * fall
-    zero = np.zeros(shape)
-    return Medium(
-        wl,
-        levels,
-        scattering * fall * (550.0 / wl) ** 4,
-        zero,
-        zero,
-        zero,
-        np.zeros((0, *shape)),
-        (),
-        n * (1.0 + 0.0075 * ((550.0 / wl) ** 2 - 1.0)),
-        np.zeros(wl.size),
-        np.zeros(wl.size),
-        np.zeros(wl.size),
-    )
 
 
 @pytest.mark.parametrize(
@@ -126,10 +102,10 @@ def standard_refractivity(z):
 def test_horizontal_refraction_at_sea_level():
     levels = np.concatenate([np.arange(0, 30, 0.5), np.arange(30, 101, 2.0)])
     # the sun seen exactly on the horizon
-    path = trace_ray(air(levels, standard_refractivity), 0.0, 90.0, wavelength=1)
+    path = trace_ray(pure_air(levels, standard_refractivity), 0.0, 90.0, wavelength=1)
     bending = path.geocentric_angle_deg[-1] + path.zenith_deg[-1] - 90.0
     assert 29.0 < bending * 60.0 < 35.0
-    found = find_sun_path(air(levels, standard_refractivity), 0.0, 90.0 + bending - 1e-4)
+    found = find_sun_path(pure_air(levels, standard_refractivity), 0.0, 90.0 + bending - 1e-4)
     assert found.apparent_zenith_deg[1] == pytest.approx(90.0, abs=2e-4)
 
 
@@ -137,7 +113,7 @@ def test_horizontal_refraction_at_sea_level():
 def test_traced_ray_against_the_ray_equation(altitude, zenith):
     """d/ds(n t) = grad n in Cartesian coordinates by a Runge-Kutta code that knows nothing of the invariant."""
     scale, k = 8.0, 1
-    medium = air(np.linspace(0.0, 100.0, 51), scale_km=scale)
+    medium = pure_air(np.linspace(0.0, 100.0, 51), scale_km=scale)
     n0 = medium.refractivity[0, k]
     path = trace_ray(medium, altitude, zenith, wavelength=k, n_points=41)
     assert path.hits_ground == (altitude == 5.0)
@@ -165,7 +141,7 @@ def test_traced_ray_against_the_ray_equation(altitude, zenith):
 
 @pytest.mark.parametrize("chi", [0.0, 30.0, 88.0, 90.0, 93.0])
 def test_without_refractivity_everything_is_straight(chi):
-    medium = air(np.linspace(0.0, 100.0, 21), refractivity=0.0)
+    medium = pure_air(np.linspace(0.0, 100.0, 21), refractivity=0.0)
     z = 20.0
     path = find_sun_path(medium, z, chi)
     assert np.all(path.bending_deg == 0.0)
@@ -181,7 +157,7 @@ def test_without_refractivity_everything_is_straight(chi):
 def test_optical_depth_of_a_grazing_ray_against_quadrature():
     from scipy.integrate import quad
 
-    medium = air(np.linspace(0.0, 100.0, 21))
+    medium = pure_air(np.linspace(0.0, 100.0, 21))
     n0, k0, k = medium.refractivity[0, 1], medium.air_scattering_per_km[0, 1], 1
     p = RADIUS * (1.0 + n0)
 
@@ -198,7 +174,7 @@ def test_optical_depth_of_a_grazing_ray_against_quadrature():
 
 
 def test_sun_path_iterations_tolerance_and_shadow():
-    medium = air(np.linspace(0.0, 100.0, 51))
+    medium = pure_air(np.linspace(0.0, 100.0, 51))
     fine = find_sun_path(medium, 5.0, 91.0)
     coarse = find_sun_path(medium, 5.0, 91.0, tolerance_deg=0.1)
     assert np.all(coarse.iterations == 5)  # 2 deg halved to below 0.1 deg
@@ -218,7 +194,7 @@ def test_duct_is_bounded():
     """dn/dh = -4e-4/km below -1/r = -1.57e-4/km between 0.5 and 0.6 km: finite answers, no endless loop."""
     levels = np.array([0.0, 0.5, 0.6, 2.0, 10.0, 50.0, 100.0])
     values = np.array([2.8e-4, 2.65e-4, 2.25e-4, 2.0e-4, 8.0e-5, 5.0e-7, 0.0])
-    medium = air(levels, lambda z: np.interp(z, levels, values))
+    medium = pure_air(levels, lambda z: np.interp(z, levels, values))
     for altitude in (0.0, 0.3, 0.55, 0.6, 1.0, 20.0):
         for chi in (0.0, 60.0, 89.0, 89.9, 90.0, 90.3, 91.0, 95.0, 180.0):
             path = find_sun_path(medium, altitude, chi)
@@ -230,7 +206,7 @@ def test_duct_is_bounded():
 
 
 def test_bad_geometry_is_refused():
-    medium = air([0.0, 100.0])
+    medium = pure_air([0.0, 100.0])
     with pytest.raises(TwilightError, match="sun_zenith_deg"):
         find_sun_path(medium, 0.0, 190.0)
     with pytest.raises(TwilightError, match="altitude_km"):

@@ -8,13 +8,16 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from twilight.air import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
 from twilight.config import load, load_climate, load_series
 from twilight.config.library import shipped
-from twilight.describe import horizontal_refraction_arcmin, scale_height_km
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.plan import GAS_TOLERANCE, make_plan
-from twilight.run import count_frames, resolved_configuration, run, suns_of
+from twilight.phase import HENYEY_GREENSTEIN
+from twilight.scene.describe import horizontal_refraction_arcmin, scale_height_km
+from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
+from twilight.scene.plan import GAS_TOLERANCE, make_plan
+from twilight.scene.record import resolved_configuration
+from twilight.scene.suns import count_suns, suns_of
 
 SMALL = {
     "solver": {"name": "cells", "multiple_scattering": "none"},
@@ -34,7 +37,7 @@ SMALL = {
             "pure-air",
             {
                 "wavelengths.list_nm": [550],
-                "aerosol": {"components": {"waso": 0}, "free_troposphere": False, "stratosphere": False},
+                "aerosol": {"components": {"waso": 0}, "free_troposphere": False, "stratosphere": "none"},
             },
             "aerosol",
             0.0,
@@ -102,7 +105,7 @@ def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
 def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
     config = load("saarbruecken-2003-12-08")
     suns = list(suns_of(config))
-    assert len(suns) == count_frames(config) == 31
+    assert len(suns) == count_suns(config) == 31
     assert suns[0].time == datetime(2003, 12, 8, 15, 0, tzinfo=UTC) and suns[0].name == "2003-12-08T1600"
     assert suns[-1].time == datetime(2003, 12, 8, 17, 0, tzinfo=UTC)
     elevations = np.array([sun.elevation_deg for sun in suns])
@@ -141,6 +144,30 @@ def test_keys_of_the_aerosol_reach_the_medium():
     assert spec.mineral_transported.optical_depth_550nm == 0.1
     scaled = load("urban", {"aerosol.optical_depth_550nm": 0.25}).climate
     assert climate_medium(scaled, np.array([550.0])).optical_depth("aerosol") == pytest.approx(0.25, abs=1e-9)
+
+
+def test_the_stratosphere_is_measured_unless_opac_is_asked_for():
+    at = np.array([550.0])
+
+    def regions(name, **settings):
+        notes = climate_medium(load(name, settings).climate, at).notes
+        return {region: (bottom, top) for region, bottom, top in notes["regions"] if region.startswith("strat")}
+
+    assert regions("continental-average") == {"stratosphere (nh_midlat_typical)": (16.5, 100.0)}
+    assert list(regions("desert")) == ["stratosphere (tropical_typical)"]
+    assert list(regions("antarctic")) == ["stratosphere (sh_midlat_typical)"]
+    assert list(regions("volcanic-stratosphere")) == ["stratosphere (high_volcanic)"]
+    opac = {"stratosphere": (12.0, 35.0)}
+    assert regions("haber2005") == regions("urban", **{"aerosol.stratosphere": "opac"}) == opac
+    assert regions("urban", **{"aerosol.stratosphere": "none"}) == {}
+    assert regions("urban", **{"aerosol.optical_depth_550nm": 0.0}) == {}
+    assert regions("pure-air") == {}
+    plain = climate_medium(load("urban", {"aerosol.phase_function": "henyey_greenstein"}).climate, at)
+    mie = climate_medium(load("urban").climate, at)
+    assert {p.kind for p in plain.phase_functions} == {HENYEY_GREENSTEIN}
+    assert [p.asymmetry[0] for p in plain.phase_functions] == pytest.approx(
+        [p.asymmetry[0] for p in mie.phase_functions], rel=1e-4
+    )
 
 
 def test_keys_of_gases_layers_and_refraction_reach_the_medium():

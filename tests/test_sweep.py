@@ -7,22 +7,20 @@ import resource
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
-
-pytest.importorskip("distributed")
-pytest.importorskip("zarr")
 import xarray as xr
 from sweeping import BASE, SUNS, right
+from typer.testing import CliRunner
 
-from twilight.batch.dimensions import describe_key, serves_observers
-from twilight.batch.sky import sky_of
+import twilight.accessor  # noqa: F401 - registers .sky
+from twilight import solvers
+from twilight.batch.dimensions import describe_key
 from twilight.batch.store import JOURNAL, open_store
 from twilight.batch.sweep import Sweep
 from twilight.batch.work import compute, forget
 from twilight.cli.app import app
 from twilight.config.load import load_axes, load_series
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.run import run
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +29,7 @@ def client(toy):
     import distributed
 
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
         distributed.Client(cluster, set_as_default=False) as made,
     ):
         yield made
@@ -158,7 +156,8 @@ def test_scenes_that_share_a_field_share_its_computation(toy):
     made = planned(vary)
     assert [d.name for d in made.dimensions] == ["ground_albedo", "sun_elevation_deg", "observer_altitude_km"]
     assert (made.scenes, made.fields, len(made.tasks)) == (12, 2, 2) and made.chunk == (1, 3, 2)
-    assert serves_observers("zones") and serves_observers("toy") and not serves_observers("cells")
+    able = {name: solvers.load(name).CAPABILITIES.every_observer for name in ("zones", "toy", "cells")}
+    assert able == {"zones": True, "toy": True, "cells": False}
     cells = planned(vary, solver={"name": "cells"})
     assert (cells.scenes, cells.fields, cells.chunk) == (12, 4, (1, 1, 3))
     listed = [{"ground.albedo": a, "sun.elevation_deg": s} for s in SUNS for a in (0, 0.5)]
@@ -232,7 +231,7 @@ def test_times_and_places_become_coordinates(toy, client, tmp_path):
             np.datetime64(t).item() for t in ("2026-12-21T15:30", "2026-12-21T15:45", "2026-12-21T16:00")
         ]
         assert data.solar_elevation_angle.dims == data.solar_azimuth_angle.dims == ("sun_latitude_deg", "time")
-        sky = sky_of(data.sel(sun_latitude_deg=54, time="2026-12-21T15:45"))
+        sky = data.sky.scene(sun_latitude_deg=54, time="2026-12-21T15:45")
     config = load_series({**BASE, "sun": sun | {"start": "2026-12-21T16:45", "stop": "2026-12-21T16:45"}})[0].config
     config = config.model_copy(update={"sun": config.sun.model_copy(update={"latitude_deg": 54.0})})
     again = run(config)
@@ -245,6 +244,20 @@ def test_units_and_help_of_any_key_are_found():
     assert describe_key("aerosol.optical_depth_550nm")[0] == "1" and "550 nm" in describe_key("sun.at")[1] + "550 nm"
     assert describe_key("observer.altitude_km")[0] == "km" and describe_key("sun.elevation_deg")[0] == "deg"
     assert describe_key("solver.degree") == ("", "")
+
+
+def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):
+    made = planned({})
+    assert (made.scenes, made.fields, len(made.tasks), made.shape) == (1, 1, 1, ())
+    assert swept(made, client, tmp_path / "a.zarr")[0].skies == 1
+    with xr.open_zarr(tmp_path / "a.zarr") as data:
+        assert int(data.status) == 1 and data.sun_normalised_radiance.dims == ("elevation", "azimuth", "wavelength")
+        sky = data.sky.scene()
+    again = run(load_series({**BASE})[0].config)
+    assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
+    assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 0  # taken up, not begun again
+    (tmp_path / "a.zarr" / "solar_bending" / "0").unlink()
+    assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 1
 
 
 # Faults ---------------------------------------------------------------------------------------------------------
@@ -321,3 +334,26 @@ def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch
     with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
         with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
             pass
+
+
+@pytest.mark.parametrize("damage", ("a bit", "cut", "deleted", "emptied"))
+def test_a_damaged_chunk_is_computed_again(toy, client, tmp_path, log, damage):
+    made = planned({"solver.factor": [1, 2, 3], "sun.elevation_deg": SUNS})
+    path = tmp_path / "a.zarr"
+    swept(made, client, path)
+    before = xr.load_dataset(path, engine="zarr")
+    chunk = path / "sun_normalised_radiance" / "1" / "0" / "0" / "0" / "0"
+    data = bytearray(chunk.read_bytes())
+    if damage == "deleted":
+        chunk.unlink()
+    else:
+        data[len(data) // 2] ^= 1
+        chunk.write_bytes({"a bit": data, "cut": data[: len(data) // 2], "emptied": b""}[damage])
+        with pytest.raises((RuntimeError, ValueError)), xr.open_zarr(path) as opened:
+            opened.sun_normalised_radiance.load()
+    with open_store(path, made) as store:
+        assert store.damaged == 1 and len(store.done) == 2
+    assert swept(made, client, path)[0].tasks == 1
+    xr.testing.assert_identical(xr.load_dataset(path, engine="zarr"), before)
+    with open_store(path, made) as store:
+        assert store.damaged == 0 and len(store.done) == 3

@@ -12,12 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
-
-pytest.importorskip("distributed")
-pytest.importorskip("zarr")
 import xarray as xr
 from sweeping import BASE, SUNS, right
+from typer.testing import CliRunner
 
 from twilight.batch.store import JOURNAL
 from twilight.cli.app import app
@@ -48,6 +45,27 @@ def until(condition, seconds=600.0):
 
 def lines(path):
     return path.read_text().splitlines() if path.exists() else []
+
+
+def test_a_local_cluster_listens_to_this_machine_alone_and_shows_no_pages():
+    from urllib.error import HTTPError
+    from urllib.request import urlopen
+
+    import psutil
+
+    from twilight.batch.cluster import Place, connect
+
+    with connect(Place(workers=1)) as client:
+        processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        open_to = {c.laddr.ip for p in processes for c in p.net_connections() if c.status == "LISTEN"}
+        assert open_to == {"127.0.0.1"}
+        known = client.scheduler_info(n_workers=-1)
+        ports = [who["services"]["dashboard"] for who in (known, *known["workers"].values())]
+        assert len(ports) == 2
+        for port in ports:
+            for page in ("", "status", "info/main/workers.html", "json/counts.json", "metrics"):
+                with pytest.raises(HTTPError, match="404"):
+                    urlopen(f"http://127.0.0.1:{port}/{page}", timeout=5)
 
 
 @pytest.fixture

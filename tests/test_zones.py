@@ -31,6 +31,7 @@ MIDDLE = replace(
     late_azimuth_directions=6,
     altitude_density=0.7,
     zenith_density=0.7,
+    polarisation=False,
     bent_lines_of_sight=False,
     bent_paths=False,
 )

@@ -14,8 +14,9 @@ from twilight.sky import Sky
 DEFAULT_OBSERVER = "cie1964_10deg"
 """The sky fills more than 4 deg of the field of view, for which the 10 deg observer is meant."""
 
-ToneMapping = Literal["filmic", "gamma"]
-TONE_MAPPINGS: tuple[str, ...] = ("filmic", "gamma")
+ToneMapping = Literal["photographic", "filmic", "gamma"]
+TONE_MAPPINGS: tuple[str, ...] = ("photographic", "filmic", "gamma")
+DEFAULT_TONE_MAPPING: ToneMapping = "photographic"
 
 MIDDLE_GREY = 0.18
 GREY_LUMINANCE_AT_EV100_0 = 0.125
@@ -169,6 +170,30 @@ def _towards_grey(rgb: np.ndarray) -> np.ndarray:
     return np.maximum(grey + grey / (grey - lowest) * (rgb - grey), 0.0)
 
 
+PHOTOGRAPHIC_CONTRAST = 1.25
+"""Slope of the photographic curve at middle grey, log over log: that of a picture meant for a screen."""
+PHOTOGRAPHIC_SATURATION = 1.15
+
+
+def photographic(linear: np.ndarray) -> np.ndarray:
+    """The curve of a photograph, linear RGB (..., 3) in and out: y = x^n / (x^n + c), with 0.18 kept, n = 1.25.
+
+    A third of the curve on every channel, which pales highlights as film does, two thirds on the largest channel with
+    the ratios kept, which keeps their hue; then colours 1.15 times as far from the grey of their luminance.
+    """
+    x = np.maximum(np.asarray(linear, float), 0.0)
+    largest = np.maximum(x.max(axis=-1, keepdims=True), 1e-300)
+    mixed = _sigmoid(x) / 3.0 + 2.0 / 3.0 * x * (_sigmoid(largest) / largest)
+    grey = (mixed @ REC709_LUMINANCE)[..., None]
+    return np.clip(grey + PHOTOGRAPHIC_SATURATION * (mixed - grey), 0.0, None)
+
+
+def _sigmoid(x: np.ndarray) -> np.ndarray:
+    c = MIDDLE_GREY**PHOTOGRAPHIC_CONTRAST * (1.0 / MIDDLE_GREY - 1.0)
+    with np.errstate(over="ignore", divide="ignore"):
+        return 1.0 / (1.0 + c * x**-PHOTOGRAPHIC_CONTRAST)
+
+
 def filmic(linear: np.ndarray) -> np.ndarray:
     """A film-like curve, linear RGB (..., 3) in and out: y = 1 - 1 / (1 + x + x^2 / 2).
 
@@ -191,11 +216,14 @@ def srgb_encode(linear: np.ndarray) -> np.ndarray:
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-12) ** (1 / 2.4) - 0.055)
 
 
-def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = "filmic") -> np.ndarray:
-    """Linear RGB [cd m^-2] to display values 0..1: exposure, gamut, curve (``filmic`` or none), sRGB encoding.
+_CURVES = {"photographic": photographic, "filmic": filmic}
+
+
+def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = DEFAULT_TONE_MAPPING) -> np.ndarray:
+    """Linear RGB [cd m^-2] to display values 0..1: exposure, gamut, curve (one of two, or none), sRGB encoding.
 
     ``gamma`` has no curve: what exceeds 1 after exposure is clipped.  Raises TwilightError for another name.
     """
     check_names(tone_mapping, DEFAULT_OBSERVER)
     linear = into_gamut(expose(rgb, ev100))
-    return srgb_encode(filmic(linear) if tone_mapping == "filmic" else linear)
+    return srgb_encode(_CURVES[tone_mapping](linear) if tone_mapping in _CURVES else linear)

@@ -53,7 +53,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -62,6 +62,8 @@ TERMS = ("dark", "ground", "ozone")
 ARRAYS = ("sun_elevation_deg", "wavelength_nm", "optical_depth_550nm", "ozone_column_du", "returned")
 NUMBERS = ("load_offset", "ozone_reference_du")
 _CHUNK = 4096
+LARGEST_ARRAY_BYTES = 64e6
+DAMAGE = (KeyError, ValueError, TypeError, EOFError, RuntimeError, AttributeError, BadZipFile, zlib.error)
 
 
 class CompactSkyError(ValueError):
@@ -165,6 +167,11 @@ class Term:
     wavelength: np.ndarray
     amount: np.ndarray
 
+    def __post_init__(self) -> None:
+        """One layout in memory, on which the order of sums depends: the same digits before and after a file."""
+        for f in fields(self):
+            object.__setattr__(self, f.name, np.ascontiguousarray(getattr(self, f.name)))
+
     def coefficients(self, sun: np.ndarray, wavelength: np.ndarray, amount: np.ndarray) -> np.ndarray:
         """x (K, V) from the weights of the nodes: sun (S,), wavelength (V, W), amount (T,)."""
         here = self.core.astype(float) @ (self.amount @ amount)
@@ -193,6 +200,7 @@ class CompactSky:
     def load(cls, path: str | os.PathLike) -> CompactSky:
         """Read a model; CompactSkyError where the file is not one."""
         try:
+            _check_size(path)
             with np.load(path, allow_pickle=False) as data:
                 if str(data["format"]) != FORMAT:
                     raise CompactSkyError(f"{path}: is not a compact sky of format '{FORMAT}'")
@@ -207,10 +215,25 @@ class CompactSky:
             raise CompactSkyError(f"{path}: cannot be read: {error.strerror or error}") from None
         except CompactSkyError:
             raise
-        except (KeyError, ValueError, TypeError, EOFError, AttributeError, BadZipFile, zlib.error) as error:
+        except DAMAGE as error:
             raise CompactSkyError(f"{path}: is not a compact sky: {' '.join(str(error).split())}") from None
         made._check_shapes(str(path))
         return made
+
+    def __repr__(self) -> str:
+        """Five lines: what the model covers."""
+
+        def ends(nodes: np.ndarray) -> str:
+            return f"{nodes[0]:g} to {nodes[-1]:g}"
+
+        named = self.provenance.get("climate") or self.provenance.get("name") or ""
+        return (
+            f"<CompactSky{f' of {named}' if isinstance(named, str) and named else ''}\n"
+            f"  sun elevation {ends(self.sun_elevation_deg)} deg, wavelength {ends(self.wavelength_nm)} nm\n"
+            f"  aerosol optical depth at 550 nm {ends(self.optical_depth_550nm)}, ground albedo 0 to 1\n"
+            f"  ozone {ends(self.ozone_column_du)} DU, of the climate {self.ozone_reference_du:g}\n"
+            f"  .sky(sun_elevation_deg, wavelength_nm, optical_depth_550nm, ground_albedo, ozone_column_du)>"
+        )
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What the file holds, by name."""
@@ -307,6 +330,22 @@ class OneSky:
             if self.ground is not None:
                 out[part] += self.ground_weight * np.exp(_sums(index, value, self.ground))
         return out.reshape(*e.shape, -1)
+
+
+def _check_size(path: str | os.PathLike) -> None:
+    """Raise CompactSkyError, before memory is taken, where the arrays are larger than those of any model."""
+    with ZipFile(path) as archive:
+        for member in archive.infolist():
+            with archive.open(member) as stream:
+                first = np.lib.format.read_magic(stream) == (1, 0)
+                read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+                shape, _, dtype = read(stream)
+            n_bytes = float(np.prod([float(n) for n in shape])) * dtype.itemsize
+            if max(n_bytes, member.file_size) > LARGEST_ARRAY_BYTES:
+                raise CompactSkyError(
+                    f"{path}: says that {member.filename} has {max(n_bytes, member.file_size):.3g} bytes; a compact "
+                    f"sky's arrays have at most {LARGEST_ARRAY_BYTES:.3g}"
+                )
 
 
 def _sums_loop(index, value, coefficients):

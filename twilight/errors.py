@@ -1,4 +1,4 @@
-"""The one exception that a user is meant to read."""
+"""The one exception and the one warning that a user is meant to read."""
 
 import re
 
@@ -15,6 +15,13 @@ class TwilightError(Exception):
     def __init__(self, sentence: str = ""):
         text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _ends(word[0], LONGEST_WORD), str(sentence))
         super().__init__(_ends(" ".join(text.split()), LONGEST_SENTENCE))
+
+
+class TwilightWarning(UserWarning):
+    """What a user should know about a result that is given all the same, in one sentence.
+
+    The command line prints the sentence; a library user may turn it into an error or silence it by this class.
+    """
 
 
 def _ends(text: str, longest: int) -> str:

@@ -1,18 +1,29 @@
-"""Phase functions: Rayleigh with depolarisation, Henyey-Greenstein, and tables over the scattering angle.
+"""Phase functions and matrices: Rayleigh with depolarisation, Henyey-Greenstein, tables over the scattering angle.
 
-Every function is per steradian and integrates to 1 over the sphere.
+Every phase function is per steradian and integrates to 1 over the sphere.  Its phase matrix acts on Stokes parameters
+(I, Q, U) that refer to the scattering plane, Q > 0 for light that vibrates in it (Hovenier & van der Mee 1983, Astron.
+Astrophys. 128, 1):
+    | P11  P12   0  |
+    | P12  P22   0  |
+    |  0    0   P33 |
+Spheres have P22 = P11.  P34, which makes circular polarisation of U, is tabulated too and used by no solver here.
+Henyey-Greenstein functions say nothing about polarisation: light scattered by one is unpolarised, all but P11 is 0.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 
+from twilight.errors import TwilightError
+
 HENYEY_GREENSTEIN = 0
 TABLE = 1
+RATIO_P12, RATIO_P22, RATIO_P33, RATIO_P34 = range(4)
+"""Rows of a table of ratios: of these elements of the phase matrix to P11."""
 
 
 @njit(cache=True, inline="always")
@@ -26,6 +37,20 @@ def rayleigh_phase(cos_angle, depolarisation):
         / (8.0 * math.pi * (2.0 + depolarisation))
         * ((1.0 + depolarisation) + (1.0 - depolarisation) * cos_angle * cos_angle)
     )
+
+
+@njit(cache=True, inline="always")
+def rayleigh_matrix(cos_angle, depolarisation):
+    """(P11, P12, P22, P33) [sr^-1] of air with depolarisation factor rho, for natural light.
+
+    With Delta = (1 - rho)/(1 + rho/2), 4 pi P = Delta x 3/4 (1 + c^2, -(1 - c^2), 1 + c^2, 2 c) + (1 - Delta) x
+    (1, 0, 0, 0): Hansen & Travis 1974, Space Sci. Rev. 16, 527, eq. 2.15.
+    """
+    delta = (1.0 - depolarisation) / (1.0 + 0.5 * depolarisation)
+    c = cos_angle
+    part = 3.0 / (16.0 * math.pi) * delta
+    p22 = part * (1.0 + c * c)
+    return p22 + (1.0 - delta) / (4.0 * math.pi), -part * (1.0 - c * c), p22, 2.0 * part * c
 
 
 @njit(cache=True, inline="always")
@@ -54,6 +79,26 @@ def table_phase(cos_angle, node_scale, table):
     return math.exp(table[i] + f * (table[i + 1] - table[i]))
 
 
+@njit(cache=True, inline="always")
+def table_matrix(cos_angle, log_table_row, ratios):
+    """(P11, P12, P22, P33) [sr^-1] from one row of a table: log_table_row (N,) of ln P11 and ratios (4, N) to it.
+
+    P11 as in ``table_phase``, the ratios linear between nodes.
+    """
+    n = log_table_row.shape[0]
+    u = math.sqrt(math.acos(min(1.0, max(-1.0, cos_angle))) / math.pi) * (n - 1)
+    i = min(int(u), n - 2)
+    f = u - i
+    g = 1.0 - f
+    p11 = math.exp(g * log_table_row[i] + f * log_table_row[i + 1])
+    return (
+        p11,
+        p11 * (g * ratios[RATIO_P12, i] + f * ratios[RATIO_P12, i + 1]),
+        p11 * (g * ratios[RATIO_P22, i] + f * ratios[RATIO_P22, i + 1]),
+        p11 * (g * ratios[RATIO_P33, i] + f * ratios[RATIO_P33, i + 1]),
+    )
+
+
 def table_angles_rad(n_nodes: int = 513) -> np.ndarray:
     """Scattering angles [rad] of the nodes of a table, shape (n_nodes,)."""
     return np.pi * np.linspace(0.0, 1.0, n_nodes) ** 2
@@ -66,12 +111,41 @@ class PhaseFunction:
     kind: ``HENYEY_GREENSTEIN`` (then ``asymmetry`` is used) or ``TABLE`` (then ``log_table`` is).
     asymmetry: (W,), the mean cosine of the scattering angle; for a table it is informative.
     log_table: (W, N), natural logarithm of p [sr^-1] at ``table_angles_rad(N)``; shape (W, 1) for Henyey-Greenstein.
+    ratios: (4, W, N), of P12, P22, P33 and P34 to P11 = p at the same angles; where it is not given all are 0, as for
+        Henyey-Greenstein: scattered light is then unpolarised.
     """
 
     kind: int
     asymmetry: np.ndarray
     log_table: np.ndarray
     name: str = ""
+    ratios: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self):
+        shape = (4, *self.log_table.shape)
+        if self.ratios.size == 0:
+            object.__setattr__(self, "ratios", np.zeros(shape))
+        if self.ratios.shape != shape:
+            raise TwilightError(
+                f"phase function {self.name}: ratios of the phase matrix have shape {self.ratios.shape}, "
+                f"expected {shape}"
+            )
+        p12, p22, p33, p34 = np.abs(self.ratios)
+        # a tenth of a per cent beyond is rounding of whoever tabulated them
+        if not np.all(np.isfinite(self.ratios)) or max(p12.max(), p22.max(), p33.max(), p34.max()) > 1.001:
+            raise TwilightError(
+                f"phase function {self.name}: ratios of the phase matrix to P11 must be between -1 and 1"
+            )
+
+    @property
+    def polarises(self) -> bool:
+        """Does light that it scattered carry polarisation?"""
+        return bool(np.any(self.ratios))
+
+    def select(self, wavelengths: slice | np.ndarray) -> PhaseFunction:
+        """The same phase function at some of its wavelengths."""
+        s = wavelengths
+        return PhaseFunction(self.kind, self.asymmetry[s], self.log_table[s], self.name, self.ratios[:, s])
 
     @staticmethod
     def henyey_greenstein(asymmetry, name: str = "henyey-greenstein") -> PhaseFunction:
@@ -79,8 +153,26 @@ class PhaseFunction:
         return PhaseFunction(HENYEY_GREENSTEIN, g, np.zeros((g.size, 1)), name)
 
     @staticmethod
-    def from_samples(angle_rad, phase_per_sr, name: str = "", n_nodes: int = 513) -> PhaseFunction:
-        """Resample p(angle) [sr^-1], shape (W, A), to the nodes and normalise its integral over the sphere to 1."""
+    def from_samples(
+        angle_rad,
+        phase_per_sr,
+        name: str = "",
+        n_nodes: int = 513,
+        *,
+        p12_ratio=None,
+        p22_ratio=None,
+        p33_ratio=None,
+        p34_ratio=None,
+    ) -> PhaseFunction:
+        """Resample p(angle) [sr^-1], shape (W, A), to the nodes and normalise its integral over the sphere to 1.
+
+        p12_ratio ... p34_ratio (W, A): elements of the phase matrix over P11 = p, in [-1, 1].  P12 and P33 belong
+        together; P22 is P11 where it is not given, P34 is 0.  With none of them scattered light is unpolarised.
+
+        Errors: TwilightError for one of P12 and P33 without the other, and for a ratio beyond 1.
+        """
+        if (p12_ratio is None) != (p33_ratio is None) or (p12_ratio is None and not (p22_ratio is p34_ratio is None)):
+            raise TwilightError(f"phase function {name}: a phase matrix needs both p12_ratio and p33_ratio")
         angle_rad = np.asarray(angle_rad, dtype=float)
         phase = np.atleast_2d(np.asarray(phase_per_sr, dtype=float))
         nodes = table_angles_rad(n_nodes)
@@ -88,7 +180,14 @@ class PhaseFunction:
         raw = PhaseFunction(TABLE, np.zeros(phase.shape[0]), log_table, name)
         norm = raw.legendre_moments(1)
         log_table = log_table - np.log(norm[:, :1])
-        return PhaseFunction(TABLE, norm[:, 1] / norm[:, 0], log_table, name)
+        ratios = np.zeros((4, *log_table.shape))
+        if p12_ratio is not None:
+            ratios[RATIO_P22] = 1.0
+            for row, values in zip(ratios, (p12_ratio, p22_ratio, p33_ratio, p34_ratio), strict=True):
+                if values is not None:
+                    samples = np.broadcast_to(np.asarray(values, dtype=float), phase.shape)
+                    row[:] = np.stack([np.interp(nodes, angle_rad, one) for one in samples])
+        return PhaseFunction(TABLE, norm[:, 1] / norm[:, 0], log_table, name, ratios)
 
     def __call__(self, cos_angle) -> np.ndarray:
         """p [sr^-1] at the cosines of scattering angles: shape (W, *cos_angle.shape)."""
@@ -96,6 +195,13 @@ class PhaseFunction:
         out = np.empty((self.asymmetry.size, c.size))
         _evaluate(self.kind, self.asymmetry, self.log_table, c.ravel(), out)
         return out.reshape((self.asymmetry.size, *c.shape))
+
+    def matrix(self, cos_angle) -> np.ndarray:
+        """(P11, P12, P22, P33) [sr^-1] at the cosines of scattering angles: shape (4, W, *cos_angle.shape)."""
+        c = np.asarray(cos_angle, dtype=float)
+        out = np.empty((4, self.asymmetry.size, c.size))
+        _evaluate_matrix(self.kind, self.asymmetry, self.log_table, self.ratios, c.ravel(), out)
+        return out.reshape((4, self.asymmetry.size, *c.shape))
 
     def legendre_moments(self, degree: int) -> np.ndarray:
         """Moments chi_l = 2 pi int p(mu) P_l(mu) dmu, l = 0..degree, shape (W, degree + 1); chi_0 = 1, chi_1 = g."""
@@ -128,3 +234,20 @@ def aerosol_phase(kind, asymmetry, log_table_row, cos_angle):
     if kind == HENYEY_GREENSTEIN:
         return henyey_greenstein(cos_angle, asymmetry)
     return table_phase(cos_angle, log_table_row.shape[0] - 1, log_table_row)
+
+
+@njit(cache=True)
+def _evaluate_matrix(kind, asymmetry, log_table, ratios, cos_angle, out):
+    for w in range(asymmetry.size):
+        for i in range(cos_angle.size):
+            out[0, w, i], out[1, w, i], out[2, w, i], out[3, w, i] = aerosol_matrix(
+                kind, asymmetry[w], log_table[w], ratios[:, w], cos_angle[i]
+            )
+
+
+@njit(cache=True, inline="always")
+def aerosol_matrix(kind, asymmetry, log_table_row, ratios, cos_angle):
+    """(P11, P12, P22, P33) [sr^-1] of one phase function at one wavelength; ratios (4, N)."""
+    if kind == HENYEY_GREENSTEIN:
+        return henyey_greenstein(cos_angle, asymmetry), 0.0, 0.0, 0.0
+    return table_matrix(cos_angle, log_table_row, ratios)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,23 @@ def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
     rows = round(90.0 / step_deg) if step_deg > 0 else 0
     if rows < 1 or abs(rows * step_deg - 90.0) > 1e-9:
         raise TwilightError(f"step_deg: {step_deg:g} deg must be positive and divide 90 deg")
-    return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(4 * rows) * (90.0 / rows)
+    return texture_centres((rows, 4 * rows))
+
+
+def texture_centres(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column centres (elevation_deg, azimuth_deg) of a hemisphere texture of (rows, columns)."""
+    rows, columns = shape
+    return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(columns) * (360.0 / columns)
+
+
+def half_of(azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The columns on one side of the sun's vertical that stand for all: a sky is its own mirror image about it.
+
+    Returns (columns with azimuths from 0 to 180 deg, in this order (H,); for every column the place among them (A,)).
+    """
+    folded = np.round(np.minimum(azimuth_deg, 360.0 - azimuth_deg), 9)
+    _, column, back = np.unique(folded, return_index=True, return_inverse=True)
+    return column, back
 
 
 def latlong_grid(width: int, sun_azimuth_deg: float | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -124,6 +141,42 @@ class Sky:
         if not self.distance_au > 0:
             raise TwilightError(f"sky: distance_au {self.distance_au} must be positive")
         spectrum.solar_spectrum(self.solar_spectrum)
+
+    # What a person sees -----------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        """Five lines: the grid, the sun, and how bright it is."""
+        w, e = self.wavelength_nm, self.elevation_deg
+        when = "" if self.time is None else f", {self.time.isoformat()}"
+        solver = self.provenance.get("solver")
+        made = f", by {solver} ({self.provenance.get('quality')})" if solver else ""
+        return (
+            f"<Sky: sun at {self.sun_elevation_deg:+.2f} deg{when}{made}\n"
+            f"  {e.size} elevations {e[0]:g} to {e[-1]:g} deg, {self.azimuth_deg.size} azimuths from the sun\n"
+            f"  {w.size} wavelengths {w[0]:g} to {w[-1]:g} nm, radiance [W m^-2 sr^-1 nm^-1] in .radiance\n"
+            f"  zenith {self.luminance_at(90.0):.4g} cd m^-2, {self.magnitude():.2f} V mag arcsec^-2\n"
+            f"  illuminance by the sky {self.illuminance_lux():.4g} lx>"
+        )
+
+    def _repr_html_(self) -> str:
+        from twilight.shown import html
+
+        return html(self)
+
+    def plot(self, projection: str = "wide", ax: Any = None, **options: Any) -> Any:
+        """Draw the sky into matplotlib's axes, made where none are given, and return them.
+
+        projection: wide, panorama or fisheye; options: width, exposure [EV100], tone_mapping, observer.
+        """
+        from twilight.shown import plot
+
+        return plot(self, projection, ax, **options)
+
+    def to_xarray(self) -> Any:
+        """The sky as an `xarray.Dataset`, as in sky.h5, with the accessor `.sky`."""
+        from twilight.shown import dataset
+
+        return dataset(self)
 
     # Grid -------------------------------------------------------------------------------------------------------
 
@@ -336,6 +389,16 @@ class Sky:
     def luminance(self) -> np.ndarray:
         """Luminance [cd m^-2], (E, A): V(lambda) of the 2 deg observer, integrated at 1 nm."""
         return self._luminous(self.normalised_radiance)
+
+    def luminance_at(self, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> float:
+        """Luminance [cd m^-2] in one direction; azimuth relative to the sun [deg]."""
+        return float(self.resample([elevation_deg], [azimuth_deg]).luminance()[0, 0])
+
+    def magnitude(self, band: str = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> float:
+        """Surface brightness [mag arcsec^-2] in one direction, by default of the zenith; only the band V is known."""
+        if band != "V":
+            raise TwilightError(f"magnitude: the band '{band}' is not known; V is")
+        return float(magnitude_per_square_arcsecond(self.luminance_at(elevation_deg, azimuth_deg)))
 
     def illuminance_lux(self, horizontal: bool = True, direct: bool = False) -> float:
         """Illuminance from the upper hemisphere [lx]; arguments as in ``irradiance_factor``."""

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import results
 
-from twilight.air import climate_medium
 from twilight.atmosphere.medium import Medium
 from twilight.config import load
+from twilight.scene.medium import climate_medium
 
 CLIMATE = "continental-average"
 WAVELENGTHS_NM = np.linspace(380.0, 720.0, 8)
@@ -44,7 +45,7 @@ class Referee:
     @staticmethod
     def read(path: Path, suns_deg: list[float] | None = None) -> Referee:
         """A table as benchmarks/montecarlo_reference.py writes it, or some of its suns; black skies are left out."""
-        rows = np.genfromtxt(path, delimiter=",", names=True)
+        rows = results.read_numbers(path)
         rows = rows[rows["radiance_per_sr"] > 0]
         if suns_deg is not None:
             rows = rows[np.isin(rows["sun_elevation_deg"], suns_deg)]

@@ -46,6 +46,11 @@ class AerosolRegion:
     def scaled(self, factor: float) -> AerosolRegion:
         return replace(self, extinction_per_km=self.extinction_per_km * factor)
 
+    def henyey_greenstein(self) -> AerosolRegion:
+        """The same with Henyey-Greenstein phase functions of the same asymmetry."""
+        phases = tuple(PhaseFunction.henyey_greenstein(p.asymmetry, p.name) for p in self.phase_functions)
+        return replace(self, phase_functions=phases)
+
     def below(self, altitude_km: float) -> AerosolRegion | None:
         """The part of the region below an altitude, None where there is none."""
         return self._cut(-math.inf, altitude_km)
@@ -101,12 +106,13 @@ def mixture_optics(
     name: str = "",
     cache_dir: CacheDir = None,
 ) -> MixtureOptics:
-    """External mixture of OPAC components; the phase function is the mean weighted with scattering."""
+    """External mixture of OPAC components; the phase matrix is the mean weighted with scattering."""
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     extinction = np.zeros(wavelength.size)
     scattering = np.zeros(wavelength.size)
     forward = np.zeros(wavelength.size)
     phase = np.zeros((wavelength.size, N_ANGLES))
+    elements = np.zeros((4, wavelength.size, N_ANGLES))
     for component, number in number_density_per_cm3.items():
         if number <= 0.0:
             continue
@@ -115,35 +121,45 @@ def mixture_optics(
         extinction += number * optics.extinction_per_km
         scattering += number * optics.scattering_per_km
         forward += number * optics.scattering_per_km * optics.asymmetry
-        phase += (number * optics.scattering_per_km)[:, None] * np.exp(optics.log_phase)
+        one = (number * optics.scattering_per_km)[:, None] * np.exp(optics.log_phase)
+        phase += one
+        elements += one * optics.ratios
     empty = scattering <= 0.0
     weight = np.where(empty, 1.0, scattering)
     asymmetry = forward / weight
     if phase_function == "henyey_greenstein" or np.any(empty):
         mixed = PhaseFunction.henyey_greenstein(asymmetry, name)
     else:
-        mixed = table_phase_function(phase / weight[:, None], name)
+        mixed = table_phase_function(phase / weight[:, None], elements / phase, name)
     albedo = np.where(extinction > 0.0, np.minimum(1.0, scattering / np.where(extinction > 0.0, extinction, 1.0)), 0.0)
     return MixtureOptics(extinction, albedo, mixed)
 
 
-def table_phase_function(phase_per_sr: np.ndarray, name: str) -> PhaseFunction:
-    """Phase function from values (W, N) at the table's own angles, normalised to 1 under the table's rule."""
+def table_phase_function(phase_per_sr: np.ndarray, ratios: np.ndarray, name: str) -> PhaseFunction:
+    """Phase function from values (W, N) at the table's own angles, normalised to 1 under the table's rule.
+
+    ratios (4, W, N): of the other elements of the phase matrix to it.
+    """
     log_table = np.log(phase_per_sr)
     moments = PhaseFunction(TABLE, np.zeros(log_table.shape[0]), log_table, name).legendre_moments(1)
-    return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name)
+    return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name, ratios)
 
 
 def uniform_region(
-    name: str, optics: MixtureOptics, bottom_km: float, top_km: float, scale_height_km: float = math.inf
+    name: str,
+    optics: MixtureOptics,
+    bottom_km: float,
+    top_km: float,
+    scale_height_km: float = math.inf,
+    base_km: float = 0.0,
 ) -> AerosolRegion:
-    """One mixture whose extinction goes with exp(-z/scale height) counted from sea level."""
+    """One mixture whose extinction goes with exp(-(z - base)/scale height)."""
     z = np.array([bottom_km, top_km], dtype=float)
     n_w = optics.extinction_per_km.size
     return AerosolRegion(
         name,
         z,
-        np.exp(-z / scale_height_km)[:, None] * optics.extinction_per_km,
+        np.exp((base_km - z) / scale_height_km)[:, None] * optics.extinction_per_km,
         np.broadcast_to(optics.single_scattering_albedo, (2, n_w)).copy(),
         np.ones((1, 2, n_w)),
         (optics.phase,),
@@ -151,9 +167,13 @@ def uniform_region(
 
 
 def tropospheric_regions(
-    spec: opac.AerosolSpec, wavelength_nm, stratosphere_bottom_km: float | None = None, cache_dir: CacheDir = None
+    spec: opac.AerosolSpec,
+    wavelength_nm,
+    stratosphere_bottom_km: float | None = None,
+    cache_dir: CacheDir = None,
+    ground_km: float = 0.0,
 ) -> list[AerosolRegion]:
-    """Boundary layer, transported dust and free troposphere of a spec, not scaled to an optical depth.
+    """Boundary layer, transported dust and free troposphere of a spec above the ground, not scaled to an optical depth.
 
     stratosphere_bottom_km: where a stratosphere of its own begins; the free troposphere reaches to it.
     """
@@ -162,16 +182,17 @@ def tropospheric_regions(
         return mixture_optics(numbers, humidity, wavelength_nm, spec.phase_function, name, cache_dir)
 
     regions = []
-    bl_top = spec.boundary_layer_top_km
-    if bl_top > 0.0 and any(n > 0 for n in spec.number_density_per_cm3.values()):
+    bl_top, base = spec.boundary_layer_end_km(ground_km), spec.base_km(ground_km)
+    if bl_top > ground_km and any(n > 0 for n in spec.number_density_per_cm3.values()):
         height = math.inf if spec.scale_height_km == opac.CONSTANT_SCALE_HEIGHT_KM else spec.scale_height_km
         boundary = optics(spec.number_density_per_cm3, spec.relative_humidity_percent, "boundary layer")
-        regions.append(uniform_region("boundary layer", boundary, 0.0, bl_top, height))
+        regions.append(uniform_region("boundary layer", boundary, ground_km, bl_top, height, base))
     free_intervals = [(bl_top, _free_troposphere_top(spec, stratosphere_bottom_km))]
     dust = spec.mineral_transported
-    if dust is not None:
-        mineral = optics({"mitr": _dust_number(dust, cache_dir)}, 0.0, "mineral transported")
-        regions.append(uniform_region("mineral transported", mineral, dust.bottom_km, dust.top_km))
+    if dust is not None and dust.top_km > ground_km:
+        dust_bottom = max(dust.bottom_km, ground_km)
+        mineral = optics({"mitr": _dust_number(dust, dust_bottom, cache_dir)}, 0.0, "mineral transported")
+        regions.append(uniform_region("mineral transported", mineral, dust_bottom, dust.top_km))
         bottom, top = free_intervals[0]
         free_intervals = [(bottom, min(top, dust.bottom_km)), (max(bottom, dust.top_km), top)]
     if spec.free_troposphere:
@@ -190,19 +211,21 @@ def _free_troposphere_top(spec: opac.AerosolSpec, stratosphere_bottom_km: float 
     return spec.free_troposphere_top_km if stratosphere_bottom_km is None else stratosphere_bottom_km
 
 
-def _dust_number(dust: opac.MineralLayer, cache_dir: CacheDir) -> float:
+def _dust_number(dust: opac.MineralLayer, bottom_km: float, cache_dir: CacheDir) -> float:
     if dust.number_density_per_cm3 is not None:
         return dust.number_density_per_cm3
     assert dust.optical_depth_550nm is not None
     one = mixture_optics({"mitr": 1.0}, 0.0, _REFERENCE_NM, cache_dir=cache_dir).extinction_per_km[0]
-    return dust.optical_depth_550nm / (one * (dust.top_km - dust.bottom_km))
+    return dust.optical_depth_550nm / (one * (dust.top_km - bottom_km))
 
 
-def opac_stratosphere(spec: opac.AerosolSpec, wavelength_nm, cache_dir: CacheDir = None) -> list[AerosolRegion]:
+def opac_stratosphere(
+    spec: opac.AerosolSpec, wavelength_nm, cache_dir: CacheDir = None, ground_km: float = 0.0
+) -> list[AerosolRegion]:
     """OPAC's own stratospheric background of a spec, empty where the spec wants none."""
     if not spec.stratosphere:
         return []
-    bottom = max(spec.boundary_layer_top_km, spec.free_troposphere_top_km)
+    bottom = max(spec.boundary_layer_end_km(ground_km), spec.free_troposphere_top_km)
     if bottom >= opac.STRATOSPHERE_TOP_KM:
         return []
     optics = mixture_optics(

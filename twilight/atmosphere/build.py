@@ -17,6 +17,7 @@ from twilight.atmosphere.stratosphere import StratosphereSpec
 from twilight.errors import TwilightError
 
 MIN_TOP_KM = 10.0
+MAX_GROUND_KM = 9.0
 
 OZONE_TREATMENTS = ("layer", "overhead_filter", "none")
 REFRACTION_MODELS = ("ciddor", "haber", "none")
@@ -27,6 +28,7 @@ def build_medium(
     *,
     profile: str = "midlatitude_summer",
     top_km: float = 100.0,
+    ground_altitude_km: float = 0.0,
     layers: EqualAirMass | Boundaries | None = None,
     ozone_column_du: float | None = None,
     ozone_day_of_year: float | None = None,
@@ -45,10 +47,11 @@ def build_medium(
 
     profile: one of ``profiles.PROFILES``.
     top_km: 10 to 120; what is above is left out.
+    ground_altitude_km: 0 to 9 above sea level; the medium begins there, with the profile's state at that altitude.
     layers: None gives coefficients that go continuously through the profile's own altitudes; otherwise they are
         constant in each layer, with the layer's mean.
-    ozone_column_du: of the whole profile, 0 to 120 km; or from the day of the year (northern hemisphere, Haber 2005
-        sec. 4.3); None for both keeps the profile's own.
+    ozone_column_du: from the ground to 120 km; or from the day of the year (northern hemisphere, Haber 2005
+        sec. 4.3); None for both keeps the profile's own above the ground.
     ozone_treatment: `layer` absorbs where the ozone is; `overhead_filter` puts the whole column into
         ``Medium.overhead_absorption_optical_depth``; `none` leaves ozone out.
     no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
@@ -67,9 +70,14 @@ def build_medium(
     if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 1e5):
         raise TwilightError(f"co2_ppm: {co2_ppm} is not possible, allowed is 0 to 100000 ppm")
     albedo = check_ground_albedo(ground_albedo, wavelength.size)
-    full = load_profile(profile)
+    if not (math.isfinite(ground_altitude_km) and 0.0 <= ground_altitude_km <= MAX_GROUND_KM):
+        raise TwilightError(
+            f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is 0 to {MAX_GROUND_KM:g} km"
+        )
+    ground_km = float(ground_altitude_km)
+    full = load_profile(profile).above(ground_km)
     ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
-    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, top_km, cache_dir)
+    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km), cache_dir)
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
     state = full.at(altitude)
@@ -108,7 +116,7 @@ def build_medium(
         "aerosol_factor": aerosol_factor,
     }
     if layers is not None:
-        medium = layered(medium, layers.boundaries_km(top_km))
+        medium = layered(medium, layers.boundaries_km(top_km, ground_km))
     return replace(medium, notes=notes)
 
 
@@ -134,23 +142,28 @@ def _aerosol_regions(
     aerosol: AerosolSpec | None,
     stratosphere: StratosphereSpec | None,
     wavelength: np.ndarray,
-    top_km: float,
+    span_km: tuple[float, float],
     cache_dir: CacheDir,
 ) -> tuple[list[AerosolRegion], float]:
-    """Regions below the top, and the factor on the tropospheric ones."""
+    """Regions between ground and top, and the factor on the tropospheric ones."""
+    ground_km, top_km = span_km
     bottom_km = 0.0 if stratosphere is None else stratosphere.bottom_km
     if aerosol is not None:
-        bottom_km = max(bottom_km, aerosol.boundary_layer_top_km)
+        bottom_km = max(bottom_km, aerosol.boundary_layer_end_km(ground_km))
 
     def tropospheric(w) -> list[AerosolRegion]:
         own_stratosphere_km = None if stratosphere is None else bottom_km
-        return [] if aerosol is None else aerosols.tropospheric_regions(aerosol, w, own_stratosphere_km, cache_dir)
+        if aerosol is None:
+            return []
+        return aerosols.tropospheric_regions(aerosol, w, own_stratosphere_km, cache_dir, ground_km)
 
     def stratospheric(w) -> list[AerosolRegion]:
         if stratosphere is not None:
             cut = [region.above(bottom_km) for region in stratosphere.regions(w, cache_dir)]
-            return [region for region in cut if region is not None]
-        return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, cache_dir)
+            found = [region for region in cut if region is not None]
+            plain = aerosol is not None and aerosol.phase_function == "henyey_greenstein"
+            return [region.henyey_greenstein() for region in found] if plain else found
+        return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, cache_dir, ground_km)
 
     factor = 1.0
     if aerosol is not None and aerosol.optical_depth_550nm is not None:
@@ -167,9 +180,9 @@ def _levels(profile_km: np.ndarray, regions: list[AerosolRegion], top_km: float)
     """Altitudes of the levels, and for each whether it stands for the air above it (of two equal ones the second)."""
     inner = [profile_km] + [region.altitude_km for region in regions]
     z = np.unique(np.concatenate(inner))
-    z = np.append(z[(z >= 0.0) & (z < top_km)], top_km)
+    z = np.append(z[(z >= profile_km[0]) & (z < top_km)], top_km)
     jumps = np.unique([edge for region in regions for edge in (region.bottom_km, region.top_km)])
-    jumps = jumps[(jumps > 0.0) & (jumps < top_km)]
+    jumps = jumps[(jumps > profile_km[0]) & (jumps < top_km)]
     altitude = np.sort(np.concatenate([z, jumps]))
     upper_side = np.append(np.diff(altitude) > 0, False)
     return altitude, upper_side

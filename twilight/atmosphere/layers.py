@@ -22,31 +22,32 @@ class EqualAirMass:
 
     count: int
 
-    def boundaries_km(self, top_km: float) -> np.ndarray:
-        """Boundaries 0 = H_0 < ... < H_N = top: H_{i+1} = -8 ln(exp(-H_i/8) - M/8) with M the mass of a layer."""
+    def boundaries_km(self, top_km: float, ground_km: float = 0.0) -> np.ndarray:
+        """Boundaries ground = H_0 < ... < H_N = top: H_{i+1} = -8 ln(exp(-H_i/8) - M/8), M the mass of a layer."""
         if not 1 <= self.count <= MAX_LAYERS:
             raise TwilightError(f"layers.count: {self.count} is not possible, allowed is 1 to {MAX_LAYERS}")
         share = np.arange(self.count + 1) / self.count
-        heights = -HABER_SCALE_HEIGHT_KM * np.log1p(share * math.expm1(-top_km / HABER_SCALE_HEIGHT_KM))
-        heights[0], heights[-1] = 0.0, top_km
+        depth = (top_km - ground_km) / HABER_SCALE_HEIGHT_KM
+        heights = ground_km - HABER_SCALE_HEIGHT_KM * np.log1p(share * math.expm1(-depth))
+        heights[0], heights[-1] = ground_km, top_km
         return heights
 
 
 @dataclass(frozen=True)
 class Boundaries:
-    """Layers between given altitudes [km]; the first is the ground (0) and the last the top of the atmosphere."""
+    """Layers between given altitudes [km]; the first is the ground and the last the top of the atmosphere."""
 
     altitude_km: tuple[float, ...]
 
-    def boundaries_km(self, top_km: float) -> np.ndarray:
+    def boundaries_km(self, top_km: float, ground_km: float = 0.0) -> np.ndarray:
         z = np.asarray(self.altitude_km, dtype=float)
         if z.ndim != 1 or not 2 <= z.size <= MAX_LAYERS + 1 or not np.all(np.isfinite(z)) or np.any(np.diff(z) <= 0):
             raise TwilightError(
                 f"layers.boundaries_km must be 2 to {MAX_LAYERS + 1} altitudes, each above the one before"
             )
-        if z[0] != 0.0 or not math.isclose(z[-1], top_km, rel_tol=1e-9):
+        if z[0] != ground_km or not math.isclose(z[-1], top_km, rel_tol=1e-9):
             raise TwilightError(
-                f"layers.boundaries_km must begin at 0 and end at the top of the atmosphere, {top_km:g} km, "
+                f"layers.boundaries_km must begin at {ground_km:g} and end at the top of the air, {top_km:g} km, "
                 f"not {z[0]:g} and {z[-1]:g}"
             )
         return z

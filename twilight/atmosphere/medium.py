@@ -101,7 +101,7 @@ class Medium:
     def select(self, wavelengths: slice | np.ndarray) -> Medium:
         """The same medium at some of its wavelengths."""
         s = wavelengths
-        phases = tuple(PhaseFunction(p.kind, p.asymmetry[s], p.log_table[s], p.name) for p in self.phase_functions)
+        phases = tuple(p.select(s) for p in self.phase_functions)
         cut = {
             key: getattr(self, key)[:, s]
             for key in (
@@ -173,7 +173,7 @@ class Medium:
             if b <= a:
                 new.append(np.array([b]))
                 continue
-            n = int(np.ceil(max(steps[i] / np.sqrt(8 * tolerance), (b - a) / max(max_thickness_km, 0.02 * a))))
+            n = int(np.ceil(max(steps[i] / np.sqrt(8 * tolerance), (b - a) / max(max_thickness_km, 0.02 * (a - z[0])))))
             new.append(np.linspace(a, b, max(1, min(n, 400)) + 1)[1:])
         return self._on_levels(new)
 
@@ -222,10 +222,12 @@ class Medium:
         n_phase = len(self.phase_functions)
         width = max((p.log_table.shape[1] for p in self.phase_functions), default=1)
         tables = np.zeros((n_phase, self.n_wavelengths, width))
+        ratios = np.zeros((n_phase, 4, self.n_wavelengths, width))
         for k, p in enumerate(self.phase_functions):
             if p.log_table.shape[1] not in (1, width):
                 raise ValueError("phase tables of one medium must have the same number of nodes")
             tables[k, :, : p.log_table.shape[1]] = p.log_table
+            ratios[k, :, :, : p.log_table.shape[1]] = p.ratios
         kinds = np.array([p.kind for p in self.phase_functions], dtype=np.int64)
         g = np.array([p.asymmetry for p in self.phase_functions]).reshape(n_phase, self.n_wavelengths)
         return MediumArrays(
@@ -239,6 +241,7 @@ class Medium:
             kinds,
             g,
             tables,
+            ratios,
             c(self.depolarisation, dtype=float),
             c(self.ground_albedo, dtype=float),
             float(self.earth_radius_km),
@@ -265,7 +268,11 @@ class Coefficients(NamedTuple):
 
 
 class MediumArrays(NamedTuple):
-    """A medium as arrays for njit kernels; same meaning and shapes as in :class:`Medium`."""
+    """A medium as arrays for njit kernels; same meaning and shapes as in :class:`Medium`.
+
+    phase_kind (K,), phase_asymmetry (K, W), phase_log_table (K, W, N), phase_ratios (K, 4, W, N): of the K phase
+    functions, as in :class:`PhaseFunction`.
+    """
 
     altitude_km: np.ndarray
     air_scattering: np.ndarray
@@ -277,6 +284,7 @@ class MediumArrays(NamedTuple):
     phase_kind: np.ndarray
     phase_asymmetry: np.ndarray
     phase_log_table: np.ndarray
+    phase_ratios: np.ndarray
     depolarisation: np.ndarray
     ground_albedo: np.ndarray
     earth_radius_km: float

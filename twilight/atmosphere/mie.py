@@ -3,6 +3,8 @@
 The Mie coefficients a_n, b_n of each radius come from ``miepython.coefficients``.  Efficiencies and scattering
 functions are sums over them; for many radii and angles these sums are matrix products, with
 S1 +- S2 = sum_n (2n+1)/(n(n+1)) (a_n +- b_n) (pi_n +- tau_n)   (Bohren & Huffman 1983, sec. 4.4).
+With p = S1 + S2 and m = S1 - S2 the elements of the scattering matrix (their eq. 4.77) are
+4 S11 = |p|^2 + |m|^2,   2 S12 = -Re(p m*),   4 S33 = |p|^2 - |m|^2,   2 S34 = Im(p m*).
 """
 
 from __future__ import annotations
@@ -18,14 +20,21 @@ from importlib import metadata
 
 import numpy as np
 
+from twilight.atmosphere import shipped_optics
 from twilight.atmosphere.optics_cache import ArrayCache
 from twilight.phase import TABLE, PhaseFunction, table_angles_rad
 
-METHOD_VERSION = 1
+METHOD_VERSION = 2
 """Part of every cache key; to be raised with any change of this file that moves a number."""
 
 N_ANGLES = 513
 """Nodes of the tabulated phase functions, dense in the forward peak."""
+
+ROW = 3 + 4 * N_ANGLES
+"""Numbers per population and wavelength: extinction, scattering, asymmetry, ln P11, and P12, P33, P34 over P11."""
+
+RATIO_STEP = 1.0 / 32767.0
+"""Ratios of matrix elements are rounded to this, as they ship: 3e-5 at most, and so a computed row is a shipped one."""
 
 _NEGLIGIBLE = 1e-6
 """Radii that carry less than this part of the largest r^2 n(r) min(1, x) are left out."""
@@ -67,12 +76,15 @@ class ParticleOptics:
     extinction_per_km, scattering_per_km: (W,), km^-1 per (particle cm^-3), that is 1e-5 cm^2 of cross section.
     asymmetry: (W,), mean cosine from the Mie coefficients.
     log_phase: (W, N_ANGLES), ln p [sr^-1] at ``table_angles_rad(N_ANGLES)``; its integral over the sphere is 1.
+    ratios: (4, W, N_ANGLES), P12, P22 (1 for spheres), P33 and P34 over P11 = p, to 1.5e-5; P34 with the sign of
+        Bohren & Huffman, whose V is positive for right-handed light.
     """
 
     extinction_per_km: np.ndarray
     scattering_per_km: np.ndarray
     asymmetry: np.ndarray
     log_phase: np.ndarray
+    ratios: np.ndarray
 
 
 def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +140,9 @@ def _groups(radii: np.ndarray) -> Iterator[slice]:
 def compute_optics(
     size: LogNormal, index: complex, wavelength_nm: float, mie_coefficients: Callable | None = None
 ) -> np.ndarray:
-    """Extinction, scattering [km^-1 per cm^-3], asymmetry and ln p at the table's angles, in one array.
+    """Extinction, scattering [km^-1 per cm^-3], asymmetry, and at the table's angles ln P11, P12/P11, P33/P11, P34/P11.
+
+    One array (ROW,).
 
     index: n + i k with k of either sign; k is taken as absorption.
     mie_coefficients: function (m, x) -> (a_n, b_n), None to choose by the amount of work.
@@ -141,7 +155,7 @@ def compute_optics(
     n_terms = int(wavenumber * radii[-1] + 4.05 * (wavenumber * radii[-1]) ** (1 / 3) + 4)
     plus, minus = _angular_functions(128 * 2 ** max(0, math.ceil(math.log2(n_terms / 128))))
     extinction = scattering = forward = 0.0
-    intensity = np.zeros(N_ANGLES)
+    intensity, difference, cross, twist = np.zeros((4, N_ANGLES))
     for group in _groups(radii):
         pairs = [mie_coefficients(m, wavenumber * r) for r in radii[group]]
         length = max(a_n.size for a_n, _ in pairs)
@@ -157,15 +171,25 @@ def compute_optics(
         own = (a * b.conj()).real @ ((2 * n + 1) / (n * (n + 1)))
         forward += float(w @ (neighbours + own))
         scale = (2 * n + 1) / (n * (n + 1))
-        for c, angular in (((a + b) * scale, plus[:length]), ((a - b) * scale, minus[:length])):
-            intensity += w @ ((c.real @ angular) ** 2 + (c.imag @ angular) ** 2)
+        p, q = (a + b) * scale, (a - b) * scale
+        p_real, p_imag = p.real @ plus[:length], p.imag @ plus[:length]
+        q_real, q_imag = q.real @ minus[:length], q.imag @ minus[:length]
+        p_square, q_square = w @ (p_real**2 + p_imag**2), w @ (q_real**2 + q_imag**2)
+        intensity += p_square
+        intensity += q_square
+        difference += p_square - q_square
+        cross += w @ (p_real * q_real + p_imag * q_imag)
+        twist += w @ (p_imag * q_real - p_real * q_imag)
     if m.imag == 0.0:
         scattering = extinction
     log_phase = np.log(intensity / (4.0 * math.pi * scattering))
     moments = PhaseFunction(TABLE, np.zeros(1), log_phase[None, :]).legendre_moments(0)
     log_phase = (log_phase - math.log(moments[0, 0])).astype(np.float32).astype(float)  # as it ships: 2e-7
     to_per_km = 2.0 * math.pi / wavenumber**2 * 1e-3  # um^2 cm^-3 = 1e-8 cm^-1 = 1e-3 km^-1
-    return np.concatenate([[extinction * to_per_km, scattering * to_per_km, 2.0 * forward / scattering], log_phase])
+    ratios = np.stack([-2.0 * cross, difference, 2.0 * twist]) / intensity
+    ratios = np.round(np.clip(ratios, -1.0, 1.0) / RATIO_STEP) * RATIO_STEP
+    head = [extinction * to_per_km, scattering * to_per_km, 2.0 * forward / scattering]
+    return np.concatenate([head, log_phase, ratios.ravel()])
 
 
 def particle_optics(
@@ -174,7 +198,7 @@ def particle_optics(
     """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air."""
     wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
-    cache = ArrayCache(cache_dir, 3 + N_ANGLES)
+    cache = ArrayCache(cache_dir, ROW)
     keys = [cache_key(size, m, w, installed_miepython()) for m, w in zip(indices, wavelengths, strict=True)]
     found = [
         cache.load(key) if shipped is None else shipped
@@ -184,19 +208,18 @@ def particle_optics(
     mie_coefficients = (
         _mie_coefficients(sum(_seconds(size, indices[i], wavelengths[i]) for i in missing)) if missing else None
     )
-    table = np.empty((wavelengths.size, 3 + N_ANGLES))
+    table = np.empty((wavelengths.size, ROW))
     for i, row in enumerate(found):
         if row is None:
             row = compute_optics(size, indices[i], wavelengths[i], mie_coefficients)
             cache.store(keys[i], row)
         table[i] = row
-    return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
+    p11, p12, p33, p34 = table[:, 3:].reshape(-1, 4, N_ANGLES).transpose(1, 0, 2)
+    return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], p11, np.stack([p12, np.ones_like(p12), p33, p34]))
 
 
 def _shipped(size: LogNormal, indices: Sequence[complex], wavelengths: np.ndarray) -> list[np.ndarray | None]:
     """Rows that come with the package, None for the others."""
-    from twilight.atmosphere import shipped_optics
-
     table = shipped_optics.load()
     return [
         table.rows.get(cache_key(size, m, w, table.miepython_version))

@@ -37,6 +37,8 @@ STRATOSPHERE_TOP_KM = 35.0
 CONSTANT_SCALE_HEIGHT_KM = 99.0
 """OPAC's mark for a layer that does not change with altitude."""
 
+BASES = ("ground", "sea_level")
+
 
 @dataclass(frozen=True)
 class MineralLayer:
@@ -69,8 +71,10 @@ class MineralLayer:
 class AerosolSpec:
     """An aerosol in OPAC's terms.
 
-    number_density_per_cm3: particles of each OPAC component at the ground, for the boundary layer; the extinction goes
-        with exp(-z/scale height) from the ground to boundary_layer_top_km (scale height 99 = constant).
+    number_density_per_cm3: particles of each OPAC component at the base, for the boundary layer; the extinction goes
+        with exp(-z/scale height) from the base to boundary_layer_top_km (scale height 99 = constant).
+    boundary_layer_base: `ground`, or `sea_level`: where heights of the boundary layer and the densities count from; a
+        mountain stands above a part or all of a layer that counts from sea level.
     relative_humidity_percent: of the boundary layer, 0 to 99; components that take up water swell with it.
     mineral_transported: optional dust layer; the free troposphere makes room for it.
     free_troposphere: OPAC's own background from the boundary layer's top to free_troposphere_top_km, with
@@ -85,6 +89,7 @@ class AerosolSpec:
     relative_humidity_percent: float = 80.0
     boundary_layer_top_km: float = 2.0
     scale_height_km: float = 8.0
+    boundary_layer_base: str = "ground"
     mineral_transported: MineralLayer | None = None
     free_troposphere: bool = True
     free_troposphere_top_km: float = FREE_TROPOSPHERE_TOP_KM
@@ -104,10 +109,23 @@ class AerosolSpec:
         _check("aerosol.free_troposphere_scale_height_km", self.free_troposphere_scale_height_km, 1e-3, 1e3)
         if self.optical_depth_550nm is not None:
             _check("aerosol.optical_depth_550nm", self.optical_depth_550nm, 0.0, 100.0)
+        if self.boundary_layer_base not in BASES:
+            raise TwilightError(
+                f"aerosol.boundary_layer_base: `{self.boundary_layer_base}` is not known; "
+                f"allowed are {', '.join(BASES)}"
+            )
         if self.phase_function not in ("mie", "henyey_greenstein"):
             raise TwilightError(
                 f"aerosol.phase_function: `{self.phase_function}` is not known; allowed are mie, henyey_greenstein"
             )
+
+    def base_km(self, ground_km: float) -> float:
+        """Altitude of the boundary layer's base [km]."""
+        return ground_km if self.boundary_layer_base == "ground" else 0.0
+
+    def boundary_layer_end_km(self, ground_km: float) -> float:
+        """Altitude above which there is no boundary layer [km]."""
+        return max(ground_km, self.base_km(ground_km) + self.boundary_layer_top_km)
 
 
 def _check(key: str, value: float, lowest: float, highest: float) -> None:

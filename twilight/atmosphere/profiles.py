@@ -70,6 +70,10 @@ class Profile:
             exponential(self.no2_per_cm3),
         )
 
+    def above(self, altitude_km: float) -> Profile:
+        """The part of the profile from an altitude up."""
+        return self.at(np.concatenate([[altitude_km], self.altitude_km[self.altitude_km > altitude_km]]))
+
     @property
     def water_vapour_pressure_hpa(self) -> np.ndarray:
         """Partial pressure of water vapour n k T [hPa]; number density in cm^-3."""

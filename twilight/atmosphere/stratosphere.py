@@ -38,7 +38,7 @@ LOWTRAN_UPPER_KM = 30.0
 
 SAGE_WAVELENGTH_NM = np.array([384.0, 448.0, 520.0, 601.0, 676.0, 756.0, 869.0, 1021.0, 1543.0])
 SAGE_MODE_WIDTH = 1.6
-_SAGE_RADII_UM = np.geomspace(0.045, 0.225, 6)
+SAGE_RADII_UM = np.geomspace(0.045, 0.225, 6)
 """Median radii at which the droplets' optics are computed; all retrieved ones lie between."""
 
 
@@ -174,6 +174,19 @@ def sage_scenarios() -> tuple[str, ...]:
     return tuple(_sage())
 
 
+def measured_kind(profile: str) -> str:
+    """The measured profile, of typical loading, of the latitude of an AFGL profile (which are of the northern half).
+
+    There are three bands: the subarctic profiles take the midlatitudes'.
+    """
+    return "tropical_typical" if profile == "tropical" else "nh_midlat_typical"
+
+
+def droplets(median_radius_um: float) -> LogNormal:
+    """Size distribution of the measured droplets."""
+    return LogNormal(median_radius_um, SAGE_MODE_WIDTH, median_radius_um / 50.0, median_radius_um * 50.0)
+
+
 def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     """Extinction (n, W) from n rows at the nine channels, log-log in wavelength.
 
@@ -205,16 +218,15 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     z = np.append(z, PROFILE_TOP_KM)
     radius_um = np.append(radius_um, radius_um[-1])
     extinction = np.vstack([extinction, extinction[-1] * decay])
-    position = np.interp(np.log(radius_um), np.log(_SAGE_RADII_UM), np.arange(_SAGE_RADII_UM.size))
-    weight = np.maximum(0.0, 1.0 - np.abs(position[None, :] - np.arange(_SAGE_RADII_UM.size)[:, None]))
+    position = np.interp(np.log(radius_um), np.log(SAGE_RADII_UM), np.arange(SAGE_RADII_UM.size))
+    weight = np.maximum(0.0, 1.0 - np.abs(position[None, :] - np.arange(SAGE_RADII_UM.size)[:, None]))
     used = np.any(weight > 0.0, axis=1)
     weight = weight[used]
     phases, albedos = [], []
     _, index = opac.particles("suso", 0.0, wavelength)
-    for radius in _SAGE_RADII_UM[used]:
-        size = LogNormal(float(radius), SAGE_MODE_WIDTH, float(radius) / 50.0, float(radius) * 50.0)
-        optics = particle_optics(size, index, wavelength, cache_dir)
-        phases.append(table_phase_function(np.exp(optics.log_phase), f"sulphate {1e3 * radius:.0f} nm"))
+    for radius in SAGE_RADII_UM[used]:
+        optics = particle_optics(droplets(float(radius)), index, wavelength, cache_dir)
+        phases.append(table_phase_function(np.exp(optics.log_phase), optics.ratios, f"sulphate {1e3 * radius:.0f} nm"))
         albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
     share = np.repeat(weight[:, :, None], wavelength.size, axis=2)
     albedo = np.einsum("kn,kw->nw", weight, np.stack(albedos))

@@ -6,7 +6,7 @@ A scheduler that is already there (on every node `NUMBA_NUM_THREADS` may set the
     dask worker tcp://HOST:8786 --nworkers 4 --nthreads 1      # on each node, with twilight installed
     twilight sweep sweep-haze --scheduler tcp://HOST:8786
 
-A batch system, after `pip install 'twilight-sky[jobqueue]'`, with what a job is in ~/.config/dask/jobqueue.yaml:
+A batch system, after `pip install '.[jobqueue]'`, with what a job is in ~/.config/dask/jobqueue.yaml:
 
     jobqueue:
       slurm:
@@ -31,10 +31,10 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from twilight.errors import TwilightError
+from twilight.extras import is_installed, missing
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -49,8 +49,11 @@ BATCH_SYSTEMS = {
     "moab": "MoabCluster",
 }
 
-_QUIET = {
+_QUIET: dict[str, Any] = {
     "distributed.scheduler.worker-ttl": None,  # a kernel that keeps the interpreter's lock is no dead worker
+    "distributed.scheduler.http.routes": [],  # pages that show and end tasks
+    "distributed.worker.http.routes": [],
+    "distributed.nanny.http.routes": [],
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
@@ -79,7 +82,7 @@ def connect(place: Place) -> Iterator[Client]:
 
     Errors: TwilightError where a library is missing or the scheduler cannot be reached.
     """
-    _check_installed(place)
+    check_installed(place)
     import dask
     import distributed  # noqa: F401 - before the settings: what it sets itself would go with them
 
@@ -111,13 +114,10 @@ def _without_its_log() -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-def _check_installed(place: Place) -> None:
-    needed = {"distributed": "batch", "zarr": "batch"}
-    if place.batch_system is not None:
-        needed["dask_jobqueue"] = "jobqueue"
-    for module, extra in needed.items():
-        if find_spec(module) is None:
-            raise TwilightError(f"sweep: needs {module.replace('_', '-')}: pip install 'twilight-sky[{extra}]'")
+def check_installed(place: Place) -> None:
+    """Raise TwilightError where a package is missing that this place needs."""
+    if place.batch_system is not None and not is_installed("dask_jobqueue"):
+        raise missing("dask_jobqueue", f"--batch-system: {place.batch_system}")
 
 
 @contextmanager
@@ -155,7 +155,8 @@ def _local(place: Place) -> Any:
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=":0",
+            host="127.0.0.1",
+            dashboard_address=None,
             silence_logs=logging.CRITICAL,
             env={name: str(threads) for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")},
         )

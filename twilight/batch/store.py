@@ -1,7 +1,8 @@
 """The dataset of a sweep: a Zarr store that xarray opens lazily, and in it the journal of its finished tasks.
 
-A chunk is a file that is there whole or not at all; a task counts as done when a line of the journal says so, which is
-written after its chunks.  Whatever stops a sweep, nothing but the tasks at hand is lost.
+A chunk is a file that is there whole or not at all, with a CRC-32 of its values inside; a task counts as done when a
+line of the journal says so, which is written after its chunks.  Whatever stops a sweep, nothing but the tasks at hand
+is lost; a chunk that was damaged or deleted since is computed again.
 """
 
 from __future__ import annotations
@@ -13,16 +14,18 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from twilight import __version__
 from twilight.batch.dimensions import describe_key, variable_name
-from twilight.batch.sweep import Sweep, Task
+from twilight.batch.sweep import Sweep
+from twilight.batch.task import Block, Task
 from twilight.batch.work import TaskResult
 from twilight.errors import TwilightError
-from twilight.io.provenance import to_json
+from twilight.io.journal import Journal, open_journal, read_journal
+from twilight.io.provenance import differences, to_json
 from twilight.spectrum import solar_irradiance
 
 JOURNAL = "tasks.jsonl"
@@ -42,10 +45,11 @@ class Store:
     done: what the journal says of each finished task by its key: {"refused": {scene: sentence}, "cpu_s", "wall_s"}.
     """
 
-    def __init__(self, path: Path, sweep: Sweep, group: Any, journal: IO[str]):
+    def __init__(self, path: Path, sweep: Sweep, group: Any, journal: Journal):
         self.path, self.sweep = path, sweep
-        self.done = _read_journal(path / JOURNAL)
+        self.done = _finished(path / JOURNAL)
         self._group, self._journal = group, journal
+        self.damaged = self._without_damaged()
 
     def write(self, task: Task, result: TaskResult) -> None:
         """Chunks first, then the line that says that they are there.  TwilightError where the system refuses."""
@@ -57,17 +61,40 @@ class Store:
                 if found.standard_error is not None:
                     arrays["standard_error"] = found.standard_error
                 for name, values in arrays.items():
-                    self._group[name][block.region] = values.reshape(*block.shape, *values.shape[1:])
+                    self._group[name][block.region] = values.reshape((*block.shape, *values.shape[1:]))
                 scenes = list(block.scenes())
                 for i, reason in found.refused.items():
                     refused[",".join(map(str, scenes[i]))] = reason
             entry = {"refused": refused, "cpu_s": round(result.cpu_s, 3), "wall_s": round(result.wall_s, 3)}
-            self._journal.write(json.dumps({"task": task.key, **entry}) + "\n")
-            self._journal.flush()
-            os.fsync(self._journal.fileno())
+            self._journal.write({"task": task.key, **entry})
         except OSError as error:
             raise TwilightError(f"{self.path}: cannot be written ({error.strerror or error})") from error
         self.done[task.key] = entry
+
+    def _without_damaged(self) -> int:
+        """Forget the tasks of which a chunk is no longer what was written; how many they are."""
+        names = [_RADIANCE, "direct_irradiance_factor", "solar_bending"]
+        names += ["standard_error"] if self.sweep.stochastic else []
+        lost = [
+            task.key
+            for task in self.sweep.tasks
+            if task.key in self.done and not all(self._is_whole(name, block) for block in task.blocks for name in names)
+        ]
+        for key in lost:
+            del self.done[key]
+        return len(lost)
+
+    def _is_whole(self, name: str, block: Block) -> bool:
+        chunk = [part.start // size for part, size in zip(block.region, self.sweep.chunk, strict=True)]
+        array = self._group[name]
+        chunk += [0] * (array.ndim - len(chunk))
+        if not (self.path / name).joinpath("/".join(map(str, chunk)) or "0").is_file():
+            return False  # which zarr reads as NaN
+        try:
+            array[block.region]
+        except Exception:  # of the checksum, the decompressor or the system
+            return False
+        return True
 
     def write_status(self) -> None:
         """Bring the variable `status` up to date with the journal."""
@@ -100,11 +127,8 @@ def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
         _check_same(path, sweep)
     else:
         _create(path, sweep)
-    journal_path = path / JOURNAL
     try:
-        with open(journal_path, "a", encoding="utf-8") as journal:
-            _lock(journal, path)
-            _end_line(journal_path, journal)
+        with open_journal(path / JOURNAL, "another sweep") as journal:
             for left in path.rglob("*.partial"):  # chunks that a killed process had begun
                 left.unlink()
             with zarr.config.set({"array.write_empty_chunks": True}):
@@ -118,31 +142,11 @@ def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
         raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
-def _lock(journal: IO[str], path: Path) -> None:
-    """One writer at a time; where the system has no such locks (Windows) this is left to the user."""
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(journal.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise TwilightError(f"{path}: another sweep is writing it") from None
-
-
-def _end_line(path: Path, journal: IO[str]) -> None:
-    """A line that was cut in writing is ended, so that the next one stands alone."""
-    content = path.read_bytes()
-    if content and not content.endswith(b"\n"):
-        journal.write("\n")
-        journal.flush()
-
-
-def _read_journal(path: Path) -> dict[str, dict[str, Any]]:
+def _finished(path: Path) -> dict[str, dict[str, Any]]:
+    """What the journal says of each finished task, by its key."""
     done = {}
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        with suppress(ValueError, TypeError, KeyError):  # a line that was cut in writing
-            entry = json.loads(line)
+    for entry in read_journal(path):
+        with suppress(ValueError, TypeError, KeyError):
             done[entry.pop("task")] = entry | {"refused": dict(entry["refused"])}
     return done
 
@@ -156,23 +160,11 @@ def _check_same(path: Path, sweep: Sweep) -> None:
     if stored_hash != sweep.hash:
         asked = json.loads(to_json(sweep.document))
         parts = ("dimensions", "configuration", "version", "code")
-        changed = next(filter(None, (_difference(stored.get(p), asked[p], (p,)) for p in parts)), "a task")
+        found = (next(differences(stored.get(part), asked[part], (part,)), None) for part in parts)
+        changed = next((".".join(one[0]) for one in found if one is not None), "a task")
         if changed == "code":
             changed = "the source or data of the program"
         raise TwilightError(f"{path}: holds another sweep ({changed} differs); give another --output")
-
-
-def _difference(a: Any, b: Any, path: tuple[str, ...]) -> str:
-    """The first key in which two documents differ, dotted; empty where they are the same."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in dict.fromkeys([*a, *b]):
-            if key not in a or key not in b:
-                return ".".join((*path, key))
-            found = _difference(a[key], b[key], (*path, key))
-            if found:
-                return found
-        return ""
-    return "" if a == b else ".".join(path)
 
 
 def _check_space(path: Path, sweep: Sweep, store: Store) -> None:
@@ -228,7 +220,7 @@ def _results(group: Any, sweep: Sweep) -> None:
     names = tuple(d.name for d in sweep.dimensions)
 
     def add(name: str, last: tuple[str, ...], shape: tuple[int, ...], **attributes: str) -> None:
-        from numcodecs import Blosc
+        from numcodecs import CRC32, Blosc
 
         group.create_array(
             name,
@@ -236,6 +228,7 @@ def _results(group: Any, sweep: Sweep) -> None:
             chunks=(*sweep.chunk, *shape),
             dtype="f4",
             fill_value=float("nan"),
+            filters=[CRC32()],
             compressors=[Blosc(cname="zstd", clevel=5, shuffle=Blosc.SHUFFLE)],
             chunk_key_encoding={"name": "v2", "separator": "/"},
             attributes={"_ARRAY_DIMENSIONS": [*names, *last], **attributes},

@@ -5,6 +5,7 @@ Pixels are as stored: an orientation tag does not turn them, for a camera model 
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,10 +17,13 @@ import numpy as np
 
 from twilight.camera.rgbe import read_rgbe
 from twilight.errors import TwilightError
-from twilight.io.damage import first_line
+from twilight.extras import missing
+from twilight.reading import MEMORY_SHARE, first_line, memory_bytes
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
+BYTES_PER_PIXEL = 16
+"""Of a picture being read: linear RGB and what was stored."""
 
 SATURATED_SHARE = 0.98
 """An integer sample above this share of the full scale counts as saturated."""
@@ -98,11 +102,17 @@ def _floating(path: Path, values: np.ndarray, grey: bool = False) -> Picture:
 def _check_size(path: Path, width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
         raise TwilightError(f"{path}: has {width} x {height} pixels; at most {MAX_PIXELS:.3g} are read")
+    if BYTES_PER_PIXEL * width * height > MEMORY_SHARE * memory_bytes():
+        raise TwilightError(
+            f"{path}: its {width} x {height} pixels need {BYTES_PER_PIXEL * width * height / 1e9:.3g} GB, more than "
+            f"half of this machine's {memory_bytes() / 1e9:.3g} GB"
+        )
 
 
 def _exr(path: Path) -> np.ndarray:
-    from twilight.io.exr import read_latlong_exr
+    from twilight.io.exr import exr_size, read_latlong_exr
 
+    _check_size(path, *exr_size(path))
     return np.asarray(read_latlong_exr(path).rgb, dtype=np.float32)
 
 
@@ -163,13 +173,11 @@ def _exposure_time(picture: Any) -> float | None:
 
 def _opencv(path: Path) -> np.ndarray:
     """Samples (H, W, 3) or (H, W) of a deep PNG or TIFF."""
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))  # it looks when it is loaded
     try:
         import cv2
     except ImportError:
-        raise TwilightError(
-            f"{path}: has more than 8 bits, and OpenCV, which reads it, is not installed: "
-            "pip install 'twilight-sky[photo]'"
-        ) from None
+        raise missing("cv2", f"{path}: a picture of more than 8 bits") from None
     try:
         level = cv2.utils.logging.getLogLevel()
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -201,9 +209,7 @@ def _raw(path: Path) -> Picture:
     try:
         import rawpy
     except ImportError:
-        raise TwilightError(
-            f"{path}: rawpy, which reads RAW files, is not installed: pip install 'twilight-sky[raw]'"
-        ) from None
+        raise missing("rawpy", f"{path}: a RAW file") from None
     try:
         with rawpy.imread(str(path)) as raw:
             _check_size(path, raw.sizes.width, raw.sizes.height)

@@ -64,7 +64,8 @@ def read_rgbe(path: str | Path, max_pixels: float = np.inf) -> np.ndarray:
     form = variables.get("FORMAT", ["32-bit_rle_rgbe"])[-1]
     if form not in ("32-bit_rle_rgbe", "32-bit_rle_xyze"):
         raise TwilightError(f"{path}: has the FORMAT {form[:40]}; 32-bit_rle_rgbe and 32-bit_rle_xyze are read")
-    if (len(data) - start) < height * min(4 * width, 12):
+    runs = 4 + 8 * -(-width // 127)  # the shortest row: four planes in runs of 127
+    if (len(data) - start) < height * min(4 * width, runs):
         raise TwilightError(f"{path}: is cut off: {width} x {height} pixels do not fit into {len(data)} bytes")
     rgbe = _pixels(path, data, start, width, height)
     values = (rgbe[..., :3].astype(np.float32) + 0.5) * np.exp2(rgbe[..., 3:].astype(np.float32) - 136.0)

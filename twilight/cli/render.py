@@ -99,7 +99,7 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
-    from twilight.plan import make_plan
+    from twilight.scene.plan import make_plan
 
     rows = []
     for case in cases:
@@ -112,13 +112,15 @@ def _print_plans(cases: list[Any]) -> None:
 
 
 def _render(cases: list[Any], scene: str, output: Path | None) -> None:
+    from twilight.engine import check_size, frames
     from twilight.io.whole import check_folder
-    from twilight.run import check_size, count_frames, frames
+    from twilight.progress import part_of
+    from twilight.scene.suns import count_suns
 
     for case in cases:
         check_size(case.config)
     check_folder(output or Path("out"))
-    counts = [count_frames(case.config) for case in cases]
+    counts = [count_suns(case.config) for case in cases]
     total = sum(counts)
     rows: list[list[str]] = []
     pictures: list[tuple[str, Path]] = []
@@ -126,10 +128,7 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
     with progress_bar() as progress:
         done = 0
         for case, count in zip(cases, counts, strict=True):
-
-            def report(doing: str, share: float, done: int = done, count: int = count, name: str = case.name) -> None:
-                progress((done + share * count) / total, f"{name} {doing}".strip())
-
+            report = part_of(progress, done / total, count / total, case.name)
             for frame in frames(case.config, report):
                 if root is None:
                     root = _default_folder(case.config, scene, total, frame)

@@ -31,9 +31,10 @@ def sweep(
     plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
-    from twilight.batch.cluster import BATCH_SYSTEMS, Place
+    from twilight.batch.cluster import BATCH_SYSTEMS, Place, check_installed
     from twilight.batch.sweep import Sweep
     from twilight.config.load import load_axes
+    from twilight.config.slips import warn_of_slips
     from twilight.config.validate import unknown
     from twilight.io.whole import check_folder
 
@@ -46,17 +47,20 @@ def sweep(
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
     if output is not None and output.suffix != ".zarr":
         raise TwilightError(f"--output: {output} must end in .zarr")
+    place = Place(scheduler, batch_system, workers, threads)
+    check_installed(place)
     chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
-        made = Sweep(series, lambda doing, share: bar(share, doing))
+        made = Sweep(series, bar)
+    warn_of_slips(made.first)
     name = file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
         _print_plan(made, path)
         return
     check_folder(path.parent)
-    _run(made, path, Place(scheduler, batch_system, workers, threads))
+    _run(made, path, place)
 
 
 def _run(made: Any, path: Path, place: Any) -> None:
@@ -66,12 +70,12 @@ def _run(made: Any, path: Path, place: Any) -> None:
 
     with open_store(path, made) as store, progress_bar() as bar:
         had = len(store.done)
-        bar(0.0, "starting workers")
+        if store.damaged:
+            print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
+        bar("starting workers", 0.0)
         if had < len(made.tasks):
             with connect(place) as client:
-                outcome = run_sweep(
-                    client, store, threads=place.threads, progress=lambda doing, share: bar(share, doing)
-                )
+                outcome = run_sweep(client, store, threads=place.threads, progress=bar)
         else:
             from twilight.batch.run import Outcome
 

@@ -13,7 +13,8 @@ from typing import Any
 
 import typer
 
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
+from twilight.progress import Progress, silent
 
 
 def sentences(command: Callable[..., None]) -> Callable[..., None]:
@@ -23,7 +24,7 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
             with _leaving_on_sigterm(), warnings.catch_warnings():
-                warnings.showwarning = _say_warning  # type: ignore[assignment]
+                warnings.showwarning = _warnings_said_once()  # type: ignore[assignment]
                 command(*args, **kwargs)
         except TwilightError as error:
             print(f"twilight: {error}", file=sys.stderr)
@@ -41,10 +42,16 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-def _say_warning(message: Any, category: type[Warning], *_: Any) -> None:
-    """What a solver warns of is a sentence to the user; other warnings are for developers and stay silent here."""
-    if category is UserWarning:
-        print(f"twilight: {message}", file=sys.stderr)
+def _warnings_said_once() -> Callable[..., None]:
+    """What a user should know is a sentence, said once; other warnings are for developers and stay silent here."""
+    said: set[str] = set()
+
+    def say(message: Any, category: type[Warning], *_: Any) -> None:
+        if issubclass(category, TwilightWarning) and str(message) not in said:
+            said.add(str(message))
+            print(f"twilight: {message}", file=sys.stderr)
+
+    return say
 
 
 @contextmanager
@@ -66,24 +73,25 @@ def _leaving_on_sigterm() -> Iterator[None]:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[float, str], None]]:
+def progress_bar() -> Iterator[Progress]:
     """A bar with the time left on stderr, nothing where stderr is not a terminal.
 
-    Gives a function of the share done (0 to 1) and a few words on what is being done.
+    Gives a function of a few words on what is being done and the share done, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield lambda share, doing: None
+        yield silent
         return
+    from rich import progress as rich_progress
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
     from rich.table import Column
 
     words = TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis"))
     columns = (BarColumn(bar_width=24), TaskProgressColumn(), _time_left_column(), words)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda share, doing: bar.update(task, completed=share, description=escape(doing))
+        yield lambda doing, share: bar.update(task, completed=share, description=escape(doing))
 
 
 def _time_left_column() -> Any:

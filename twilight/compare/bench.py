@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,9 +16,12 @@ from typing import Any
 import numpy as np
 
 from twilight.compare.job import Job, Outcome, Timing
+from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
+from twilight.progress import Progress, silent
+from twilight.reading import read_text
 
-Progress = Callable[[str, float], None]
+MAX_ROW_BYTES = 200_000_000
 
 
 @dataclass
@@ -38,7 +40,7 @@ class Bench:
         outcomes = {sun: self._kept(job, sun) for sun in job.suns}
         suns = tuple(s for s in job.suns if not outcomes[s].reason and self._missing(job, outcomes[s]))
         if suns:
-            self._run(job, suns, outcomes, progress or (lambda doing, share: None))
+            self._run(job, suns, outcomes, progress or silent)
         return outcomes
 
     @staticmethod
@@ -114,8 +116,8 @@ class Bench:
 def _read(path: Path) -> dict[str, Any]:
     """What is kept in a file; nothing where there is none or it is damaged."""
     try:
-        kept = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        kept = json.loads(read_text(path, MAX_ROW_BYTES))
+    except (TwilightError, ValueError):
         return {}
     return kept if isinstance(kept, dict) else {}
 

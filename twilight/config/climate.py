@@ -58,7 +58,7 @@ class Layers(Section):
         le=500,
     )
     boundaries_km: tuple[Number, ...] | None = key(
-        None, "altitudes of the levels, increasing from the ground, e.g. [0, 1, 2, 5, 10, 20, 50, 100]", unit="km"
+        None, "altitudes above sea level, increasing from the ground, e.g. [0, 1, 2, 5, 10, 20, 50, 100]", unit="km"
     )
 
     @model_validator(mode="after")
@@ -66,8 +66,8 @@ class Layers(Section):
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
-        if b is not None and (len(b) < 2 or b[0] != 0 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
-            raise ValueError("boundaries_km must start at 0 and increase up to top_km")
+        if b is not None and (len(b) < 2 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
+            raise ValueError("boundaries_km must start at the ground and increase up to top_km")
         return self
 
 
@@ -89,7 +89,14 @@ class Atmosphere(Section):
 class Ozone(Section):
     """Ozone: how much, and where it absorbs."""
 
-    column_du: Number | None = key(None, "total column; unset: the profile's own", unit="DU", ge=0.0, le=1000.0)
+    column_du: Number | None = key(
+        None,
+        "total column; unset: the profile's own (AFGL 1986, means of many years: tropical 282, 15 N; midlatitude 45 N, "
+        "summer 334, winter 378; subarctic 60 N, summer 348, winter 375; US standard 344)",
+        unit="DU",
+        ge=0.0,
+        le=1000.0,
+    )
     day_of_year: Integer | None = key(
         None, "sets the column by season, 260 to 370 DU over the year (Haber 2005 sec. 4.3)", unit="day", ge=1, le=366
     )
@@ -160,11 +167,11 @@ class Aerosol(Section):
         le=20.0,
     )
     phase_function: Literal["mie", "henyey_greenstein"] = key(
-        "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives"
+        "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives, in the stratosphere too"
     )
     boundary_layer_top_km: Number | None = key(
         None,
-        "top of the layer that holds the mixture; unset: the type's own (2 km for own mixtures)",
+        "top of the layer that holds the mixture, above its base; unset: the type's own (2 km for own mixtures)",
         unit="km",
         gt=0.0,
         le=12.0,
@@ -176,9 +183,18 @@ class Aerosol(Section):
         gt=0.0,
         le=1000.0,
     )
+    boundary_layer_base: Literal["ground", "sea_level"] = key(
+        "ground",
+        "where that layer's heights and densities count from: the ground at ground.altitude_km, or sea level, so that "
+        "a mountain rises through it",
+    )
     mineral_transported: MineralTransported | None = key(None, "a layer of transported desert dust; unset: none")
     free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
-    stratosphere: Flag = key(True, "OPAC's background from 12 to 35 km (replaced by the section stratosphere)")
+    stratosphere: Literal["measured", "opac", "none"] = key(
+        "measured",
+        "measured: SAGE III/ISS, typical loading, of the profile's latitude; opac: OPAC's background, constant from 12 "
+        "to 35 km, too bright in twilight; none (the section stratosphere takes its place)",
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Aerosol:
@@ -188,7 +204,7 @@ class Aerosol(Section):
 
 
 class Stratosphere(Section):
-    """Particles of the stratosphere, in place of OPAC's background."""
+    """Particles of the stratosphere, in place of what aerosol.stratosphere says."""
 
     kind: StratosphereKind = key(
         "background",
@@ -229,12 +245,20 @@ def _albedo_kind(value: Any) -> str:
 
 
 class Ground(Section):
-    """The ground reflects alike in all directions (Lambert)."""
+    """The ground: a sphere at one altitude, which reflects alike in all directions (Lambert)."""
 
     albedo: Annotated[
         Annotated[Number, Field(ge=0.0, le=1.0), Tag("<number>")] | Annotated[Spectrum, Tag("<spectrum>")],
         Discriminator(_albedo_kind),
     ] = key(0.0, "share of light reflected, a number or {wavelength_nm: [...], albedo: [...]}", unit="1")
+    altitude_km: Number = key(
+        0.0,
+        "above sea level, of all the land that is seen: air and gases begin there (for a peak above low land leave 0 "
+        "and set observer.altitude_km)",
+        unit="km",
+        ge=0.0,
+        le=9.0,
+    )
 
 
 class TabulatedMedium(Section):
@@ -264,7 +288,7 @@ class Climate(Section):
     refraction: Refraction = key(Refraction, "refractive index of the air")
     aerosol: Aerosol | None = key(None, "particles below the stratosphere; unset: none")
     stratosphere: Stratosphere | None = key(
-        None, "particles of the stratosphere; unset: OPAC's background if any aerosol"
+        None, "particles of the stratosphere; unset: what aerosol.stratosphere says, if there is any aerosol"
     )
     ground: Ground = key(Ground, "the ground")
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
@@ -275,4 +299,13 @@ class Climate(Section):
             mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere"} & self.model_fields_set
             if mixed:
                 raise ValueError(f"takes either medium (a table) or {', '.join(sorted(mixed))}, not both")
+            if self.ground.altitude_km != 0.0:
+                raise ValueError("ground.altitude_km has no meaning for a table: its lowest level is the ground")
+            return self
+        lowest = (self.atmosphere.layers.boundaries_km or (self.ground.altitude_km,))[0]
+        if lowest != self.ground.altitude_km:
+            raise ValueError(
+                f"atmosphere.layers.boundaries_km must start at the ground (ground.altitude_km, "
+                f"{self.ground.altitude_km:g} km), not at {lowest:g} km"
+            )
         return self

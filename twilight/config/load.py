@@ -15,6 +15,7 @@ from twilight.config.climate import Climate
 from twilight.config.document import parse_yaml, read_yaml
 from twilight.config.library import find
 from twilight.config.scene import Config
+from twilight.config.slips import warn_of_slips
 from twilight.config.solver import resolve_solver
 from twilight.config.validate import Origins, unknown, validate
 from twilight.config.vary import Axis, axes_of
@@ -118,7 +119,9 @@ def load_series(
     """
     series = load_axes(target, settings, names)
     if not series.axes:
-        return [Case("", series.config({}))]
+        cases = [Case("", series.config({}))]
+        warn_of_slips(cases[0].config)
+        return cases
     if math.prod(len(axis.points) for axis in series.axes) > MAX_CASES:
         raise TwilightError(f"{series.where}: vary asks for more than {MAX_CASES} cases")
     cases = []
@@ -127,6 +130,8 @@ def load_series(
         cases.append(Case("_".join(text for _, text in chosen), series.config(point)))
     if len({case.name for case in cases}) < len(cases):
         raise TwilightError(f"{series.where}: vary lists the same value twice")
+    for case in cases:
+        warn_of_slips(case.config)
     return cases
 
 

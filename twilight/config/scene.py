@@ -172,7 +172,9 @@ by a factor of four to twenty."""
 class Observer(Section):
     """Where the eye is."""
 
-    altitude_km: Number = key(0.0, "altitude above the ground", unit="km", ge=0.0, le=40000.0)
+    altitude_km: Number = key(
+        0.0, "altitude above sea level; unset: on the ground (ground.altitude_km)", unit="km", ge=0.0, le=40000.0
+    )
 
 
 class Wavelengths(Section):
@@ -271,8 +273,12 @@ class Output(Section):
     )
     width: Integer = key(1024, "of sky.rgb.exr, unless texture.latlong_width sets it", unit="pixel", ge=8, le=16384)
     spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
-    views: tuple[Literal["panorama", "fisheye"], ...] = key(
-        ("panorama",), "pictures: panorama is sky.png, fisheye is sky.fisheye.png", min_length=1, max_length=2
+    views: tuple[Literal["wide", "panorama", "fisheye"], ...] = key(
+        ("wide",),
+        "pictures: wide looks to the sun's side over a horizon, panorama goes all round, fisheye looks up; the "
+        "first is sky.png, others sky.VIEW.png",
+        min_length=1,
+        max_length=3,
     )
     exposure_ev100: Number | None = key(
         None,
@@ -281,7 +287,9 @@ class Output(Section):
         ge=-60.0,
         le=60.0,
     )
-    tone_mapping: Literal["filmic", "gamma"] = key("filmic", "of the pictures")
+    tone_mapping: Literal["photographic", "filmic", "gamma"] = key(
+        "photographic", "of the pictures: photographic has contrast, filmic is soft, gamma clips"
+    )
     colour_observer: Literal["cie1964_10deg", "cie1931_2deg"] = key("cie1964_10deg", "standard observer of all colours")
 
     @model_validator(mode="after")
@@ -328,6 +336,18 @@ class Config(Section):
         "to, count, scale: linear | log}; list: mappings of keys that change together; latin_hypercube: {samples, "
         "seed, ranges: {key: {from, to, scale} | [choices]}}",
     )
+
+    @model_validator(mode="after")
+    def _stands_on_the_ground(self) -> Config:
+        ground_km = self.climate.ground.altitude_km
+        if ground_km > 0.0 and "altitude_km" not in self.observer.model_fields_set:
+            object.__setattr__(self, "observer", Observer(altitude_km=ground_km))
+        elif self.observer.altitude_km < ground_km:
+            raise ValueError(
+                f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
+                f"{ground_km:g} km); both count from sea level"
+            )
+        return self
 
     @property
     def title(self) -> str:

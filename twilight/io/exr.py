@@ -12,10 +12,10 @@ import numpy as np
 
 from twilight import colour, spectrum
 from twilight.errors import TwilightError
-from twilight.io.damage import check_expansion, first_line
 from twilight.io.environment import environment, ground_factor
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.io.whole import whole_file
+from twilight.reading import check_expansion, first_line
 from twilight.sky import Sky
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
@@ -152,23 +152,50 @@ def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     import OpenEXR
 
     path = Path(path)
-    if not isfile(path):
-        raise TwilightError(f"{path}: no such file")
+    check_expansion(path, sum(_part_bytes(path, header) for header in _headers(path)))
     try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            low, high = (np.asarray(corner, dtype=float) for corner in file.header()["dataWindow"])
-            check_expansion(path, 2.0 * len(file.header()["channels"]) * float(np.prod(high - low + 1.0)))  # half: 2
         with OpenEXR.File(str(path), separate_channels=True) as file:
             header = dict(file.header())
             # The pixels belong to the file and end with it.
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except TwilightError:
-        raise
     except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError ... depending on where a file is damaged
         raise TwilightError(f"{path}: is not a complete OpenEXR file ({first_line(error)})") from error
     if len({pixels.shape for pixels in channels.values()}) > 1:
         raise TwilightError(f"{path}: its channels are not of the same size")
     return header, channels
+
+
+def exr_size(path: str | Path) -> tuple[int, int]:
+    """Width and height [pixels] that the header of an EXR file says; TwilightError where it has none."""
+    return _size(_headers(Path(path))[0])
+
+
+def _headers(path: Path) -> list[dict[str, Any]]:
+    """The header of every part, without the pixels."""
+    import OpenEXR
+
+    if not isfile(path):
+        raise TwilightError(f"{path}: no such file")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            return [dict(part.header) for part in file.parts]
+    except Exception as error:
+        raise TwilightError(f"{path}: is not a complete OpenEXR file ({first_line(error)})") from error
+
+
+def _size(header: dict[str, Any]) -> tuple[int, int]:
+    (left, top), (right, bottom) = ((int(x) for x in corner) for corner in header["dataWindow"])
+    return right - left + 1, bottom - top + 1
+
+
+def _part_bytes(path: Path, header: dict[str, Any]) -> float:
+    """Bytes of the pixels that a part's header describes, at half precision."""
+    import OpenEXR
+
+    if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+        raise TwilightError(f"{path}: has samples at several depths, which are not read")
+    width, height = _size(header)
+    return 2.0 * len(header["channels"]) * width * height
 
 
 def read_latlong_exr(path: str | Path) -> LatLong:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.errors import TwilightError
-from twilight.io.damage import check_expansion, first_line
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.whole import whole_file
+from twilight.reading import check_expansion, first_line
 from twilight.sky import Sky
 from twilight.spectrum import wavelength_bounds
 

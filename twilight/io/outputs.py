@@ -11,7 +11,7 @@ from twilight.errors import TwilightError
 from twilight.io.environment import environment_directions
 from twilight.io.exr import write_rgb_exr, write_spectral_exr
 from twilight.io.netcdf import write_sky
-from twilight.io.picture import DEFAULT_WIDTH, check_options, view_directions, write_png
+from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions, write_png
 from twilight.io.rgbe import write_hdr
 from twilight.sky import Sky
 
@@ -24,19 +24,19 @@ def write_outputs(
     *,
     panorama: Sky | None = None,
     files: Sequence[str] = FILES,
-    views: Sequence[str] = ("panorama",),
+    views: Sequence[str] = (DEFAULT_VIEW,),
     target: str = "openexr",
     width: int = 1024,
     spectral_width: int = 256,
     exposure: float | Literal["auto"] = "auto",
-    tone_mapping: str = "filmic",
+    tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
 ) -> list[Path]:
     """Write ``files`` of a sky into ``folder`` (made if it is not there) and return their paths.
 
     ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR
     pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5`` always holds
-    ``sky``.  ``views``: ``panorama`` is ``sky.png``, ``fisheye`` is ``sky.fisheye.png``.  ``target``, ``width``,
+    ``sky``.  The first of ``views`` is ``sky.png``, others are ``sky.VIEW.png``.  ``target``, ``width``,
     ``spectral_width``: of the environment maps (``io.environment``); the target ``radiance`` adds ``sky.rgb.hdr``.
     ``exposure``, ``tone_mapping``: of the pictures.
     Each file is whole or absent.  Raises TwilightError for an unknown option or where the folder cannot be written.
@@ -57,9 +57,14 @@ def write_outputs(
     fine = sky if panorama is None else panorama
     written = []
     if "sky.png" in files:
-        for view in views:
-            name = "sky.png" if view == "panorama" else f"sky.{view}.png"
-            options = {"exposure": exposure, "tone_mapping": tone_mapping, "observer": observer}
+        for i, view in enumerate(views):
+            name = f"sky.{view}.png" if i else "sky.png"
+            options = {
+                "exposure": exposure,
+                "tone_mapping": tone_mapping,
+                "observer": observer,
+                "label": view == "wide",
+            }
             written.append(write_png(fine, folder / name, view=view, **options))  # type: ignore[arg-type]
     if "sky.rgb.exr" in files:
         written.append(write_rgb_exr(fine, folder / "sky.rgb.exr", target=target, width=width, observer=observer))

@@ -1,4 +1,4 @@
-"""``sky.png``: what a person looks at first, the upper hemisphere with the sun's azimuth in the middle."""
+"""``sky.png``: what a person looks at first, the sky over the horizon with the sun's azimuth in the middle."""
 
 from __future__ import annotations
 
@@ -9,13 +9,24 @@ import numpy as np
 
 from twilight import colour
 from twilight.errors import TwilightError
+from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.whole import whole_file
 from twilight.sky import Sky
 
-View = Literal["panorama", "fisheye"]
-VIEWS: tuple[str, ...] = ("panorama", "fisheye")
-DEFAULT_WIDTH = {"panorama": 1440, "fisheye": 720}
+View = Literal["wide", "panorama", "fisheye"]
+VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
+DEFAULT_VIEW: View = "wide"
+DEFAULT_WIDTH = {"wide": 1600, "panorama": 1440, "fisheye": 720}
+
+WIDE_FIELD_DEG = 110.0
+"""Horizontal field of view of the wide picture: that of the eyes' common field."""
+WIDE_HORIZON = 0.86
+"""Where the horizon lies, as a share of the height from above."""
+WIDE_EXPOSURE_STEPS = -0.3
+"""Stops that the wide picture is given less (or more, negative) light than the meter says."""
+GROUND_SEEN_UP_TO_KM = 0.1
+"""Observers no higher above the sphere see its ground from 0 deg down: the dip of the horizon is 0.3 deg at most."""
 
 
 def sky_exposure_ev100(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> float:
@@ -27,6 +38,8 @@ def sky_exposure_ev100(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> flo
 def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Elevation and azimuth relative to the sun [deg] of the pixel centres of a picture.
 
+    ``wide``: a cylinder, width x 9/20 width, 110 deg from side to side, the sun's azimuth in the middle, upright lines
+    straight, the horizon at 0.86 of the height; (height, 1) and (1, width).
     ``panorama``: width x width / 4, horizon below, zenith above, the sun's azimuth in the middle, clockwise to the
     right; (height, 1) and (1, width).  ``fisheye``: width x width, equidistant, the zenith in the middle, the sun's
     azimuth at the bottom, clockwise to the right (what one sees who faces the sun and looks up); outside the circle
@@ -36,6 +49,12 @@ def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
         raise TwilightError(f"view: '{view}' is not known, choose one of {', '.join(VIEWS)}")
     if width < 4 or width % 4:
         raise TwilightError(f"width: {width} must be a positive multiple of 4")
+    if view == "wide":
+        height = 9 * width // 20
+        pixels_per_radian = width / np.radians(WIDE_FIELD_DEG)
+        elevation = np.degrees(np.arctan((WIDE_HORIZON * height - np.arange(height) - 0.5) / pixels_per_radian))
+        azimuth = WIDE_FIELD_DEG * ((np.arange(width) + 0.5) / width - 0.5)
+        return elevation[:, None], azimuth[None, :]
     if view == "panorama":
         elevation = 90.0 - 360.0 * (np.arange(width // 4) + 0.5) / width
         azimuth = 360.0 * (np.arange(width) + 0.5) / width - 180.0
@@ -55,25 +74,58 @@ def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer
 def render_view(
     sky: Sky,
     *,
-    view: str = "panorama",
+    view: str = DEFAULT_VIEW,
     width: int | None = None,
     exposure: float | Literal["auto"] = "auto",
-    tone_mapping: str = "filmic",
+    tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
 ) -> tuple[np.ndarray, float]:
     """Display values 0..1 (height, width, 3) and the EV100 used; outside the circle of a fisheye NaN.
 
-    The colours of the sky's grid are interpolated smoothly (``Sky.smooth``), then exposed and tone mapped.
+    The colours of the sky's grid are interpolated smoothly (``Sky.smooth``), then exposed and tone mapped.  ``auto``
+    exposes the wide picture for the part of the sky that it shows, the others for the whole sky
+    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground; for an
+    observer high above it, whose horizon dips, the picture ends at 0 deg.
     """
     elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
     check_options(exposure, tone_mapping, observer)
-    ev100 = sky_exposure_ev100(sky, observer) if exposure == "auto" else float(exposure)
+    if view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
+        elevation = elevation[elevation[:, 0] > 0.0]
     xyz = colour.sky_to_xyz(sky, observer=observer)
     picture = sky.smooth(xyz, np.maximum(elevation, 0.0), azimuth)
+    if exposure != "auto":
+        ev100 = float(exposure)
+    elif view == "wide":
+        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > 0.0, :, 1]) + WIDE_EXPOSURE_STEPS
+    else:
+        ev100 = sky_exposure_ev100(sky, observer)
+    if view == "wide":
+        picture[elevation[:, 0] <= 0.0] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
     picture = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, tone_mapping)
     if view == "fisheye":
         picture[elevation < 0] = np.nan
     return picture, ev100
+
+
+def label_of(sky: Sky) -> str:
+    """One line under a picture: the sun, the climate, the luminance of the zenith."""
+    climate = (sky.provenance.get("configuration") or {}).get("climate") or {}
+    zenith = float(sky.luminance()[-1].mean())
+    parts = [f"sun {sky.sun_elevation_deg:+.1f}°", climate.get("name"), f"zenith {zenith:.3g} cd/m^2"]
+    return "   ".join(str(part) for part in parts if part)
+
+
+def _write_label(pixels: np.ndarray, text: str) -> np.ndarray:
+    """The picture with a line of text in its lower left corner, light on dark or dark on light."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    size = max(10, pixels.shape[1] // 80)
+    image = Image.fromarray(pixels)
+    corner = pixels[-2 * size :, : 20 * size].mean()
+    shade = 190 if corner < 110 else 40
+    where = (size, pixels.shape[0] - 2 * size)
+    ImageDraw.Draw(image).text(where, text, fill=(shade,) * 3, font=ImageFont.load_default(size))
+    return np.asarray(image)
 
 
 def _to_bytes(picture: np.ndarray) -> np.ndarray:
@@ -91,17 +143,19 @@ def write_png(
     sky: Sky,
     path: str | Path,
     *,
-    view: str = "panorama",
+    view: str = DEFAULT_VIEW,
     width: int | None = None,
     exposure: float | Literal["auto"] = "auto",
-    tone_mapping: str = "filmic",
+    tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
+    label: bool = False,
 ) -> Path:
     """Write a picture of the sky as 8 bit sRGB PNG, whole or not at all; the provenance is in its text chunks.
 
     ``exposure`` is an exposure value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step = a
     factor 2, or ``auto``; the value used is in the text chunk ``exposure_ev100``, so that the other pictures of a
-    sequence can be given the same.  Tone mapping: ``colour.tone_map``.  Raises TwilightError for unknown options.
+    sequence can be given the same.  Tone mapping: ``colour.tone_map``.  ``label`` writes sun, climate and zenith
+    luminance into the lower left corner (``label_of``).  Raises TwilightError for unknown options.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -111,6 +165,8 @@ def write_png(
     )
     outside = np.isnan(picture[..., 0])
     pixels = _to_bytes(np.nan_to_num(picture))
+    if label:
+        pixels = _write_label(pixels, label_of(sky))
     if outside.any():
         pixels = np.dstack([pixels, np.where(outside, 0, 255).astype(np.uint8)])
     info = PngInfo()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from datetime import date, datetime
 from os import PathLike, fspath
 from typing import Any
@@ -37,6 +38,15 @@ def to_json(value: Any) -> str:
 def configuration_hash(configuration: Any) -> str:
     """SHA-256 of the configuration's JSON text, hexadecimal."""
     return hashlib.sha256(to_json(configuration).encode()).hexdigest()
+
+
+def differences(a: Any, b: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    """The keys in which two documents of plain values differ, with both values; None: the key is not there."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in dict.fromkeys([*a, *b]):
+            yield from differences(a.get(key), b.get(key), (*path, key))
+    elif a != b:
+        yield path, a, b
 
 
 def provenance_fields(provenance: dict) -> dict[str, str | float]:

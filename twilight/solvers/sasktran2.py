@@ -18,18 +18,18 @@ What it takes to have it right in twilight, each found by comparison with the Mo
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.extras import missing
+from twilight.progress import Progress
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 JUMP_KM = 1e-3
-
-
-WAVELENGTH_BLOCK = 2000
+CAPABILITIES = Capabilities(looks_down=False, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
 
@@ -97,7 +97,7 @@ def prepare(
     settings: Sasktran2Settings | None = None,
     *,
     observer_altitude_km: float = 0.0,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Field:
     """Nothing is computed yet: sasktran2 solves anew for every sun.
 
@@ -106,14 +106,14 @@ def prepare(
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km)
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium without refraction, seen from within the air."""
 
     def __init__(self, medium: Medium, settings: Sasktran2Settings, observer_altitude_km: float):
         try:
             import sasktran2  # noqa: F401
         except ImportError:
-            raise TwilightError("the sasktran2 solver is not installed: pip install 'twilight-sky[peers]'") from None
+            raise missing("sasktran2", "the solver sasktran2") from None
         if not medium.bottom_km <= observer_altitude_km < medium.top_km:
             raise TwilightError(
                 f"observer.altitude_km is {observer_altitude_km:g}; the sasktran2 solver allows {medium.bottom_km:g} "
@@ -142,9 +142,9 @@ def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
     bottom, top = medium.bottom_km, medium.top_km
     if growth == 0.0:
         return np.linspace(bottom, top, round((top - bottom) / start_km) + 1)
-    z = medium.altitude_km
+    z, top = medium.altitude_km - bottom, top - bottom
     stops = [*z[:-1][np.diff(z) == 0], top]
-    out = [bottom]
+    out = [0.0]
     for stop in stops:
         end = stop if stop == top else stop - JUMP_KM
         start = out[-1]
@@ -155,7 +155,7 @@ def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
         out.extend((start + offset) * ((end + offset) / (start + offset)) ** ratio - offset)
         if stop != top:
             out.append(stop)
-    return np.array(out)
+    return bottom + np.array(out)
 
 
 def source_altitudes(medium: Medium, start_km: float, growth: float) -> np.ndarray:

@@ -250,13 +250,19 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
 
 @njit(cache=True)
 def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos):
-    """True zenith angle [rad] of the edge of the shadow and the apparent cosine there, at each altitude."""
+    """True zenith angle [rad] of the edge of the shadow and the apparent cosine there, at each altitude.
+
+    The edge is the ray whose lowest point is `lowest_free_km`, followed outwards from there: a search for that point
+    from the altitude would decide by rounding whether the ray is free.
+    """
     p0 = (profile.radius_km + lowest_free_km) * (1.0 + refractivity_at(profile, reference, lowest_free_km))
+    half, _, _, _, free = outward(profile, reference, lowest_free_km, 0.0, 1e9)
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         u = -math.sqrt(max(0.0, (x - p0) * (x + p0)))
-        bending, _, status = sun_ray(profile, reference, altitudes[j], u, True)
-        if status != OUTSIDE or x < p0:
+        near, _, _, _, ok = outward(profile, reference, lowest_free_km, 0.0, altitudes[j])
+        bending = half + near
+        if not (free and ok) or x < p0 or altitudes[j] < lowest_free_km:
             lo = 0.0
             hi = x
             for _ in range(60):

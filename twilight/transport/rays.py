@@ -40,6 +40,8 @@ _GAUSS_WEIGHT = 0.5 * np.concatenate([_WEIGHT, _FEW_WEIGHT])
 # columns of RayProfile.coefficient: value a at the bottom, logarithmic slope q and linear slope d of a exp(q f) + d f
 _N_TOP, _PARTS = 3, 4
 
+_SLIVER_KM = 1e-12
+"""Part of a layer that is stepped over: over less, rounding decides whether n r grows."""
 _BELOW_GROUND_KM = 5.0
 """Thickness of a layer below the ground, which only derivatives at the edge of the Earth's shadow look into."""
 
@@ -179,6 +181,14 @@ def outward(profile, w, altitude_km, u_km, stop_km):
         slope = 1.0 + n_a + r * (e * c[1] + c[2]) / thickness
         if slope < 0.05:
             slope = 1.0
+        if end - z < _SLIVER_KM:  # a lowest point within rounding of a level: n r cannot be told apart here
+            n = c[_N_TOP] if end == profile.top_km[i] else n_a
+            dx = (end - z) * (1.0 + n) + (n - n_a) * r
+            uu = max(0.0, uu + dx * (2.0 * x + dx))
+            x += dx
+            n_a = n
+            z = end
+            continue
         h = uu / (2.0 * x * slope)
         v_a = math.sqrt(h)
         v_b = math.sqrt(h + (end - z))

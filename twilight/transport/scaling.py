@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import rayleigh_phase
+from twilight.phase import rayleigh_matrix, rayleigh_phase
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,17 @@ def species_phase(medium: Medium, forward_share: np.ndarray, cos_angle: np.ndarr
     rows = [air]
     for phase, f in zip(medium.phase_functions, forward_share, strict=True):
         rows.append(phase(cos_angle).T / (1.0 - f))
+    return np.ascontiguousarray(np.stack(rows, axis=1))
+
+
+def species_polarising_phase(medium: Medium, forward_share: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
+    """P12 of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1]; aerosol over 1 - f.
+
+    Light in the forward peak is not polarised by it: all of P12 is in what is scattered.
+    """
+    rows = [rayleigh_matrix.py_func(cos_angle[:, None], medium.depolarisation[None, :])[1]]
+    for phase, f in zip(medium.phase_functions, forward_share, strict=True):
+        rows.append(phase.matrix(cos_angle)[1].T / (1.0 - f))
     return np.ascontiguousarray(np.stack(rows, axis=1))
 
 

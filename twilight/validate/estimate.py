@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
 from twilight.validate.library import SUN, Library, Parameter
 from twilight.validate.photo import CHROMATICITY_SCALE, LOG_SCALE, PhotoSky, residual_vector
 
@@ -157,7 +158,7 @@ def estimate(
     white_balance: bool = False,
     with_colour: bool = True,
     refine: Refine | None = None,
-    progress: Callable[[float, str], None] = lambda share, doing: None,
+    progress: Progress = silent,
 ) -> list[Estimate]:
     """The best climate of every library, the best type first.
 
@@ -170,7 +171,7 @@ def estimate(
         raise TwilightError("estimate: needs one library of skies at least")
     fits = []
     for i, library in enumerate(libraries):
-        progress(i / len(libraries), f"fitting {library.aerosol_type}")
+        progress(f"fitting {library.aerosol_type}", i / len(libraries))
         problem = _Problem(photo, library, white_balance, with_colour)
         starts = [np.full(len(problem.parameters), 0.5) for _ in range(3)]
         for start, share in zip(starts, (0.2, 0.5, 0.8), strict=True):
@@ -180,13 +181,13 @@ def estimate(
         i = int(np.argmin([q for _, _, q, _ in fits]))
         for _ in range(REFINEMENTS):
             problem, x, _, _ = fits[i]
-            progress(0.45, f"computing the sky of the best {problem.library.aerosol_type}")
+            progress(f"computing the sky of the best {problem.library.aerosol_type}", 0.45)
             problem.correct(x, refine(problem.library.aerosol_type, problem.values(x)))
             fits[i] = (problem, *problem.fit(x))
     best = min(q for _, _, q, _ in fits)
     made = []
     for i, (problem, x, q, jacobian) in enumerate(fits):
-        progress((i + 0.5) / len(fits), f"profiles of {problem.library.aerosol_type}")
+        progress(f"profiles of {problem.library.aerosol_type}", (i + 0.5) / len(fits))
         above = 3.0 * (q - best) / problem.variance(best)
         made.append(_describe(problem, x, q, jacobian, problem.variance(q), above))
     return sorted(made, key=lambda e: e.misfit)

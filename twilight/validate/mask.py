@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.reading import read_text
 from twilight.validate.panorama import Panorama
 
+MAX_PROFILE_BYTES = 20_000_000
 EDGE = 0.05
 """Second difference of ln(RGB) between neighbouring cells beyond which a cell is an edge and no sky."""
 EDGE_OVER_NOISE = 3.0
@@ -275,12 +277,7 @@ def read_profile(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     Errors: TwilightError where the file is not that.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise TwilightError(f"{path}: the profile cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError:
-        raise TwilightError(f"{path}: the profile is not text") from None
+    lines = read_text(path, MAX_PROFILE_BYTES).splitlines()
     rows = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
     if not rows or [name.strip() for name in rows[0]] != ["azimuth_deg", "elevation_deg"]:
         raise TwilightError(f"{path}: an elevation profile has the columns azimuth_deg,elevation_deg")

@@ -12,7 +12,7 @@ import numpy as np
 from twilight.camera.image import Picture, read_image
 from twilight.camera.model import Camera
 from twilight.camera.response import load_response
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 from twilight.validate import mask as masks
 from twilight.validate.panorama import Panorama, make_panorama, mask_image_on
 from twilight.validate.photo import PhotoSky, photo_sky
@@ -110,6 +110,7 @@ def read_photograph(
     if picture.bits == 8 and camera.response == "linear":
         warnings.warn(
             f"{path}: its 8 bits are taken for linear light, as response in the camera's file says; most are srgb",
+            TwilightWarning,
             stacklevel=2,
         )
     return Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 from twilight.solvers.analytic.turbidity import turbidity_of
 
 HIGHEST_OBSERVER_KM = 1.0
@@ -58,6 +58,7 @@ def chosen_turbidity(
     taken = low if found < low else high
     warnings.warn(
         f"the turbidity of {name} is {found:.3g}; the {solver} solver takes {taken:g}, the nearest it has",
+        TwilightWarning,
         stacklevel=4,
     )
     return taken, found

@@ -65,6 +65,7 @@ class Air(NamedTuple):
     phase_kind: np.ndarray
     phase_asymmetry: np.ndarray
     phase_log_table: np.ndarray
+    phase_ratios: np.ndarray
     depolarisation: np.ndarray
     sample_cdf: np.ndarray
     sample_density: np.ndarray
@@ -119,6 +120,7 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         arrays.phase_kind,
         arrays.phase_asymmetry,
         arrays.phase_log_table,
+        arrays.phase_ratios,
         arrays.depolarisation,
         cdf,
         density,

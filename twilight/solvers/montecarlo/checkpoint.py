@@ -16,6 +16,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.reading import open_npz
 
 SAVE_EVERY_S = 10.0
 # settings that say when to stop, not what is computed: they may differ when a run is taken up again
@@ -48,6 +49,7 @@ def fingerprint(medium, settings, pixels) -> str:
                 digest.update(repr(p.kind).encode())
                 digest.update(np.ascontiguousarray(p.asymmetry).tobytes())
                 digest.update(np.ascontiguousarray(p.log_table).tobytes())
+                digest.update(np.ascontiguousarray(p.ratios).tobytes())
         else:
             digest.update(np.ascontiguousarray(value, dtype=float).tobytes())
     digest.update(repr([(k, v) for k, v in settings.as_dict().items() if k not in FREE_SETTINGS]).encode())
@@ -68,11 +70,13 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
-            with np.load(self.path, allow_pickle=False) as data:
+            with open_npz(self.path, largest_expansion=1) as data:  # savez compresses nothing
                 key = str(data["fingerprint"])
                 values: dict[str, Any] = {f.name: data[f.name] for f in fields(State)}
                 for name in ("limited", "round_index", "batch_index"):
                     values[name] = int(values[name])
+        except TwilightError:
+            raise
         except (OSError, EOFError, RuntimeError, ValueError, KeyError, BadZipFile, zlib.error, struct.error) as error:
             raise TwilightError(f"{self.path}: not a Monte-Carlo checkpoint; delete it or name another file") from error
         if key != self.key:

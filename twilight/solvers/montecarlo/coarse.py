@@ -16,17 +16,10 @@ from numba import njit
 
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import (
-    BUFFER_COLUMNS,
-    BUFFER_PIECES,
-    LENGTH,
-    PLAIN,
-    START,
-    STEERED,
-    Sun,
-    altitude_at,
-    trace,
-)
+from twilight.solvers.montecarlo.leg import LEG_PIECES, LENGTH, PLAIN, START, Cuts, Sun, new_leg, trace
+from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, altitude_at
+from twilight.solvers.montecarlo.matrix import any_normal
+from twilight.solvers.montecarlo.paths import steered_light
 from twilight.solvers.montecarlo.steering import (
     DARK,
     N_AZIMUTHS,
@@ -40,8 +33,8 @@ from twilight.solvers.montecarlo.steering import (
 )
 from twilight.threads import in_slices
 
-MAX_LENGTH_KM = 80.0
-MAX_DEPTH = 1.0
+CUTS = Cuts(max_length=80.0, max_depth=1.0, sag_km=0.0, bent=False, polarised=False, random=False)
+"""Legs are straight, scalar and without randomness."""
 NEIGHBOUR = 2.0
 """A wavelength starts from the field of the one before if their vertical optical depths differ by less than this."""
 
@@ -67,7 +60,7 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
             _linear(air, sun, steering, w, z)
         for _ in range(todo):
             radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
-            in_slices(partial(_sweep, air, sun, steering, w, z, radiance), n)
+            in_slices(partial(_sweep, air, sun, steering, w, CUTS, z, radiance), n)
             _store(steering, w, phase, radiance)
     return steering
 
@@ -79,7 +72,7 @@ def _linear(air: Air, sun: Sun, steering: Steering, w: int, z: np.ndarray) -> No
     # unknowns: mean light at the nodes, then diffuse irradiance on the ground
     source = np.zeros(n + n_sun)
     kernel = np.zeros((n + n_sun, n + n_sun))
-    in_slices(partial(_system, air, sun, steering, w, z, source, kernel), n)
+    in_slices(partial(_system, air, sun, steering, w, CUTS, z, source, kernel), n)
     light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
     floor = math.exp(DARK)
     steering.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun, 1)
@@ -114,44 +107,51 @@ def _store(steering: Steering, w: int, phase: np.ndarray, radiance: np.ndarray) 
 
 
 @njit(**INNER)
-def _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out):
-    """Trace from a node at altitude i, radius r, towards the centre of the cell d, without randomness."""
-    return trace(
-        air, sun, steering, w, 0.0, 0.0, r,
-        steering.centre[i, d, 0], steering.centre[i, d, 1], steering.centre[i, d, 2],
-        sx, 0.0, sz, MAX_LENGTH_KM, MAX_DEPTH, 0, stream, pieces, phases, out,
-    )  # fmt: skip
+def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ray):
+    """Trace from a node at altitude i, radius r [km], towards the centre of the cell d, without randomness.
+
+    to_sun (3,): in the node's frame (towards the sun, sideways, up); cuts: `CUTS`; ray (9,): work space; the others as
+    for `leg.trace`, whose `Found` is returned.
+    """
+    ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, r
+    for m in range(3):
+        ray[DIRECTION + m] = steering.centre[i, d, m]
+    any_normal(ray[DIRECTION:REFERENCE], ray[REFERENCE:CHORD_COLUMNS])
+    return trace(air, sun, steering, w, ray, to_sun, cuts, stream, leg)
 
 
 @njit(cache=True, nogil=True)
-def _system(air, sun, steering, w, altitude_km, source, kernel, first, end):
+def _system(air, sun, steering, w, cuts, altitude_km, source, kernel, first, end):
     """S and K of the module's equation; rows of the nodes first..end."""
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
-    pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
-    out = np.empty(5)
-    phases = np.empty((air.table.shape[2], 2))
+    leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
+    pieces = leg.pieces
+    ray = np.empty(CHORD_COLUMNS)
+    to_sun = np.zeros(3)
     stream = np.zeros(1, dtype=np.uint64)
     for node in range(first, end):
         i = node // n_sun
         j = node % n_sun
         sz = steering.cos_sun[j]
         sx = math.sqrt(max(0.0, 1.0 - sz * sz))
+        to_sun[0], to_sun[2] = sx, sz
         r = air.earth_radius_km + altitude_km[i]
         for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 continue
-            n = _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out)
+            found = _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ray)
             up = steering.centre[i, d, 2]
             share = 2.0 * steering.solid_angle[i, d]
             mean = share / (4.0 * math.pi)
             down = share * up if i == 0 and up > 0.0 else 0.0
-            source[node] += mean * (out[0] + out[1])
+            single = found.sun_i + found.sun_ground
+            source[node] += mean * single
             if i == 0:
-                source[n_nodes + j] += down * (out[0] + out[1])
+                source[n_nodes + j] += down * single
             before = 0.0
-            for k in range(n):
+            for k in range(found.pieces):
                 weight = pieces[k, PLAIN] - before
                 before = pieces[k, PLAIN]
                 s = pieces[k, START] + 0.5 * pieces[k, LENGTH]
@@ -167,38 +167,36 @@ def _system(air, sun, steering, w, altitude_km, source, kernel, first, end):
                         kernel[node, column] += mean * weight * share_of_node
                         if i == 0:
                             kernel[n_nodes + j, column] += down * weight * share_of_node
-            if out[2] >= 0.0 and air.ground_albedo[w] > 0.0:
-                s = out[2]
+            if found.ground >= 0.0 and air.ground_albedo[w] > 0.0:
+                s = found.ground
                 cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (
                     air.earth_radius_km + altitude_km[0]
                 )
                 ja, ga = sun_index(steering.cos_sun, steering.hint, min(1.0, max(-1.0, cos_sun)))
-                reflected = mean * out[3] * air.ground_albedo[w] / math.pi
+                reflected = mean * found.transmittance * air.ground_albedo[w] / math.pi
                 kernel[node, n_nodes + ja] += reflected * (1.0 - ga)
                 kernel[node, n_nodes + ja + 1] += reflected * ga
 
 
 @njit(cache=True, nogil=True)
-def _sweep(air, sun, steering, w, altitude_km, radiance, first, end):
+def _sweep(air, sun, steering, w, cuts, altitude_km, radiance, first, end):
     """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables."""
     n_sun = steering.cos_sun.size
-    pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
-    out = np.empty(5)
-    phases = np.empty((air.table.shape[2], 2))
+    leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
+    ray = np.empty(CHORD_COLUMNS)
+    to_sun = np.zeros(3)
     stream = np.zeros(1, dtype=np.uint64)
     for node in range(first, end):
         i = node // n_sun
         j = node % n_sun
         sz = steering.cos_sun[j]
         sx = math.sqrt(max(0.0, 1.0 - sz * sz))
+        to_sun[0], to_sun[2] = sx, sz
         r = air.earth_radius_km + altitude_km[i]
         for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 radiance[i, j, d] = radiance[i, j, d - 2 * azimuth + N_AZIMUTHS - 1]
                 continue
-            n = _leg_from_node(air, sun, steering, w, r, sx, sz, i, d, stream, pieces, phases, out)
-            light = out[0] + out[1] + out[4]
-            if n > 0:
-                light += pieces[n - 1, STEERED]
-            radiance[i, j, d] = light
+            found = _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ray)
+            radiance[i, j, d] = found.sun_i + found.sun_ground + steered_light(leg, found)

@@ -1,32 +1,32 @@
-"""Where a path goes on: the point of the next event on a leg, and the direction of the leg after it."""
+"""Where a path goes on: the point of the next event on a leg, and the direction of the leg after it.
+
+An event is a row of numbers, whose columns are named here; rows wait on a stack.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
-from twilight.phase import aerosol_phase, rayleigh_phase
-from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, SPECIES, interpolate, locate, weighted_depth
+from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, N_SMOOTH, SPECIES, interpolate, locate
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import (
-    BASE,
-    DEPTH,
-    FIRST,
-    IN_SHELL,
-    LAST,
-    LENGTH,
-    LOWER,
-    MIDDLE,
-    PLAIN,
-    START,
-    STEERED,
-    UPPER,
-    depth_within,
+from twilight.solvers.montecarlo.leg import DEPTH, FIRST, LAST, LENGTH, PLAIN, START, STEERED, depth_inside
+from twilight.solvers.montecarlo.matrix import (
+    components,
+    depolarise,
+    double_angle,
+    next_reference,
+    scatter,
+    species_matrix,
+    species_polarising,
 )
 from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import (
     N_AZIMUTHS,
+    N_DIRECTIONS,
     cell_of,
     cell_solid_angle,
     draw_from,
@@ -37,8 +37,34 @@ from twilight.solvers.montecarlo.steering import (
     weigh_cells,
 )
 
+# columns of an event: point [km], direction and reference of the leg that it lies on, matrix of the path up to it (see
+# `matrix.scatter`), weight, order of the light that the next leg gathers, altitude [km], its level and the fraction
+# above it, 1 on the ground, three numbers in [0, 1) that decide the direction of the next leg
+POINT, HEADING, ACROSS, MATRIX = 0, 3, 6, 9
+WEIGHT, ORDER, ALTITUDE, LEVEL, FRACTION, ON_GROUND, NUMBERS = range(18, 25)
+EVENT_COLUMNS = NUMBERS + 3
 DEFENCE = 0.05
 """Share of the mean light that a direction counts as having at least, so that no weight can grow beyond bounds."""
+LEAST_VECTOR = 0.2
+"""Least factor by which a direction's worth falls because its light would arrive polarised the wrong way."""
+
+
+class Work(NamedTuple):
+    """Work space of `choose_direction`: cumulative (N_DIRECTIONS,), blurred (N_SMOOTH,), trial (3,); frame (3, 3): rows
+    towards the sun along the horizon, sideways, up; new (9,): the next leg as a ray; matrix (9,): and its matrix."""
+
+    cumulative: np.ndarray
+    blurred: np.ndarray
+    trial: np.ndarray
+    frame: np.ndarray
+    new: np.ndarray
+    matrix: np.ndarray
+
+
+@njit(cache=True)
+def new_work():
+    """Work space of one thread."""
+    return Work(np.empty(N_DIRECTIONS), np.empty(N_SMOOTH), np.empty(3), np.empty((3, 3)), np.empty(9), np.empty(9))
 
 
 @njit(**INNER)
@@ -57,8 +83,10 @@ def draw_piece(pieces, column, n, x):
 
 @njit(**INNER)
 def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, number, stream):
-    """Draw a piece of the leg, or its ground, from a mixture of steered and plain weights; `number` in [0, 1).
+    """Draw one of the first n pieces of a leg, or its ground, from a mixture of steered and plain weights.
 
+    pieces (M, PIECE_COLUMNS); ground_plain, ground_steered: the ground's two weights; steered_fraction: share of the
+    draws by steered weights; number in [0, 1): decides the piece; stream (1,): random numbers.
     Returns (index of the piece, or n for the ground; its probability; uniform number within the piece).
     """
     all_plain = ground_plain
@@ -93,55 +121,66 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
 
 
 @njit(**INNER)
-def event_weight(air, w, pieces, k, t, i, f):
-    """Transmittance x scattering x length of a piece, at its fraction t: the weight but for the probability."""
-    length = pieces[k, LENGTH]
-    lower = pieces[k, LOWER]
-    middle = pieces[k, MIDDLE]
-    upper = pieces[k, UPPER]
-    base = pieces[k, BASE]
-    if base == IN_SHELL:
-        within = depth_within(lower, middle, upper, length, t)
-    else:
-        h = air.level_km[i] - air.shell_km[0]
-        d = 1.0 / air.per_km[i]
-        within = abs(weighted_depth(air.table[w], air.moment[w], h, d, i, f, lower, middle, upper) - base)
-    return length * math.exp(-pieces[k, DEPTH] - within) * interpolate(air, w, i, f, EVENT)
+def event_weight(air, w, piece, t, i, f):
+    """Transmittance x scattering x length of a piece (its row), at its fraction t: the weight but for the probability.
+
+    (i, f): the place of the point among the levels.
+    """
+    within = depth_inside(air, w, piece, t, i, f)
+    return piece[LENGTH] * math.exp(-piece[DEPTH] - within) * interpolate(air, w, i, f, EVENT)
 
 
 @njit(**INNER)
-def event_distance(pieces, k, t):
-    """Distance [km] from the start of the leg to the fraction t of a piece."""
-    return pieces[k, START] + t * pieces[k, LENGTH]
+def event_distance(piece, t):
+    """Distance [km] from the start of the chord to the fraction t of a piece (its row)."""
+    return piece[START] + t * piece[LENGTH]
 
 
 @njit(**INNER)
-def event_level(air, pieces, k, z):
-    """`locate` within the shell of a piece."""
-    return locate(air, z, int(pieces[k, FIRST]), int(pieces[k, LAST]))
+def event_level(air, piece, z):
+    """`locate` an altitude [km] within the shell or layer of a piece (its row)."""
+    return locate(air, z, int(piece[FIRST]), int(piece[LAST]))
 
 
 @njit(**INNER)
-def phase_and_density(air, w, i, f, cosine):
-    """(p, q) [sr^-1]: phase function of an event at a point and the density of its stand-in that is drawn from."""
+def mixed_phase(air, w, i, f, cosine):
+    """(p, q, p12) [sr^-1] at the place (i, f): phase function, density of its stand-in that is drawn from, P12."""
     if air.isotropic_events:
-        return 0.25 / math.pi, 0.25 / math.pi
+        return 0.25 / math.pi, 0.25 / math.pi, 0.0
     cell = sampling_cell(cosine)
     p = 0.0
     q = 0.0
+    p12 = 0.0
     total = 0.0
     for c in range(air.table.shape[2] - SPECIES):
         beta = interpolate(air, w, i, f, SPECIES + c)
         if beta > 0.0:
             total += beta
             q += beta * air.sample_density[w, c, cell]
-            if c == 0:
-                p += beta * rayleigh_phase(cosine, air.depolarisation[w])
-            else:
-                p += beta * aerosol_phase(
-                    air.phase_kind[c - 1], air.phase_asymmetry[c - 1, w], air.phase_log_table[c - 1, w], cosine
-                )
-    return p / total, q / total
+            p11, polarising = species_polarising(air, w, c, cosine)
+            p += beta * p11
+            p12 += beta * polarising
+    return p / total, q / total, p12 / total
+
+
+@njit(**INNER)
+def mixed_matrix(air, w, i, f, cosine):
+    """(P12, P22, P33) over P11 at the place (i, f) of the levels."""
+    if air.isotropic_events:
+        return 0.0, 0.0, 0.0
+    total = 0.0
+    m12 = 0.0
+    m22 = 0.0
+    m33 = 0.0
+    for c in range(air.table.shape[2] - SPECIES):
+        beta = interpolate(air, w, i, f, SPECIES + c)
+        if beta > 0.0:
+            p11, p12, p22, p33 = species_matrix(air, w, c, cosine)
+            total += beta * p11
+            m12 += beta * p12
+            m22 += beta * p22
+            m33 += beta * p33
+    return m12 / total, m22 / total, m33 / total
 
 
 @njit(**INNER)
@@ -172,7 +211,7 @@ def draw_cosine(air, w, i, f, number, stream):
 
 @njit(**INNER)
 def turn(dx, dy, dz, cosine, psi, out):
-    """Unit vector at the angle acos(cosine) from d, at the azimuth psi about it."""
+    """Write into out (3,) the unit vector at the angle acos(cosine) from d, at the azimuth psi [rad] about it."""
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     if abs(dz) < 0.9:
         h = math.sqrt(dx * dx + dy * dy)
@@ -195,8 +234,9 @@ def turn(dx, dy, dz, cosine, psi, out):
 
 
 @njit(**INNER)
-def local_frame(px, py, pz, sx, sy, sz, frame):
-    """Rows of `frame`: towards the sun along the horizon, sideways, up; returns cos(solar zenith angle)."""
+def local_frame(px, py, pz, to_sun, frame):
+    """Fill `frame` (3, 3) of a `Work` at the point p [km]; returns cos(solar zenith angle)."""
+    sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
     r = math.sqrt(px * px + py * py + pz * pz)
     ux, uy, uz = px / r, py / r, pz / r
     cos_sun = min(1.0, max(-1.0, ux * sx + uy * sy + uz * sz))
@@ -216,93 +256,144 @@ def local_frame(px, py, pz, sx, sy, sz, frame):
 
 
 @njit(**INNER)
-def choose_direction(
-    air, steering, w, z, cos_sun, i, f, on_ground, frame, dx, dy, dz, table_fraction, n_candidates,
-    cumulative, blurred, u, stream, trial, new,
-):  # fmt: skip
-    """Draw the next leg's direction into `new`; returns (p / probability density, its cell of directions).
+def draw_direction(air, steering, w, event, horizon, from_table, total, number, a, b, stream, work):
+    """Draw a candidate into work.trial from the mixture of `choose_direction`; returns its cell of directions.
+
+    event (EVENT_COLUMNS,); horizon: sine of the horizon's elevation; from_table: share of the draws by the table, whose
+    weights add up to `total`; number, a, b in [0, 1) decide.
+    """
+    frame = work.frame
+    trial = work.trial
+    if number < from_table:
+        cell = draw_from(work.cumulative, number / from_table * total)
+        row = cell // N_AZIMUTHS
+        g = steering.row_edges[row]
+        # the two sides of the horizon are scaled apart, and a cell lies on one of them
+        scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
+        g += a * (steering.row_edges[row + 1] - g)
+        up = horizon + scale * g
+        k = cell % N_AZIMUTHS
+        psi = steering.azimuth_edges[k]
+        psi += b * (steering.azimuth_edges[k + 1] - psi)
+        level = math.sqrt(max(0.0, 1.0 - up * up))
+        cos_psi = level * math.cos(psi)
+        sin_psi = level * math.sin(psi)
+        for m in range(3):
+            trial[m] = cos_psi * frame[0, m] + sin_psi * frame[1, m] + up * frame[2, m]
+        return cell
+    if event[ON_GROUND] > 0.0:
+        turn(frame[2, 0], frame[2, 1], frame[2, 2], math.sqrt(a), 2.0 * math.pi * b, trial)
+    else:
+        cosine = draw_cosine(air, w, int(event[LEVEL]), event[FRACTION], a, stream)
+        turn(event[HEADING], event[HEADING + 1], event[HEADING + 2], cosine, 2.0 * math.pi * b, trial)
+    x = frame[0, 0] * trial[0] + frame[0, 1] * trial[1] + frame[0, 2] * trial[2]
+    y = frame[1, 0] * trial[0] + frame[1, 1] * trial[1] + frame[1, 2] * trial[2]
+    up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
+    return cell_of(steering, horizon, x, y, up)
+
+
+@njit(**INNER)
+def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candidates, polarised, stream, work):
+    """Draw the next leg's direction into work.new; returns (p / probability density, light expected from there).
 
     Candidates have the density table_fraction x (tabulated light x blurred phase function) + the rest x (phase
     function, or the cosine law on the ground).  Of n_candidates one is taken in proportion to g / density, where g is
-    the exact phase function x (interpolated light + a share of its mean), and counts mean(g / density) / g instead of
-    1 / density (importance resampling, Talbot, Cline & Egbert 2005): unbiased whatever the tables say.
-    u: three numbers in [0, 1) that decide the first candidate; trial (3,): work space.
+    the exact phase function x (interpolated light + a share of its mean), times what the path's matrix makes of
+    unpolarised light from there, and counts mean(g / density) / g instead of 1 / density (importance resampling,
+    Talbot, Cline & Egbert 2005): unbiased whatever the tables say.
+
+    event (EVENT_COLUMNS,); cos_sun: cosine of the sun's zenith angle there; work: `Work`, with its frame filled.
     """
+    frame = work.frame
+    trial = work.trial
+    on_ground = event[ON_GROUND] > 0.0
+    i, f = int(event[LEVEL]), event[FRACTION]
+    z = event[ALTITUDE]
+    d = event[HEADING:ACROSS]
+    e = event[ACROSS:MATRIX]
+    vector = polarised and not on_ground
     horizon = horizon_sine(steering, z)
     total = 0.0
     floor = 1.0
     if table_fraction > 0.0:
         ni, nj = nearest_node(steering, z, cos_sun)
         floor = DEFENCE * math.exp(steering.log_mean[w, ni, nj])
-        vx = frame[0, 0] * dx + frame[0, 1] * dy + frame[0, 2] * dz
-        vy = frame[1, 0] * dx + frame[1, 1] * dy + frame[1, 2] * dz
-        vz = frame[2, 0] * dx + frame[2, 1] * dy + frame[2, 2] * dz
-        total = weigh_cells(steering, air, w, ni, nj, i, f, horizon, vx, vy, vz, on_ground, cumulative, blurred)
+        vx = frame[0, 0] * d[0] + frame[0, 1] * d[1] + frame[0, 2] * d[2]
+        vy = frame[1, 0] * d[0] + frame[1, 1] * d[1] + frame[1, 2] * d[2]
+        vz = frame[2, 0] * d[0] + frame[2, 1] * d[1] + frame[2, 2] * d[2]
+        total = weigh_cells(
+            steering, air, w, ni, nj, i, f, horizon, vx, vy, vz, on_ground, work.cumulative, work.blurred
+        )
     from_table = table_fraction if total > 0.0 else 0.0
     if from_table == 0.0:
         n_candidates = 1
     sum_weights = 0.0
-    taken = -1
+    expected = 1.0
     ratio = 0.0
     for candidate in range(n_candidates):
-        x = u[0] if candidate == 0 else uniform(stream)
-        a = u[1] if candidate == 0 else uniform(stream)
-        b = u[2] if candidate == 0 else uniform(stream)
-        if x < from_table:
-            cell = draw_from(cumulative, x / from_table * total)
-            row = cell // N_AZIMUTHS
-            g = steering.row_edges[row]
-            # the two sides of the horizon are scaled apart, and a cell lies on one of them
-            scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
-            g += a * (steering.row_edges[row + 1] - g)
-            up = horizon + scale * g
-            k = cell % N_AZIMUTHS
-            psi = steering.azimuth_edges[k]
-            psi += b * (steering.azimuth_edges[k + 1] - psi)
-            level = math.sqrt(max(0.0, 1.0 - up * up))
-            cos_psi = level * math.cos(psi)
-            sin_psi = level * math.sin(psi)
-            for m in range(3):
-                trial[m] = cos_psi * frame[0, m] + sin_psi * frame[1, m] + up * frame[2, m]
-        else:
-            if on_ground:
-                turn(frame[2, 0], frame[2, 1], frame[2, 2], math.sqrt(a), 2.0 * math.pi * b, trial)
-            else:
-                cosine = draw_cosine(air, w, i, f, a, stream)
-                turn(dx, dy, dz, cosine, 2.0 * math.pi * b, trial)
-            lx = frame[0, 0] * trial[0] + frame[0, 1] * trial[1] + frame[0, 2] * trial[2]
-            ly = frame[1, 0] * trial[0] + frame[1, 1] * trial[1] + frame[1, 2] * trial[2]
-            up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
-            cell = cell_of(steering, horizon, lx, ly, up)
+        x = event[NUMBERS] if candidate == 0 else uniform(stream)
+        a = event[NUMBERS + 1] if candidate == 0 else uniform(stream)
+        b = event[NUMBERS + 2] if candidate == 0 else uniform(stream)
+        cell = draw_direction(air, steering, w, event, horizon, from_table, total, x, a, b, stream, work)
         density = 0.0
         if from_table > 0.0:
-            share = cumulative[cell]
+            share = work.cumulative[cell]
             if cell > 0:
-                share -= cumulative[cell - 1]
+                share -= work.cumulative[cell - 1]
             density = from_table * share / total / cell_solid_angle(steering, horizon, cell)
+        favour = 1.0
         if on_ground:
+            up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
             p = max(0.0, up) / math.pi
             density += (1.0 - from_table) * p
         else:
-            cosine = min(1.0, max(-1.0, dx * trial[0] + dy * trial[1] + dz * trial[2]))
-            p, q = phase_and_density(air, w, i, f, cosine)
+            cosine = min(1.0, max(-1.0, d[0] * trial[0] + d[1] * trial[1] + d[2] * trial[2]))
+            p, q, p12 = mixed_phase(air, w, i, f, cosine)
             density += (1.0 - from_table) * q
+            if vector and p > 0.0:
+                along, across = components(e, d, trial[0], trial[1], trial[2])
+                c2, s2 = double_angle(along, across)
+                favour = max(LEAST_VECTOR, 1.0 + (event[MATRIX + 1] * c2 + event[MATRIX + 2] * s2) * p12 / p)
         if p <= 0.0 or density <= 0.0:
             continue
         if n_candidates == 1:
-            taken = cell
             ratio = p / density
+            if table_fraction > 0.0:
+                expected = floor + math.exp(log_light_from(steering, w, z, cos_sun, cell))
             for m in range(3):
-                new[m] = trial[m]
+                work.new[3 + m] = trial[m]
             break
         light = floor + math.exp(log_light_from(steering, w, z, cos_sun, cell))
-        weight = p * light / density
+        weight = p * light * favour / density
         sum_weights += weight
         if uniform(stream) * sum_weights < weight:
-            taken = cell
-            ratio = 1.0 / light
+            expected = light
+            ratio = 1.0 / (light * favour)
             for m in range(3):
-                new[m] = trial[m]
+                work.new[3 + m] = trial[m]
     if n_candidates > 1:
         ratio *= sum_weights / n_candidates
-    return ratio, taken
+    return ratio, expected
+
+
+@njit(**INNER)
+def begin_leg(air, w, event, polarised, work):
+    """Complete work.new, whose direction is drawn, and work.matrix; returns the factor on the weight of the path.
+
+    event (EVENT_COLUMNS,): where the leg begins.
+    """
+    new = work.new
+    for m in range(3):
+        new[m] = event[POINT + m]
+    d = event[HEADING:ACROSS]
+    e = event[ACROSS:MATRIX]
+    direction = new[3:6]
+    next_reference(d, e, direction, new[6:9])
+    if not polarised or event[ON_GROUND] > 0.0:
+        depolarise(work.matrix, event[MATRIX:WEIGHT])
+        return 1.0
+    cosine = min(1.0, max(-1.0, d[0] * direction[0] + d[1] * direction[1] + d[2] * direction[2]))
+    m12, m22, m33 = mixed_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
+    a, b = components(e, d, direction[0], direction[1], direction[2])
+    cos_2phi, sin_2phi = double_angle(a, b)
+    return scatter(event[MATRIX:WEIGHT], cos_2phi, sin_2phi, m12, m22, m33, work.matrix)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,19 +10,21 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress
+from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo.air import Air, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
 from twilight.solvers.montecarlo.coarse import solve_steering
 from twilight.solvers.montecarlo.leg import Sun
-from twilight.solvers.montecarlo.paths import N_ORDERS, run_chunks
+from twilight.solvers.montecarlo.matrix import N_STOKES
+from twilight.solvers.montecarlo.paths import N_ORDERS, Jobs, Pixels, Sums, run_chunks
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.steering import Steering
 from twilight.solvers.montecarlo.suntable import prepare_sun_table
-from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, Tally
+from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, StokesResult, Tally
 from twilight.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
-Progress = Callable[[str, float], None]
 BATCH_SAMPLES = 4096
 ADAPTIVE_ROUNDS = 2
 
@@ -59,7 +60,7 @@ def prepare(
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(BareField):
     """A medium ready for random walks; made by :func:`prepare`."""
 
     medium: Medium
@@ -75,6 +76,26 @@ class Field:
         """Sun-normalised radiance L/F0 [sr^-1], shape (..., W); azimuths are from the sun."""
         return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).radiance
 
+    def stokes(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised Stokes vectors I, Q, U [sr^-1], shape (..., 3, W); azimuths are from the sun.
+
+        Q > 0 is light that vibrates in the vertical plane through the line of sight (in the zenith that of the azimuth
+        asked for); U > 0 is light whose vibration, for somebody who looks along the line of sight with the zenith side
+        up, leans from the vertical to the right, towards larger azimuth.  The angle of vibration, clockwise from the
+        vertical, is atan2(U, Q) / 2.  Signs as in Emde et al. 2015 (IPRT).
+        Raises TwilightError for a field that was prepared without polarisation.
+        """
+        return self.stokes_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).stokes
+
+    def stokes_with_error(
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
+    ) -> StokesResult:
+        """:meth:`stokes` with standard errors; arguments as in :meth:`radiance_with_error`."""
+        if not self.settings.polarised:
+            raise TwilightError("montecarlo was prepared without polarisation: it knows I alone, not Q and U")
+        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order)
+        return run.tally.stokes(shape, run.all_rounds())
+
     def radiance_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
     ) -> MonteCarloResult:
@@ -84,6 +105,11 @@ class Field:
         every few seconds and when interrupted, and a later call with the same question goes on from there.
         `batch_order` maps a number of batches to a permutation of them; the answer does not depend on it.
         """
+        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order)
+        return run.tally.result(shape, run.all_rounds())
+
+    def _run(self, sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order):
+        """The question as a :class:`_Run`, and the shape of its directions."""
         sun, elevation, azimuth = np.broadcast_arrays(
             *(np.asarray(a, dtype=float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg))
         )
@@ -92,29 +118,21 @@ class Field:
                 raise TwilightError(f"{name} must be between -{limit:g} and {limit:g}")
         if not np.all(np.isfinite(azimuth)):
             raise TwilightError("azimuth_deg must be finite")
-        pixels = Pixels.of(sun.ravel(), elevation.ravel(), azimuth.ravel(), self.observer_altitude_km)
-        run = _Run(self, pixels, checkpoint, batch_order)
-        complete = run.all_rounds()
-        return run.tally.result(sun.shape, complete)
+        pixels = _pixels(
+            sun.ravel(), elevation.ravel(), azimuth.ravel(), self.observer_altitude_km, self.medium.wavelength_nm
+        )
+        return _Run(self, pixels, checkpoint, batch_order), sun.shape
 
 
-@dataclass(frozen=True)
-class Pixels:
-    """Flat lists of suns and directions [rad] with a key each, which names the pixel's random streams."""
-
-    sun_elevation: np.ndarray
-    elevation: np.ndarray
-    azimuth: np.ndarray
-    key: np.ndarray
-
-    @staticmethod
-    def of(sun_deg, elevation_deg, azimuth_deg, altitude_km: float) -> Pixels:
-        """The key is a hash of the geometry, so a pixel's answer does not depend on its neighbours in the call."""
-        key = np.zeros(sun_deg.size, dtype=np.uint64)
-        for part in (sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)):
-            bits = np.ascontiguousarray(part + 0.0).view(np.uint64)
-            key = _mix(key ^ bits)
-        return Pixels(np.radians(sun_deg), np.radians(elevation_deg), np.radians(azimuth_deg), key)
+def _pixels(sun_deg, elevation_deg, azimuth_deg, altitude_km: float, wavelength_nm) -> Pixels:
+    """The key is a hash of the geometry, so a pixel's answer does not depend on its neighbours in the call."""
+    key = np.zeros(sun_deg.size, dtype=np.uint64)
+    for part in (sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)):
+        bits = np.ascontiguousarray(part + 0.0).view(np.uint64)
+        key = _mix(key ^ bits)
+    wavelength_key = np.round(1000.0 * wavelength_nm).astype(np.uint64)
+    angles = (np.radians(sun_deg), np.radians(elevation_deg), np.radians(azimuth_deg))
+    return Pixels(key, *angles, float(altitude_km), wavelength_key)
 
 
 def _mix(z: np.ndarray) -> np.ndarray:
@@ -134,7 +152,8 @@ class _Run:
         self.batch_order = batch_order
         self.started = time.monotonic()
         n_wavelengths = field.medium.n_wavelengths
-        self.tally = Tally(pixels.key.size, n_wavelengths)
+        self.n_stokes = N_STOKES if self.settings.polarised else 1
+        self.tally = Tally(pixels.key.size, n_wavelengths, self.n_stokes)
         self.chunks_used = np.zeros_like(self.tally.count)
         self.checkpoint = None
         self.skip_rounds, self.skip_batches = 0, 0
@@ -184,8 +203,8 @@ class _Run:
                 part = [a[edges[b] : edges[b + 1]] for a in jobs]
                 waiting[b] = (part, self._walk(part))
                 while next_batch in waiting:
-                    (pixel, wavelength, arm, _, samples), rows = waiting.pop(next_batch)
-                    self.tally.add(pixel, wavelength, arm, samples, *rows)
+                    (pixel, wavelength, arm, _, samples), sums = waiting.pop(next_batch)
+                    self.tally.add(pixel, wavelength, arm, samples, sums)
                     next_batch += 1
                 self._report(index, n_rounds, (number + 1) / len(todo))
                 if self.checkpoint:
@@ -222,26 +241,22 @@ class _Run:
             return [np.zeros(0, dtype=np.int64) for _ in range(5)]
         return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
-    def _walk(self, part):
+    def _walk(self, part) -> Sums:
         pixel, wavelength, _, chunk, samples = part
-        field, pixels = self.field, self.pixels
-        sums = np.zeros((pixel.size, N_ORDERS + 1))
-        squares = np.zeros_like(sums)
-        limits = np.zeros(pixel.size, dtype=np.int64)
-        wavelength_key = np.round(1000.0 * field.medium.wavelength_nm).astype(np.uint64)
-
+        field = self.field
+        first = np.zeros((pixel.size, self.n_stokes, N_ORDERS + 1))
+        sums = Sums(first, np.zeros_like(first), np.zeros(pixel.size, dtype=np.int64))
+        jobs = Jobs(pixel, wavelength, chunk, samples)
         walk = self.settings.walk(field.medium.has_refraction)
+        seed = np.uint64(self.settings.seed)
 
-        def work(first: int, end: int) -> None:
+        def work(begin: int, end: int) -> None:
             run_chunks(
-                field.air, field.sight, field.sun, field.steering, walk, np.uint64(self.settings.seed),
-                pixels.key, wavelength_key, pixels.sun_elevation, pixels.elevation, pixels.azimuth,
-                field.observer_altitude_km,
-                pixel, wavelength, chunk, samples, first, end, sums, squares, limits,
-            )  # fmt: skip
+                field.air, field.sight, field.sun, field.steering, walk, seed, self.pixels, jobs, begin, end, sums
+            )
 
         in_slices(work, pixel.size)
-        return sums, squares, limits
+        return sums
 
     def _state(self, index: int, next_batch: int, extra: np.ndarray) -> dict:
         return {

@@ -1,9 +1,19 @@
-"""One straight leg of a path: cut into pieces, single scattering gathered on the way, weights for the next event.
+"""One leg of a path: cut into pieces, sunlight scattered on the way gathered, weights for the next event.
 
-A leg starts at a point and runs against the light until it leaves the air or meets the ground.  Every piece lies in one
-layer or, close to the horizontal, in one shell; see :mod:`twilight.solvers.montecarlo.air` for how its optical depth
-follows.  One point per piece, drawn uniformly, carries the sunlight scattered there towards the start of the leg, so
-the estimate is unbiased whatever the length of the pieces.
+A leg starts at a point and runs against the light until it leaves the air or meets the ground, along the chords of the
+refracted ray (:mod:`twilight.solvers.montecarlo.lines`).  Light that arrives at its start, tau being the optical depth
+from there and n the index,
+
+    L = integral over s of (n_start / n)^2 exp(-tau(s)) [ sum over species of beta_s P_s(Theta) E (1, 0, 0) + J(s) ] ds,
+
+where E is the sunlight at the point, unpolarised, Theta the angle to the sun as it is seen there, and J the light
+scattered once more, which the next event of the path stands for.  Every piece lies in one layer or, close to the
+horizontal, in one shell; see :mod:`twilight.solvers.montecarlo.air` for how its optical depth follows.  One point per
+piece, drawn uniformly, carries its sunlight, so the estimate is unbiased whatever the length of the pieces.
+
+The sun is looked up roughly at every piece (quick table; phase functions linear in the sun's bending).  With the
+probability check_rate the exact value is asked for too, and the difference, divided by that probability, is added: the
+mean is the exact one, whatever the table.
 """
 
 from __future__ import annotations
@@ -11,74 +21,53 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
-from twilight.phase import aerosol_phase, rayleigh_phase
 from twilight.solvers.montecarlo.air import (
     EVENT,
     EXTINCTION,
     SPECIES,
     interpolate,
     locate_level,
-    shell_of,
     weighted_depth,
 )
 from twilight.solvers.montecarlo.kernel import INNER
+from twilight.solvers.montecarlo.lines import (
+    CHORD_COLUMNS,
+    DIRECTION,
+    LONGEST_KM,
+    ORIGIN,
+    REFERENCE,
+    REFERENCE_RADIUS_KM,
+    altitude_at,
+    begin_chord,
+    distance_down,
+    end_chord,
+    first_shell,
+    refractivity_at,
+    relative_index,
+    step_through,
+)
+from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
 from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.steering import log_ground_light, log_source_light
 from twilight.solvers.montecarlo.suntable import BLACK, SunTable, quick_sun
 from twilight.transport.beam import Beam, beam_at_one
 
-# columns of the buffer that holds the pieces of a leg; a piece is one row, which keeps it in one or two cache lines
-START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, BASE, FIRST, LAST, STEERED, PLAIN = range(11)
-BUFFER_COLUMNS = 11
+# columns of a piece of a leg; a piece is one row, which keeps it in one or two cache lines
+START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, BASE, FIRST, LAST, CHORD, STEERED, PLAIN = range(12)
+PIECE_COLUMNS = 12
+"""START, LENGTH [km] along the chord of the number CHORD; DEPTH: optical depth from the start of the leg to the piece;
+LOWER .. BASE: how it grows inside, see `depth_inside`; FIRST, LAST: levels around; STEERED, PLAIN: running sums of the
+weights of the next event, with the coarse field's light and without."""
 IN_SHELL = -1.0
 """In BASE: the piece lies in a shell, LOWER, MIDDLE, UPPER are extinctions; else they are c0, c1, c2 of the secant."""
-BUFFER_PIECES = 4096
+LEG_PIECES, LEG_CHORDS = 4096, 2048
 OPAQUE_DEPTH = 60.0
-REFERENCE_RADIUS_KM = 6371.0
 BENDING_STEP_RAD = 0.01
-SMOOTH = 0.2
-"""A secant counts as a parabola where the square of the cosine changes by less than this from the middle of a layer."""
-
-
-@njit(inline="always", **INNER)
-def altitude_at(z, r, mu, s):
-    """Altitude [km] at the distance s of a line that starts at altitude z, radius r with the cosine mu."""
-    q = s * (s + 2.0 * r * mu)
-    return z + q / (r + math.sqrt(max(0.0, r * r + q)))
-
-
-@njit(inline="always", **INNER)
-def distance_up(z, r, mu, z_shell):
-    """Distance [km] to a sphere above along a line that climbs or has mu < 0 and passes its lowest point first."""
-    c = (z_shell - z) * (z_shell - z + 2.0 * r)
-    b = r * mu
-    d = math.sqrt(max(0.0, c + b * b))
-    if b > 0.0:
-        return c / (b + d) if c > 0.0 else 0.0
-    return d - b
-
-
-@njit(inline="always", **INNER)
-def distance_down(z, r, mu, z_shell):
-    """Distance [km] to a sphere below along a falling line (mu < 0), or -1 if the line does not reach it."""
-    c = (z - z_shell) * (2.0 * r + z_shell - z)
-    b = -r * mu
-    d2 = b * b - c
-    if d2 < 0.0:
-        return -1.0
-    return c / (b + math.sqrt(d2))
-
-
-@njit(inline="always", **INNER)
-def depth_within(lower, middle, upper, length, f):
-    """Optical depth from the start of a piece to its fraction f."""
-    return (
-        length
-        * f
-        * (lower + f * (0.5 * (4.0 * middle - 3.0 * lower - upper) + f * (2.0 / 3.0) * (lower + upper - 2.0 * middle)))
-    )
+TURNED = 2e-6
+"""1 - cosine of the angle by which a leg may turn before the phase functions towards the sun are taken anew."""
 
 
 class Sun(NamedTuple):
@@ -89,43 +78,152 @@ class Sun(NamedTuple):
     check_rate: float
 
 
-@njit(**INNER)
-def species_phase(air, w, c, cosine):
-    """Phase function [sr^-1] of species c, 0 being air."""
-    if c == 0:
-        return rayleigh_phase(cosine, air.depolarisation[w])
-    return aerosol_phase(air.phase_kind[c - 1], air.phase_asymmetry[c - 1, w], air.phase_log_table[c - 1, w], cosine)
+class Cuts(NamedTuple):
+    """How a leg is cut, and what is asked of it.
+
+    max_length [km, for the Earth], max_depth: longest piece in length and in optical depth; sag_km: how far chords may
+    leave the ray; bent: follow the refracted ray; polarised: gather Q and U as well; random: draw the point of each
+    piece and check the sun (otherwise take its middle and the quick look-up alone).
+    """
+
+    max_length: float
+    max_depth: float
+    sag_km: float
+    bent: bool
+    polarised: bool
+    random: bool
+
+
+class Leg(NamedTuple):
+    """Memory of one leg, filled by `trace` or `look`: pieces (M, PIECE_COLUMNS) and chords (K, CHORD_COLUMNS), see the
+    names of the columns; phases (C, 3, 2) [sr^-1]: I, Q, U of sunlight that a species scatters towards the start, and
+    their slopes in the sun's bending [rad^-1]."""
+
+    pieces: np.ndarray
+    chords: np.ndarray
+    phases: np.ndarray
+
+
+class Found(NamedTuple):
+    """What a leg brings: the number of its pieces, or -1 if there was no room; its last chord; I, Q, U of sunlight
+    scattered once in the air [sr^-1]; sunlight from the ground [sr^-1]; distance to the ground from the start of the
+    last chord [km], or -1; transmittance of the whole leg; and the coarse field's estimate of the light scattered again
+    at the ground [sr^-1]."""
+
+    pieces: int
+    chord: int
+    sun_i: float
+    sun_q: float
+    sun_u: float
+    sun_ground: float
+    ground: float
+    transmittance: float
+    steered_ground: float
+
+
+@njit(cache=True)
+def new_leg(n_species, pieces, chords):
+    """Memory for one leg of so many pieces and chords."""
+    return Leg(np.empty((pieces, PIECE_COLUMNS)), np.empty((chords, CHORD_COLUMNS)), np.empty((n_species, 3, 2)))
 
 
 @njit(inline="always", **INNER)
-def cosine_to_sun(ex, ey, ez, ux, uy, uz, sx, sy, sz, mu_sun, bending):
-    """Cosine between the unit vector e and the sun s as seen through `bending` [rad], where u is up."""
-    cosine = ex * sx + ey * sy + ez * sz
-    if bending > 0.0:
-        # the sun is lifted in the plane of s and u
-        sine = math.sqrt(max(1e-300, 1.0 - mu_sun * mu_sun))
-        across = (ex * ux + ey * uy + ez * uz - mu_sun * cosine) / sine
-        cosine = cosine * math.cos(bending) + across * math.sin(bending)
-    return min(1.0, max(-1.0, cosine))
+def depth_within(lower, middle, upper, length, f):
+    """Optical depth from the start of a piece in a shell to its fraction f: Simpson's parabola, integrated.
+
+    lower, middle, upper [km^-1]: extinction at its start, middle and end; length [km].
+    """
+    return (
+        length
+        * f
+        * (lower + f * (0.5 * (4.0 * middle - 3.0 * lower - upper) + f * (2.0 / 3.0) * (lower + upper - 2.0 * middle)))
+    )
+
+
+@njit(inline="always", **INNER)
+def depth_inside(air, w, piece, t, i, f):
+    """Optical depth from the start of a piece (a row of `pieces`) to its fraction t, the place (i, f) of the levels."""
+    if piece[BASE] == IN_SHELL:
+        return depth_within(piece[LOWER], piece[MIDDLE], piece[UPPER], piece[LENGTH], t)
+    h = air.level_km[i] - air.shell_km[0]
+    return abs(
+        weighted_depth(
+            air.table[w], air.moment[w], h, 1.0 / air.per_km[i], i, f, piece[LOWER], piece[MIDDLE], piece[UPPER]
+        )
+        - piece[BASE]
+    )
+
+
+@njit(inline="always", **INNER)
+def secant_parabola(radius, bottom, enter_km, leave_km, u):
+    """(c0, c1, c2): secant of a line as c0 + c1 h + c2 h^2 of the height h above `bottom`, exact at three points.
+
+    radius [km] of the Earth; the line crosses the altitude enter_km at the distance u [km] from its lowest point.
+    """
+    r = radius + enter_km
+    rise = leave_km - enter_km
+    half = 0.5 * rise
+    f0 = r / u
+    f1 = (r + half) / math.sqrt(u * u + half * (half + 2.0 * r))
+    f2 = (r + rise) / math.sqrt(u * u + rise * (rise + 2.0 * r))
+    h = enter_km - bottom
+    c2 = 2.0 * (f0 + f2 - 2.0 * f1) / (rise * rise)
+    slope = (4.0 * f1 - 3.0 * f0 - f2) / rise
+    return f0 - slope * h + c2 * h * h, slope - 2.0 * c2 * h, c2
+
+
+@njit(inline="always", **INNER)
+def column(table, i, f, c):
+    """One coefficient [km^-1] of the table (N, 2 + C) of one wavelength."""
+    return table[i, c] * (1.0 - f) + table[i + 1, c] * f
+
+
+@njit(inline="always", **INNER)
+def lifted_sun(x, y, z, to_sun, mu_sun, bending):
+    """The apparent direction of the sun at a point (x, y, z), lifted by `bending` [rad] towards the vertical.
+
+    to_sun (3,): unit vector to the true sun; mu_sun: cosine of its zenith angle there.
+    """
+    if bending == 0.0:
+        return to_sun[0], to_sun[1], to_sun[2]
+    per = 1.0 / math.sqrt(x * x + y * y + z * z)
+    sine = math.sqrt(max(1e-300, (1.0 - mu_sun) * (1.0 + mu_sun)))
+    a = math.cos(bending) - mu_sun * math.sin(bending) / sine
+    b = math.sin(bending) / sine * per
+    return a * to_sun[0] + b * x, a * to_sun[1] + b * y, a * to_sun[2] + b * z
 
 
 @njit(**INNER)
-def sunlight(air, beam, w, z, mu_sun, ex, ey, ez, px, py, pz, sx, sy, sz, i, f):
-    """Sunlight scattered at a point against the unit vector e: sum over species of beta_s p E / F0 [sr^-1 km^-1].
+def sunlight(air, beam, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
+    """(I, Q, U) of sunlight scattered at a point against a chord: sum over species of beta_s P_s E / F0 [sr^-1 km^-1].
 
-    p is the point (its length is the radius), s the unit vector to the true sun, (i, f) from `locate`.
+    chord (9,): its start, direction and reference; s [km]: the point's distance; z [km] its altitude; mu_sun: cosine of
+    the true sun's zenith angle there; (i, f): its place among the levels; to_sun (3,).
     """
     irradiance, bending = beam_at_one(beam, z, mu_sun, w)
     if irradiance <= 0.0:
-        return 0.0
-    r = math.sqrt(px * px + py * py + pz * pz)
-    cosine = cosine_to_sun(ex, ey, ez, px / r, py / r, pz / r, sx, sy, sz, mu_sun, bending)
+        return 0.0, 0.0, 0.0
+    d = chord[DIRECTION:REFERENCE]
+    e = chord[REFERENCE:CHORD_COLUMNS]
+    x, y, h = lifted_sun(
+        chord[ORIGIN] + s * d[0], chord[ORIGIN + 1] + s * d[1], chord[ORIGIN + 2] + s * d[2], to_sun, mu_sun, bending
+    )
+    cosine = min(1.0, max(-1.0, d[0] * x + d[1] * y + d[2] * h))
     total = 0.0
+    polarising = 0.0
     for c in range(air.table.shape[2] - SPECIES):
         beta = interpolate(air, w, i, f, SPECIES + c)
         if beta > 0.0:
-            total += beta * species_phase(air, w, c, cosine)
-    return total * irradiance
+            p11, p12 = species_polarising(air, w, c, cosine)
+            total += beta * p11
+            polarising += beta * p12
+    total *= irradiance
+    if not polarised:
+        return total, 0.0, 0.0
+    polarising *= irradiance
+    a, b = components(e, d, x, y, h)
+    cos_2phi, sin_2phi = double_angle(a, b)
+    return total, polarising * cos_2phi, polarising * sin_2phi
 
 
 @njit(**INNER)
@@ -138,29 +236,72 @@ def ground_sunlight(air, beam, w, mu_sun):
     return irradiance * max(0.0, math.cos(apparent))
 
 
-@njit(inline="always", **INNER)
-def column(table, i, f, c):
-    """One coefficient [km^-1] of the table of one wavelength."""
-    return table[i, c] * (1.0 - f) + table[i + 1, c] * f
+@njit(**INNER)
+def fill_phases(air, w, ray, to_sun, polarised, phases):
+    """Fill the phases of a `Leg` for the direction of a ray (9,): without bending, and with BENDING_STEP_RAD of it."""
+    x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
+    d = ray[DIRECTION:REFERENCE]
+    e = ray[REFERENCE:CHORD_COLUMNS]
+    mu_sun = (x * to_sun[0] + y * to_sun[1] + z * to_sun[2]) / math.sqrt(x * x + y * y + z * z)
+    for m in range(2):
+        lx, ly, lz = lifted_sun(x, y, z, to_sun, mu_sun, m * BENDING_STEP_RAD)
+        cosine = min(1.0, max(-1.0, d[0] * lx + d[1] * ly + d[2] * lz))
+        a, b = components(e, d, lx, ly, lz)
+        cos_2phi, sin_2phi = double_angle(a, b)
+        for c in range(phases.shape[0]):
+            p11, p12 = species_polarising(air, w, c, cosine)
+            phases[c, 0, m] = p11
+            if polarised:
+                phases[c, 1, m] = p12 * cos_2phi
+                phases[c, 2, m] = p12 * sin_2phi
+    for c in range(phases.shape[0]):
+        for k in range(3 if polarised else 1):
+            phases[c, k, 1] = (phases[c, k, 1] - phases[c, k, 0]) / BENDING_STEP_RAD
 
 
 @njit(**INNER)
-def trace(
-    air, sun, steering, w, px, py, pz, dx, dy, dz, sx, sy, sz,
-    max_length, max_depth, jitter, stream, pieces, phases, out,
-):  # fmt: skip
-    """Walk one leg from the point p along d; returns the number of pieces, or -1 if the buffer is too short.
+def land(air, sun, steering, w, chord, distance, factor, n, last_chord, to_sun, sun_i, sun_q, sun_u):
+    """`Found` for a leg that meets the ground at a distance [km] of a chord (9,), `factor` being its transmittance."""
+    mu_sun = 0.0
+    for m in range(3):
+        mu_sun += (chord[ORIGIN + m] + distance * chord[DIRECTION + m]) * to_sun[m]
+    mu_sun = min(1.0, max(-1.0, mu_sun / (air.earth_radius_km + air.shell_km[0])))
+    reflected = factor * air.ground_albedo[w] / math.pi
+    direct = 0.0
+    diffuse = 0.0
+    if reflected > 0.0:
+        direct = reflected * ground_sunlight(air, sun.beam, w, mu_sun)
+        diffuse = reflected * math.exp(log_ground_light(steering, w, mu_sun))
+    return Found(n, last_chord, sun_i, sun_q, sun_u, direct, distance, factor, diffuse)
 
-    `pieces` is filled (columns START..PLAIN; STEERED and PLAIN are running sums of the two weights for the next event).
-    out[0]: sunlight scattered once along the leg, seen from its start [sr^-1]; out[1]: the same from the ground;
-    out[2]: distance to the ground or -1; out[3]: transmittance of the whole leg;
-    out[4]: steering's estimate of the light scattered again at the ground [sr^-1].
-    With `jitter` 0 (else 1) the middle of each piece is used, and the quick look-up of the sun alone.
-    phases (C, 2) is work space.
 
-    The sun is looked up roughly at every piece (quick table; phase functions linear in the bending).  With the
-    probability check_rate the exact value is asked for too, and the difference, divided by that probability, is added:
-    the mean is the exact one, whatever the table.
+@njit(**INNER)
+def enter_air(air, ray):
+    """Move the start of a ray (9,) from space to the top of the air along a line; False if it misses the air."""
+    r = math.sqrt(ray[ORIGIN] * ray[ORIGIN] + ray[ORIGIN + 1] * ray[ORIGIN + 1] + ray[ORIGIN + 2] * ray[ORIGIN + 2])
+    top = air.shell_km[air.shell_km.size - 1]
+    z = r - air.earth_radius_km
+    if z < top - 1e-9:
+        return True
+    mu = (
+        ray[ORIGIN] * ray[DIRECTION] + ray[ORIGIN + 1] * ray[DIRECTION + 1] + ray[ORIGIN + 2] * ray[DIRECTION + 2]
+    ) / r
+    if mu >= 0.0:
+        return False
+    s = distance_down(z, r, mu, top - 1e-9)
+    if s < 0.0:
+        return False
+    for m in range(3):
+        ray[ORIGIN + m] += s * ray[DIRECTION + m]
+    return True
+
+
+@njit(**INNER)
+def trace(air, sun, steering, w, ray, to_sun, cuts, stream, leg):
+    """Walk one leg at wavelength w from a ray (9,): start [km], direction and reference, which it uses up.
+
+    to_sun (3,): unit vector to the true sun; cuts: :class:`Cuts`; stream (1,): random numbers; leg: :class:`Leg`,
+    filled.  Returns :class:`Found`.
     """
     levels = air.level_km
     bin_start = air.bin_start
@@ -168,243 +309,199 @@ def trace(
     per_km = air.per_km
     table = air.table[w]
     moment = air.moment[w]
-    shell_km = air.shell_km
-    shell_first = air.shell_first
-    shell_last = air.shell_last
-    layer_km = air.layer_km
-    earth_radius = air.earth_radius_km
+    refractivity = air.refractivity[w]
+    radius = air.earth_radius_km
     edge_km = sun.table.edge_km[w]
     high = sun.table.high[w]
     low = sun.table.low[w]
     source = steering.log_source[w]
     nodes = steering.cos_sun
     hint = steering.hint
-    check_rate = sun.check_rate
-    bottom = shell_km[0]
-    n_shells = shell_first.size
-    top = shell_km[n_shells]
-    per_depth = 1.0 / (top - bottom)
-    r = math.sqrt(px * px + py * py + pz * pz)
-    z = r - earth_radius
-    mu = (px * dx + py * dy + pz * dz) / r
-    out[0] = 0.0
-    out[1] = 0.0
-    out[2] = -1.0
-    out[3] = 1.0
-    out[4] = 0.0
-    s = 0.0
-    if z >= top:
-        if mu >= 0.0:
-            return 0
-        k = n_shells - 1
-        if z > top:
-            s = distance_down(z, r, mu, top)
-            if s < 0.0:
-                return 0
-        z_enter = top
-    else:
-        z = max(z, bottom)
-        z_enter = z
-        k = shell_of(air, z)
-        if mu < 0.0 and z <= shell_km[k] and k > 0:
-            k -= 1
-    longest = max_length * earth_radius / REFERENCE_RADIUS_KM
-    cos_sun_start = px * sx + py * sy + pz * sz
-    cos_sun_slope = dx * sx + dy * sy + dz * sz
-    s_lowest = -r * mu
-    falling = mu < 0.0
-    n_species = air.table.shape[2] - SPECIES
-    for c in range(n_species):
-        for m in range(2):
-            cosine = cosine_to_sun(
-                dx, dy, dz, px / r, py / r, pz / r, sx, sy, sz, cos_sun_start / r, m * BENDING_STEP_RAD
-            )
-            phases[c, m] = species_phase(air, w, c, cosine)
-        phases[c, 1] = (phases[c, 1] - phases[c, 0]) / BENDING_STEP_RAD
+    pieces = leg.pieces
+    phases = leg.phases
+    bottom = air.shell_km[0]
+    n_shells = air.shell_first.size
+    per_depth = 1.0 / (air.shell_km[n_shells] - bottom)
+    n_species = phases.shape[0]
+    scale = radius / REFERENCE_RADIUS_KM
+    longest = cuts.max_length * scale
+    sun_i = 0.0
+    sun_q = 0.0
+    sun_u = 0.0
     n = 0
+    n_chords = 0
     depth = 0.0
     steered = 0.0
     plain = 0.0
+    travelled = 0.0
+    turn_x, turn_y, turn_z = 0.0, 0.0, 0.0
+    if not enter_air(air, ray):
+        return Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
+    at_start = 0.0
+    if cuts.bent:
+        x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
+        at_start = refractivity_at(air, w, max(bottom, math.sqrt(x * x + y * y + z * z) - radius))
     while True:
-        # a whole layer where the secant is smooth over it, else one shell
-        lands = False
-        layer = air.layer_of_shell[k]
-        u = abs(s - s_lowest)
-        r_enter = earth_radius + z_enter
-        smooth = False
-        z_leave = layer_km[layer] if falling else layer_km[layer + 1]
-        rise = z_leave - z_enter
-        uu = u * u + rise * (rise + 2.0 * r_enter)
-        if abs(rise) > 1e-9 and uu > 0.0:
-            mid_uu = 0.5 * (u * u + uu)
-            smooth = abs(rise) * r_enter < SMOOTH * mid_uu
-        if smooth:
-            u_leave = math.sqrt(uu)
-            end = s + abs(u_leave - u)
-            first = air.layer_first[layer]
-            last = air.layer_last[layer]
-            next_k = air.layer_shell[layer] - 1 if falling else air.layer_shell[layer + 1]
-            still_falling = falling
-            lands = next_k < 0
-        else:
-            first = shell_first[k]
-            last = shell_last[k]
-            next_k = k + 1
-            still_falling = False
-            if falling:
-                z_leave = shell_km[k]
-                end = distance_down(z, r, mu, z_leave)
-                if end < 0.0:
-                    end = s_lowest
-                    z_leave = altitude_at(z, r, mu, end)
-                    next_k = k
-                else:
-                    next_k = k - 1
-                    still_falling = True
-                    lands = next_k < 0
-            else:
-                z_leave = shell_km[k + 1]
-                end = distance_up(z, r, mu, z_leave)
-        if end > s:
-            stretch = end - s
-            lower = 0.0
-            middle = 0.0
-            upper = 0.0
-            base = IN_SHELL
-            if smooth:
-                z_middle = 0.5 * (z_enter + z_leave)
-                f0 = r_enter / u
-                f1 = (earth_radius + z_middle) / math.sqrt(
-                    u * u + (z_middle - z_enter) * (z_middle - z_enter + 2.0 * r_enter)
-                )
-                f2 = (earth_radius + z_leave) / u_leave
-                h = z_enter - bottom
-                upper = 2.0 * (f0 + f2 - 2.0 * f1) / (rise * rise)
-                slope = (4.0 * f1 - 3.0 * f0 - f2) / rise
-                middle = slope - 2.0 * upper * h
-                lower = f0 - slope * h + upper * h * h
+        chord = begin_chord(air, w, cuts.bent, cuts.sag_km, ray)
+        if n_chords >= leg.chords.shape[0] or travelled > LONGEST_KM * scale:
+            return Found(-1, -1, sun_i, sun_q, sun_u, 0.0, -1.0, 0.0, 0.0)
+        row = leg.chords[n_chords]
+        for m in range(CHORD_COLUMNS):
+            row[m] = ray[m]
+        dx, dy, dz = ray[DIRECTION], ray[DIRECTION + 1], ray[DIRECTION + 2]
+        if n_chords == 0 or dx * turn_x + dy * turn_y + dz * turn_z < 1.0 - TURNED:
+            fill_phases(air, w, ray, to_sun, cuts.polarised, phases)
+            turn_x, turn_y, turn_z = dx, dy, dz
+        cos_sun_start = ray[ORIGIN] * to_sun[0] + ray[ORIGIN + 1] * to_sun[1] + ray[ORIGIN + 2] * to_sun[2]
+        cos_sun_slope = dx * to_sun[0] + dy * to_sun[1] + dz * to_sun[2]
+        s = 0.0
+        s_lowest = -chord.radius * chord.mu
+        z_enter = chord.altitude
+        falling = chord.mu < 0.0
+        k = first_shell(air, z_enter, chord.mu)
+        while True:
+            step = step_through(air, chord, s, z_enter, k, falling, True)
+            stretch = step.end - s
+            if stretch > 0.0:
+                first = step.first
+                last = step.last
+                lower = 0.0
+                middle = 0.0
+                upper = 0.0
+                leave = 0.0
+                base = IN_SHELL
                 i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_enter, first, last)
-                base = weighted_depth(table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper)
-                i = first if falling else last
-                final = lower * moment[i, 0] + middle * moment[i, 1] + upper * moment[i, 2]
-                dense = abs(final - base)
-            else:
-                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_enter, first, last)
-                after = column(table, i, f, EXTINCTION)
-                i, f = locate_level(levels, bin_start, bins_per_km, per_km, z_leave, first, last)
-                leave = column(table, i, f, EXTINCTION)
-                i, f = locate_level(
-                    levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, s + 0.5 * stretch), first, last
-                )
-                middle = column(table, i, f, EXTINCTION)
-                dense = stretch * max(after, middle, leave)
-            parts = int(max(1.0, min(math.ceil(max(stretch / longest, dense / max_depth)), 100000.0)))
-            length = stretch / parts
-            for part in range(parts):
-                if n >= pieces.shape[0]:
-                    return -1
-                start = s + part * length
-                if not smooth:
-                    lower = after
-                    if parts > 1:
-                        i, f = locate_level(
-                            levels, bin_start, bins_per_km, per_km,
-                            altitude_at(z, r, mu, start + 0.5 * length), first, last,
-                        )  # fmt: skip
-                        middle = column(table, i, f, EXTINCTION)
-                    if part == parts - 1:
-                        upper = leave
-                    else:
-                        i, f = locate_level(
-                            levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + length), first, last
-                        )
-                        upper = column(table, i, f, EXTINCTION)
-                    after = upper
-                    through = length * (lower + 4.0 * middle + upper) / 6.0
-                elif part == parts - 1:
-                    after = final
-                    through = abs(after - base)
-                else:
-                    i, f = locate_level(
-                        levels, bin_start, bins_per_km, per_km, altitude_at(z, r, mu, start + length), first, last
-                    )
+                if step.by_layer:
+                    lower, middle, upper = secant_parabola(radius, bottom, z_enter, step.leave_km, abs(s - s_lowest))
                     after = weighted_depth(
                         table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper
                     )
-                    through = abs(after - base)
-                t = uniform(stream) if jitter > 0 else 0.5
-                here = start + t * length
-                zp = altitude_at(z, r, mu, here)
-                mu_sun = min(1.0, max(-1.0, (cos_sun_start + here * cos_sun_slope) / (earth_radius + zp)))
-                i, f = locate_level(levels, bin_start, bins_per_km, per_km, zp, first, last)
-                scattering = column(table, i, f, EVENT)
-                if scattering > 0.0:
-                    if smooth:
-                        within = abs(
-                            weighted_depth(
+                    base = after
+                    i, f = locate_level(levels, bin_start, bins_per_km, per_km, step.leave_km, first, last)
+                    leave = weighted_depth(
+                        table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper
+                    )
+                    dense = abs(leave - base)
+                else:
+                    after = column(table, i, f, EXTINCTION)
+                    i, f = locate_level(levels, bin_start, bins_per_km, per_km, step.leave_km, first, last)
+                    leave = column(table, i, f, EXTINCTION)
+                    z = altitude_at(chord.altitude, chord.radius, chord.mu, s + 0.5 * stretch)
+                    i, f = locate_level(levels, bin_start, bins_per_km, per_km, z, first, last)
+                    middle = column(table, i, f, EXTINCTION)
+                    dense = stretch * max(after, middle, leave)
+                parts = int(max(1.0, min(math.ceil(max(stretch / longest, dense / cuts.max_depth)), 100000.0)))
+                length = stretch / parts
+                for part in range(parts):
+                    if n >= pieces.shape[0]:
+                        return Found(-1, -1, sun_i, sun_q, sun_u, 0.0, -1.0, 0.0, 0.0)
+                    start = s + part * length
+                    if not step.by_layer:
+                        lower = after
+                        if parts > 1:
+                            z = altitude_at(chord.altitude, chord.radius, chord.mu, start + 0.5 * length)
+                            i, f = locate_level(levels, bin_start, bins_per_km, per_km, z, first, last)
+                            middle = column(table, i, f, EXTINCTION)
+                    if part == parts - 1:
+                        after = leave
+                    else:
+                        z = altitude_at(chord.altitude, chord.radius, chord.mu, start + length)
+                        i, f = locate_level(levels, bin_start, bins_per_km, per_km, z, first, last)
+                        if step.by_layer:
+                            after = weighted_depth(
                                 table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper
                             )
-                            - base
-                        )
+                        else:
+                            after = column(table, i, f, EXTINCTION)
+                    if step.by_layer:
+                        through = abs(after - base)
                     else:
-                        within = depth_within(lower, middle, upper, length, t)
-                    weight = length * math.exp(-depth - within)
-                    root = math.sqrt(max(0.0, (zp - bottom) * per_depth))
-                    light, bending = quick_sun(edge_km, high, low, earth_radius, zp, root, mu_sun)
-                    quick = 0.0
-                    if light > BLACK:
-                        for c in range(n_species):
-                            quick += column(table, i, f, SPECIES + c) * max(0.0, phases[c, 0] + bending * phases[c, 1])
-                        quick *= math.exp(light)
-                    if jitter > 0 and uniform(stream) < check_rate:
-                        exact = sunlight(
-                            air, sun.beam, w, zp, mu_sun, dx, dy, dz,
-                            px + here * dx, py + here * dy, pz + here * dz, sx, sy, sz, i, f,
-                        )  # fmt: skip
-                        quick += (exact - quick) / check_rate
-                    out[0] += weight * quick
-                    plain += weight * scattering
-                    up = (here - s_lowest) / (earth_radius + zp)
-                    steered += (
-                        weight
-                        * scattering
-                        * math.exp(log_source_light(source, nodes, hint, root, mu_sun, up, cos_sun_slope))
-                    )
-                row = pieces[n]
-                row[START] = start
-                row[LENGTH] = length
-                row[DEPTH] = depth
-                row[LOWER] = lower
-                row[MIDDLE] = middle
-                row[UPPER] = upper
-                row[BASE] = base
-                row[FIRST] = first
-                row[LAST] = last
-                row[STEERED] = steered
-                row[PLAIN] = plain
-                depth += through
-                if smooth:
-                    base = after
-                n += 1
-                if depth > OPAQUE_DEPTH:
-                    out[3] = 0.0
-                    return n
-            s = end
-        z_enter = z_leave
-        if lands:
-            transmittance = math.exp(-depth)
-            out[2] = end
-            out[3] = transmittance
-            albedo = air.ground_albedo[w]
-            if albedo > 0.0:
-                mu_sun = (cos_sun_start + end * cos_sun_slope) / (earth_radius + bottom)
-                mu_sun = min(1.0, max(-1.0, mu_sun))
-                reflected = transmittance * albedo / math.pi
-                out[1] = reflected * ground_sunlight(air, sun.beam, w, mu_sun)
-                out[4] = reflected * math.exp(log_ground_light(steering, w, mu_sun))
-            return n
-        k = next_k
-        falling = still_falling
-        if k >= n_shells:
-            out[3] = math.exp(-depth)
-            return n
+                        upper = after
+                        through = length * (lower + 4.0 * middle + upper) / 6.0
+                    t = uniform(stream) if cuts.random else 0.5
+                    here = start + t * length
+                    z = altitude_at(chord.altitude, chord.radius, chord.mu, here)
+                    i, f = locate_level(levels, bin_start, bins_per_km, per_km, z, first, last)
+                    scattering = column(table, i, f, EVENT)
+                    if scattering > 0.0:
+                        mu_sun = min(1.0, max(-1.0, (cos_sun_start + here * cos_sun_slope) / (radius + z)))
+                        if step.by_layer:
+                            within = abs(
+                                weighted_depth(
+                                    table, moment, levels[i] - bottom, 1.0 / per_km[i], i, f, lower, middle, upper
+                                )
+                                - base
+                            )
+                        else:
+                            within = depth_within(lower, middle, upper, length, t)
+                        weight = length * math.exp(-depth - within)
+                        if cuts.bent:
+                            weight *= relative_index(refractivity, i, f, at_start)
+                        root = math.sqrt(max(0.0, (z - bottom) * per_depth))
+                        light, bending = quick_sun(edge_km, high, low, radius, z, root, mu_sun)
+                        quick_i = 0.0
+                        quick_q = 0.0
+                        quick_u = 0.0
+                        if light > BLACK:
+                            for c in range(n_species):
+                                beta = column(table, i, f, SPECIES + c)
+                                quick_i += beta * max(0.0, phases[c, 0, 0] + bending * phases[c, 0, 1])
+                                if cuts.polarised:
+                                    quick_q += beta * (phases[c, 1, 0] + bending * phases[c, 1, 1])
+                                    quick_u += beta * (phases[c, 2, 0] + bending * phases[c, 2, 1])
+                            light = math.exp(light)
+                            quick_i *= light
+                            quick_q *= light
+                            quick_u *= light
+                        if cuts.random and uniform(stream) < sun.check_rate:
+                            exact_i, exact_q, exact_u = sunlight(
+                                air, sun.beam, w, z, mu_sun, row, here, to_sun, i, f, cuts.polarised
+                            )
+                            quick_i += (exact_i - quick_i) / sun.check_rate
+                            quick_q += (exact_q - quick_q) / sun.check_rate
+                            quick_u += (exact_u - quick_u) / sun.check_rate
+                        sun_i += weight * quick_i
+                        sun_q += weight * quick_q
+                        sun_u += weight * quick_u
+                        plain += weight * scattering
+                        up = (here - s_lowest) / (radius + z)
+                        steered += (
+                            weight
+                            * scattering
+                            * math.exp(log_source_light(source, nodes, hint, root, mu_sun, up, cos_sun_slope))
+                        )
+                    piece = pieces[n]
+                    piece[START] = start
+                    piece[LENGTH] = length
+                    piece[DEPTH] = depth
+                    piece[LOWER] = lower
+                    piece[MIDDLE] = middle
+                    piece[UPPER] = upper
+                    piece[BASE] = base
+                    piece[FIRST] = first
+                    piece[LAST] = last
+                    piece[CHORD] = n_chords
+                    piece[STEERED] = steered
+                    piece[PLAIN] = plain
+                    depth += through
+                    if step.by_layer:
+                        base = after
+                    n += 1
+                    if depth > OPAQUE_DEPTH:
+                        return Found(n, n_chords, sun_i, sun_q, sun_u, 0.0, -1.0, 0.0, 0.0)
+            s = step.end
+            z_enter = step.leave_km
+            if step.ends_chord:
+                break
+            k = step.next_shell
+            falling = step.falling
+            if k < 0:
+                factor = math.exp(-depth)
+                if cuts.bent:
+                    factor *= relative_index(refractivity, 0, 0.0, at_start)
+                return land(air, sun, steering, w, row, s, factor, n, n_chords, to_sun, sun_i, sun_q, sun_u)
+            if k >= n_shells:
+                return Found(n, n_chords, sun_i, sun_q, sun_u, 0.0, -1.0, math.exp(-depth), 0.0)
+        n_chords += 1
+        travelled += chord.length
+        end_chord(chord, ray)

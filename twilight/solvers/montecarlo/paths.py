@@ -1,4 +1,14 @@
-"""Backward paths: from the observer event by event, with the sun asked along every leg; chunks of them in parallel."""
+"""Backward paths: from the observer event by event, with the sun asked along every leg; chunks of them in parallel.
+
+The Stokes vector that the observer sees is a sum over paths.  After n events, a path has the matrix
+
+    A_n = L(phi_1) P(Theta_1) L(phi_2) P(Theta_2) ... L(phi_n) P(Theta_n)
+
+(L: rotation into the plane of an event, P: phase matrix over P11; a Lambertian ground keeps the first column alone).
+The path picks up A_n (I, Q, U) of the sunlight scattered along its next leg, times a weight that holds transmittance,
+scattering and P11 over the probability of every choice made so far.  Directions are drawn by P11 and what the first row
+of A makes of it, and A is kept with 1 in its corner, the corner going into the weight.
+"""
 
 from __future__ import annotations
 
@@ -8,36 +18,47 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.solvers.montecarlo.air import N_SMOOTH
+from twilight.solvers.montecarlo.air import SPECIES
 from twilight.solvers.montecarlo.events import (
+    ALTITUDE,
+    EVENT_COLUMNS,
+    FRACTION,
+    HEADING,
+    LEVEL,
+    MATRIX,
+    NUMBERS,
+    ON_GROUND,
+    ORDER,
+    POINT,
+    WEIGHT,
+    Work,
+    begin_leg,
     choose_direction,
     choose_point,
     event_distance,
     event_level,
     event_weight,
     local_frame,
+    new_work,
 )
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import BUFFER_COLUMNS, BUFFER_PIECES, STEERED, altitude_at, trace
-from twilight.solvers.montecarlo.random import start, uniform
-from twilight.solvers.montecarlo.sight import (
-    GROUND,
-    GROUND_SINGLE,
-    GROUND_STEERED,
-    LANDING,
-    N_SUMMARY,
+from twilight.solvers.montecarlo.leg import CHORD, LEG_CHORDS, LEG_PIECES, STEERED, Cuts, Found, Leg, new_leg, trace
+from twilight.solvers.montecarlo.lines import (
+    CHORD_COLUMNS,
+    DIRECTION,
     ORIGIN,
-    SIGHT_COLUMNS,
-    SIGHT_PIECES,
-    SINGLE,
-    THROUGH,
-    look,
-    observer_refractivity,
+    REFERENCE,
+    altitude_at,
+    refractivity_at,
     relative_index,
 )
-from twilight.solvers.montecarlo.steering import N_DIRECTIONS, log_light_from
+from twilight.solvers.montecarlo.matrix import N_STOKES
+from twilight.solvers.montecarlo.random import start, uniform
+from twilight.solvers.montecarlo.sight import SIGHT_CHORDS, SIGHT_PIECES, look
 
 N_ORDERS = 20
+COARSE, TOTAL = N_ORDERS, N_ORDERS
+"""The last column of a sample holds the coarse field's part, that of a row of sums the total."""
 MAX_EVENTS = 5000
 LEAST_SURVIVAL = 0.1
 NEGLIGIBLE = 1e-12
@@ -49,19 +70,16 @@ LATTICE_1, LATTICE_2, LATTICE_3 = 0.8191725134, 0.6710436067, 0.5497004779
 class Walk(NamedTuple):
     """What steers a path; none of it moves the mean, except max_orders, which cuts the series on purpose.
 
-    first_length, first_depth, later_length, later_depth: longest piece of a leg in km and in optical depth, on the
-    first leg and on later ones.  sub_paths: stratified continuations of one first leg.  steered_fraction and
-    table_fraction: share of events and directions drawn with the coarse field; candidates: directions of which one is
-    taken.  roulette: a path whose expected contribution falls below this fraction of a continuation's of the first leg
-    may end; 0 switches that and splitting off.  continuation: paths that go on from a later leg that is worth one
-    continuation of the first.  control: replace the light beyond each leg by the coarse field's and sample the
-    difference.  bent: the first leg follows the refracted ray.
+    first, later: how the first leg and later ones are cut.  sub_paths: stratified continuations of one first leg.
+    steered_fraction and table_fraction: share of events and directions drawn with the coarse field; candidates:
+    directions of which one is taken.  roulette: a path whose expected contribution falls below this fraction of a
+    continuation's of the first leg may end; 0 switches that and splitting off.  continuation: paths that go on from a
+    later leg that is worth one continuation of the first.  control: replace the light beyond each leg by the coarse
+    field's and sample the difference.
     """
 
-    first_length: float
-    first_depth: float
-    later_length: float
-    later_depth: float
+    first: Cuts
+    later: Cuts
     sub_paths: int
     steered_fraction: float
     table_fraction: float
@@ -69,34 +87,77 @@ class Walk(NamedTuple):
     roulette: float
     continuation: float
     control: bool
-    bent: bool
     max_orders: int
 
 
+class Pixels(NamedTuple):
+    """What is asked, P pixels: key (P,) names their random streams; sun_elevation, elevation, azimuth (P,) [rad],
+    azimuth from the sun; altitude [km] of the observer; wavelength_key (W,)."""
+
+    key: np.ndarray
+    sun_elevation: np.ndarray
+    elevation: np.ndarray
+    azimuth: np.ndarray
+    altitude: float
+    wavelength_key: np.ndarray
+
+
+class Jobs(NamedTuple):
+    """J pieces of work, arrays (J,): pixel, index of the wavelength, number of the chunk, samples to take."""
+
+    pixel: np.ndarray
+    wavelength: np.ndarray
+    chunk: np.ndarray
+    samples: np.ndarray
+
+
+class Sums(NamedTuple):
+    """Results of J jobs: sums of x and of x^2 over samples, (J, S, N_ORDERS + 1), S = 3 components I, Q, U or 1; x is
+    the light of each order and, last, of all.  limits (J,): samples that met a limit of the walk."""
+
+    first: np.ndarray
+    second: np.ndarray
+    limits: np.ndarray
+
+
+class Memory(NamedTuple):
+    """Memory of one thread: the line of sight, a later leg, events that wait (STACK, EVENT_COLUMNS), work space."""
+
+    sight: Leg
+    leg: Leg
+    stack: np.ndarray
+    work: Work
+
+
 @njit(**INNER)
-def observer_frame(sun_elevation, elevation, azimuth, altitude, radius, point, direction, to_sun):
-    """Observer, line of sight and sun [rad, km] in the observer's Cartesian frame."""
-    point[0], point[1], point[2] = 0.0, 0.0, radius + altitude
-    direction[0] = math.cos(elevation) * math.cos(azimuth)
-    direction[1] = math.cos(elevation) * math.sin(azimuth)
-    direction[2] = math.sin(elevation)
+def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_sun):
+    """Fill ray (9,) and to_sun (3,) in the observer's Cartesian frame (towards the sun, to its right, up).
+
+    Angles in rad, altitude and the Earth's radius in km.  The reference of the Stokes vector lies in the vertical plane
+    of the azimuth, also in the zenith, so that Q > 0 is light that vibrates vertically; azimuths grow to the right, and
+    U > 0 is light whose vibration leans from the vertical to the right.
+    """
+    ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, radius + altitude
+    ray[DIRECTION] = math.cos(elevation) * math.cos(azimuth)
+    ray[DIRECTION + 1] = math.cos(elevation) * math.sin(azimuth)
+    ray[DIRECTION + 2] = math.sin(elevation)
+    ray[REFERENCE] = -math.sin(elevation) * math.cos(azimuth)
+    ray[REFERENCE + 1] = -math.sin(elevation) * math.sin(azimuth)
+    ray[REFERENCE + 2] = math.cos(elevation)
     to_sun[0], to_sun[1], to_sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
 
 
 @njit(**INNER)
-def push_events(
-    air, w, walk, bent, leg, pieces, n, ground, ground_plain, ground_steered, weight, copies, order, stack, size, stream
-):
+def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies, order, stack, size, stream):
     """Draw `copies` stratified events on a leg and put them on the stack.
 
+    at_start: n - 1 where the leg begins, for bent legs; leg, found: from `trace` or `look`, cut by `cuts`; weight,
+    matrix (9,): of the path on that leg; order: of the light that the legs after the events gather.
     Returns (new size of the stack or -1 if it is full, the light of the coarse field that the events stand for).
-    leg: start (3) and direction (3) of the leg, for the ground and, where `pieces` has no columns of its own, for all.
-    bent: the leg is a line of sight along which (n_observer / n)^2 counts, the refractivity at the observer being
-    `bent` (negative: it does not).  A row of the stack: point (3), direction (3), weight, order, altitude,
-    level, fraction, 1 on the ground, three numbers for the direction.  The numbers of the copies are a shifted lattice
-    (Roberts' sequence in three dimensions), each uniform by itself, so that copies do not crowd.
+    The numbers of the copies are a shifted lattice (Roberts' sequence in three dimensions), each uniform by itself, so
+    that copies do not crowd.
     """
-    chords = pieces.shape[1] > BUFFER_COLUMNS
+    ground_plain = found.transmittance * air.ground_albedo[w] if found.ground >= 0.0 else 0.0
     shift_1 = uniform(stream)
     shift_2 = uniform(stream)
     shift_3 = uniform(stream)
@@ -105,137 +166,151 @@ def push_events(
         if size >= stack.shape[0]:
             return -1, known
         number = (copy + uniform(stream)) / copies
-        k, probability, t = choose_point(pieces, n, ground_plain, ground_steered, walk.steered_fraction, number, stream)
+        k, probability, t = choose_point(
+            leg.pieces, found.pieces, ground_plain, found.steered_ground, walk.steered_fraction, number, stream
+        )
         if probability <= 0.0:
             continue
-        row = stack[size]
-        if k == n:
-            known += weight * ground_steered / probability
-            for m in range(6):
-                row[m] = leg[m]
-            s = ground
-            event = ground_plain
-            row[8] = air.shell_km[0]
-            row[9] = 0.0
-            row[10] = 0.0
-            row[11] = 1.0
+        event = stack[size]
+        if k == found.pieces:
+            known += weight * found.steered_ground / probability
+            chord = leg.chords[found.chord]
+            s = found.ground
+            value = ground_plain
+            event[ALTITUDE] = air.shell_km[0]
+            event[LEVEL] = 0.0
+            event[FRACTION] = 0.0
+            event[ON_GROUND] = 1.0
         else:
-            share = pieces[k, STEERED]
+            piece = leg.pieces[k]
+            share = piece[STEERED]
             if k > 0:
-                share -= pieces[k - 1, STEERED]
+                share -= leg.pieces[k - 1, STEERED]
             known += weight * share / probability
-            for m in range(6):
-                row[m] = pieces[k, ORIGIN + m] if chords else leg[m]
-            s = event_distance(pieces, k, t)
-            r = math.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
-            mu = (row[0] * row[3] + row[1] * row[4] + row[2] * row[5]) / r
-            row[8] = altitude_at(r - air.earth_radius_km, r, mu, s)
-            i, f = event_level(air, pieces, k, row[8])
-            event = event_weight(air, w, pieces, k, t, i, f)
-            if bent >= 0.0:
-                event *= relative_index(air, w, i, f, bent)
-            row[9] = i
-            row[10] = f
-            row[11] = 0.0
-        if event <= 0.0:
+            chord = leg.chords[int(piece[CHORD])]
+            s = event_distance(piece, t)
+            x, y, h = chord[ORIGIN], chord[ORIGIN + 1], chord[ORIGIN + 2]
+            r = math.sqrt(x * x + y * y + h * h)
+            mu = (x * chord[DIRECTION] + y * chord[DIRECTION + 1] + h * chord[DIRECTION + 2]) / r
+            event[ALTITUDE] = altitude_at(r - air.earth_radius_km, r, mu, s)
+            i, f = event_level(air, piece, event[ALTITUDE])
+            value = event_weight(air, w, piece, t, i, f)
+            if cuts.bent:
+                value *= relative_index(air.refractivity[w], i, f, at_start)
+            event[LEVEL] = i
+            event[FRACTION] = f
+            event[ON_GROUND] = 0.0
+        if value <= 0.0:
             continue
-        x = row[0] + s * row[3]
-        y = row[1] + s * row[4]
-        h = row[2] + s * row[5]
         # put the point on the sphere of its altitude again, so that rounding does not add up over events
-        scale = (air.earth_radius_km + row[8]) / math.sqrt(x * x + y * y + h * h)
-        row[0] = x * scale
-        row[1] = y * scale
-        row[2] = h * scale
-        row[6] = weight * event / probability
-        row[7] = order
-        row[12] = (shift_1 + copy * LATTICE_1) % 1.0
-        row[13] = (shift_2 + copy * LATTICE_2) % 1.0
-        row[14] = (shift_3 + copy * LATTICE_3) % 1.0
+        x = chord[ORIGIN] + s * chord[DIRECTION]
+        y = chord[ORIGIN + 1] + s * chord[DIRECTION + 1]
+        h = chord[ORIGIN + 2] + s * chord[DIRECTION + 2]
+        scale = (air.earth_radius_km + event[ALTITUDE]) / math.sqrt(x * x + y * y + h * h)
+        event[POINT] = x * scale
+        event[POINT + 1] = y * scale
+        event[POINT + 2] = h * scale
+        for m in range(6):
+            event[HEADING + m] = chord[DIRECTION + m]
+        for m in range(9):
+            event[MATRIX + m] = matrix[m]
+        event[WEIGHT] = weight * value / probability
+        event[ORDER] = order
+        event[NUMBERS] = (shift_1 + copy * LATTICE_1) % 1.0
+        event[NUMBERS + 1] = (shift_2 + copy * LATTICE_2) % 1.0
+        event[NUMBERS + 2] = (shift_3 + copy * LATTICE_3) % 1.0
         size += 1
     return size, known
 
 
 @njit(**INNER)
-def one_sample(air, sun, steering, walk, w, bent, to_sun, line, n_line, summary, stream, work, orders):
+def steered_light(leg, found):
+    """The coarse field's estimate of the light that is scattered again along a leg [sr^-1]."""
+    if found.pieces > 0:
+        return found.steered_ground + leg.pieces[found.pieces - 1, STEERED]
+    return found.steered_ground
+
+
+@njit(**INNER)
+def next_leg(air, steering, w, walk, event, unit, to_sun, stream, work):
+    """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
+
+    unit [sr^-1]: light that a path is worth; below a fraction of it the path may end by chance (roulette).
+    """
+    polarised = walk.later.polarised
+    cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], to_sun, work.frame)
+    ratio, light = choose_direction(
+        air, steering, w, event, cos_sun, walk.table_fraction, walk.candidates, polarised, stream, work
+    )
+    weight = event[WEIGHT] * ratio
+    if weight <= 0.0:
+        return 0.0
+    weight *= begin_leg(air, w, event, polarised, work)
+    if walk.roulette > 0.0:
+        worth = weight * light / unit
+        survival = worth / walk.roulette
+        if survival < 1.0:
+            survival = max(LEAST_SURVIVAL, survival)
+            if uniform(stream) >= survival:
+                return 0.0
+            weight /= survival
+    return max(0.0, weight)
+
+
+@njit(**INNER)
+def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders):
     """Add one estimate of the light scattered more than once, order by order, to `orders`; 1 if a limit was met.
 
-    orders[n] is light with n + 1 events (a reflection by the ground is one); the one before the last takes the rest,
-    and the last is the coarse field's part: its light along every leg, less what the events drawn on that leg stand
-    for.  The sum of that over the legs of a path has the mean 0, and takes away most of the noise of the orders' sum.
+    orders (S, N_ORDERS + 1): of I and, if S is 3, Q and U.  orders[:, n] is light with n + 1 events (a reflection by
+    the ground is one); column N_ORDERS - 1 takes the rest, and COARSE is the coarse field's part: its light along every
+    leg, less what the events drawn on that leg stand for.  The sum of that over the legs of a path has the mean 0, and
+    takes away most of the noise of the orders' sum.
     From every leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none
     (roulette) or many (splitting), so that the weights of long paths do not drift apart.
-    line, n_line, summary: the line of sight, from `look`.
+    at_observer: n - 1 there; to_sun (3,); sight: `Found` of the line of sight that memory.sight holds.
     """
-    pieces, phases, out, cumulative, blurred, frame, leg, trial, new, stack = work
-    sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
-    albedo = air.ground_albedo[w]
-    coarse = orders.size - 1
+    leg = memory.leg
+    stack = memory.stack
+    work = memory.work
+    matrix = work.matrix
+    n_stokes = orders.shape[0]
     control = 1.0 if walk.control else 0.0
     limit_met = 0
-    remaining = summary[GROUND_STEERED]
-    if n_line > 0:
-        remaining += line[n_line - 1, STEERED]
-    orders[coarse] += control * remaining
+    remaining = steered_light(memory.sight, sight)
+    orders[0, COARSE] += control * remaining
     if walk.max_orders < 2 or remaining <= 0.0:
         return 0
     unit = remaining / walk.sub_paths
-    for m in range(6):
-        leg[m] = summary[LANDING + m]
-    # the ground is where the leg already is
-    ground_plain = summary[THROUGH] * albedo if summary[GROUND] >= 0.0 else 0.0
+    for m in range(9):
+        matrix[m] = 1.0 if m % 4 == 0 else 0.0
     size, known = push_events(
-        air, w, walk, bent, leg, line, n_line, 0.0, ground_plain, summary[GROUND_STEERED], 1.0 / walk.sub_paths,
-        walk.sub_paths, 1, stack, 0, stream,
+        air, w, walk, walk.first, at_observer, memory.sight, sight, 1.0 / walk.sub_paths, matrix, walk.sub_paths, 1,
+        stack, 0, stream,
     )  # fmt: skip
-    orders[coarse] -= control * known
+    orders[0, COARSE] -= control * known
     if size < 0:
         return 1
-    while True:
-        # the next leg, from the top of the stack
-        alive = False
-        weight = 0.0
-        order = 0
-        while size > 0 and not alive:
-            size -= 1
-            row = stack[size]
-            cos_sun = local_frame(row[0], row[1], row[2], sx, sy, sz, frame)
-            ratio, cell = choose_direction(
-                air, steering, w, row[8], cos_sun, int(row[9]), row[10], row[11] > 0.0, frame, row[3], row[4], row[5],
-                walk.table_fraction, walk.candidates, cumulative, blurred, row[12:15], stream, trial, new,
-            )  # fmt: skip
-            weight = row[6] * ratio
-            if weight <= 0.0:
-                continue
-            if walk.roulette > 0.0:
-                worth = weight * math.exp(log_light_from(steering, w, row[8], cos_sun, cell)) / unit
-                survival = worth / walk.roulette
-                if survival < 1.0:
-                    survival = max(LEAST_SURVIVAL, survival)
-                    if uniform(stream) >= survival:
-                        continue
-                    weight /= survival
-            alive = True
-            order = int(row[7])
-            leg[0], leg[1], leg[2] = row[0], row[1], row[2]
-            leg[3], leg[4], leg[5] = new[0], new[1], new[2]
-        if not alive:
-            return limit_met
-        n = trace(
-            air, sun, steering, w, leg[0], leg[1], leg[2], leg[3], leg[4], leg[5], sx, sy, sz,
-            walk.later_length, walk.later_depth, 1, stream, pieces, phases, out,
-        )  # fmt: skip
-        if n < 0:
+    while size > 0:
+        size -= 1
+        event = stack[size]
+        weight = next_leg(air, steering, w, walk, event, unit, to_sun, stream, work)
+        if weight <= 0.0:
+            continue
+        order = int(event[ORDER])
+        at_start = refractivity_at(air, w, event[ALTITUDE]) if walk.later.bent else 0.0
+        found = trace(air, sun, steering, w, work.new, to_sun, walk.later, stream, leg)
+        if found.pieces < 0:
             limit_met = 1
-            n = 0
-        orders[min(order, coarse - 1)] += weight * (out[0] + out[1])
+        light = found.sun_i + found.sun_ground
+        place = min(order, N_ORDERS - 1)
+        for m in range(n_stokes):
+            orders[m, place] += weight * (matrix[3 * m] * light)
+            if n_stokes > 1:
+                orders[m, place] += weight * (matrix[3 * m + 1] * found.sun_q + matrix[3 * m + 2] * found.sun_u)
         order += 1
-        ground = out[2]
-        ground_plain = out[3] * albedo if ground >= 0.0 else 0.0
-        remaining = out[4]
-        if n > 0:
-            remaining += pieces[n - 1, STEERED]
-        orders[coarse] += control * weight * remaining
+        remaining = steered_light(leg, found)
+        for m in range(n_stokes):
+            orders[m, COARSE] += control * weight * matrix[3 * m] * remaining
         if order < walk.max_orders and remaining > 0.0:
             copies = 1
             worth = weight * remaining / unit
@@ -249,97 +324,82 @@ def one_sample(air, sun, steering, walk, w, bent, to_sun, line, n_line, summary,
                 limit_met = 1
             elif copies > 0:
                 full, known = push_events(
-                    air, w, walk, -1.0, leg, pieces, n, ground, ground_plain, out[4], weight, copies, order,
-                    stack, size, stream,
-                )  # fmt: skip
+                    air, w, walk, walk.later, at_start, leg, found, weight, matrix, copies, order, stack, size, stream
+                )
                 if full < 0:
                     return 1
-                orders[coarse] -= control * known
+                for m in range(n_stokes):
+                    orders[m, COARSE] -= control * matrix[3 * m] * known
                 size = full
+    return limit_met
+
+
+@njit(**INNER)
+def add_sample(orders, first, second):
+    """Add the orders (S, N_ORDERS + 1) of one sample, and their squares, to the sums of a job, of the same shape."""
+    for m in range(orders.shape[0]):
+        total = orders[m, COARSE]
+        for n in range(N_ORDERS):
+            x = orders[m, n]
+            first[m, n] += x
+            second[m, n] += x * x
+            total += x
+        first[m, TOTAL] += total
+        second[m, TOTAL] += total * total
 
 
 @njit(cache=True, nogil=True)
-def run_chunks(
-    air, sight, sun, steering, walk, seed, keys, wavelength_keys, sun_elevation, elevation, azimuth, altitude,
-    job_pixel, job_wavelength, job_chunk, job_samples, first_job, end_job, sums, squares, limits,
-):  # fmt: skip
-    """Run the jobs first_job..end_job; row j of `sums` and `squares` gets sums of x and x^2 over the samples of job j.
+def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums):
+    """Run the jobs first_job..end_job of :class:`Jobs` for :class:`Pixels` and fill their rows of :class:`Sums`.
 
-    x is the radiance of each order and, last, of all.  keys, wavelength_keys name the random streams; sun_elevation,
-    elevation, azimuth (P,) [rad] and altitude [km] describe pixels; a job is (pixel, wavelength, chunk number,
-    samples).  A row depends on its job alone, so neither threads nor the order of jobs change it.
-    `sight` is the air that single scattering is seen through, the same as `air` unless events are isotropic.
-    sums, squares (J, N_ORDERS + 1); limits (J,) counts samples that met a limit of the walk.
+    A row depends on its job alone, so neither threads nor the order of jobs change it.  sight_air is the air that
+    single scattering is seen through, the same as `air` unless events are isotropic; seed: an integer.
     """
-    pieces = np.empty((BUFFER_PIECES, BUFFER_COLUMNS))
-    line = np.empty((SIGHT_PIECES, SIGHT_COLUMNS))
-    summary = np.empty(N_SUMMARY)
-    stack = np.empty((STACK, 15))
-    leg = np.empty(6)
-    out = np.empty(5)
-    phases = np.empty((air.table.shape[2], 2))
-    cumulative = np.empty(N_DIRECTIONS)
-    blurred = np.empty(N_SMOOTH)
-    frame = np.empty((3, 3))
-    new = np.empty(3)
-    trial = np.empty(3)
-    work = (pieces, phases, out, cumulative, blurred, frame, leg, trial, new, stack)
-    point = np.empty(3)
-    direction = np.empty(3)
+    n_species = air.table.shape[2] - SPECIES
+    sight_leg = new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS)
+    leg = new_leg(n_species, LEG_PIECES, LEG_CHORDS)
+    memory = Memory(sight_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_work())
+    ray = np.empty(CHORD_COLUMNS)
     to_sun = np.empty(3)
-    orders = np.empty(N_ORDERS + 1)
+    n_stokes = sums.first.shape[1]
+    single = np.zeros(N_STOKES)
+    orders = np.empty((n_stokes, N_ORDERS + 1))
     stream = np.empty(1, dtype=np.uint64)
     last_pixel = -1
     last_wavelength = -1
-    n_line = 0
-    single = 0.0
-    at_observer = -1.0
+    sight = Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
+    at_observer = 0.0
     for j in range(first_job, end_job):
-        pixel = job_pixel[j]
-        w = job_wavelength[j]
-        if pixel != last_pixel or w != last_wavelength:
-            last_pixel = pixel
+        p = jobs.pixel[j]
+        w = jobs.wavelength[j]
+        if p != last_pixel or w != last_wavelength:
+            last_pixel = p
             last_wavelength = w
-            observer_frame(
-                sun_elevation[pixel],
-                elevation[pixel],
-                azimuth[pixel],
-                altitude,
-                air.earth_radius_km,
-                point,
-                direction,
-                to_sun,
-            )
-            single = 0.0
-            if air.isotropic_events:
-                # light scattered once is seen through air that is not the diffuse light's
-                look(
-                    sight, sun, steering, w, walk.bent, point, direction, to_sun, walk.first_length, walk.first_depth,
-                    line, summary,
+            for own in range(2):
+                if own == 0 and not air.isotropic_events:
+                    continue
+                observer_ray(
+                    pixels.sun_elevation[p], pixels.elevation[p], pixels.azimuth[p], pixels.altitude,
+                    air.earth_radius_km, ray, to_sun,
                 )  # fmt: skip
-                single = summary[SINGLE] + summary[GROUND_SINGLE]
-            n_line = look(
-                air, sun, steering, w, walk.bent, point, direction, to_sun, walk.first_length, walk.first_depth,
-                line, summary,
-            )  # fmt: skip
-            if not air.isotropic_events:
-                single = summary[SINGLE] + summary[GROUND_SINGLE]
-            if walk.bent:
-                at_observer = observer_refractivity(air, w, altitude)
-        if n_line < 0:
-            limits[j] += job_samples[j]
-        start(stream, seed, keys[pixel], wavelength_keys[w], job_chunk[j])
-        for _ in range(job_samples[j]):
+                # light scattered once is seen through air that may not be the diffuse light's
+                seen = air if own == 1 else sight_air
+                sight = look(seen, sun, steering, w, walk.first, ray, to_sun, memory.sight)
+                if own == 0 or not air.isotropic_events:
+                    single[0] = sight.sun_i + sight.sun_ground
+                    single[1] = sight.sun_q
+                    single[2] = sight.sun_u
+            if walk.first.bent:
+                at_observer = refractivity_at(air, w, pixels.altitude)
+        if sight.pieces < 0:
+            sums.limits[j] += jobs.samples[j]
+        start(stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[j])
+        for _ in range(jobs.samples[j]):
             orders[:] = 0.0
-            orders[0] = single
-            if n_line >= 0:
-                limits[j] += one_sample(
-                    air, sun, steering, walk, w, at_observer, to_sun, line, n_line, summary, stream, work, orders
+            for m in range(n_stokes):
+                orders[m, 0] = single[m]
+            if sight.pieces >= 0:
+                sums.limits[j] += one_sample(
+                    air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders
                 )
-            total = orders[N_ORDERS]
-            for n in range(N_ORDERS):
-                sums[j, n] += orders[n]
-                squares[j, n] += orders[n] * orders[n]
-                total += orders[n]
-            sums[j, N_ORDERS] += total
-            squares[j, N_ORDERS] += total * total
+            add_sample(orders, sums.first[j], sums.second[j])

@@ -4,50 +4,44 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
-from twilight.solvers.zones.grid import altitude_nodes, make_angles, resolve_layers, zenith_nodes
+from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
-from twilight.solvers.zones.paths import LANES, lanes_of, make_points, make_turning, species_share, trace_rays
+from twilight.solvers.zones.paths import (
+    LANES,
+    Scattering,
+    lanes_of,
+    make_points,
+    make_turning,
+)
+from twilight.solvers.zones.polarised import matrix_moments, rotated
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import PER_INTERVAL, Nodes, Passes, Solution
-from twilight.solvers.zones.storage import save
+from twilight.solvers.zones.solution import Nodes, Passes, Solution
+from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple, view_single
+from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, prepare_beam
-from twilight.transport.lines import refractive_gradient
-from twilight.transport.march import jump_altitudes
+from twilight.transport.bundle import species_share, trace_rays
+from twilight.transport.lines import ALTITUDE, ANGLE, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.scaling import delta_scaled, species_phase
+from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
+from twilight.transport.sunlit import Directions, Phases, scattered_once
 
-Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
-SHARP = 2.0
-"""Points on a line of sight for light scattered once, over those for the rest."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """events: scattering events followed; residual: largest change of the light at a node that the last one made.
-
-    error: how far two qualities differ at 95 % of the directions, where a target was asked for; otherwise None.
-    """
-
-    events: int
-    residual: float
-    error: float | None = None
 
 
 def zenith_range(sun_elevations_deg) -> tuple[float, float]:
@@ -60,7 +54,7 @@ def zenith_range(sun_elevations_deg) -> tuple[float, float]:
     return first, last
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium for any sun, observer and direction."""
 
     def __init__(
@@ -79,8 +73,10 @@ class Field:
         """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = self._checked(observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
-        tell = progress or (lambda doing, share: None)
+        tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
+        matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
+        self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)
         tell("sunbeam", 0.0)
         if solved is None:
             d = settings.beam_density
@@ -98,12 +94,13 @@ class Field:
         self.profile = prepare_profile(self.scaled.medium)
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile.altitude_km) if several else None
-        self.jumps = jump_altitudes(self.profile)
-        self.sight_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
-        self.path_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_paths)
-        altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
+        bent = with_refraction(self.profile, medium)
+        self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
+        self.path_profile = bent if settings.bent_paths else self.profile
+        breaks = self.profile.break_km
+        altitude = altitude_nodes(medium.bottom_km, medium.top_km, breaks, settings.altitude_density)
         altitude = resolve_layers(altitude, self.profile, settings.altitude_density)
-        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), self.jumps)
+        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
         if solved is not None:
@@ -117,7 +114,10 @@ class Field:
 
         Errors: TwilightError where the file cannot be written.
         """
-        save(self, path)
+        solved = Stored(
+            self.medium, self.settings, self.asked, self.zenith_range_deg, self.beam, self.solutions, self.convergence
+        )
+        save(solved, path)
 
     @property
     def sun_range_deg(self) -> tuple[float, float]:
@@ -143,7 +143,7 @@ class Field:
         tell("rays", 0.05)
         early = self._stage(s.polar_directions, s.azimuth_directions, s.degree)
         late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree)
-        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)
+        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
 
@@ -151,11 +151,8 @@ class Field:
                 tell(f"scattering event {event}", 0.1 + 0.9 * (block + min(0.95, event / 12)) / n_blocks)
 
             self.solutions.append(
-                solve_orders(
-                    early(block), late(block), s.early_events, sunlight, self.scaled.moments, s.max_events,
-                    s.tolerance, report,
-                )
-            )  # fmt: skip
+                solve_orders(early(block), late(block), s.early_events, sunlight, s.max_events, s.tolerance, report)
+            )
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
 
     def _stage(self, polar: int, around: int, degree: int) -> Callable[[int], Passes]:
@@ -164,23 +161,23 @@ class Field:
         radius = self.medium.earth_radius_km
         height = n.altitude_km - self.medium.bottom_km
         horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
-        angles = make_angles(horizon, polar, around, degree)
+        angles = make_angles(horizon, polar, around, degree, self._pattern_degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
-        rays = trace_rays(
-            self.profile, self.path_gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
-        )
+        rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
         # air with nothing in it has no points along its rays
-        longest = float(max(rays.place[:, 1].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
+        longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
-        moments = self.scaled.moments[:, : degree + 1]
+        scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
 
         def of(block: int) -> Passes:
-            points = make_points(
-                rays, self.scaled.medium, moments, n.fine_altitude_km, turning.step_rad, angles.orders, block
-            )
-            return Passes(n, angles, rays, points, turning, self.medium, block)
+            points = make_points(rays, scattering, n.fine_altitude_km, turning.step_rad, angles.series, block)
+            return Passes(n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block)
 
         return of
+
+    @property
+    def _pattern_degree(self) -> int:
+        return self.settings.polarisation_degree if self.settings.polarisation else 0
 
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
@@ -188,7 +185,28 @@ class Field:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
 
         Directions may look down: then the Lambertian ground is seen through the air, lit by the sun and the sky.
+
+        Errors: TwilightError for a sun that the field was not solved for and an observer below the ground.
         """
+        return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
+
+    def stokes(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W); angles in degrees.
+
+        They refer to the vertical plane through the line of sight, in the zenith that of the azimuth given.  Q > 0:
+        light vibrates in that plane.  U > 0: for somebody who looks along the line, the vibration leans from the
+        vertical to the right, to larger azimuth; azimuth from the sun, clockwise seen from above.
+
+        Errors: as `radiance`, and TwilightError for a field that was solved without polarisation.
+        """
+        if not self.settings.polarisation:
+            raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
+        return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
+
+    def _look(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, n_stokes: int) -> np.ndarray:
+        """The first n_stokes, 1 or 3, of I, Q, U: shape of the directions plus (n_stokes, W)."""
         if not -90.0 <= sun_elevation_deg <= 90.0:
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
         if self.solutions and not self._covers(sun_elevation_deg):
@@ -200,58 +218,58 @@ class Field:
         elevation, azimuth = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
         )
-        e, a = elevation.ravel(), azimuth.ravel()
+        e, a = elevation.ravel(), np.radians(azimuth.ravel())
         row_elevation, row_of = np.unique(e, return_inverse=True)
         order = np.argsort(row_of, kind="stable")
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
-        cos_azimuth = np.cos(np.radians(a))[order]
-        rays, fine_rays = (
-            trace_rays(
-                self.profile,
-                self.sight_gradient,
-                self.jumps,
-                np.full(row_elevation.size, altitude),
-                np.sin(np.radians(row_elevation)),
-                density * self.settings.sight_density,
-            )
-            for density in (1.0, SHARP)  # the shadow's edge is sharp in light scattered once
-        )
-        zenith = math.radians(90.0 - sun_elevation_deg)
+        directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
+        start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
+        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
+        pairs = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, pairs=True)
         sorted_elevation = np.radians(e[order])
-        out = self._single(fine_rays, zenith, np.radians(row_elevation), row_first, sorted_elevation, cos_azimuth)
+        out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
         for block, solution in enumerate(self.solutions):
-            part = slice(block * LANES, min((block + 1) * LANES, out.shape[1]))
-            out[:, part] += self._multiple(rays, zenith, row_first, cos_azimuth, block, solution)[
-                :, : part.stop - part.start
-            ]
+            part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
+            seen = self._multiple(rays, directions, block, solution, n_stokes)
+            out[:, :, part] += seen[:, :, : part.stop - part.start]
+        if n_stokes > 1:
+            # all was computed to the right of the sun; left of it the vibration leans the other way
+            out[:, 2] *= np.where(np.sin(a[order]) < 0.0, -1.0, 1.0)[:, None]
         result = np.empty_like(out)
         result[order] = out
-        return result.reshape(*elevation.shape, -1)
+        return result.reshape(*elevation.shape, *out.shape[1:])
 
-    def _single(self, rays, zenith, row_elevation, row_first, elevation, cos_azimuth) -> np.ndarray:
-        """Light scattered once, (D, W), directions sorted by ray."""
-        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
-        phases = []
+    def _single(self, rays, directions: Directions, row_elevation, elevation, n_stokes: int) -> np.ndarray:
+        """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) [rad]."""
+        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, ALTITUDE]))
+        cos_azimuth = directions.cos_azimuth
+        sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
+        values = []
         for lifted, lowered in ((0.0, 0.0), (REFERENCE_TURN_RAD, 0.0), (0.0, REFERENCE_TURN_RAD)):
-            t, e = zenith - lifted, elevation - lowered
+            t, e = directions.zenith_rad - lifted, elevation - lowered
             cosine = np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth
             phase = species_phase(self.medium, self.scaled.forward_share, cosine)
             if self.peak is not None:
-                self._widen_peak(self.peak, phase, cosine, rays, share, zenith, row_first)
-            phases.append(phase)
-        of_sun, of_ray = ((turned - phases[0]) / REFERENCE_TURN_RAD for turned in phases[1:])
-        out = np.zeros((cos_azimuth.size, self.medium.n_wavelengths))
+                self._widen_peak(self.peak, phase, cosine, rays, share, directions)
+            stokes = [phase]
+            if n_stokes > 1:
+                p12 = species_polarising_phase(self.medium, self.scaled.forward_share, cosine)
+                # elevations below the horizon too: sine and cosine of the zenith angle are cos e and sin e
+                _, twice_cos, twice_sin = rotated(np.sin(e), cos_azimuth, sin_azimuth, t)
+                stokes += [p12 * twice_cos[:, None, None], p12 * twice_sin[:, None, None]]
+            values.append(np.stack(stokes))
+        phases = Phases(values[0], *((turned - values[0]) / REFERENCE_TURN_RAD for turned in values[1:]))
+        out = np.zeros((cos_azimuth.size, n_stokes, self.medium.n_wavelengths))
         in_slices(
-            lambda begin, end: view_single(
-                self.beam, rays.first, rays.place, rays.weight, share, row_elevation, zenith, row_first, cos_azimuth,
-                phases[0], of_sun, of_ray, rays.ground_weight, rays.ground_angle_rad, self.medium.bottom_km,
+            lambda begin, end: scattered_once(
+                self.beam, rays, share, row_elevation, directions, phases, 0.0, self.medium.bottom_km,
                 self.medium.ground_albedo, out, begin, end,
             ),
             row_elevation.size,
         )  # fmt: skip
         return out
 
-    def _widen_peak(self, peak, phase, cosine, rays, share, zenith, row_first) -> None:
+    def _widen_peak(self, peak, phase, cosine, rays, share, directions: Directions) -> None:
         """Change the aerosol's phase functions (D, 1 + K, W) at `cosine` (D,) to those of the widened forward peak."""
         degree = np.arange(self.scaled.moments.shape[1])
         legendre = np.polynomial.legendre.legvander(cosine, degree.size - 1) * (2 * degree + 1) / (4 * np.pi)
@@ -260,27 +278,26 @@ class Field:
         change = np.zeros_like(narrow)
         in_slices(
             lambda begin, end: widen(
-                self.beam, peak, rays.first, rays.place, rays.weight, share, zenith, row_first, cosine, narrow, change,
-                begin, end,
+                self.beam, peak, rays.first, rays.place, rays.weight, share, directions.zenith_rad, directions.first,
+                cosine, narrow, change, begin, end,
             ),
-            row_first.size - 1,
+            directions.first.size - 1,
         )  # fmt: skip
         phase[:, 1:] = np.maximum(0.0, phase[:, 1:] + change)
 
-    def _multiple(self, rays, zenith, row_first, cos_azimuth, block: int, solution: Solution) -> np.ndarray:
-        """Light scattered at least twice, (D, LANES)."""
+    def _multiple(self, rays, directions: Directions, block: int, solution: Solution, n_stokes: int) -> np.ndarray:
+        """Light scattered at least twice, (D, Stokes, LANES)."""
         n = self.nodes
         s = self.settings
-        orders = min(s.degree, s.azimuth_directions - 1) + 1
-        points = make_points(rays, self.scaled.medium, self.scaled.moments, n.fine_altitude_km, 1.0, orders, block)
-        out = np.zeros((cos_azimuth.size, LANES))
+        series = Series.of(s.degree, self._pattern_degree, s.azimuth_directions)
+        points = make_points(rays, self.scattering, n.fine_altitude_km, 1.0, series, block)
+        out = np.zeros((directions.cos_azimuth.size, n_stokes, LANES))
         ground_weight = lanes_of(rays.ground_weight, block)
         in_slices(
             lambda begin, end: view_multiple(
-                rays.first, rays.place, points, zenith, row_first, cos_azimuth, n.fine_rad, n.zenith_rad,
-                solution.log_mean, solution.ratio, solution.log_ground, ground_weight, rays.ground_angle_rad,
-                *n.zenith_rule, PER_INTERVAL, s.degree, orders, out, begin, end,
+                rays.first, rays.place, points, directions, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule,
+                series, ground_weight, rays.ground_angle_rad, out, begin, end,
             ),
-            row_first.size - 1,
+            directions.first.size - 1,
         )  # fmt: skip
         return out

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from twilight.solvers.zones.polarised import pattern_orders, patterns
 from twilight.transport.profile import Profile
 
 LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
@@ -26,12 +28,14 @@ may reach the second; a bend does not matter where the optical depth is below th
 
 @dataclass(frozen=True)
 class Angles:
-    """Directions of every node altitude and the even harmonics that describe radiance there.
+    """Directions of every node altitude and the harmonics that describe Stokes parameters there.
 
     cosine (Z, M) of the zenith angle, azimuth (F,) [rad], weight (Z, M): of a polar angle over the sphere, sum 1
     below: how many of the M look below the horizon, the first ones
-    degree, order (C,): of each harmonic, sorted by order; harmonics are normalised to a mean square of 1
-    analysis (Z, C, M, F): moments from radiances, by weighted least squares: exact for what the harmonics span
+    degree, order (C,): of each harmonic of I, sorted by order; harmonics are normalised to a mean square of 1
+    pattern_degree, pattern_order (C',): of the even and the odd patterns of Q and U; none without polarisation
+    analysis (Z, C, M, F): moments of I from radiances, by quadrature
+    pattern_analysis (Z, 2 C', 2, M, F): the same for the even, then the odd patterns, from Q and U
     """
 
     cosine: np.ndarray
@@ -40,23 +44,55 @@ class Angles:
     below: int
     degree: np.ndarray
     order: np.ndarray
+    pattern_degree: np.ndarray
+    pattern_order: np.ndarray
     analysis: np.ndarray
+    pattern_analysis: np.ndarray
 
     @property
-    def orders(self) -> int:
-        """Number of orders, from 0."""
-        return int(self.order.max()) + 1
+    def series(self) -> Series:
+        return Series(
+            int(self.degree.max()),
+            int(self.order.max()) + 1,
+            int(self.pattern_degree.max(initial=0)),
+            int(self.pattern_order.max(initial=-1)) + 1,
+        )
+
+    @property
+    def n_moments(self) -> int:
+        return self.degree.size + 2 * self.pattern_degree.size
 
     def shared_with(self, smaller: Angles) -> np.ndarray:
-        """Which of the harmonics a smaller set has too, in its sequence."""
-        return np.flatnonzero((self.degree <= smaller.degree.max()) & (self.order <= smaller.order.max()))
+        """Which of the moments a smaller set has too, in its sequence."""
+        of_i = (self.degree <= smaller.degree.max()) & (self.order <= smaller.order.max())
+        of_qu = (self.pattern_degree <= smaller.pattern_degree.max(initial=0)) & (
+            self.pattern_order <= smaller.pattern_order.max(initial=-1)
+        )
+        return np.flatnonzero(np.concatenate([of_i, of_qu, of_qu]))
 
 
-def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int) -> Angles:
+class Series(NamedTuple):
+    """degree and orders (number of, from 0) of the harmonics of I, and of the patterns of Q and U (0 for none)."""
+
+    degree: int
+    orders: int
+    pattern_degree: int
+    pattern_orders: int
+
+    @staticmethod
+    def of(degree: int, pattern_degree: int, around: int) -> Series:
+        """Equal azimuths cannot tell orders from `around` on."""
+        n = min(pattern_degree, degree)
+        return Series(degree, min(degree, around - 1) + 1, n, min(n, around - 1) + 1 if n else 0)
+
+
+def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int, pattern_degree: int = 0) -> Angles:
     """`per_side` polar angles above and as many below the horizon of each altitude, times `around` azimuths.
 
     horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
+    pattern_degree: of the patterns of Q and U, 0 for none.
     """
+    series = Series.of(degree, pattern_degree, around)
     n_below = max(7 * per_side // 10, 2)
     cosine, weight = np.empty((horizon_cosine.size, per_side + n_below)), None
     weight = np.empty_like(cosine)
@@ -66,16 +102,33 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
-    # equal azimuths cannot tell orders from `around` on
-    highest = min(degree, around - 1)
+    highest = series.orders - 1
     order = np.array([m for m in range(highest + 1) for _ in range(m, degree + 1)])
     deg = np.array([n for m in range(highest + 1) for n in range(m, degree + 1)])
-    analysis = []
+    pattern_deg, pattern_order = pattern_orders(series.pattern_degree, series.pattern_orders - 1)
+    cosines = np.cos(pattern_order[:, None] * azimuth)[:, None, :]
+    sines = np.sin(pattern_order[:, None] * azimuth)[:, None, :]
+    analysis, pattern_analysis = [], []
     for mu, share in zip(cosine, weight, strict=True):
         basis = _basis(mu, azimuth, deg, order)
         weighted = (basis * np.repeat(share / around, around)[:, None]).T
         analysis.append(weighted.reshape(order.size, mu.size, around))
-    return Angles(cosine, azimuth, weight, n_below, deg, order, np.array(analysis))
+        x, z = (part.T[:, :, None] for part in patterns(mu, series.pattern_degree, series.pattern_orders - 1))
+        of_q = np.concatenate([x * cosines, z * cosines])
+        of_u = np.concatenate([z * sines, x * sines])
+        pattern_analysis.append(np.stack([of_q, of_u], axis=1) * (share / around)[:, None])
+    return Angles(
+        cosine,
+        azimuth,
+        weight,
+        n_below,
+        deg,
+        order,
+        pattern_deg,
+        pattern_order,
+        np.array(analysis),
+        np.array(pattern_analysis),
+    )
 
 
 def _basis(cosine: np.ndarray, azimuth: np.ndarray, degree: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -169,7 +222,8 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         step = np.diff(out)
         middle = out[:-1] + 0.5 * step
         # just inside the ends, which may be jumps
-        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + 1e-6, middle, out[1:] - 1e-6))
+        nudge = np.minimum(1e-6, 1e-3 * step)
+        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + nudge, middle, out[1:] - nudge))
         depth = step * (low + 4.0 * mid + high) / 6.0
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
         coarse = (depth > THICKEST / density) | ((bend > MOST_BEND / density**2) & (depth > THIN / density))

@@ -30,7 +30,6 @@ def solve_orders(
     late: Passes,
     early_events: int,
     sunlight: Sunlight,
-    moments: np.ndarray,
     max_events: int,
     tolerance: float,
     progress: Callable[[int, float], None],
@@ -38,12 +37,12 @@ def solve_orders(
     """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series.
 
     `early` computes the first `early_events` orders; light that has been scattered more often is smooth, and `late` may
-    do with fewer directions and harmonics.  moments (1 + K, degree + 1, W): of the scaled phase functions.
+    do with fewer directions and harmonics.
 
     Every lane stops by itself.  Those whose light decays slowly are solved all at once, unless max_events or a
     tolerance of 0 says how many events are wanted.
     """
-    mean, order, ground = early.analyse(early.first(sunlight, moments))
+    mean, order, ground = early.analyse(early.first(sunlight))
     total, total_ground = order.copy(), ground.copy()
     kept = np.arange(order.shape[2])
     events, residual = 1, np.ones(LANES)
@@ -82,7 +81,7 @@ def solve_orders(
     if stiff.any():
         lanes = np.flatnonzero(stiff)
         all_at_once, all_ground, steps, missing = _stiff_lanes(
-            early.conserving(), late.conserving(), early_events, lanes, sunlight, moments, max_events, tolerance,
+            early.conserving(), late.conserving(), early_events, lanes, sunlight, max_events, tolerance,
             lambda n, r: progress(events + n, r),
         )  # fmt: skip
         total[..., lanes], total_ground[..., lanes] = all_at_once, all_ground
@@ -94,12 +93,12 @@ def solve_orders(
     return Solution(log_mean, relative, log_ground, events + 1, float(residual.max()))
 
 
-def _stiff_lanes(early, late, early_events, lanes, sunlight, moments, max_events, tolerance, progress):
+def _stiff_lanes(early, late, early_events, lanes, sunlight, max_events, tolerance, progress):
     """All orders of some lanes (L,), those after the early ones all at once.
 
     Returns (moments (Z, T, C, L), radiance of the ground (T, L), steps, largest share that may be missing (L,)).
     """
-    mean, order, ground = early.analyse(early.first(sunlight, moments))
+    mean, order, ground = early.analyse(early.first(sunlight))
     total, total_ground = order.copy(), ground.copy()
     steps = 0
     while steps + 1 < min(early_events, MOST_EARLY):

@@ -1,53 +1,85 @@
-"""One order of scattering: the radiance at every node in every direction from the light of the order before.
+"""One order of scattering: Stokes parameters at every node in every direction from the light of the order before.
 
-Along a ray the source is J = mean radiance x sum_lm chi_l r_lm Y_lm, with the logarithm of the mean and the relative
-moments r_lm interpolated between nodes: positive everywhere, and right where the field falls by e within a degree.
+Along a ray the source of I is J = mean radiance x sum_lm Y_lm (chi_l r_lm + b_l e_lm), that of Q and U is as in
+`polarised`, with the logarithm of the mean and the moments r, e, b relative to it interpolated between nodes: right
+where the field falls by e within a degree.  The vertical plane through a ray is the same all along it, straight or bent
+by refraction: Q and U add up as they are.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from twilight.solvers.zones.paths import LANES
-from twilight.solvers.zones.sunlight import N_ANGLE
 
 LEAST = np.float32(1e-3)
-"""Least source relative to the mean: a truncated series may dip below 0."""
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
+"""Least source of I relative to the mean: a truncated series may dip below 0."""
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+
+
+class Light(NamedTuple):
+    """The light of one or all orders, on fine altitudes Z' and nodes T of solar zenith angle.
+
+    log_mean (Z', T, LANES): logarithm of the mean radiance; ratio (Z', T, C + 2 C', LANES): moments relative to it, of
+    I, then of the even and of the odd patterns; log_ground (T', LANES): logarithm of the radiance of the ground that
+    the sky lights, on the fine grid of zenith angles.
+    """
+
+    log_mean: np.ndarray
+    ratio: np.ndarray
+    log_ground: np.ndarray
+
+
+class Refinement(NamedTuple):
+    """Cubic rule from the nodes of solar zenith angle to a fine grid of T' angles with `per_interval` steps in each
+    interval: value = sum_j weight[t, j] node_value[node[t, j]], both (T', 4)."""
+
+    node: np.ndarray
+    weight: np.ndarray
+    per_interval: int
 
 
 @njit(cache=True, inline="always")
-def slab(point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree, low, high, fine_log, fine_wave):
-    """The field at the altitude and in the polar angle of point k, over solar zenith angles low..high of the nodes.
+def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
+    """The source at the altitude and in the polar angle of point k, over nodes low..high of the solar zenith angle.
 
-    fine_log (T', LANES): logarithm of the mean on the fine grid; fine_wave (T', orders, LANES): amplitude of
-    cos(m azimuth) relative to the mean.
+    fine_log (T', LANES): logarithm of the mean on the fine grid; fine_wave (T', waves, LANES): amplitudes relative to
+    the mean, of cos(m azimuth) in I for every order, then of cos(m azimuth) in Q and of sin(m azimuth) in U.
     """
     node = point.node[k]
     f = point.node_share[k]
     g = ONE - f
     highest = point.highest[k]
-    below, above = ratio[node], ratio[node + 1]
+    below, above = light.ratio[node], light.ratio[node + 1]
     polar, chi = point.polar[k], point.chi[k]
-    here, there = log_mean[node], log_mean[node + 1]
+    here, there = light.log_mean[node], light.log_mean[node + 1]
+    n_nodes = here.shape[0]
+    per_interval = rule.per_interval
     for t in range(low, high + 1):
         c = 0
-        for m in range(fine_wave.shape[1]):
+        for m in range(series.orders):
             wave = fine_wave[t * per_interval, m]
             if m > highest:
-                c += degree + 1 - m
+                c += series.degree + 1 - m
                 continue
             for w in range(LANES):
                 wave[w] = ZERO
-            for n in range(m, degree + 1):
+            for n in range(m, series.degree + 1):
                 y0, y1 = g * polar[c], f * polar[c]
                 r0, r1, x = below[t, c], above[t, c], chi[n]
                 for w in range(LANES):
                     wave[w] += x[w] * (y0 * r0[w] + y1 * r1[w])
                 c += 1
+    if series.pattern_orders > 0:
+        # a cubic between two nodes looks at the next ones too
+        for t in range(max(0, low - 1), min(n_nodes, high + 2)):
+            inside = low <= t <= high
+            add_patterns(point, k, below[t], above[t], series, inside, fine_wave[t * per_interval])
+        refine_patterns(rule, series, low * per_interval, high * per_interval, fine_wave)
     for t in range(low, high):
         base = t * per_interval
         for q in range(1, per_interval):
@@ -62,48 +94,111 @@ def slab(point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree
         for w in range(LANES):
             out[w] = ZERO
         for j in range(4):
-            y0, y1 = g * rule_weight[t, j], f * rule_weight[t, j]
-            r0, r1 = here[rule_node[t, j]], there[rule_node[t, j]]
+            y0, y1 = g * rule.weight[t, j], f * rule.weight[t, j]
+            r0, r1 = here[rule.node[t, j]], there[rule.node[t, j]]
             for w in range(LANES):
                 out[w] += y0 * r0[w] + y1 * r1[w]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter(
-    rays_first, point, turning, log_mean, ratio, log_ground, ground_weight, ground_angle, rule_node, rule_weight,
-    per_interval, n_polar, degree, n_order, out, begin, end,
-):  # fmt: skip
-    """Radiance out[node, polar, zenith, azimuth, LANES] from the moments of the order before, for nodes begin..end.
+@njit(cache=True)
+def refine_patterns(rule, series, low, high, fine_wave):
+    """Waves of Q and U between the nodes, by cubics: on the fine grid of solar zenith angles low..high."""
+    for t in range(low, high + 1):
+        if t % rule.per_interval == 0:
+            continue
+        for m in range(series.orders, fine_wave.shape[1]):
+            out = fine_wave[t, m]
+            for w in range(LANES):
+                out[w] = ZERO
+            for j in range(4):
+                y = rule.weight[t, j]
+                value = fine_wave[rule.node[t, j] * rule.per_interval, m]
+                for w in range(LANES):
+                    out[w] += y * value[w]
 
-    log_mean (Z', T, LANES), ratio (Z', T, C, LANES), log_ground (T', LANES): logarithm of the radiance of the ground on
-    the fine grid.
+
+@njit(cache=True)
+def add_patterns(point, k, below, above, series, with_i, wave):
+    """The source of Q and U, set in wave (waves, LANES), and what Q and U of the light give to I, added to it.
+
+    below, above (C + 2 C', LANES): moments at the node altitudes around point k; with_i: is the wave of I wanted?
+    """
+    n_harmonics = below.shape[0] - 2 * point.even.shape[1]
+    f = point.node_share[k]
+    g = ONE - f
+    matrix, polar = point.matrix[k], point.polar[k]
+    even, odd = point.even[k], point.odd[k]
+    n_patterns = even.size
+    p = 0
+    # where the harmonics of one order begin
+    start = 0
+    for m in range(series.pattern_orders):
+        of_i, of_q, of_u = wave[m], wave[series.orders + m], wave[series.orders + series.pattern_orders + m]
+        for w in range(LANES):
+            of_q[w] = ZERO
+            of_u[w] = ZERO
+        for n in range(max(m, 2), series.pattern_degree + 1):
+            c = start + n - m
+            y, x, z = polar[c], even[p], odd[p]
+            i0, i1 = below[c], above[c]
+            e0, e1 = below[n_harmonics + p], above[n_harmonics + p]
+            b0, b1 = below[n_harmonics + n_patterns + p], above[n_harmonics + n_patterns + p]
+            of_b, of_even, of_odd = matrix[0, n], matrix[1, n], matrix[2, n]
+            for w in range(LANES):
+                e = g * e0[w] + f * e1[w]
+                a = of_b[w] * (g * i0[w] + f * i1[w]) + of_even[w] * e
+                b = of_odd[w] * (g * b0[w] + f * b1[w])
+                if with_i:
+                    of_i[w] += y * of_b[w] * e
+                of_q[w] += x * a + z * b
+                of_u[w] += z * a + x * b
+            p += 1
+        start += series.degree + 1 - m
+
+
+@njit(cache=True, inline="always")
+def add_waves(near, far, b0, b1, c, first, orders, scale, total):
+    """Add Q and U of one point to total (3, LANES): scale (LANES) x (b0 near + b1 far) at the azimuth of cosine c.
+
+    near, far (waves, LANES): amplitudes on the fine grid; those of Q begin at `first`, `orders` of each.
+    """
+    c = min(ONE, max(-ONE, c))
+    sine = np.float32(math.sqrt(max(ZERO, ONE - c * c)))
+    cos_m, cos_before = ONE, c
+    sin_m, sin_before = ZERO, -sine
+    q, u = total[1], total[2]
+    for m in range(orders):
+        q0, q1, u0, u1 = near[first + m], far[first + m], near[first + orders + m], far[first + orders + m]
+        y0, y1, z0, z1 = b0 * cos_m, b1 * cos_m, b0 * sin_m, b1 * sin_m
+        for w in range(LANES):
+            q[w] += scale[w] * (y0 * q0[w] + y1 * q1[w])
+            u[w] += scale[w] * (z0 * u0[w] + z1 * u1[w])
+        cos_m, cos_before = TWO * c * cos_m - cos_before, cos_m
+        sin_m, sin_before = TWO * c * sin_m - sin_before, sin_m
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def scatter(rays_first, point, turning, light, rule, series, ground_weight, ground_angle, n_polar, out, begin, end):
+    """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] from the light of the order before.
+
+    rays_first (R + 1,): where the points of each ray start, n_polar rays for each node altitude; point: `Points`;
+    turning (N, T, F, 3): as in `Turning`; light: `Light`; rule: `Refinement`; series: `Series`
+    ground_weight (R, LANES): transmittance to the ground; ground_angle (R,): its place in the turning table
+    Node altitudes begin..end are computed.  The Stokes axis has one entry where series has no patterns.
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
-    n_fine = rule_node.shape[0]
+    n_fine = rule.node.shape[0]
     fine_log = np.zeros((n_fine, LANES), np.float32)
-    fine_wave = np.zeros((n_fine, n_order, LANES), np.float32)
+    fine_wave = np.zeros((n_fine, series.orders + 2 * series.pattern_orders, LANES), np.float32)
     exponent = np.zeros(LANES, np.float32)
-    series = np.zeros(LANES, np.float32)
+    wave = np.zeros(LANES, np.float32)
     last = turning.shape[0] - 2
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
             sums = out[node, i]
             for k in range(rays_first[ray], rays_first[ray + 1]):
-                slab(
-                    point,
-                    k,
-                    log_mean,
-                    ratio,
-                    rule_node,
-                    rule_weight,
-                    per_interval,
-                    degree,
-                    0,
-                    n_zenith - 1,
-                    fine_log,
-                    fine_wave,
-                )
+                slab(point, k, light, rule, series, 0, n_zenith - 1, fine_log, fine_wave)
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
@@ -124,24 +219,30 @@ def scatter(
                             exponent[w] = b0 * u[w] + b1 * v[w]
                         u2, v2 = fine_wave[j], fine_wave[j + 1]
                         for w in range(LANES):
-                            series[w] = b0 * u2[0, w] + b1 * v2[0, w]
+                            wave[w] = b0 * u2[0, w] + b1 * v2[0, w]
                         before, here = ONE, c
                         for m in range(1, highest + 1):
                             y0, y1 = b0 * here, b1 * here
                             r0, r1 = u2[m], v2[m]
                             for w in range(LANES):
-                                series[w] += y0 * r0[w] + y1 * r1[w]
-                            before, here = here, np.float32(2.0) * c * here - before
-                        total = sums[t, a]
-                        for w in range(LANES):
-                            total[w] += strength[w] * math.exp(exponent[w]) * max(LEAST, series[w])
+                                wave[w] += y0 * r0[w] + y1 * r1[w]
+                            before, here = here, TWO * c * here - before
+                        total = sums[t, a, 0]
+                        if series.pattern_orders == 0:
+                            for w in range(LANES):
+                                total[w] += strength[w] * math.exp(exponent[w]) * max(LEAST, wave[w])
+                        else:
+                            for w in range(LANES):
+                                exponent[w] = strength[w] * math.exp(exponent[w])
+                                total[w] += exponent[w] * max(LEAST, wave[w])
+                            add_waves(u2, v2, b0, b1, c, series.orders, series.pattern_orders, exponent, sums[t, a])
             if ground_weight[ray].max() > ZERO:
-                add_ground(turning, ground_angle[ray], log_ground, ground_weight[ray], sums)
+                add_ground(turning, ground_angle[ray], light.log_ground, ground_weight[ray], sums)
 
 
 @njit(cache=True, nogil=True)
 def add_ground(turning, place, log_ground, transmittance, sums):
-    """Light of the ground at the end of a ray."""
+    """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES)."""
     step = min(int(place), turning.shape[0] - 2)
     h1 = place - np.float32(step)
     h0 = ONE - h1
@@ -151,110 +252,30 @@ def add_ground(turning, place, log_ground, transmittance, sums):
             j = min(int(x), log_ground.shape[0] - 2)
             b1 = x - np.float32(j)
             for w in range(LANES):
-                sums[t, a, w] += transmittance[w] * math.exp((ONE - b1) * log_ground[j, w] + b1 * log_ground[j + 1, w])
+                sums[t, a, 0, w] += transmittance[w] * math.exp(
+                    (ONE - b1) * log_ground[j, w] + b1 * log_ground[j + 1, w]
+                )
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter_sunlight(
-    rays_first, point, turning, sun_row, sun_share, edge, log_light, log_ground_light, ground_edge, span, phase, cosine,
-    ground_weight, ground_angle, ground_factor, n_polar, out, begin, end,
-):  # fmt: skip
-    """The first order: sunlight scattered once, out[node, polar, zenith, azimuth, LANES].
+def moments_of(radiance, analysis, pattern_analysis, moments, begin, end):
+    """Moments (Z, T, C + 2 C', LANES) of Stokes parameters (Z, M, T, F, Stokes, LANES), for altitudes begin..end.
 
-    sun_row (P,), sun_share (P,): place of a point between the altitudes of the sunlight table; edge: of the shadow
-    phase (N, S, LANES): phase function of each species at cosines from -1 to 1
-    cosine (node, polar, zenith, azimuth): of the scattering angle from the sun into each direction, a place in `phase`
-    ground_factor (LANES,): albedo / pi
+    analysis (Z, C, M, F), pattern_analysis (Z, 2 C', 2, M, F): as in `Angles`.
     """
-    n_zenith, n_azimuth = out.shape[2], out.shape[3]
-    n_species = point.share.shape[1]
-    light = np.zeros((N_ANGLE + 1, LANES), np.float32)
-    of_ray = np.zeros((n_zenith, n_azimuth, n_species, LANES), np.float32)
-    exponent = np.zeros(LANES, np.float32)
-    series = np.zeros(LANES, np.float32)
-    last = turning.shape[0] - 2
-    scale = np.float32(N_ANGLE / math.sqrt(span))
-    for node in range(begin, end):
-        for i in range(n_polar):
-            ray = node * n_polar + i
-            sums = out[node, i]
-            for t in range(n_zenith):
-                for a in range(n_azimuth):
-                    x = cosine[node, i, t, a]
-                    j = min(int(x), phase.shape[0] - 2)
-                    b1 = x - np.float32(j)
-                    for s in range(n_species):
-                        for w in range(LANES):
-                            of_ray[t, a, s, w] = (ONE - b1) * phase[j, s, w] + b1 * phase[j + 1, s, w]
-            for k in range(rays_first[ray], rays_first[ray + 1]):
-                row = sun_row[k]
-                f = sun_share[k]
-                g = ONE - f
-                lower, upper = log_light[row], log_light[row + 1]
-                for j in range(N_ANGLE + 1):
-                    for w in range(LANES):
-                        light[j, w] = g * lower[j, w] + f * upper[j, w]
-                shadow = g * np.float32(edge[row]) + f * np.float32(edge[row + 1])
-                place = point.angle[k]
-                step = min(int(place), last)
-                h1 = place - np.float32(step)
-                h0 = ONE - h1
-                near, far = turning[step], turning[step + 1]
-                strength, share = point.weight[k], point.share[k]
-                for t in range(n_zenith):
-                    for a in range(n_azimuth):
-                        inside = shadow - (h0 * near[t, a, 2] + h1 * far[t, a, 2])
-                        if inside < ZERO:
-                            continue
-                        x = scale * math.sqrt(inside)
-                        j = min(int(x), N_ANGLE - 1)
-                        b1 = x - np.float32(j)
-                        b0 = ONE - b1
-                        u, v = light[j], light[j + 1]
-                        for w in range(LANES):
-                            exponent[w] = b0 * u[w] + b1 * v[w]
-                            series[w] = ZERO
-                        of_species = of_ray[t, a]
-                        for s in range(n_species):
-                            r0, r1 = share[s], of_species[s]
-                            for w in range(LANES):
-                                series[w] += r0[w] * r1[w]
-                        total = sums[t, a]
-                        for w in range(LANES):
-                            total[w] += strength[w] * math.exp(exponent[w]) * series[w]
-            if ground_weight[ray].max() > ZERO:
-                place = ground_angle[ray]
-                step = min(int(place), last)
-                h1 = place - np.float32(step)
-                for t in range(n_zenith):
-                    for a in range(n_azimuth):
-                        inside = np.float32(ground_edge) - (
-                            (ONE - h1) * turning[step, t, a, 2] + h1 * turning[step + 1, t, a, 2]
-                        )
-                        if inside < ZERO:
-                            continue
-                        x = scale * math.sqrt(inside)
-                        j = min(int(x), N_ANGLE - 1)
-                        b1 = x - np.float32(j)
-                        for w in range(LANES):
-                            sums[t, a, w] += (
-                                ground_weight[ray, w]
-                                * ground_factor[w]
-                                * math.exp((ONE - b1) * log_ground_light[j, w] + b1 * log_ground_light[j + 1, w])
-                            )
-
-
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def moments_of(radiance, analysis, moments, begin, end):
-    """Moments (Z, T, C, LANES) of a radiance (Z, M, T, F, LANES), for node altitudes begin..end."""
     n_polar, n_zenith, n_azimuth = radiance.shape[1:4]
+    n_harmonics, n_patterns = analysis.shape[1], pattern_analysis.shape[1]
     for z in range(begin, end):
         for t in range(n_zenith):
             out = moments[z, t]
             for i in range(n_polar):
                 for a in range(n_azimuth):
                     row = radiance[z, i, t, a]
-                    for c in range(out.shape[0]):
+                    for c in range(n_harmonics):
                         factor = analysis[z, c, i, a]
                         for w in range(LANES):
-                            out[c, w] += factor * row[w]
+                            out[c, w] += factor * row[0, w]
+                    for c in range(n_patterns):
+                        of_q, of_u = pattern_analysis[z, c, 0, i, a], pattern_analysis[z, c, 1, i, a]
+                        for w in range(LANES):
+                            out[n_harmonics + c, w] += of_q * row[1, w] + of_u * row[2, w]

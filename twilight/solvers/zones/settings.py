@@ -22,6 +22,9 @@ class ZonesSettings:
     max_events: most scattering events that are followed; 1 is single scattering
     tolerance: stop earlier when one more event changes the sum, with a geometric series for the rest, by less than this
         share at every node; 0 follows max_events and adds no rest
+    polarisation: follow the linear polarisation of light (I, Q, U) through all events; without it radiance is that of
+        scalar theory, which in clear air misses by several per cent
+    polarisation_degree: of the series that Q and U are kept in between two events; 2 is exact in air without aerosol
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
     bent_paths: bend the paths of light between two scattering events too
@@ -43,6 +46,8 @@ class ZonesSettings:
     beam_density: float = 1.0
     max_events: int = 200
     tolerance: float = 2e-3
+    polarisation: bool = True
+    polarisation_degree: int = 6
     refraction: bool = True
     bent_lines_of_sight: bool = True
     bent_paths: bool = True
@@ -58,6 +63,7 @@ class ZonesSettings:
             "late_degree": (2, 32),
             "late_polar_directions": (2, 48),
             "late_azimuth_directions": (3, 96),
+            "polarisation_degree": (2, 32),
             "altitude_density": (0.2, 10.0),
             "zenith_density": (0.2, 10.0),
             "step_density": (0.3, 10.0),
@@ -71,6 +77,10 @@ class ZonesSettings:
             value = getattr(self, key)
             if not low <= value <= high:
                 raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
+        if self.polarisation and self.polarisation_degree > self.degree:
+            raise TwilightError(
+                f"solver.polarisation_degree is {self.polarisation_degree}; allowed is up to degree, {self.degree}"
+            )
         for key in ("degree", "azimuth_directions"):
             if getattr(self, "late_" + key) > getattr(self, key):
                 raise TwilightError(
@@ -92,6 +102,8 @@ QUALITIES: dict[str, ZonesSettings] = {
         sight_density=1.0,
         beam_density=0.5,
         tolerance=1e-2,
+        polarisation=False,
+        polarisation_degree=4,
     ),
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
@@ -106,5 +118,6 @@ QUALITIES: dict[str, ZonesSettings] = {
         step_density=1.0,
         sight_density=2.5,
         tolerance=5e-4,
+        polarisation_degree=10,
     ),
 }

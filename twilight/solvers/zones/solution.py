@@ -1,4 +1,4 @@
-"""The field of one block of wavelengths, and what one order of scattering makes of the one before."""
+"""The field of one block of wavelengths: all orders of scattering at every node."""
 
 from __future__ import annotations
 
@@ -7,11 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones.first import Beams, Scattered, scatter_sunlight
 from twilight.solvers.zones.grid import Angles, conserving, cubic_refinement
-from twilight.solvers.zones.passes import moments_of, scatter, scatter_sunlight
-from twilight.solvers.zones.paths import LANES, Points, Rays, Turning, lanes_of
+from twilight.solvers.zones.passes import Light, Refinement, moments_of, scatter
+from twilight.solvers.zones.paths import LANES, Points, Scattering, Turning, lanes_of
+from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.sunlight import Sunlight
 from twilight.threads import in_slices
+from twilight.transport.bundle import Rays
+from twilight.transport.lines import ALTITUDE
+from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30
 PHASE_NODES = 2049
@@ -31,7 +36,7 @@ class Nodes:
     fine_altitude_km: np.ndarray
     fine_rad: np.ndarray
     altitude_rule: tuple[np.ndarray, np.ndarray]
-    zenith_rule: tuple[np.ndarray, np.ndarray]
+    zenith_rule: Refinement
 
     @staticmethod
     def of(altitude_km: np.ndarray, zenith_deg: np.ndarray, jumps_km: np.ndarray) -> Nodes:
@@ -44,12 +49,12 @@ class Nodes:
             fine_km,
             fine,
             (node_km, weight_km.astype(np.float32)),
-            (node, weight.astype(np.float32)),
+            Refinement(node, weight.astype(np.float32), PER_INTERVAL),
         )
 
     def refine_zenith(self, values: np.ndarray) -> np.ndarray:
         """Values (T, ...) on the fine grid of solar zenith angles."""
-        return _apply(self.zenith_rule, values)
+        return _apply(self.zenith_rule[:2], values)
 
     def refine_altitude(self, log_mean: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Logarithms (Z, T, 8) and relative moments (Z, T, C, 8) on the fine grid of altitudes.
@@ -78,8 +83,7 @@ def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarra
 class Solution:
     """Light scattered at least once, all orders, for one block of wavelengths.
 
-    log_mean (Z', T, LANES): of the mean radiance; ratio (Z', T, C, LANES): moments relative to it, at fine altitudes
-    log_ground (T', LANES): radiance of the ground that the sky lights, on the fine grid of zenith angles
+    log_mean, ratio, log_ground: as in `Light`
     events: scattering events, or steps towards all of them; residual: largest change of the light at a node that the
     last one made to the sum with its estimated rest
     """
@@ -90,10 +94,18 @@ class Solution:
     events: int
     residual: float
 
+    @property
+    def light(self) -> Light:
+        return Light(self.log_mean, self.ratio, self.log_ground)
+
 
 @dataclass(frozen=True)
 class Passes:
-    """All that the orders of one block share."""
+    """All that the orders of one block share.
+
+    medium: before scaling, with its ground; scattering: of the scaled medium; forward_share (K, W): what scaling took
+    from each aerosol's phase function
+    """
 
     nodes: Nodes
     angles: Angles
@@ -101,7 +113,13 @@ class Passes:
     points: Points
     turning: Turning
     medium: Medium
+    scattering: Scattering
+    forward_share: np.ndarray
     block: int
+
+    @property
+    def polarised(self) -> bool:
+        return self.angles.pattern_degree.size > 0
 
     def ground(self) -> tuple[np.ndarray, np.ndarray]:
         """Where rays end on the ground: (transmittance (R, LANES), place in the turning table (R,))."""
@@ -113,64 +131,91 @@ class Passes:
     def _empty(self) -> np.ndarray:
         a = self.angles
         return np.zeros(
-            (self.nodes.altitude_km.size, a.cosine.shape[1], self.nodes.zenith_rad.size, a.azimuth.size, LANES),
+            (
+                self.nodes.altitude_km.size,
+                a.cosine.shape[1],
+                self.nodes.zenith_rad.size,
+                a.azimuth.size,
+                3 if self.polarised else 1,
+                LANES,
+            ),
             np.float32,
         )
 
-    def first(self, sunlight: Sunlight, moments: np.ndarray) -> np.ndarray:
-        """Radiance of sunlight scattered once."""
+    def first(self, sunlight: Sunlight) -> np.ndarray:
+        """Stokes parameters of sunlight scattered once."""
         out = self._empty()
-        z = self.rays.place[:, 0]
+        z = self.rays.place[:, ALTITUDE]
         row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
         share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
-        a = self.angles
-        mu = a.cosine[:, :, None, None]
-        t = self.nodes.zenith_rad[None, None, :, None]
-        cosine = mu * np.cos(t) + np.sqrt(1 - mu**2) * np.sin(t) * np.cos(a.azimuth)
-        degree = moments.shape[1] - 1
-        nodes = np.linspace(-1.0, 1.0, PHASE_NODES)
-        legendre = np.polynomial.legendre.legvander(nodes, degree) * ((2 * np.arange(degree + 1) + 1) / (4 * np.pi))
-        phase = lanes_of(np.einsum("nl,slw->nsw", legendre, moments), self.block)
-        place = ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32)
-        albedo = lanes_of(self.medium.ground_albedo, self.block)
+        beams = Beams(
+            row,
+            share.astype(np.float32),
+            sunlight.edge_rad,
+            sunlight.span_rad,
+            lanes_of(sunlight.log_light, self.block),
+            lanes_of(sunlight.ground, self.block),
+        )
+        scattered = self._scattered()
+        factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
         ground_weight, ground_angle = self.ground()
-        log_light, log_ground = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
         in_slices(
             lambda begin, end: scatter_sunlight(
-                self.rays.first, self.points, self.turning.place, row, share.astype(np.float32), sunlight.edge_rad,
-                log_light, log_ground, sunlight.edge_rad[0], sunlight.span_rad, phase, place, ground_weight,
-                ground_angle,
-                (albedo / np.pi).astype(np.float32), a.cosine.shape[1], out, begin, end,
+                self.rays.first, self.points, self.turning.place, beams, scattered, ground_weight, ground_angle,
+                factor, self.angles.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
         return out
 
+    def _scattered(self) -> Scattered:
+        a = self.angles
+        chi = self.scattering.chi
+        degree = np.arange(chi.shape[1])
+        nodes = np.linspace(-1.0, 1.0, PHASE_NODES)
+        legendre = np.polynomial.legendre.legvander(nodes, degree.size - 1) * ((2 * degree + 1) / (4 * np.pi))
+        p11 = lanes_of(np.einsum("nl,slw->nsw", legendre, chi), self.block)
+        p12 = np.zeros((1, 1, LANES), np.float32)
+        turn = np.zeros((1, 1, 1, 1, 2), np.float32)
+        azimuth = a.azimuth[None, None, None, :]
+        cosine, twice_cos, twice_sin = rotated(
+            a.cosine[:, :, None, None],
+            np.cos(azimuth),
+            np.sin(azimuth),
+            self.nodes.zenith_rad[None, None, :, None],
+        )
+        if self.polarised:
+            p12 = lanes_of(species_polarising_phase(self.medium, self.forward_share, nodes), self.block)
+            turn = np.stack([twice_cos, twice_sin], axis=-1).astype(np.float32)
+        return Scattered(p11, p12, ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32), turn)
+
     def next(self, mean: np.ndarray, moments: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Radiance of the next order from the mean (Z, T, 8), the moments and the ground (T, 8) of the one before."""
+        """Stokes parameters of the next order from the mean (Z, T, 8), the moments and the ground (T, 8) of the one
+        before."""
         out = self._empty()
         n = self.nodes
-        log_mean, ratio = n.refine_altitude(*normalised(mean, moments))
-        log_ground = n.refine_zenith(np.log(np.maximum(ground, TINY)))
+        light = Light(*n.refine_altitude(*normalised(mean, moments)), n.refine_zenith(np.log(np.maximum(ground, TINY))))
         ground_weight, ground_angle = self.ground()
+        series = self.angles.series
         in_slices(
             lambda begin, end: scatter(
-                self.rays.first, self.points, self.turning.place, log_mean, ratio, log_ground, ground_weight,
-                ground_angle, *n.zenith_rule, PER_INTERVAL, self.angles.cosine.shape[1],
-                int(self.angles.degree.max()), self.angles.orders, out, begin, end,
+                self.rays.first, self.points, self.turning.place, light, n.zenith_rule, series, ground_weight,
+                ground_angle, self.angles.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
         return out
 
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(mean (Z, T, 8), moments (Z, T, C, 8), radiance of the lit ground (T, 8)) of a radiance at the nodes."""
+        """(mean (Z, T, 8), moments (Z, T, C + 2 C', 8), radiance of the lit ground (T, 8)) of light at the nodes."""
         a = self.angles
-        moments = np.zeros((radiance.shape[0], radiance.shape[2], a.degree.size, LANES), np.float32)
-        analysis = a.analysis.astype(np.float32)
-        in_slices(lambda begin, end: moments_of(radiance, analysis, moments, begin, end), radiance.shape[0])
+        moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, LANES), np.float32)
+        analysis, of_patterns = a.analysis.astype(np.float32), a.pattern_analysis.astype(np.float32)
+        in_slices(
+            lambda begin, end: moments_of(radiance, analysis, of_patterns, moments, begin, end), radiance.shape[0]
+        )
         mean = moments[:, :, 0]
-        lit = np.einsum("m,mtfw->tw", self.ground_share() / a.azimuth.size, radiance[0])
+        lit = np.einsum("m,mtfw->tw", self.ground_share() / a.azimuth.size, radiance[0, :, :, :, 0])
         return mean, moments, lit * lanes_of(self.medium.ground_albedo, self.block)
 
     def conserving(self) -> Passes:

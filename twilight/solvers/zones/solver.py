@@ -5,13 +5,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.zones.field import LAST_ZENITH_DEG, Convergence, Field, Progress, zenith_range
+from twilight.errors import TwilightWarning
+from twilight.progress import Progress, silent
+from twilight.solvers.base import Convergence
+from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.storage import field_hash, load, stored_hash
+from twilight.solvers.zones.storage import field_hash, read, stored_hash
 
 LADDER = ("draft", "standard", "reference")
 TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
@@ -51,6 +55,7 @@ def prepare(
         warnings.warn(
             f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            TwilightWarning,
             stacklevel=2,
         )
     if settings.field_file:
@@ -58,15 +63,40 @@ def prepare(
     return field
 
 
+def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
+    """Read a field that `Field.save` wrote.
+
+    Errors: TwilightError for a file that is missing, broken or of another kind.
+    """
+    stored = read(path)
+    field = Field(
+        stored.medium,
+        stored.settings,
+        observer_altitude_km,
+        zenith_range_deg=stored.zenith_range_deg,
+        solved=(stored.beam, stored.solutions, stored.convergence),
+    )
+    field.asked = stored.asked
+    return field
+
+
 def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
     """The settings with the grids of a quality; physics, target and file stay as they are."""
-    kept = ("max_events", "refraction", "bent_lines_of_sight", "bent_paths", "target_error", "field_file")
+    kept = (
+        "max_events",
+        "polarisation",
+        "refraction",
+        "bent_lines_of_sight",
+        "bent_paths",
+        "target_error",
+        "field_file",
+    )
     return replace(QUALITIES[name], **{key: getattr(settings, key) for key in kept})
 
 
 def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
     suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    tell = progress or (lambda doing, share: None)
+    tell = progress or silent
     before: np.ndarray | None = None
     field = None
     error = float("inf")
@@ -90,6 +120,7 @@ def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_ele
         warnings.warn(
             f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
             f"{error:.2g} at 95 % of the directions",
+            TwilightWarning,
             stacklevel=3,
         )
     return field

@@ -6,26 +6,41 @@ import hashlib
 import json
 import os
 import tempfile
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from os.path import isfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
+from twilight.reading import check_hdf5
+from twilight.solvers.base import Convergence
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-if TYPE_CHECKING:
-    from twilight.solvers.zones.field import Field
-
-FORMAT = "twilight zones field 1"
+FORMAT = "twilight zones field 3"
 _SOLUTION = ("log_mean", "ratio", "log_ground")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
+
+
+@dataclass(frozen=True)
+class Stored:
+    """All that a field is made of: what it was solved for, the sunbeam and the solution of each block of wavelengths.
+
+    asked: the settings that were asked for; settings: those that it took; zenith_range_deg: of the sun.
+    """
+
+    medium: Medium
+    settings: ZonesSettings
+    asked: ZonesSettings
+    zenith_range_deg: tuple[float, float]
+    beam: Beam
+    solutions: list[Solution]
+    convergence: Convergence | None
 
 
 def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> str:
@@ -38,6 +53,7 @@ def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[
         digest.update(str(phase.kind).encode())
         digest.update(np.ascontiguousarray(phase.asymmetry, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(phase.log_table, dtype=float).tobytes())
+        digest.update(np.ascontiguousarray(phase.ratios, dtype=float).tobytes())
     digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
     return digest.hexdigest()
 
@@ -55,7 +71,7 @@ def _content_hash(beam: Beam, solutions: list[Solution]) -> str:
     return digest.hexdigest()
 
 
-def save(field: Field, path: str | Path) -> None:
+def save(field: Stored, path: str | Path) -> None:
     """Write a field; the file is written whole or not at all.
 
     Errors: TwilightError where the folder cannot be written.
@@ -85,7 +101,7 @@ def save(field: Field, path: str | Path) -> None:
             for k, phase in enumerate(field.medium.phase_functions):
                 g = m.create_group(f"phase_function_{k}")
                 g.attrs["kind"], g.attrs["name"] = phase.kind, phase.name
-                g["asymmetry"], g["log_table"] = phase.asymmetry, phase.log_table
+                g["asymmetry"], g["log_table"], g["ratios"] = phase.asymmetry, phase.log_table, phase.ratios
             file["beam/pool"], file["beam/layout"] = field.beam.pool, field.beam.layout
             for k, solution in enumerate(field.solutions):
                 g = file.create_group(f"solution_{k}")
@@ -100,14 +116,12 @@ def save(field: Field, path: str | Path) -> None:
             os.unlink(name)
 
 
-def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
-    """Read a field that `save` wrote.
+def read(path: str | Path) -> Stored:
+    """Read what `save` wrote.
 
     Errors: TwilightError for a file that is missing, broken or of another kind.
     """
     import h5py
-
-    from twilight.solvers.zones.field import Convergence, Field
 
     path = Path(path)
     if not isfile(path):
@@ -116,12 +130,19 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise TwilightError(f"{path}: is not a field of the zones solver ({FORMAT})")
+            check_hdf5(path, file)
             m = file["medium"]
             phases: list[PhaseFunction] = []
             while f"phase_function_{len(phases)}" in m:
                 g = m[f"phase_function_{len(phases)}"]
                 phases.append(
-                    PhaseFunction(int(g.attrs["kind"]), g["asymmetry"][()], g["log_table"][()], str(g.attrs["name"]))
+                    PhaseFunction(
+                        int(g.attrs["kind"]),
+                        g["asymmetry"][()],
+                        g["log_table"][()],
+                        str(g.attrs["name"]),
+                        g["ratios"][()],
+                    )
                 )
             medium = Medium(
                 **{key: m[key][()] for key in _MEDIUM},
@@ -143,17 +164,17 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
             if _content_hash(beam, solutions) != file.attrs["content"]:
                 raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
             convergence = json.loads(file.attrs["convergence"])
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
         raise TwilightError(f"{path}: is not a whole field of the zones solver ({error})") from None
-    field = Field(
+    return Stored(
         medium,
         settings,
-        observer_altitude_km,
-        zenith_range_deg=zenith_range,  # type: ignore[arg-type]
-        solved=(beam, solutions, Convergence(**convergence) if convergence else None),
+        asked,
+        zenith_range,  # type: ignore[arg-type]
+        beam,
+        solutions,
+        Convergence(**convergence) if convergence else None,
     )
-    field.asked = asked
-    return field
 
 
 def stored_hash(path: str | Path) -> str | None:

@@ -1,4 +1,4 @@
-"""Lines of sight through a solved field: light scattered once with the exact phase function, and all the rest."""
+"""Lines of sight through a solved field: light scattered at least twice."""
 
 from __future__ import annotations
 
@@ -7,112 +7,84 @@ import math
 import numpy as np
 from numba import njit
 
-from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab
+from twilight.solvers.zones.passes import LEAST, ONE, TWO, ZERO, add_waves, slab
 from twilight.solvers.zones.paths import LANES
-from twilight.transport.beam import beam_at
+from twilight.transport.lines import ANGLE
 
 REFERENCE_TURN_RAD = math.radians(0.5)
 """Phase functions are taken with sun and ray as they are, with the sun lifted by this, and with the ray lowered by it,
 and linearly between and beyond."""
 
 
+@njit(cache=True, inline="always")
+def fine_interval(fine, angle, low, high):
+    """Interval j of the fine grid of solar zenith angles that holds `angle`, within low..high, and the way into it."""
+    j = min(max(np.searchsorted(fine, angle, side="right") - 1, low), high)
+    return j, np.float32(min(1.0, max(0.0, (angle - fine[j]) / (fine[j + 1] - fine[j]))))
+
+
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def view_multiple(
-    rays_first, place, point, zenith, row_first, cos_azimuth, fine, zenith_nodes, log_mean, ratio, log_ground,
-    ground_weight, ground_angle, rule_node, rule_weight, per_interval, degree, n_order, out, begin, end,
+    rays_first, place, point, directions, fine, zenith_nodes, light, rule, series, ground_weight, ground_angle, out,
+    begin, end,
 ):  # fmt: skip
-    """Light scattered at least twice, out (D, LANES), in directions row_first[r]..row_first[r + 1] of ray r.
+    """Light scattered at least twice, out (D, Stokes, LANES), for rays begin..end; U as to the right of the sun.
 
-    zenith: solar zenith angle at the observer [rad]; cos_azimuth (D,): of the directions from the sun.
+    rays_first (R + 1,), place (P, 4), ground_weight (R, LANES), ground_angle (R,) [rad]: of the rays, as in `Rays`
+    point: `Points`; directions: `Directions`; light: `Light`; rule: `Refinement`; series: `Series`
+    fine (T',), zenith_nodes (T,): solar zenith angles [rad] of the field.  The Stokes axis has 1 or 3 entries.
     """
-    n_fine = fine.size
     n_nodes = zenith_nodes.size
-    fine_log = np.zeros((n_fine, LANES), np.float32)
-    fine_wave = np.zeros((n_fine, n_order, LANES), np.float32)
-    series = np.zeros(LANES, np.float32)
+    per_interval = rule.per_interval
+    fine_log = np.zeros((fine.size, LANES), np.float32)
+    fine_wave = np.zeros((fine.size, series.orders + 2 * series.pattern_orders, LANES), np.float32)
+    wave = np.zeros(LANES, np.float32)
+    scale = np.zeros(LANES, np.float32)
+    sums = np.zeros((3, LANES), np.float32)
+    zenith = directions.zenith_rad
     ct, st = math.cos(zenith), math.sin(zenith)
     for r in range(begin, end):
         for k in range(rays_first[r], rays_first[r + 1]):
-            psi = place[k, 1]
+            psi = place[k, ANGLE]
             low = max(0, np.searchsorted(zenith_nodes, zenith - psi, side="right") - 1)
             high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
             low = min(low, n_nodes - 2)
             high = max(high, low + 1)
-            slab(
-                point, k, log_mean, ratio, rule_node, rule_weight, per_interval, degree, low, high, fine_log, fine_wave
-            )
+            slab(point, k, light, rule, series, low, high, fine_log, fine_wave)
             strength = point.weight[k]
             highest = point.highest[k]
             cp, sp = math.cos(psi), math.sin(psi)
-            for d in range(row_first[r], row_first[r + 1]):
-                ahead = -sp * ct + cp * st * cos_azimuth[d]
-                up = cp * ct + sp * st * cos_azimuth[d]
+            for d in range(directions.first[r], directions.first[r + 1]):
+                ahead = -sp * ct + cp * st * directions.cos_azimuth[d]
+                up = cp * ct + sp * st * directions.cos_azimuth[d]
                 across = math.sqrt(max(0.0, 1.0 - up * up))
                 c = np.float32(min(1.0, max(-1.0, ahead / max(across, 1e-9))))
                 angle = math.acos(min(1.0, max(-1.0, up)))
-                j = min(
-                    max(np.searchsorted(fine, angle, side="right") - 1, low * per_interval), high * per_interval - 1
-                )
-                b1 = np.float32(min(1.0, max(0.0, (angle - fine[j]) / (fine[j + 1] - fine[j]))))
+                j, b1 = fine_interval(fine, angle, low * per_interval, high * per_interval - 1)
                 b0 = ONE - b1
                 u, v = fine_wave[j], fine_wave[j + 1]
                 for w in range(LANES):
-                    series[w] = b0 * u[0, w] + b1 * v[0, w]
+                    wave[w] = b0 * u[0, w] + b1 * v[0, w]
                 before, here = ONE, c
                 for m in range(1, highest + 1):
                     for w in range(LANES):
-                        series[w] += here * (b0 * u[m, w] + b1 * v[m, w])
-                    before, here = here, np.float32(2.0) * c * here - before
+                        wave[w] += here * (b0 * u[m, w] + b1 * v[m, w])
+                    before, here = here, TWO * c * here - before
                 for w in range(LANES):
-                    mean = math.exp(b0 * fine_log[j, w] + b1 * fine_log[j + 1, w])
-                    out[d, w] += strength[w] * mean * max(LEAST, series[w])
+                    scale[w] = strength[w] * math.exp(b0 * fine_log[j, w] + b1 * fine_log[j + 1, w])
+                    out[d, 0, w] += scale[w] * max(LEAST, wave[w])
+                if out.shape[1] > 1:
+                    sums[:] = ZERO
+                    add_waves(u, v, b0, b1, c, series.orders, series.pattern_orders, scale, sums)
+                    for w in range(LANES):
+                        out[d, 1, w] += sums[1, w]
+                        out[d, 2, w] += sums[2, w]
         if ground_weight[r].max() > ZERO:
             cp, sp = math.cos(ground_angle[r]), math.sin(ground_angle[r])
-            for d in range(row_first[r], row_first[r + 1]):
-                angle = math.acos(min(1.0, max(-1.0, cp * ct + sp * st * cos_azimuth[d])))
-                j = min(max(np.searchsorted(fine, angle, side="right") - 1, 0), n_fine - 2)
-                b1 = np.float32(min(1.0, max(0.0, (angle - fine[j]) / (fine[j + 1] - fine[j]))))
+            for d in range(directions.first[r], directions.first[r + 1]):
+                angle = math.acos(min(1.0, max(-1.0, cp * ct + sp * st * directions.cos_azimuth[d])))
+                j, b1 = fine_interval(fine, angle, 0, fine.size - 2)
                 for w in range(LANES):
-                    out[d, w] += ground_weight[r, w] * math.exp(
-                        (ONE - b1) * log_ground[j, w] + b1 * log_ground[j + 1, w]
+                    out[d, 0, w] += ground_weight[r, w] * math.exp(
+                        (ONE - b1) * light.log_ground[j, w] + b1 * light.log_ground[j + 1, w]
                     )
-
-
-@njit(cache=True, nogil=True)
-def view_single(
-    beam, rays_first, place, weight, share, elevation, zenith, row_first, cos_azimuth, phase, of_sun, of_ray,
-    ground_weight, ground_angle, ground_altitude, ground_albedo, out, begin, end,
-):  # fmt: skip
-    """Light scattered once, by air or by the ground in view, added to out (D, W).
-
-    place, weight, share: points of the rays; elevation (R,) [rad]: apparent, of each ray
-    phase (D, S, W): with the sun at its true and the ray at its apparent place
-    of_sun, of_ray (D, S, W): its change per radian by which the sun is lifted and the ray is lowered
-    """
-    n_w = out.shape[1]
-    light = np.empty(n_w)
-    ct, st = math.cos(zenith), math.sin(zenith)
-    for r in range(begin, end):
-        for k in range(rays_first[r], rays_first[r + 1]):
-            psi = place[k, 1]
-            cp, sp = math.cos(psi), math.sin(psi)
-            # by refraction, so far
-            lowered = elevation[r] - (math.asin(min(1.0, max(-1.0, place[k, 2]))) - psi)
-            for d in range(row_first[r], row_first[r + 1]):
-                up = cp * ct + sp * st * cos_azimuth[d]
-                lifted = beam_at(beam, place[k, 0], up, light)
-                for w in range(n_w):
-                    if light[w] > 0.0:
-                        source = 0.0
-                        for s in range(share.shape[0]):
-                            turned = phase[d, s, w] + lifted * of_sun[d, s, w] + lowered * of_ray[d, s, w]
-                            source += share[s, k, w] * max(0.0, turned)
-                        out[d, w] += weight[k, w] * light[w] * source
-        if ground_weight[r].max() > 0.0:
-            cp, sp = math.cos(ground_angle[r]), math.sin(ground_angle[r])
-            for d in range(row_first[r], row_first[r + 1]):
-                up = cp * ct + sp * st * cos_azimuth[d]
-                bending = beam_at(beam, ground_altitude, up, light)
-                incidence = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, up))) - bending))
-                for w in range(n_w):
-                    out[d, w] += ground_weight[r, w] * ground_albedo[w] / math.pi * light[w] * max(0.0, incidence)

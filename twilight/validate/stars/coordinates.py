@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.extras import missing
 from twilight.validate.stars.catalogue import Stars, bright_stars
 from twilight.validate.stars.refraction import lifted
 
@@ -139,9 +140,7 @@ def _astropy() -> Iterator[tuple[Any, Any]]:
         from astropy import coordinates, units
         from astropy.utils import iers
     except ImportError:
-        raise TwilightError(
-            "calibration from stars needs astropy: install it with  pip install 'twilight-sky[stars]'"
-        ) from None
+        raise missing("astropy", "calibration from stars") from None
     import warnings
 
     level = iers.IERS(

@@ -15,6 +15,7 @@ from twilight.errors import TwilightError
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
     from twilight.atmosphere.opac import AerosolSpec
+    from twilight.atmosphere.stratosphere import StratosphereSpec
 
 
 def wavelengths_of(config: Config) -> np.ndarray | None:
@@ -35,18 +36,17 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     assert wavelength_nm is not None
     from twilight.atmosphere.build import build_medium
     from twilight.atmosphere.layers import Boundaries, EqualAirMass
-    from twilight.atmosphere.stratosphere import StratosphereSpec
 
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
         layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
     elif climate.atmosphere.layers.boundaries_km is not None:
         layers = Boundaries(climate.atmosphere.layers.boundaries_km)
-    stratosphere = climate.stratosphere
     return build_medium(
         wavelength_nm,
         profile=climate.atmosphere.profile,
         top_km=climate.atmosphere.top_km,
+        ground_altitude_km=climate.ground.altitude_km,
         layers=layers,
         ozone_column_du=climate.gases.ozone.column_du,
         ozone_day_of_year=climate.gases.ozone.day_of_year,
@@ -54,7 +54,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         no2=climate.gases.no2,
         o4=climate.gases.o4,
         aerosol=None if climate.aerosol is None else aerosol_spec(climate.aerosol),
-        stratosphere=None if stratosphere is None else StratosphereSpec(**stratosphere.model_dump()),
+        stratosphere=stratosphere_spec(climate),
         refraction=climate.refraction.model,
         co2_ppm=climate.refraction.co2_ppm,
         ground_albedo=ground_albedo(climate.ground, wavelength_nm),
@@ -75,15 +75,28 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
     dust = aerosol.mineral_transported
     changes: dict[str, Any] = {
         "free_troposphere": aerosol.free_troposphere,
-        "stratosphere": aerosol.stratosphere and aerosol.optical_depth_550nm != 0.0,
+        "stratosphere": aerosol.stratosphere == "opac" and aerosol.optical_depth_550nm != 0.0,
         "optical_depth_550nm": aerosol.optical_depth_550nm,
         "phase_function": aerosol.phase_function,
+        "boundary_layer_base": aerosol.boundary_layer_base,
         "mineral_transported": None if dust is None else MineralLayer(**dust.model_dump()),
     }
     for name in ("boundary_layer_top_km", "scale_height_km"):
         if getattr(aerosol, name) is not None:
             changes[name] = getattr(aerosol, name)
     return replace(spec, **changes)
+
+
+def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
+    """The stratospheric aerosol of the climate; None where there is none, or OPAC's own."""
+    from twilight.atmosphere.stratosphere import StratosphereSpec, measured_kind
+
+    if climate.stratosphere is not None:
+        return StratosphereSpec(**climate.stratosphere.model_dump())
+    aerosol = climate.aerosol
+    if aerosol is None or aerosol.stratosphere != "measured" or aerosol.optical_depth_550nm == 0.0:
+        return None
+    return StratosphereSpec(measured_kind(climate.atmosphere.profile))
 
 
 def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:
@@ -96,7 +109,8 @@ def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:
 def table_sha256(path: str | Path) -> str:
     """SHA-256 of a table's content, hexadecimal; TwilightError when it cannot be read."""
     try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
 

@@ -1,0 +1,127 @@
+"""Renew the tables of benchmarks, one after the other, and note what each took.
+
+    python benchmarks/renew.py --list                what there is
+    python benchmarks/renew.py                       all, hours of processor time
+    python benchmarks/renew.py zones_error compare   some
+
+Processor minutes of the command and all that it started go into benchmarks/renewed.csv, from which the table in
+benchmarks/README.md is made.  A table whose code has changed is renewed or removed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import results
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+COLUMNS = ("name", "processor_minutes", "wall_minutes", "commit")
+
+
+class Benchmark(NamedTuple):
+    """A script with its arguments, the files that it writes (from benchmarks/), and what they say."""
+
+    command: str
+    writes: str
+    says: str
+
+
+BENCHMARKS = {
+    "montecarlo_reference": Benchmark(
+        "montecarlo_reference.py", "reference/*.csv", "radiances of the referee, by which all other errors are judged"
+    ),
+    "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of the referee to 1 %"),
+    "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in six climates"),
+    "zones_convergence": Benchmark(
+        "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
+    ),
+    "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
+    "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
+    "cells_active_shells": Benchmark(
+        "cells_active_shells.py", "cells_active_shells.csv", "what active shells cost and save"
+    ),
+    "compare": Benchmark(
+        "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
+    ),
+    "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
+    "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
+    "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
+    "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
+    "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
+    "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
+    "stars": Benchmark(
+        "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",
+        "stars*.csv, stars_photograph.png",
+        "cameras from stars",
+    ),
+    "fuzz": Benchmark("fuzz.py 400", "fuzz.csv", "damaged inputs"),
+    "peers_sasktran2": Benchmark(
+        "peers_sasktran2.py", "peers_sasktran2*.csv", "beside another program (extra `peers`)"
+    ),
+}
+
+
+def renew(name: str) -> tuple[float, float]:
+    """Run one; (processor minutes, wall minutes).  Errors: CalledProcessError where it fails."""
+    before, start = os.times(), time.perf_counter()
+    script, *arguments = BENCHMARKS[name].command.split()
+    subprocess.run([sys.executable, str(HERE / script), *arguments], cwd=ROOT, check=True)
+    after = os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return cpu / 60.0, (time.perf_counter() - start) / 60.0
+
+
+def note(name: str, cpu: float, wall: float) -> None:
+    """Put a run into renewed.csv, in place of the last of that name."""
+    path = HERE / "renewed.csv"
+    rows = {row["name"]: tuple(row.values()) for row in results.read_rows(path)} if path.exists() else {}
+    commit = re.search(r"commit (.*?):", results.heading("x"))
+    rows[name] = (name, f"{cpu:.1f}", f"{wall:.1f}", commit[1] if commit else "")
+    results.write(path, COLUMNS, [rows[n] for n in BENCHMARKS if n in rows], command="python benchmarks/renew.py")
+
+
+def readme() -> None:
+    """The table of benchmarks/README.md, between its two marks."""
+    done = {row["name"]: row for row in results.read_rows(HERE / "renewed.csv")}
+    lines = ["| command | writes | says | processor minutes | made at commit |", "|---|---|---|---|---|"]
+    for name, b in BENCHMARKS.items():
+        run = done.get(name)
+        took, commit = (run["processor_minutes"], run["commit"]) if run else ("", "see the table's first line")
+        lines.append(f"| `python benchmarks/{b.command}` | `{b.writes}` | {b.says} | {took} | {commit} |")
+    path = HERE / "README.md"
+    text = path.read_text(encoding="utf-8")
+    begin, end = "<!-- table -->", "<!-- end of table -->"
+    head, rest = text.split(begin)
+    path.write_text(f"{head}{begin}\n" + "\n".join(lines) + f"\n{end}{rest.split(end)[1]}", encoding="utf-8")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--list", action="store_true")
+    options = parser.parse_args()
+    unknown = [name for name in options.names if name not in BENCHMARKS]
+    if unknown:
+        parser.error(f"{unknown[0]} is no benchmark; there are {', '.join(BENCHMARKS)}")
+    if options.list:
+        for name, b in BENCHMARKS.items():
+            print(f"{name:22} {b.says}")
+        return
+    for name in options.names or BENCHMARKS:
+        print(f"== {name}", flush=True)
+        cpu, wall = renew(name)
+        note(name, cpu, wall)
+        readme()
+        print(f"== {name}: {cpu:.1f} processor minutes", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""One form for every table of benchmarks: CSV, and a first line that says of which code it is and how it is renewed.
+
+    # twilight 0.1.0, commit 1a2b3c4d (changed): python benchmarks/zones_error.py standard
+
+`(changed)` stands where the program's files differed from that commit.  Lines that begin with # are notes; the first
+line without one names the columns.
+"""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight import __version__
+from twilight.io.whole import whole_file
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def heading(command: str = "") -> str:
+    """The first line of a table.  command: what makes it, this script with its arguments when not given."""
+    if not command:
+        arguments = [a if " " not in a else repr(a) for a in sys.argv[1:]]
+        command = " ".join(["python benchmarks/" + Path(sys.argv[0]).name, *arguments])
+    return f"# twilight {__version__}, {_commit()}: {command}"
+
+
+def _commit() -> str:
+    try:
+        commit = _git("rev-parse", "--short=8", "HEAD").strip()
+        changed = _git("status", "--porcelain", "--untracked-files=no", "--", "twilight", "climates").strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "commit unknown"
+    return f"commit {commit}" + (" (changed)" if changed else "")
+
+
+def _git(*arguments: str) -> str:
+    return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def write(
+    path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]], *, notes: Sequence[str] = (), command: str = ""
+) -> None:
+    """Write a table whole or not at all."""
+    with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        file.writelines(line + "\n" for line in (heading(command), *(f"# {note}" for note in notes)))
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
+
+
+def stamp(path: Path, target: Path, command: str = "") -> None:
+    """Copy a table that the program wrote, with the heading in front."""
+    text = Path(path).read_text(encoding="utf-8")
+    with whole_file(target) as temporary:
+        temporary.write_text(heading(command) + "\n" + text, encoding="utf-8")
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a table by column."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def read_numbers(path: Path) -> np.ndarray:
+    """A table of numbers as a structured array, a field for each column."""
+    rows = read_rows(path)
+    kind = [(name, float) for name in rows[0]]
+    return np.array([tuple(float(v) for v in row.values()) for row in rows], dtype=kind)

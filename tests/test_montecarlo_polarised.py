@@ -1,0 +1,204 @@
+"""Monte-Carlo, Stokes vectors: published polarised radiances of flat layers, single scattering by hand, the ground.
+
+The tables of the intercomparison IPRT (Emde et al. 2015) are read from beside the repository where they are there.
+"""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from montecarlo_media import assert_all_agree, hazy_earth, slab
+
+from twilight.errors import TwilightError
+from twilight.solvers.montecarlo import MonteCarloSettings, prepare
+
+TABLES = Path(__file__).parents[2] / "shared" / "data" / "iprt"
+FIXED = MonteCarloSettings(target_stderr=None, samples=1500)
+SYSTEMATIC = 5e-4
+"""Relative error of I that is not noise: tables of the beam, and a planet that is not quite flat."""
+# depolarisation, sza, saa, vza, vaa, then the published I, Q, U with all orders: cases A1 (bottom), A2 (bottom, top)
+A1 = [
+    (0.03, 30.0, 0.0, 60.0, 30.0, 7.70467e-2, -5.36905e-3, 1.06249e-2),
+    (0.1, 30.0, 65.0, 60.0, 30.0, 7.45508e-2, -4.27321e-3, -1.05782e-2),
+]
+A2 = [
+    (0.03, 50.0, 0.0, 40.0, 90.0, 1.36007e-2, 3.06181e-3, 4.62481e-3),
+    (0.03, 50.0, 0.0, 140.0, 30.0, 6.30839e-2, -4.91790e-3, 5.05621e-3),
+]
+
+
+def molecular_slab(depth, depolarisation, ground=0.0):
+    """A conservative layer of air 1 km thick."""
+    return replace(slab(depth, 1.0, None, ground), depolarisation=np.array([depolarisation]))
+
+
+def layered(rayleigh, absorption, depolarisation):
+    """Layers of 1 km with constant coefficients, from the ground up."""
+    z = np.repeat(np.arange(len(rayleigh) + 1.0), 2)[1:-1]
+    base = slab(1.0, 1.0)
+    two = np.zeros((z.size, 1))
+    return replace(
+        base,
+        altitude_km=z,
+        air_scattering_per_km=np.repeat(rayleigh, 2)[:, None],
+        absorption_per_km=np.repeat(absorption, 2)[:, None],
+        aerosol_extinction_per_km=two,
+        aerosol_single_scattering_albedo=two + 1.0,
+        aerosol_share=np.zeros((0, z.size, 1)),
+        refractivity=two,
+        depolarisation=np.array([depolarisation]),
+        earth_radius_km=2e7,
+    )
+
+
+def stokes(field, altitude_km, sza, saa, vza, vaa):
+    """`StokesResult` for the angles of the tables [deg]."""
+    here = replace(field, observer_altitude_km=altitude_km)
+    return here.stokes_with_error(90.0 - np.asarray(sza), 90.0 - np.asarray(vza), np.asarray(vaa) - np.asarray(saa))
+
+
+def check(results, truth, noise=None):
+    """z-tests of all I, Q, U together; truth (N, 3), noise (N, 3) its standard deviation."""
+    value = np.concatenate([r.stokes[..., 0].reshape(-1, 3) for r in results])
+    error = np.concatenate([r.standard_error[..., 0].reshape(-1, 3) for r in results])
+    truth = np.asarray(truth)
+    error = np.hypot(error, SYSTEMATIC * truth[:, :1])
+    if noise is not None:
+        error = np.hypot(error, noise)
+    assert_all_agree(value, error, truth)
+
+
+def test_published_stokes_vectors():
+    results, truth = [], []
+    for ground, depth, rows in ((0.0, 0.5, A1), (0.3, 0.1, A2)):
+        for depolarisation, sza, saa, vza, vaa, *published in rows:
+            field = prepare(molecular_slab(depth, depolarisation, ground), FIXED)
+            results.append(stokes(field, 0.0 if vza < 90.0 else 1.0, sza, saa, vza, vaa))
+            truth.append(published)
+    # noise is a part in 300 of I, so that the sign and the third digit of Q and U are tested
+    assert max((r.standard_error / r.stokes[0]).max() for r in results) < 5e-3
+    check(results, truth)
+
+
+CASES = {  # medium, altitudes with a sky
+    ("a1", "0.0"): lambda: molecular_slab(0.5, 0.0),
+    ("a1", "0.03"): lambda: molecular_slab(0.5, 0.03),
+    ("a1", "0.1"): lambda: molecular_slab(0.5, 0.1),
+    ("a2", "0.03"): lambda: molecular_slab(0.1, 0.03, 0.3),
+    ("b1", None): lambda: layered(*table_layers("b1_layers_450nm.csv"), 0.03),
+    ("b2", None): lambda: layered(*table_layers("b2_layers_325nm.csv"), 0.03),
+}
+
+
+def table_layers(name):
+    """(Rayleigh, absorption) optical depths per layer, from the ground up."""
+    with open(TABLES / name) as stream:
+        rows = sorted(csv.DictReader(stream), key=lambda row: float(row["z_bottom_km"]))
+    return [float(r["tau_rayleigh"]) for r in rows], [float(r.get("tau_absorption", 0.0)) for r in rows]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=lambda c: "-".join(filter(None, c)))
+def test_intercomparison_tables(case):
+    # every direction of the tables, about 4 minutes a case
+    if not TABLES.is_dir():
+        pytest.skip(f"{TABLES} is not there: the tables of the intercomparison IPRT are not in the repository")
+    name, depolarisation = case
+    with open(TABLES / f"{name}_mystic.csv") as stream:
+        rows = [r for r in csv.DictReader(stream) if float(r["I"]) != 0.0]
+    if depolarisation is not None:
+        rows = [r for r in rows if float(r["depol"]) == float(depolarisation)]
+    field = prepare(CASES[case](), replace(FIXED, samples=400))
+    z = []
+    for altitude in sorted({float(r["altitude_km"]) for r in rows}):
+        here = [r for r in rows if float(r["altitude_km"]) == altitude]
+
+        def column(key, here=here):
+            return np.array([float(r[key]) for r in here])
+
+        r = stokes(field, altitude, *(column(k) for k in ("sza_deg", "saa_deg", "vza_deg", "vaa_deg")))
+        truth = np.stack([column(k) for k in "IQU"], axis=-1)
+        noise = np.stack([column(f"{k}_std") for k in "IQU"], axis=-1)
+        error = np.sqrt(r.standard_error[..., 0] ** 2 + noise**2 + (SYSTEMATIC * truth[:, :1]) ** 2)
+        z.append((r.stokes[..., 0] - truth) / error)
+    z = np.concatenate(z)
+    assert z.shape[0] > 300
+    assert_all_agree(z, 1.0, 0.0 * z)
+    # no component is off as a whole: by chi-square, and on the mean
+    assert np.all(np.sqrt((z**2).mean(axis=0)) < 1.1), np.sqrt((z**2).mean(axis=0))
+
+
+def rayleigh_by_hand(depolarisation, sza, vza, vaa):
+    """I, Q, U of unpolarised light scattered once by air, over its P11: from the vibration normal to the plane."""
+    s, v, a = np.radians([sza, vza, vaa])
+    sun = np.array([np.sin(s), 0.0, np.cos(s)])
+    view = np.array([np.sin(v) * np.cos(a), np.sin(v) * np.sin(a), np.cos(v)])
+    cosine = sun @ view
+    delta = (1 - depolarisation) / (1 + depolarisation / 2)
+    p11 = 0.75 * delta * (1 + cosine**2) + 1 - delta
+    degree = 0.75 * delta * (1 - cosine**2) / p11
+    normal = np.cross(sun, view)
+    normal /= np.linalg.norm(normal)
+    up = np.array([-np.cos(v) * np.cos(a), -np.cos(v) * np.sin(a), np.sin(v)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    chi = np.arctan2(normal @ right, normal @ up)
+    return np.array([1.0, degree * np.cos(2 * chi), degree * np.sin(2 * chi)])
+
+
+@pytest.mark.parametrize(("vza", "vaa"), [(0.0, 40.0), (60.0, 30.0), (80.0, 200.0), (30.0, 0.0), (30.0001, 0.0)])
+def test_single_scattering_by_air(vza, vaa):
+    field = prepare(molecular_slab(0.1, 0.03), replace(FIXED, samples=4, max_orders=1, steering_sweeps=0))
+    r = stokes(field, 0.0, 30.0, 0.0, vza, vaa)
+    assert np.all(r.standard_error == 0.0)
+    if (vza, vaa) == (30.0, 0.0):
+        # towards the sun nothing is polarised
+        np.testing.assert_allclose(r.stokes[1:, 0] / r.stokes[0, 0], 0.0, atol=1e-12)
+    else:
+        np.testing.assert_allclose(r.stokes[:, 0] / r.stokes[0, 0], rayleigh_by_hand(0.03, 30.0, vza, vaa), atol=2e-6)
+
+
+def test_ground_alone_is_unpolarised():
+    # no air to speak of over a bright ground
+    field = prepare(molecular_slab(1e-6, 0.03, 0.5), replace(FIXED, samples=8))
+    r = stokes(field, 1.0, 50.0, 0.0, [120.0, 180.0], 70.0)
+    assert np.all(np.abs(r.stokes[:, 1:, 0]) < 1e-5 * r.stokes[:, :1, 0])
+
+
+@pytest.fixture(scope="module")
+def earth():
+    return prepare(hazy_earth(), replace(FIXED, samples=200))
+
+
+def test_mirror_images(earth):
+    # left and right of the sun: I and Q are the same, U has the other sign; in the sun's plane U is 0
+    right = earth.stokes_with_error(5.0, 40.0, [70.0, 180.0])
+    left = earth.stokes_with_error(5.0, 40.0, [-70.0, -180.0])
+    error = np.hypot(right.standard_error, left.standard_error)
+    mirror = np.array([1.0, 1.0, -1.0])[:, None]
+    assert_all_agree(right.stokes[0], error[0], mirror * left.stokes[0])
+    assert abs(right.stokes[1, 2, 0]) < 4 * right.standard_error[1, 2, 0]
+    assert abs(right.stokes[0, 2, 0]) > 10 * right.standard_error[0, 2, 0]
+
+
+def test_radiance_is_the_first_component(earth):
+    question = (-5.0, [30.0, 90.0], [20.0, 0.0])
+    whole = earth.stokes_with_error(*question)
+    np.testing.assert_array_equal(earth.radiance(*question), whole.stokes[..., 0, :])
+    np.testing.assert_array_equal(earth.radiance_with_error(*question).standard_error, whole.standard_error[..., 0, :])
+    assert whole.stokes.shape == (2, 3, 1)
+
+
+def test_zenith_turns_with_its_azimuth(earth):
+    # the light of the zenith is one and the same: only the plane that Q and U refer to turns
+    a = earth.stokes_with_error(-3.0, 90.0, 0.0)
+    b = earth.stokes_with_error(-3.0, 90.0, 45.0)
+    error = np.hypot(a.standard_error, b.standard_error)[1:, 0]
+    assert_all_agree([b.stokes[1, 0], b.stokes[2, 0]], error[::-1], [-a.stokes[2, 0], a.stokes[1, 0]])
+
+
+def test_scalar_theory_knows_no_polarisation():
+    settings = replace(FIXED, polarisation=False, steering_sweeps=0)
+    with pytest.raises(TwilightError, match="without polarisation"):
+        prepare(hazy_earth(), settings).stokes(10.0, 20.0, 0.0)

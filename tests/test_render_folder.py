@@ -1,0 +1,103 @@
+"""The folder of a render: nothing is lost, nothing stale stays, what is finished is not computed again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from toy_sky import glow_sky
+
+from twilight.errors import TwilightError
+from twilight.io.folder import JOURNAL, Wanted, open_folder
+from twilight.io.netcdf import write_sky
+
+A = Wanted("a", {"climate": {"ground": {"albedo": 0.2}}, "list": [1, 2]})
+B = Wanted("b", {"climate": {"ground": {"albedo": 0.5}}, "list": [1, 2]})
+
+
+def render(root, wanted, code="1", overwrite=False, stop_after=None):
+    """Names of the skies that were made."""
+    made = []
+    with open_folder(root, wanted, code, overwrite=overwrite) as folder:
+        for name, one in wanted.items():
+            if name in folder.there:
+                assert folder.there[name] == {"name": name}
+                continue
+            if len(made) == stop_after:
+                raise KeyboardInterrupt
+            (root / name).mkdir(parents=True, exist_ok=True)
+            sky = glow_sky(step_deg=30.0, provenance={"configuration": one.configuration})
+            files = [write_sky(sky, root / name / "sky.h5"), root / name / "sky.png"]
+            files[1].write_bytes(b"png of " + one.hash.encode())
+            folder.add(name, one, files, {"name": name})
+            made.append(name)
+    return made
+
+
+def content(root):
+    return {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()} - {JOURNAL}
+
+
+def test_what_is_finished_is_not_made_again(tmp_path):
+    root, series = tmp_path / "out", {f"sun{i}": Wanted(f"{i}", {"sun": i}) for i in range(5)}
+    with pytest.raises(KeyboardInterrupt):
+        render(root, series, stop_after=2)
+    (root / "sun1" / "sky.png").write_bytes(b"")  # damaged meanwhile
+    with open(root / JOURNAL, "a") as journal:
+        journal.write('{"sky": "sun2", "ha')
+    assert render(root, series) == ["sun1", "sun2", "sun3", "sun4"]
+    assert render(root, series) == []
+    assert render(root, series | {"sun5": Wanted("5", {})}) == ["sun5"]  # a longer series keeps what is there
+    assert render(root, series | {"sun5": Wanted("5", {})}, code="2") == [*series, "sun5"]  # of another program
+    assert render(root, series | {"sun5": Wanted("5", {})}, code="2", overwrite=True) == [*series, "sun5"]
+
+
+def test_another_sky_is_refused_and_says_which_key_differs(tmp_path):
+    render(tmp_path, {"": A})
+    before = {p: p.read_bytes() for p in tmp_path.iterdir()}
+    with pytest.raises(
+        TwilightError, match=r"holds another sky \(ground.albedo is 0.2, asked is 0.5\); give --overwrite"
+    ):
+        render(tmp_path, {"": B})
+    assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
+    assert render(tmp_path, {"": B}, overwrite=True) == [""]
+    assert (tmp_path / "sky.png").read_bytes() == b"png of b"
+
+
+def test_frames_that_would_be_stale_are_refused_or_deleted(tmp_path):
+    render(tmp_path, {"x/sun1": A, "x/sun2": B})
+    (tmp_path / "contact-sheet.png").write_bytes(b"sheet")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(
+        TwilightError, match=r"x/sun1: holds a sky that is not part of this render; --overwrite deletes"
+    ):
+        render(tmp_path, {"x/sun2": B})
+    render(tmp_path, {"x/sun2": B}, overwrite=True)
+    assert content(tmp_path) == {"x/sun2/sky.h5", "x/sun2/sky.png", "notes.txt"}
+    assert not (tmp_path / "x/sun1").exists()
+
+
+def test_files_that_no_journal_knows_are_not_overwritten(tmp_path):
+    (tmp_path / "sky.png").write_bytes(b"a picture of mine")
+    with pytest.raises(TwilightError, match=r"sky.png: is there already, and skies.jsonl does not say of which sky"):
+        render(tmp_path, {"": A})
+    assert content(tmp_path) == {"sky.png"} and not (tmp_path / JOURNAL).exists()
+    (tmp_path / JOURNAL).write_text(
+        '{"sky": "../..", "hash": "", "code": "", "files": {"../../x": 1}, "figures": {}}\n'
+    )
+    (tmp_path / "sky.png").unlink()
+    assert render(tmp_path, {"": A}) == [""]
+
+
+def test_two_renders_do_not_write_one_folder(tmp_path):
+    with open_folder(tmp_path, {"": A}, "1", overwrite=False):
+        with pytest.raises(TwilightError, match="another render is writing it"):
+            render(tmp_path, {"": A})
+
+
+def test_a_sky_that_was_moved_away_is_no_obstacle(tmp_path):
+    render(tmp_path, {"": A})
+    (tmp_path / "kept").mkdir()
+    for file in tmp_path.glob("sky.*"):
+        file.rename(tmp_path / "kept" / file.name)
+    assert render(tmp_path, {"": B}) == [""]
+    assert np.array_equal(sorted(content(tmp_path)), ["kept/sky.h5", "kept/sky.png", "sky.h5", "sky.png"])

@@ -1,0 +1,46 @@
+"""Compute the Mie results that come with the package: ``python -m twilight.atmosphere.ship_optics`` writes the file."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from twilight.atmosphere import mie, opac, shipped_optics
+from twilight.atmosphere.mie import LogNormal
+from twilight.atmosphere.stratosphere import SAGE_RADII_UM, droplets
+
+HUMIDITY_PERCENT = 80.0
+
+
+def populations() -> list[tuple[str, float]]:
+    """Component and humidity of every population in the ten types and their background."""
+    found = {(c, opac.FREE_TROPOSPHERE_HUMIDITY_PERCENT) for c in opac.FREE_TROPOSPHERE_PER_CM3}
+    found |= {(c, 0.0) for c in (*opac.STRATOSPHERE_PER_CM3, "mitr")}
+    for name in opac.opac_types():
+        found |= {(c, HUMIDITY_PERCENT) for c in opac.opac_type(name).number_density_per_cm3}
+    return sorted({(c, rh if opac.takes_up_water(c) else 0.0) for c, rh in found})
+
+
+def particles() -> list[tuple[LogNormal, np.ndarray]]:
+    """Sizes and refractive indices (W,) of those, and of the droplets of measured stratospheres of typical loading."""
+    wavelength_nm = shipped_optics.WAVELENGTHS_NM
+    made = [opac.particles(component, humidity, wavelength_nm) for component, humidity in populations()]
+    sulphuric_acid = opac.particles("suso", 0.0, wavelength_nm)[1]
+    return made + [(droplets(float(radius)), sulphuric_acid) for radius in SAGE_RADII_UM[1:5]]
+
+
+def write(path: Path) -> None:
+    """Compute all rows and write the file; a minute or two."""
+    version = mie.installed_miepython()
+    keys, rows = [], []
+    for size, index in particles():
+        for m, wavelength in zip(index, shipped_optics.WAVELENGTHS_NM, strict=True):
+            keys.append(mie.cache_key(size, complex(m), wavelength, version))
+            rows.append(mie.compute_optics(size, complex(m), wavelength))
+    shipped_optics.write(path, version, keys, np.stack(rows))
+
+
+if __name__ == "__main__":
+    write(Path(str(resources.files("twilight") / "data" / "opac" / shipped_optics.FILE_NAME)))

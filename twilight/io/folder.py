@@ -1,0 +1,165 @@
+"""The folder of a render: which skies are in it, so that none is lost and none that is finished is computed again.
+
+The file `skies.jsonl` has a line for each sky that is finished: its subfolder, the hash of its configuration, that of
+the program, its files with their sizes, and its figures.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twilight.errors import TwilightError
+from twilight.io.journal import Journal, open_journal, read_journal
+from twilight.io.provenance import differences
+
+JOURNAL = "skies.jsonl"
+SHEETS = ("contact-sheet.png", "series.csv", "series.nc")
+"""What a series has once, made again at its end."""
+OUR_FILES = ("sky.*", *SHEETS)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A sky that is asked for: the hash of its configuration, and the configuration itself as JSON values."""
+
+    hash: str
+    configuration: dict[str, Any]
+
+
+class RenderFolder:
+    """An open folder.  `there`: figures of the skies that are finished and asked for, by subfolder."""
+
+    def __init__(self, root: Path, code: str, there: dict[str, dict[str, Any]], journal: Journal):
+        self.root, self.there = root, there
+        self._code, self._journal = code, journal
+
+    def add(self, name: str, wanted: Wanted, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
+        """Note that a sky is finished: all its files are whole."""
+        sizes = {file.relative_to(self.root).as_posix(): file.stat().st_size for file in files}
+        line = {"sky": name, "hash": wanted.hash, "code": self._code, "files": sizes, "figures": dict(figures)}
+        self._journal.write(line)
+
+
+@contextmanager
+def open_folder(root: Path, wanted: Mapping[str, Wanted], code: str, *, overwrite: bool) -> Iterator[RenderFolder]:
+    """The folder of a render, made where it is missing.
+
+    wanted: the skies by subfolder ("" for the folder itself).  code: a digest of the program; what another program
+    made is made again.  overwrite: compute all, and delete what else renders have written here.
+    Errors: TwilightError where the folder holds anything that would be lost or would be mistaken for a part of this
+    render, or where another process writes it.
+    """
+    try:
+        there = {} if overwrite else check_folder_content(root, wanted, code)
+        root.mkdir(parents=True, exist_ok=True)
+        with open_journal(root / JOURNAL, "another render") as journal:
+            if overwrite:
+                _clear(root)
+            yield RenderFolder(root, code, there, journal)
+    except OSError as error:
+        raise TwilightError(f"{error.filename or root}: cannot be written ({error.strerror or error})") from error
+
+
+def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) -> dict[str, dict[str, Any]]:
+    """Figures of the skies in a folder that need not be computed again, by subfolder; it changes nothing.
+
+    Errors: TwilightError as `open_folder`.
+    """
+    lines = _lines(root)
+    for name, line in lines.items():
+        if name in wanted and line["hash"] == wanted[name].hash:
+            continue
+        if not any((root / file).is_file() for file in line["files"]):
+            continue  # somebody has moved or deleted it
+        _refuse(root, name, wanted)
+    listed = {root / file for line in lines.values() for file in line["files"]} | {root / name for name in SHEETS}
+    for name in wanted:
+        for file in sorted((root / name).glob("sky.*")):
+            if file not in listed and file.is_file():
+                raise TwilightError(
+                    f"{file}: is there already, and {JOURNAL} does not say of which sky; "
+                    "give --overwrite or another --output"
+                )
+    return {
+        name: line["figures"]
+        for name, line in lines.items()
+        if name in wanted and line["code"] == code and _whole(root, line["files"])
+    }
+
+
+def _refuse(root: Path, name: str, wanted: Mapping[str, Wanted]) -> None:
+    place = root / name
+    if name in wanted:
+        key = _difference(_configuration(place / "sky.h5"), wanted[name].configuration)
+        raise TwilightError(f"{place}: holds another sky{key}; give --overwrite or another --output")
+    raise TwilightError(
+        f"{place}: holds a sky that is not part of this render; --overwrite deletes it, or give another --output"
+    )
+
+
+def _lines(root: Path) -> dict[str, dict[str, Any]]:
+    """What the journal says of each sky, the last time that it was written."""
+    found = {}
+    for line in read_journal(root / JOURNAL):
+        with suppress(KeyError, TypeError, AttributeError):
+            name, files = str(line["sky"]), {str(k): int(v) for k, v in line["files"].items()}
+            line["figures"] = dict(line["figures"])
+            if all(_inside(file) for file in (name, *files)):
+                found[name] = {**line, "files": files, "hash": str(line["hash"]), "code": str(line["code"])}
+    return found
+
+
+def _inside(name: str) -> bool:
+    """Whether a name of the journal stays in the folder."""
+    return not Path(name).is_absolute() and ".." not in Path(name).parts
+
+
+def _whole(root: Path, files: Mapping[str, int]) -> bool:
+    return all((root / file).is_file() and (root / file).stat().st_size == size for file, size in files.items())
+
+
+def _clear(root: Path) -> None:
+    """Delete what renders have written, as the journal says, and the folders that are then empty."""
+    for line in _lines(root).values():
+        for file in line["files"]:
+            (root / file).unlink(missing_ok=True)
+        folder = root / line["sky"]
+        while folder != root:
+            with suppress(OSError):
+                folder.rmdir()
+            folder = folder.parent
+    for name in SHEETS:
+        (root / name).unlink(missing_ok=True)
+    (root / JOURNAL).write_text("", encoding="utf-8")
+
+
+def _configuration(path: Path) -> dict[str, Any] | None:
+    """The configuration inside a sky's file, None where there is none."""
+    from twilight.io.netcdf import read_sky
+
+    try:
+        return read_sky(path).provenance.get("configuration")
+    except TwilightError:
+        return None
+
+
+def _difference(there: Any, asked: Any) -> str:
+    """` (ground.albedo is 0.2, asked is 0.5)` for the first key in which two configurations differ."""
+    if there is None:
+        return ""
+    asked = json.loads(json.dumps(asked))
+    found = next(differences(there, asked), None)
+    if found is None:
+        return ""
+    path, a, b = found
+    return f" ({'.'.join(path).removeprefix('climate.')} is {_short(a)}, asked is {_short(b)})"
+
+
+def _short(value: Any) -> str:
+    text = "unset" if value is None else json.dumps(value)
+    return text if len(text) <= 40 else text[:37] + "..."

@@ -1,0 +1,63 @@
+"""A file of JSON lines that grows while long work goes on: what is finished, so that it can go on there."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+from twilight.errors import TwilightError
+
+
+class Journal:
+    """An open journal, written by this process alone."""
+
+    def __init__(self, file: IO[str]):
+        self._file = file
+
+    def write(self, entry: dict[str, Any]) -> None:
+        """Add a line, which is on the disk when this returns.  Errors: OSError."""
+        self._file.write(json.dumps(entry) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+@contextmanager
+def open_journal(path: Path, what: str) -> Iterator[Journal]:
+    """A journal to add lines to, made where there is none; a line that was cut in writing is ended first.
+
+    what: who may be writing it already, e.g. `another sweep`.  Errors: TwilightError where that is so; OSError.
+    """
+    with open(path, "a", encoding="utf-8") as file:
+        _lock(file, path.parent, what)
+        content = path.read_bytes()
+        if content and not content.endswith(b"\n"):
+            file.write("\n")
+            file.flush()
+        yield Journal(file)
+
+
+def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines that are whole, in their order; none where there is no such file."""
+    if not path.is_file():
+        return
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        with suppress(ValueError):  # a line that was cut in writing
+            entry = json.loads(line)
+            if isinstance(entry, dict):
+                yield entry
+
+
+def _lock(file: IO[str], folder: Path, what: str) -> None:
+    """One writer at a time; where the system has no such locks (Windows) this is left to the user."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        raise TwilightError(f"{folder}: {what} is writing it") from None

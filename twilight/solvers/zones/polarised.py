@@ -1,0 +1,122 @@
+"""Linear polarisation in harmonics: even and odd patterns, and what a phase matrix does to each degree.
+
+At every direction that one looks in, with v the unit vector that is normal to it and points up and h the horizontal
+one to the right, light is the tensor I/2 (vv + hh) + Q/2 (vv - hh) + U/2 (vh + hv).  A field that is alike left and
+right of the sun's vertical is
+    I = sum I_lm Y_lm cos(m a),
+    Q = sum (E_lm X_lm + B_lm Z_lm) cos(m a),      U = sum (E_lm Z_lm + B_lm X_lm) sin(m a),      l >= 2,
+with the azimuth a from the sun, positive to the right, and polar parts of a mean square of 1 over the sphere:
+    Y_lm = N d^l_m0,   X_lm = N (d^l_m2 + d^l_m,-2)/2,   Z_lm = N (d^l_m2 - d^l_m,-2)/2,   N^2 = (2l + 1)(1 or 2),
+where d^l_mn are Wigner's functions of the zenith angle (generalised spherical functions).  Scattering by
+particles that lie at random keeps l and m, and does not mix even patterns (I, E) with odd ones (B):
+    I' = chi_l I + b_l E,      E' = b_l I + even_l E,      B' = odd_l B,
+    b_l = 2 pi int P12 d^l_02 dmu,     even_l +- odd_l = 2 pi int (P22 +- P33) d^l_2,+-2 dmu.
+Air has only b_2 = -3 Delta/(5 sqrt 6) and even_2 = 3 Delta/5: it sees the traceless tensor of the field, five numbers.
+Reference: Hovenier, van der Mee & Domke 2004, Transfer of Polarized Light in Planetary Atmospheres, appendix B.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.phase import table_angles_rad
+
+
+def wigner_d(highest: int, m: int, n: int, cosine: np.ndarray) -> np.ndarray:
+    """d^l_mn at cosines of any shape for l = 0..highest, shape (highest + 1, ...); 0 where l < max(|m|, |n|)."""
+    x = np.asarray(cosine, dtype=float)
+    out = np.zeros((highest + 1, *x.shape))
+    first = max(abs(m), abs(n))
+    if first > highest:
+        return out
+    minus, plus = abs(m - n), abs(m + n)
+    scale = math.sqrt(math.factorial(2 * first) / (math.factorial(minus) * math.factorial(plus))) / 2.0**first
+    sign = 1.0 if n >= m else (-1.0) ** (m - n)
+    out[first] = sign * scale * (1.0 - x) ** (0.5 * minus) * (1.0 + x) ** (0.5 * plus)
+    for k in range(first, highest):
+        before = out[k - 1] if k > first else 0.0
+        if k == 0:
+            out[1] = x
+            continue
+        up = k * math.sqrt(((k + 1) ** 2 - m * m) * ((k + 1) ** 2 - n * n))
+        down = (k + 1) * math.sqrt((k * k - m * m) * (k * k - n * n))
+        out[k + 1] = ((2 * k + 1) * (k * (k + 1) * x - m * n) * out[k] - down * before) / up
+    return out
+
+
+def patterns(cosine: np.ndarray, degree: int, highest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Polar parts X and Z (P, C) at cosines (P,), sorted by m = 0..highest and within by l = max(m, 2)..degree."""
+    x = np.asarray(cosine, dtype=float)
+    even, odd = [np.zeros((0, x.size))], [np.zeros((0, x.size))]
+    for m in range(highest + 1):
+        first = max(m, 2)
+        right, left = wigner_d(degree, m, 2, x)[first:], wigner_d(degree, m, -2, x)[first:]
+        # the harmonics of the intensity are taken with positive P_mm, Wigner's functions are not
+        norm = 0.5 * (-1.0) ** m * np.sqrt((2.0 * np.arange(first, degree + 1) + 1.0) * (2.0 if m else 1.0))[:, None]
+        even.append(norm * (right + left))
+        odd.append(norm * (right - left))
+    return np.concatenate(even).T, np.concatenate(odd).T
+
+
+def pattern_orders(degree: int, highest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Degree and order (C,) of every pattern in that sequence."""
+    pairs = [(n, m) for m in range(highest + 1) for n in range(max(m, 2), degree + 1)]
+    return np.array([n for n, _ in pairs], dtype=int), np.array([m for _, m in pairs], dtype=int)
+
+
+class MatrixMoments(NamedTuple):
+    """What scattering does to each degree: b, even and odd (1 + K, degree + 1, W), of air and of K scaled aerosols."""
+
+    b: np.ndarray
+    even: np.ndarray
+    odd: np.ndarray
+
+
+def matrix_moments(medium: Medium, forward_share: np.ndarray, degree: int) -> MatrixMoments:
+    """Moments of the phase matrices; light in the forward peak, forward_share (K, W), keeps its polarisation."""
+    n_w = medium.n_wavelengths
+    out = np.zeros((3, 1 + len(medium.phase_functions), degree + 1, n_w))
+    delta = (1.0 - medium.depolarisation) / (1.0 + 0.5 * medium.depolarisation)
+    out[0, 0, 2] = -3.0 / (5.0 * math.sqrt(6.0)) * delta
+    out[1, 0, 2] = 0.6 * delta
+    # as for Legendre moments: Gauss points on the table's own mesh
+    edges = np.sqrt(table_angles_rad() / np.pi)
+    x, w = np.polynomial.legendre.leggauss(4)
+    u = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x).ravel()
+    angle = np.pi * u**2
+    weight = 2.0 * np.pi * np.sin(angle) * 2.0 * np.pi * u * (0.5 * np.diff(edges)[:, None] * w).ravel()
+    mu = np.cos(angle)
+    across, same, opposite = (wigner_d(degree, m, n, mu) * weight for m, n in ((0, 2), (2, 2), (2, -2)))
+    for k, (phase, f) in enumerate(zip(medium.phase_functions, forward_share, strict=True)):
+        _, p12, p22, p33 = phase.matrix(mu)
+        total, difference = same @ (p22 + p33).T, opposite @ (p22 - p33).T
+        out[0, 1 + k] = (across @ p12.T) / (1.0 - f)
+        out[1, 1 + k] = (0.5 * (total + difference) - f) / (1.0 - f)
+        out[2, 1 + k] = (0.5 * (total - difference) - f) / (1.0 - f)
+    out[:, :, :2] = 0.0
+    return MatrixMoments(*out)
+
+
+def rotated(
+    cosine: np.ndarray, cos_azimuth: np.ndarray, sin_azimuth: np.ndarray, sun_zenith_rad: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(cosine of the scattering angle, cos 2 sigma, sin 2 sigma) of sunlight scattered towards the observer.
+
+    cosine: of the zenith angles one looks in, azimuths from the sun; sigma: from the vertical plane, clockwise, to the
+    plane through line of sight and sun.  Where these two directions are one there is no such plane: then both are 0, as
+    P12 is.
+    """
+    mu = cosine
+    sine = np.sqrt(np.maximum(0.0, 1.0 - mu * mu))
+    up, aside = np.cos(sun_zenith_rad), np.sin(sun_zenith_rad)
+    along = mu * up + sine * aside * cos_azimuth
+    of_v = sine * up - mu * aside * cos_azimuth
+    of_h = -aside * sin_azimuth
+    square = of_v * of_v + of_h * of_h
+    safe = np.where(square > 1e-30, square, 1.0)
+    lit = square > 1e-30
+    return along, np.where(lit, (of_v * of_v - of_h * of_h) / safe, 0.0), np.where(lit, 2.0 * of_v * of_h / safe, 0.0)
