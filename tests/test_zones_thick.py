@@ -9,6 +9,7 @@ import pytest
 from plane_parallel import Slabs, henyey_greenstein
 from thick_media import cloud, slabs
 
+from twilight.errors import TwilightWarning
 from twilight.solvers import zones
 
 SUN_COSINE = 0.5
@@ -38,7 +39,8 @@ def _flux_down(field) -> np.ndarray:
 
 def test_white_fog_over_snow_is_solved_in_tens_of_steps():
     """Plain orders ended here after 200 events with a residual of 3 %."""
-    field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
+    with pytest.warns(TwilightWarning, match="scatters with an optical depth of 4[0-9]"):
+        field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
     assert field.convergence.events < 25
     truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]
@@ -53,14 +55,11 @@ def test_how_many_events_are_wanted_is_kept():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("asymmetry", [0.0, 0.85])
-def test_white_fog_over_snow_closely(asymmetry):
-    settings = zones.QUALITIES["standard"]
-    air = cloud(50.0, asymmetry=asymmetry, **FOG)
-    field = zones.prepare(air, settings, sun_elevations_deg=[SUN_DEG, 60.0])
+def test_white_fog_over_snow_closely():
+    field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["standard"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
-    truth = slabs(50.0, SUN_COSINE, asymmetry=asymmetry, **FOG).flux_down[-1]
-    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.03 if asymmetry else 0.05)
+    truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]
+    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.03)
 
 
 @pytest.mark.slow
