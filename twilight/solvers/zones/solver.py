@@ -63,8 +63,8 @@ def prepare(
     depth = float(np.trapezoid(field.profile.scattering, field.profile.altitude_km, axis=0).max())
     if settings.max_events > 1 and depth > THICK:
         warnings.warn(
-            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: beyond {THICK:g} the light "
-            "of the zones solver converges, but may be off by 15 % and more on the side that the sun shines on",
+            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: beyond {THICK:g} the "
+            "light of the zones solver converges, but may be off by 15 % and more",
             TwilightWarning,
             stacklevel=2,
         )
