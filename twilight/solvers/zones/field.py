@@ -40,6 +40,8 @@ LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
+SHARP = 1.5
+"""Steps on a line of sight for light scattered once, over those for the rest."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
@@ -141,8 +143,9 @@ class Field(BareField):
     def _solve(self, tell: Progress) -> None:
         s = self.settings
         tell("rays", 0.05)
-        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree)
-        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree)
+        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
+        late_patterns = s.late_polarisation_degree if s.polarisation else 0
+        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
@@ -155,13 +158,14 @@ class Field(BareField):
             )
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
 
-    def _stage(self, polar: int, around: int, degree: int) -> Callable[[int], Passes]:
-        """What orders of scattering need at one number of directions and harmonics, for each block of wavelengths."""
+    def _stage(self, polar: int, around: int, degree: int, pattern_degree: int) -> Callable[[int], Passes]:
+        """What orders of scattering need at one number of directions, harmonics and patterns, for each block of
+        wavelengths."""
         n = self.nodes
         radius = self.medium.earth_radius_km
         height = n.altitude_km - self.medium.bottom_km
         horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
-        angles = make_angles(horizon, polar, around, degree, self._pattern_degree)
+        angles = make_angles(horizon, polar, around, degree, pattern_degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
         rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
         # air with nothing in it has no points along its rays
@@ -189,6 +193,11 @@ class Field(BareField):
         Errors: TwilightError for a sun that the field was not solved for and an observer below the ground.
         """
         return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
+
+    @property
+    def polarised(self) -> bool:
+        """Whether it was solved with polarisation."""
+        return self.settings.polarisation
 
     def stokes(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
@@ -225,7 +234,7 @@ class Field(BareField):
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
         start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
         rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
-        pairs = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, pairs=True)
+        pairs = trace_rays(self.sight_profile, start, cosine, SHARP * self.settings.sight_density, pairs=True)
         sorted_elevation = np.radians(e[order])
         out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
         for block, solution in enumerate(self.solutions):
