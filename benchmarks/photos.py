@@ -74,7 +74,7 @@ def main() -> None:
         rows = one(name, given.photos, base, library, given.output)
         results.write(
             given.output / f"{name}.csv",
-            ["photograph", "quantity", "value", "standard_error", "low", "high", "told"],
+            ["photograph", "quantity", "value", "standard_error", "low", "high", "constrained"],
             rows,
         )
 
@@ -102,7 +102,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
     )
     best = found[0]
     rows = [
-        [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.told]
+        [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.constrained]
         for p in best.parameters
     ]
     rows.append([name, "misfit", f"{best.misfit:.4g}", "", "", "", ""])
@@ -118,7 +118,9 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
     lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol (OPAC average); fitted:"]
     for p in best.parameters:
         unit = "" if p.unit == "1" else f" {p.unit}"
-        lines.append(f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.told else ' (not told)'}")
+        lines.append(
+            f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.constrained else ' (not constrained)'}"
+        )
     write_figure(
         output / f"{name}.png",
         compared,

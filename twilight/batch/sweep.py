@@ -15,16 +15,17 @@ import numpy as np
 from twilight import __version__, solvers
 from twilight.batch.dimensions import check_keys, dimensions_of, everywhere_observer, is_served, solver_of
 from twilight.batch.task import Block, ScenePosition, Task, code_of
+from twilight.config.climate import climate_files
 from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.engine.memory import check_size
 from twilight.errors import TwilightError
+from twilight.grids import half_of, texture_centres
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.progress import Progress, silent
-from twilight.scene.medium import climate_medium, table_sha256, wavelengths_of
+from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
-from twilight.sky import half_of, texture_centres
 
 MAX_SCENES = 10_000_000
 MAX_FIELDS = 200_000
@@ -95,9 +96,9 @@ class Sweep:
         """What the worker of a task is told."""
         made = self._field_config(task.blocks[0].index)
         config = made.model_dump(mode="json", exclude_unset=True)
-        if config["climate"].get("medium"):  # a worker may run in another folder, and must find the same table
-            table = config["climate"]["medium"]
-            table |= {"table": str(Path(table["table"]).absolute()), "sha256": table_sha256(table["table"])}
+        name_by_content(config["climate"])
+        for section, _, name, _ in climate_files(config["climate"]):  # a worker may run in another folder
+            section[name] = str(Path(section[name]).absolute())
         return {
             "field_key": task.field_key,
             "code": code_of(solver_of(made)),
@@ -137,15 +138,13 @@ class Sweep:
             described = config.model_dump(
                 mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
             )
-            table = config.climate.medium
-            if table is not None:
-                described["table"] = table_sha256(table.table)
+            name_by_content(described["climate"])
             capabilities = solvers.load(solver_of(config)).CAPABILITIES
             if capabilities.reads_files:
                 described["solver"] = complete_solver(config.solver)  # with the content of files that it names
             if self.everywhere:
                 described.pop("observer")
-            asked = to_json([described.get("wavelengths"), described.get("table")])
+            asked = to_json([described.get("wavelengths"), described["climate"].get("medium")])
             if asked not in wavelengths:
                 wavelengths[asked] = self._wavelengths(config)
                 if not np.array_equal(wavelengths[asked], self.wavelength_nm):

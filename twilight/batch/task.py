@@ -10,10 +10,13 @@ from dataclasses import dataclass
 from twilight import solvers
 from twilight.digest import code_digest
 
+SHOWN = ("twilight.sky",)
+"""What shows radiance and does not make it."""
+
 
 def code_of(solver: str) -> str:
     """SHA-256 over the code and data that the skies of a sweep with this solver depend on."""
-    return code_digest("twilight.batch.work", solvers.SOLVERS[solver])
+    return code_digest("twilight.batch.work", solvers.SOLVERS[solver], without=SHOWN)
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def estimate(
 
 
 def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
-    from twilight.config.climate import AerosolType
+    from twilight.config.aerosol import AerosolType
     from twilight.config.validate import unknown
     from twilight.validate.library import OTHERS, Design
 
@@ -196,7 +196,7 @@ def _estimate(
             f"{p.standard_error:.2g}",
             f"{p.low:.4g} to {p.high:.4g}",
             p.unit,
-            "yes" if p.told else "no",
+            "yes" if p.constrained else "no",
         ]
         for p in best.parameters
     ]
@@ -205,7 +205,7 @@ def _estimate(
         [[e.aerosol_type, f"{e.misfit:.4g}", f"{e.chi2_above_best:.3g}"] for e in made],
         right=(1, 2),
     )
-    print_table(["parameter", "value", "+-", "interval", "unit", "told"], rows, right=(1, 2))
+    print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
     for line in sentences(made):
         print(line)
     _compare(image, photograph, final, azimuth, options["white_balance"], folder)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from twilight.config.climate import climate_files
 from twilight.config.scene import Config, SunAt, SunElevation
 from twilight.config.solver import complete_solver
-from twilight.scene.medium import table_sha256, wavelengths_of
+from twilight.scene.medium import name_by_content, wavelengths_of
 
 
 def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dict[str, Any]:
     """The configuration of one frame with every default written out, as JSON values; rendering it gives the frame.
 
-    A tabulated medium is named by its file's name and the SHA-256 of its content, not by where it was.
+    Tables of the climate are named by their files' names and the SHA-256 of their content, not by where they were.
     """
     data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
     data["solver"] = complete_solver(config.solver)
@@ -24,9 +25,10 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
     wavelength_nm = wavelengths_of(config)
     if wavelength_nm is not None:
         data["wavelengths"] = {"list_nm": wavelength_nm.tolist()}
+    name_by_content(data["climate"])
+    for holder, _, name, _ in climate_files(data["climate"]):
+        holder[name] = Path(holder[name]).name
     if config.climate.medium is not None:
-        table = config.climate.medium.table
-        data["climate"]["medium"] |= {"table": Path(table).name, "sha256": table_sha256(table)}
         for key in ("atmosphere", "gases", "refraction"):
             data["climate"].pop(key)
     return data

@@ -11,7 +11,7 @@ hemisphere that is seen.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is 
 Standard errors are from its curvature, intervals from its profile (chi^2 + 1, all others fitted again).
 
 *A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than
-UNTOLD of that of an even spread over the bounds.
+UNCONSTRAINED of that of an even spread over the bounds.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CORRELATED_SR = 0.1
 FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
 """Sum of squares of errors alike over the whole sky: 2 % in luminance and 0.0015 in u', v'."""
 SYSTEMATIC_PLACES = 5.0
-UNTOLD = 0.6
+UNCONSTRAINED = 0.6
 PROFILE_POINTS = 8
 AT_BOUND = 1e-6
 """A fit keeps this much off the bounds, as a share of a parameter's range; nearer than that is at the bound."""
@@ -49,7 +49,8 @@ class Estimated:
     """One parameter: best value, standard error (curvature, in the parameter's unit; at most that of an
     even spread over the bounds), interval of the profile, bounds.
 
-    told: the photograph tells it.  relative_width: its standard deviation within the bounds over that of no knowledge.
+    constrained: the photograph says what it is.  relative_width: its standard deviation within the bounds over that of
+    no knowledge.
     """
 
     name: str
@@ -60,7 +61,7 @@ class Estimated:
     high: float
     bounds: tuple[float, float]
     relative_width: float
-    told: bool
+    constrained: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +223,7 @@ def _describe(
                 high=float(p.value(problem.low[i] + span * high)),
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=share,
-                told=share <= UNTOLD,
+                constrained=share <= UNCONSTRAINED,
             )
         )
     correlation = covariance / np.outer(deviation, deviation)
@@ -282,7 +283,7 @@ def sentences(estimates: list[Estimate]) -> list[str]:
     best = estimates[0]
     out = []
     for p in best.parameters:
-        if not p.told:
+        if not p.constrained:
             out.append(
                 f"{p.name}: the photograph cannot tell it (its standard deviation is {100 * p.relative_width:.0f} % of "
                 f"that of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit})"
@@ -291,5 +292,5 @@ def sentences(estimates: list[Estimate]) -> list[str]:
             out.append(f"{p.name}: lies at the bound {p.value:.3g} {p.unit} of what was tried")
     alike = [e.aerosol_type for e in estimates[1:] if e.chi2_above_best < 4.0]
     if alike:
-        out.append(f"aerosol type: {best.aerosol_type} cannot be told from {', '.join(alike)}")
+        out.append(f"aerosol type: {best.aerosol_type} cannot be distinguished from {', '.join(alike)}")
     return out

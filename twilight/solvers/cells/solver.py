@@ -11,10 +11,9 @@ from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.cells.exact import ExactCells
 from twilight.solvers.cells.isotropic import IsotropicCells
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
-from twilight.solvers.cells.single import single_scattering, unit_vectors
+from twilight.solvers.cells.single import make_sight, single_scattering, unit_vectors
 from twilight.solvers.cells.view import MultipleView, coarse_elevations, horizon_deg
 from twilight.transport.beam import prepare_beam
-from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
@@ -57,14 +56,13 @@ class Field(BareField):
         lit = medium if mode == "isotropic" else self.scaled.medium
         self.beam = prepare_beam(lit, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
-        self.jumps = jump_altitudes(self.profile)
         # On the line of sight light that was scattered once keeps its narrow forward peak only: taking all
         # that similarity calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it
         # would lose light.
         self.sight = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
         self.sight_profile = prepare_profile(self.sight.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
-        common = (medium, self.scaled, self.profile, self.jumps, self.beam, settings, self.observer_altitude_km)
+        common = (medium, self.scaled, self.profile, self.beam, settings, self.observer_altitude_km)
         self.exact = ExactCells(*common) if mode == "exact" and settings.max_events > 1 else None
         self.isotropic = IsotropicCells(*common) if mode == "isotropic" and settings.max_events > 1 else None
         self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
@@ -94,16 +92,8 @@ class Field(BareField):
 
     def single(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Light scattered once, (D, W) [sr^-1], for flat lists of directions in degrees."""
-        return single_scattering(
-            self.sight_profile,
-            self.jumps,
-            self.beam,
-            self.medium,
-            self.sight.forward_share,
-            self.observer_altitude_km,
-            sun_elevation_deg,
-            unit_vectors(elevation_deg, azimuth_deg),
-        )
+        sight = make_sight(self.sight_profile, self.sight, self.observer_altitude_km, elevation_deg, azimuth_deg)
+        return single_scattering(sight, self.beam, self.medium, self.sight.forward_share, sun_elevation_deg)
 
     def _solve(self, sun_elevation_deg: float):
         if self._solved is None or self._solved[0] != sun_elevation_deg:

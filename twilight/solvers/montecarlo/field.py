@@ -76,6 +76,11 @@ class Field(BareField):
         """Sun-normalised radiance L/F0 [sr^-1], shape (..., W); azimuths are from the sun."""
         return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).radiance
 
+    @property
+    def polarised(self) -> bool:
+        """Whether paths carry Stokes vectors."""
+        return self.settings.polarised
+
     def stokes(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised Stokes vectors I, Q, U [sr^-1], shape (..., 3, W); azimuths are from the sun.
 
