@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import sys
+from dataclasses import dataclass, replace
+from types import ModuleType
 
 import numpy as np
 import pytest
 
+from twilight import solvers
 from twilight.config import load
 from twilight.engine import Problem, problem_of
 from twilight.errors import TwilightError
 from twilight.grids import texture_centres
-from twilight.io import read_sky, read_spectral_exr, write_sky, write_spectral_exr
+from twilight.io import read_latlong_exr, read_sky, read_spectral_exr, write_outputs, write_sky, write_spectral_exr
+from twilight.io.picture import view_directions
+from twilight.io.polarisation import polarisation_maps
 from twilight.sky import Sky
 from twilight.solvers.base import BareField, Capabilities
 
@@ -161,6 +166,74 @@ def test_colour_science_reads_the_stokes_components_of_a_spectral_exr(sky, tmp_p
     wavelength, total, _ = read_spectral_exr(path)
     np.testing.assert_allclose(wavelength, NM)
     np.testing.assert_allclose(total, i)
+
+
+def test_the_picture_shows_degree_and_angle_over_the_whole_sky(sky, tmp_path):
+    from PIL import Image
+
+    degree, angle, wavelength = polarisation_maps(sky, 200)
+    assert wavelength == 550.0 and np.isnan(degree[0, 0]) and degree.shape == (200, 200)
+    elevation, azimuth = view_directions("fisheye", 200)
+    inside = elevation > 5.0
+    expected = rayleigh(SUN_DEG, elevation[inside], azimuth[inside])
+    found = degree[inside] * np.exp(2j * np.radians(angle[inside]))
+    right = (expected[:, 1] + 1j * expected[:, 2]) / expected[:, 0]
+    assert np.abs(found - right).max() < 0.01
+    paths = write_outputs(sky, tmp_path, files=("polarisation", "h5"))
+    assert [path.name for path in paths] == ["sky.polarisation.png", "sky.h5"]
+    picture = Image.open(paths[0])
+    assert picture.size[0] > 800 and "configuration_hash" in picture.text
+
+
+def test_a_polariser_changes_the_pictures_and_not_the_radiance(sky, tmp_path):
+    plain = write_outputs(sky, tmp_path / "plain", files=("rgb", "h5"), width=32)
+    behind = write_outputs(sky, tmp_path / "behind", files=("rgb", "h5"), width=32, polariser_deg=0.0)
+    np.testing.assert_array_equal(*(read_sky(paths[1]).stokes for paths in (plain, behind)))
+    ratio = read_latlong_exr(behind[0]).rgb[:8] / read_latlong_exr(plain[0]).rgb[:8]
+    elevation, azimuth = 90.0 - 360.0 * (np.arange(8) + 0.5) / 32, 360.0 * (np.arange(32) + 0.5) / 32 - 180.0
+    expected = rayleigh(SUN_DEG, elevation[:, None], azimuth[None, :])
+    passed = 0.5 * (1.0 + expected[..., 1] / expected[..., 0])
+    np.testing.assert_allclose(ratio[1:, :, 1], passed[1:], atol=0.03)
+
+
+@dataclass(frozen=True)
+class RayleighSettings:
+    polarisation: bool = True
+
+
+def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, monkeypatch):
+    import xarray
+
+    import twilight.accessor  # noqa: F401
+    from twilight.batch.store import open_store
+    from twilight.batch.sweep import Sweep
+    from twilight.batch.work import compute, forget
+    from twilight.config.load import load_axes
+
+    module = ModuleType("rayleigh_toy")
+    module.CAPABILITIES, module.prepare = RayleighSolver.CAPABILITIES, RayleighSolver.prepare
+    module.QUALITIES = {"standard": RayleighSettings()}
+    monkeypatch.setitem(sys.modules, "rayleigh_toy", module)
+    monkeypatch.setitem(solvers.SOLVERS, "rayleigh", "rayleigh_toy")
+    scene = {
+        "version": 1,
+        "climate": {"version": 1, "name": "air"},
+        "solver": {"name": "rayleigh"},
+        "wavelengths": {"list_nm": NM.tolist()},
+        "texture": {"azimuth_count": 12, "elevation_count": 3},
+        "vary": {"sun.elevation_deg": [5.0, 40.0]},
+    }
+    made = Sweep(load_axes(scene))
+    assert list(made.layers) == ["sun_normalised_radiance_q", "sun_normalised_radiance_u"]
+    with open_store(tmp_path / "sweep.zarr", made) as store:
+        for task in made.tasks:
+            store.write(task, compute(made.payload(task), threads=1))
+    forget()
+    data = xarray.open_zarr(tmp_path / "sweep.zarr")
+    assert "vertical plane" in data.sun_normalised_radiance_u.attrs["comment"]
+    back = data.sky.scene(sun_elevation_deg=40.0)
+    expected = rayleigh(40.0, back.elevation_deg[:, None], back.azimuth_deg[None, :])
+    np.testing.assert_allclose(back.stokes[..., 1], expected, atol=1e-6)
 
 
 def test_a_sky_without_polarisation_says_so(sky):

@@ -32,6 +32,8 @@ MAX_POINTS = 1200
 """Points of a line in air without stops; each stop may add four."""
 LONG_STEP_KM = 5.0
 """A longer step is two points: the sunbeam changes by e within tens of km along a line near the terminator."""
+THICK_STEP = 0.5
+"""A step of more optical depths than this is two points too: in thick air the beam changes by e within it."""
 NEGLIGIBLE = 1e-13
 """Scattering optical depth of a step below which it is left out."""
 DARK = 25.0
@@ -254,16 +256,24 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
             z1, psi1, a1 = advance(profile, z, psi, a, GAUSS_HIGH * h)
             i0, f0 = locate(profile, max(lowest, min(highest, z0)))
             i1, f1 = locate(profile, max(lowest, min(highest, z1)))
-            two = pairs or h > LONG_STEP_KM
+            thickest = 0.0
+            for w in range(n_w):
+                thickest = max(
+                    thickest, k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0, k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1
+                )
+            two = pairs or h > LONG_STEP_KM or thickest * h > THICK_STEP
             low_sum = high_sum = strongest = 0.0
             clearest, darkest = 1e300, 0.0
             for w in range(n_w):
-                tau = 0.5 * h * (
-                    k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0 + k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1
-                )  # fmt: skip
-                t = 0.5 * h * math.exp(-passed[w])
-                low = t * math.exp(-GAUSS_LOW * tau) * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
-                high = t * math.exp(-GAUSS_HIGH * tau) * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
+                k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
+                k1 = 0.5 * h * (k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1)
+                tau = k0 + k1
+                t0, t1 = math.exp(-GAUSS_LOW * tau), math.exp(-GAUSS_HIGH * tau)
+                # what a step takes from the light, exactly: thick white air sums thousands of events
+                taken = k0 * t0 + k1 * t1
+                t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 0.0 else 1.0)
+                low = t * t0 * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
+                high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
                 low_sum += low
                 high_sum += high

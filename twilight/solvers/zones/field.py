@@ -14,6 +14,7 @@ from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
+from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
     LANES,
     Scattering,
@@ -23,7 +24,7 @@ from twilight.solvers.zones.paths import (
 )
 from twilight.solvers.zones.polarised import matrix_moments, rotated
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Nodes, Passes, Solution, solve_orders
+from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
