@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from twilight.config import load
-from twilight.run import run
+from twilight.engine import run
 
 
 def main() -> None:

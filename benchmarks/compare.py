@@ -6,11 +6,10 @@
 
 For each climate:
 
-    twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones --set solver.bent_paths=false \
+    twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones \
         --reference benchmarks/reference/CLIMATE.csv
 
-with the solvers in SOLVERS; paths between two scattering events are straight, as the referee's are.  Finished rows are
-kept in out/benchmark-CLIMATE.
+with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def run(climate: str) -> None:
     folder = ROOT / "out" / f"benchmark-{climate}"
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
-        *("--set", f"climate={climate}", "--set", "solver.name=zones", "--set", "solver.bent_paths=false"),
+        *("--set", f"climate={climate}", "--set", "solver.name=zones"),
         *("--reference", f"benchmarks/reference/{climate}.csv"),
         *("--solvers", SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]

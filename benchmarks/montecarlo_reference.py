@@ -1,16 +1,16 @@
 """Referee radiances: of shipped climates, and of two tabulated media that any code can be run on.
 
-    python benchmarks/montecarlo_reference.py climate continental-average   appends to reference/continental-average.csv
-    python benchmarks/montecarlo_reference.py climate continental-average unrefracted    ... -unrefracted.csv
-    python benchmarks/montecarlo_reference.py media        writes reference/{pure,hazy}-air.csv
-    python benchmarks/montecarlo_reference.py pure 0.0     appends to reference/pure-air-albedo-0.csv
-    python benchmarks/montecarlo_reference.py hazy 0.3     and so on
+    python benchmarks/montecarlo_reference.py                            all that follows
+    python benchmarks/montecarlo_reference.py urban desert               writes reference/urban.csv, desert.csv
+    python benchmarks/montecarlo_reference.py continental-average-unrefracted
+    python benchmarks/montecarlo_reference.py hazy-air-albedo-0 pure-air-albedo-0
+    python benchmarks/montecarlo_reference.py media                      writes reference/pure-air.csv, hazy-air.csv
 
-The media are read back from their tables: two climates without their aerosol, one with a Henyey-Greenstein one.
-Climates are built at the three wavelengths, with their Mie phase functions and ground; pure-air is written to
-pure-air-climate.csv.  Sun-normalised radiances [sr^-1] with standard errors, per wavelength, sun and direction, with
-the first orders apart; an observer on the ground; the elevation of a direction is the apparent one (bent lines of
-sight), but in the tables of media and the unrefracted ones lines are straight.  A run goes on where it was stopped.
+Climates are built at the three wavelengths, with their Mie phase matrices and ground; pure-air is written to
+pure-air-climate.csv.  Sun-normalised I, Q, U [sr^-1] with standard errors, per wavelength, sun and direction; observer
+on the ground; the elevation of a direction is the apparent one, and every leg of a path is bent.  The media are read
+back from their tables: two climates without their aerosol, one with a Henyey-Greenstein one; their light is scalar and
+its lines are straight, as in the solver `cells`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from __future__ import annotations
 import csv
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numba
 import numpy as np
+import results
 
 HERE = Path(__file__).parent / "reference"
 WAVELENGTHS_NM = (450.0, 550.0, 680.0)
@@ -35,8 +36,9 @@ DIRECTIONS_DEG = (
     (45.0, 90.0),
     (90.0, 0.0),
 )
-CLIMATE_SUNS_DEG = (0.0, -4.0, 30.0, -6.0, -12.0, 5.0, -9.0, -18.0)
-UNREFRACTED_SUNS_DEG = (0.0, -4.0, 30.0, -6.0, -12.0, 5.0, -9.0, -15.0)
+CLIMATES = ("continental-average", "urban", "desert", "maritime-clean", "pure-air", "volcanic-extreme")
+CLIMATE_SUNS_DEG = (30.0, 10.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -18.0)
+UNREFRACTED_SUNS_DEG = (30.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -15.0)
 CLIMATE_DIRECTIONS_DEG = (
     *((elevation, azimuth) for elevation in (1.0, 2.5, 6.0, 12.0) for azimuth in (0.0, 180.0)),
     *((elevation, azimuth) for elevation in (20.0, 35.0) for azimuth in (30.0, 105.0, 180.0)),
@@ -49,10 +51,15 @@ CLIMATE_DIRECTIONS_DEG = (
     (75.0, 45.0),
     (90.0, 0.0),
 )
-HEADER = (
-    "sun_elevation_deg,elevation_deg,azimuth_deg,wavelength_nm,radiance_per_sr,standard_error_per_sr,"
-    "order_1,order_2,order_3,order_4,order_5,samples"
+COLUMNS = (
+    "sun_elevation_deg",
+    "elevation_deg",
+    "azimuth_deg",
+    "wavelength_nm",
+    "radiance_per_sr",
+    "standard_error_per_sr",
 )
+STOKES_COLUMNS = (*COLUMNS, "q_per_sr", "q_standard_error_per_sr", "u_per_sr", "u_standard_error_per_sr", "samples")
 
 
 def write_media() -> None:
@@ -88,90 +95,91 @@ def write_media() -> None:
 
 
 def target(sun_elevation_deg: float) -> float:
-    """Relative standard error asked for: 0.3 % down to -6 deg, 0.6 % below."""
-    return 0.003 if sun_elevation_deg >= -6.0 else 0.006
-
-
-def climate_target(sun_elevation_deg: float) -> float:
-    """0.3 % down to -6 deg, 0.6 % to -12, 1.2 % below."""
+    """Relative standard error asked for: 0.3 % down to -6 deg, 0.5 % to -12, 1 % below."""
     if sun_elevation_deg >= -6.0:
         return 0.003
-    return 0.006 if sun_elevation_deg >= -12.0 else 0.012
+    return 0.005 if sun_elevation_deg >= -12.0 else 0.01
 
 
-def compute_table(name: str, albedo: float) -> None:
-    """A tabulated medium."""
+def of_medium(name: str) -> None:
+    """A tabulated medium in scalar theory with straight lines: NAME-air-albedo-ALBEDO."""
     from twilight.atmosphere.table import medium_from_table
 
-    medium = medium_from_table(HERE / f"{name}-air.csv", ground_albedo=albedo)
-    path = HERE / f"{name}-air-albedo-{albedo:g}.csv"
-    compute(medium, path, SUNS_DEG, DIRECTIONS_DEG, target, bent_lines_of_sight=False)
+    air, albedo = name.split("-albedo-")
+    medium = medium_from_table(HERE / f"{air}.csv", ground_albedo=float(albedo))
+    field, settings = prepared(medium, bent_lines_of_sight=False, polarisation=False)
+    elevation, azimuth = np.array(DIRECTIONS_DEG).T
+
+    def rows(sun: float):
+        found = replace(field, settings=replace(settings, target_stderr=target(sun))).radiance_with_error(
+            sun, elevation, azimuth
+        )
+        yield from numbers(sun, DIRECTIONS_DEG, medium, found.samples, found.radiance, found.standard_error)
+
+    compute(name, SUNS_DEG, rows, (*COLUMNS, "samples"))
 
 
-def quick_target(sun_elevation_deg: float) -> float:
-    """0.5 % down to -6 deg, 1 % to -12, 2 % below."""
-    if sun_elevation_deg >= -6.0:
-        return 0.005
-    return 0.01 if sun_elevation_deg >= -12.0 else 0.02
-
-
-def compute_climate(name: str, refraction: bool, quick: bool) -> None:
-    """A shipped climate, with all refraction or without any; `quick` takes every second direction and larger errors."""
-    from twilight.air import climate_medium
+def of_climate(name: str) -> None:
+    """A shipped climate, polarised, with all refraction, or without any (NAME-unrefracted)."""
     from twilight.config.load import load_climate
+    from twilight.scene.medium import climate_medium
 
-    medium = climate_medium(load_climate(name), np.array(WAVELENGTHS_NM))
-    file = "pure-air-climate" if name == "pure-air" else name
-    path = HERE / (f"{file}.csv" if refraction else f"{file}-unrefracted.csv")
+    climate = name.removesuffix("-unrefracted")
+    refraction = climate == name
+    medium = climate_medium(load_climate(climate), np.array(WAVELENGTHS_NM))
+    field, settings = prepared(medium, refraction=refraction)
+    elevation, azimuth = np.array(CLIMATE_DIRECTIONS_DEG).T
+
+    def rows(sun: float):
+        found = replace(field, settings=replace(settings, target_stderr=target(sun))).stokes_with_error(
+            sun, elevation, azimuth
+        )
+        columns = [a[:, k] for k in range(3) for a in (found.stokes, found.standard_error)]
+        yield from numbers(sun, CLIMATE_DIRECTIONS_DEG, medium, found.samples, *columns)
+
     suns = CLIMATE_SUNS_DEG if refraction else UNREFRACTED_SUNS_DEG
-    directions = CLIMATE_DIRECTIONS_DEG[::2] if quick else CLIMATE_DIRECTIONS_DEG
-    wanted, most = (quick_target, 40_000) if quick else (climate_target, 400_000)
-    compute(medium, path, suns, directions, wanted, max_samples=most, refraction=refraction)
+    compute("pure-air-climate" if name == "pure-air" else name, suns, rows, STOKES_COLUMNS)
 
 
-def compute(medium, path: Path, suns_deg, directions_deg, target, **change) -> None:
-    """Append the suns that the result file does not hold yet."""
+def prepared(medium, **change):
+    """The referee with enough samples for the faintest direction, and its settings."""
     from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
-    done = set()
-    if path.exists():
-        with open(path) as stream:
-            done = {float(row["sun_elevation_deg"]) for row in csv.DictReader(stream)}
-    elevation, azimuth = np.array(directions_deg).T
-    chosen: dict = {"max_samples": 400_000, "pilot_samples": 48, "seed": 20} | change
-    settings = MonteCarloSettings(**chosen)
-    field = prepare(medium, settings)
+    settings = MonteCarloSettings(max_samples=1_000_000, pilot_samples=48, seed=20, **change)
+    return prepare(medium, settings), settings
+
+
+def numbers(sun: float, directions, medium, samples: np.ndarray, *values: np.ndarray):
+    """Rows of a table from arrays (D, W)."""
+    for d, (elevation, azimuth) in enumerate(directions):
+        for w, nm in enumerate(medium.wavelength_nm):
+            found = [f"{v[d, w]:.6g}" for v in values]
+            yield [f"{sun:g}", f"{elevation:g}", f"{azimuth:g}", f"{nm:g}", *found, samples[d, w]]
+
+
+def compute(name: str, suns_deg, rows_of: Callable, columns) -> None:
+    """All suns of one table, written at the end; what each took is printed."""
+    rows: list = []
     for sun in suns_deg:
-        if sun in done:
-            continue
         start = time.process_time()
-        field = replace(field, settings=replace(settings, target_stderr=target(sun)))
-        result = field.radiance_with_error(sun, elevation, azimuth)
-        lines = [] if path.exists() else [HEADER]
-        for d in range(elevation.size):
-            for w, nm in enumerate(medium.wavelength_nm):
-                values = (
-                    result.radiance[d, w],
-                    result.standard_error[d, w],
-                    *result.order_radiance[:5, d, w],
-                )
-                numbers = ",".join(f"{v:.6g}" for v in values)
-                lines.append(f"{sun:g},{elevation[d]:g},{azimuth[d]:g},{nm:g},{numbers},{result.samples[d, w]}")
-        with open(path, "a") as stream:
-            stream.write("\n".join(lines) + "\n")
-        error = 100 * result.standard_error / result.radiance
+        new = list(rows_of(sun))
+        error = np.array([100.0 * float(row[5]) / float(row[4]) for row in new])
         print(
-            f"{path.stem} sun {sun:5.1f}: error {np.median(error):.2f} % (largest {error.max():.2f} %), "
-            f"{time.process_time() - start:.0f} s",
+            f"{name} sun {sun:5.1f}: error {np.median(error):.2f} % (largest {error.max():.2f} %), "
+            f"{time.process_time() - start:.0f} s of processor time",
             flush=True,
         )
+        rows += new
+    results.write(HERE / f"{name}.csv", columns, rows, command=f"python benchmarks/montecarlo_reference.py {name}")
 
+
+MEDIA = ("hazy-air-albedo-0", "pure-air-albedo-0")
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["media"]:
-        write_media()
-    elif sys.argv[1] == "climate":
-        numba.set_num_threads(1)
-        compute_climate(sys.argv[2], "unrefracted" not in sys.argv[3:], "quick" in sys.argv[3:])
-    else:
-        compute_table(sys.argv[1], float(sys.argv[2]))
+    for name in sys.argv[1:] or (*CLIMATES, "continental-average-unrefracted", *MEDIA):
+        if name == "media":
+            write_media()
+        elif "-albedo-" in name:
+            of_medium(name)
+        else:
+            of_climate(name)

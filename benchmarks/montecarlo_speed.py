@@ -15,8 +15,8 @@ from dataclasses import replace
 import numba
 import numpy as np
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 WAVELENGTH_NM = 550.0

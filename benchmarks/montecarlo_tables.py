@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 WAVELENGTH_NM = 450.0

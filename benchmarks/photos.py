@@ -19,7 +19,7 @@ import results
 from twilight.camera import read_camera
 from twilight.colour import sky_to_xyz
 from twilight.config import load
-from twilight.run import run
+from twilight.engine import run
 from twilight.validate.estimate import estimate, sentences
 from twilight.validate.figure import write_figure
 from twilight.validate.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
@@ -68,13 +68,13 @@ def main() -> None:
         base.sun.elevations_deg,  # type: ignore[union-attr]
         CELL_DEG,
         file=given.library / f"photos_{TYPE}.npz",
-        progress=lambda share, doing: print(doing, flush=True),
+        progress=lambda doing, share: print(doing, flush=True),
     )
     for name in PHOTOS if given.only is None else (given.only,):
         rows = one(name, given.photos, base, library, given.output)
         results.write(
             given.output / f"{name}.csv",
-            ["photograph", "quantity", "value", "standard_error", "low", "high", "told"],
+            ["photograph", "quantity", "value", "standard_error", "low", "high", "constrained"],
             rows,
         )
 
@@ -98,11 +98,11 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         [part],
         white_balance=True,
         refine=lambda _, values: sky_to_xyz(run(scene(values, CELL_DEG)), observer=OBSERVER),
-        progress=lambda share, doing: print(doing, flush=True),
+        progress=lambda doing, share: print(doing, flush=True),
     )
     best = found[0]
     rows = [
-        [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.told]
+        [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.constrained]
         for p in best.parameters
     ]
     rows.append([name, "misfit", f"{best.misfit:.4g}", "", "", "", ""])
@@ -118,7 +118,9 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
     lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol (OPAC average); fitted:"]
     for p in best.parameters:
         unit = "" if p.unit == "1" else f" {p.unit}"
-        lines.append(f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.told else ' (not told)'}")
+        lines.append(
+            f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.constrained else ' (not constrained)'}"
+        )
     write_figure(
         output / f"{name}.png",
         compared,

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
 HERE = Path(__file__).parent

@@ -5,10 +5,10 @@
     python benchmarks/zones_error.py standard urban       and one climate
 
 Writes benchmarks/zones_error.csv when all is asked for, and prints otherwise: relative errors of the radiance over all
-directions and wavelengths of benchmarks/reference/CLIMATE.csv.  The referee's own standard error is subtracted in the
-mean square: `excess_percent` is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8
-wavelengths
-from 380 to 720 nm and all suns, with bent paths, compilation apart; memory is the peak of the process.
+directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as that of `standard` and
+`reference` is; `draft` is scalar.  The referee's own standard error is subtracted in the mean square: `excess_percent`
+is what 95 % of normally distributed errors of the rest would stay below.  Times are for 8 wavelengths from 380 to
+720 nm and all suns, compilation apart; memory is the peak of the process.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from __future__ import annotations
 import resource
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import results
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
 HERE = Path(__file__).parent
@@ -75,13 +74,11 @@ def main(qualities: list[str], climates: list[str]) -> None:
         for climate in climates:
             file = HERE / "reference" / f"{CLIMATES[climate]}.csv"
             if not file.exists():
-                print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py climate {climate} makes it)")
+                print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
                 continue
             table = results.read_numbers(file)
             wavelength_nm = np.unique(table["wavelength_nm"])
-            # the referee is scalar, and bends the sunbeam and lines of sight, not paths between two scattering events
-            settings = replace(zones.QUALITIES[quality], bent_paths=False, polarisation=False)
-            field = zones.prepare(climate_medium(load_climate(climate), wavelength_nm), settings)
+            field = zones.prepare(climate_medium(load_climate(climate), wavelength_nm), zones.QUALITIES[quality])
             seconds, memory = set_up(climate, quality)
             for row in errors(field, table):
                 numbers = [f"{row[0]:g}", *(f"{x:.2f}" for x in row[1:]), f"{seconds:.1f}", f"{memory:.0f}"]

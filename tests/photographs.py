@@ -6,7 +6,7 @@ from twilight import colour
 from twilight.camera import Camera
 from twilight.camera.image import Picture
 from twilight.config import load
-from twilight.run import run
+from twilight.engine import run
 
 
 def preetham(sun_elevation_deg=12.0, **settings):

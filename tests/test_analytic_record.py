@@ -12,8 +12,9 @@ from twilight.batch.sweep import Sweep
 from twilight.config import load
 from twilight.config.load import load_axes
 from twilight.config.scene import SunElevation
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.run import resolved_configuration, run
+from twilight.scene.record import resolved_configuration
 
 SUN = {"sun.elevation_deg": 30.0, "solver.name": "preetham", "texture.resolution_deg": 30.0}
 

@@ -186,10 +186,10 @@ def test_file_that_is_not_a_table(tmp_path):
 
 def test_table_that_is_too_large(tmp_path, monkeypatch):
     path = table(tmp_path, GRID)
-    monkeypatch.setattr("twilight.atmosphere.table.MAX_ROWS", 5)
+    monkeypatch.setattr("twilight.atmosphere.columns.MAX_ROWS", 5)
     with pytest.raises(TwilightError, match="12 rows, at most 5"):
         medium_from_table(path)
-    monkeypatch.setattr("twilight.atmosphere.table.MAX_BYTES", 100)
+    monkeypatch.setattr("twilight.atmosphere.columns.MAX_BYTES", 100)
     with pytest.raises(TwilightError, match="larger than"):
         medium_from_table(path)
 

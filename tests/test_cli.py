@@ -19,6 +19,7 @@ from twilight import solvers
 from twilight.cli.app import app
 from twilight.errors import TwilightError
 from twilight.io.netcdf import read_sky
+from twilight.solvers.base import BareField, Capabilities
 
 FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}
 TABLE = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
@@ -34,7 +35,7 @@ class PlainSettings:
     fail_at_deg: float = 99.0
 
 
-class PlainField:
+class PlainField(BareField):
     """A sky that falls off with the angle from the sun's azimuth; its level is the medium's air at the ground."""
 
     def __init__(self, medium, settings, altitude_km):
@@ -61,6 +62,7 @@ def plain(monkeypatch):
         return PlainField(medium, settings, observer_altitude_km)
 
     module.prepare = prepare
+    module.CAPABILITIES = Capabilities()
     module.QUALITIES = {"standard": PlainSettings(), "bright": PlainSettings(brightness=0.1)}
     monkeypatch.setitem(sys.modules, "plain_solver", module)
     monkeypatch.setitem(solvers.SOLVERS, "plain", "plain_solver")
@@ -177,10 +179,8 @@ def test_a_series_of_a_key_has_one_folder_for_each_value(plain, table, tmp_path)
 
 
 def test_many_wavelengths_go_in_blocks_and_give_the_same(plain, table, tmp_path, monkeypatch):
-    from twilight import run
-
     call("render", table, "--output", tmp_path / "whole")
-    monkeypatch.setattr(run, "WAVELENGTH_BLOCK", 3)
+    monkeypatch.setattr(plain, "CAPABILITIES", Capabilities(wavelengths_at_once=3))
     call("render", table, "--output", tmp_path / "blocks")
     assert [len(w) for w, _ in plain.calls] == [4, 3, 1]
     whole, blocks = (read_sky(tmp_path / name / "sky.h5") for name in ("whole", "blocks"))
@@ -188,9 +188,40 @@ def test_many_wavelengths_go_in_blocks_and_give_the_same(plain, table, tmp_path,
     assert np.array_equal(whole.direct_irradiance, blocks.direct_irradiance)
 
 
+def test_only_the_files_asked_for_are_written(plain, table, tmp_path):
+    result = call("render", table, "--only", "png, h5", "--output", tmp_path / "two")
+    assert result.exit_code == 0, result.stderr
+    assert {p.name for p in (tmp_path / "two").iterdir()} == {"sky.png", "sky.h5"}
+    assert "wrote sky.png, sky.h5 to" in result.stdout
+    call("render", table, "--set", "output.files=[h5]", "--output", tmp_path / "one")
+    assert {p.name for p in (tmp_path / "one").iterdir()} == {"sky.h5"}
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            ["--only", "png,jpg"],
+            "--only: output.files holds 'jpg', which is not a file of a render; allowed are png, rgb",
+        ),
+        (["--only", "png,png"], "lists the same file twice"),
+        (
+            ["--only", "polarisation"],
+            "output.files: polarisation needs polarised light, and plain (standard) computes none",
+        ),
+        (["--polariser", "30"], "output.polariser_deg needs polarised light"),
+        (["--polariser", "300"], "--polariser: output.polariser_deg must be a number from -180"),
+    ],
+)
+def test_files_that_cannot_be_are_refused_before_anything_is_computed(plain, table, tmp_path, options, says):
+    result = call("render", table, *options, "--output", tmp_path / "out")
+    assert result.exit_code == 2 and says in result.stderr, result.stderr
+    assert not plain.calls and not (tmp_path / "out").exists()
+
+
 def test_a_latitude_longitude_width_is_computed_direction_by_direction(plain, table):
     from twilight.config import load
-    from twilight.run import frames
+    from twilight.engine import frames
 
     frame = next(iter(frames(load(table, {"texture.latlong_width": 16, "sun.elevation_deg": 5}))))
     assert frame.panorama is not None
@@ -333,16 +364,18 @@ def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
     program = (
         "import os, sys\n"
         "import types\n"
-        "from twilight import run, solvers\n"
+        "from twilight import engine, solvers\n"
+        "from twilight.solvers.base import Capabilities\n"
         "from twilight.cli.app import app\n"
         "from dataclasses import make_dataclass\n"
-        "plain = types.SimpleNamespace(QUALITIES={'standard': make_dataclass('Settings', [])()})\n"
+        "qualities = {'standard': make_dataclass('Settings', [])()}\n"
+        "plain = types.SimpleNamespace(CAPABILITIES=Capabilities(), QUALITIES=qualities)\n"
         "solvers.load = lambda name: plain\n"
         "def frames(config, progress=None):\n"
         f"    os.kill(os.getpid(), {int(number)})\n"
         "    for _ in range(10**9): pass\n"
         "    yield\n"
-        "run.frames = frames\n"
+        "engine.frames = frames\n"
         "app(['render', *sys.argv[1:]])\n"
     )
     command = [sys.executable, "-c", program, str(table), "--output", str(tmp_path / "sky")]

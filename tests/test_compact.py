@@ -45,7 +45,7 @@ def toy_returned(wavelength, depth):
     return 0.1 * (wavelength / 500.0) ** -3.0 + 0.05 * depth
 
 
-def toy_compute(config, settings, air, wavelength_nm, suns, directions, progress=None):
+def toy_compute(config, solver, settings, air, wavelength_nm, suns, directions, progress=None):
     if progress:
         progress("toy", 0.5)
     wavelength, suns = np.asarray(wavelength_nm, float), np.asarray(suns, float)
@@ -318,8 +318,8 @@ def test_the_shipped_model_is_near_the_solver_of_today(shipped):
     rng = np.random.default_rng(11)
     air = training.Air(0.13, 0.25, 300.0)
     skies = training.compute_skies(
-        config, zones.QUALITIES["draft"], air, [405.0, 477.0, 550.0, 602.0, 700.0], [-14.5, -7.1, -3.1, 0.7, 22.0],
-        lambda sun: training.random_directions(rng, sun),
+        config, zones, zones.QUALITIES["draft"], air, [405.0, 477.0, 550.0, 602.0, 700.0],
+        [-14.5, -7.1, -3.1, 0.7, 22.0], lambda sun: training.random_directions(rng, sun),
     )  # fmt: skip
     errors = []
     for i, sun in enumerate(skies.sun_elevation_deg):

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.config import load_series
-from twilight.plan import make_plan
-from twilight.run import check_size, count_frames
+from twilight.engine import check_size
+from twilight.scene.plan import make_plan
+from twilight.scene.suns import count_suns
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +31,7 @@ TABLE = (
 def look_at(path: Path) -> None:
     """All that a render does with a configuration before the solver."""
     for case in load_series(path)[:20]:
-        count_frames(case.config)
+        count_suns(case.config)
         check_size(case.config)
         make_plan(case.config)
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bent_rays import trace_ray
 
 from twilight.atmosphere.build import build_medium
-from twilight.transport.bent import trace_ray
-from twilight.transport.lines import GROUND, OUT, new_line, refractive_gradient, trace_line
-from twilight.transport.march import jump_altitudes
+from twilight.transport.lines import GROUND, OUT, new_line, trace_line, with_refraction
 from twilight.transport.profile import prepare_profile
 
 
@@ -18,14 +17,15 @@ from twilight.transport.profile import prepare_profile
 def air():
     medium = build_medium(np.array([450.0, 550.0, 680.0]), aerosol=None)
     profile = prepare_profile(medium)
-    return medium, profile, jump_altitudes(profile)
+    return medium, profile
 
 
 def follow(air, altitude_km, elevation_deg, *, bent=True, fineness=2.0):
-    medium, profile, jumps = air
-    line = new_line(medium.n_wavelengths)
-    gradient = refractive_gradient(medium, profile, bent=bent)
-    n, status = trace_line(profile, gradient, jumps, altitude_km, np.sin(np.radians(elevation_deg)), fineness, line)
+    medium, profile = air
+    if bent:
+        profile = with_refraction(profile, medium)
+    line = new_line(profile)
+    n, status = trace_line(profile, altitude_km, np.sin(np.radians(elevation_deg)), fineness, False, line)
     return n, status, line
 
 
@@ -81,7 +81,7 @@ def test_lines_that_meet_the_ground_or_miss_the_air(air):
 def test_scattering_and_what_is_left_add_up_without_absorption(air, elevation_deg):
     medium = replace(air[0], absorption_per_km=np.zeros_like(air[0].absorption_per_km))
     profile = prepare_profile(medium)
-    n, _, line = follow((medium, profile, jump_altitudes(profile)), 0.0, elevation_deg)
+    n, _, line = follow((medium, profile), 0.0, elevation_deg)
     np.testing.assert_allclose(line.weight[:n].sum(axis=0) + line.transmittance, 1.0, rtol=2e-4)
 
 
@@ -102,7 +102,7 @@ def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air
         refractivity=at.refractivity,
     )
     profile = prepare_profile(stepped)
-    smooth, layered = follow(air, 0.0, 1.0)[2], follow((stepped, profile, jump_altitudes(profile)), 0.0, 1.0)[2]
+    smooth, layered = follow(air, 0.0, 1.0)[2], follow((stepped, profile), 0.0, 1.0)[2]
     straight = follow(air, 0.0, 1.0, bent=False)[2]
     bending = smooth.end[0] - straight.end[0]
     assert bending > 0.005

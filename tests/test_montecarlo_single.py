@@ -140,7 +140,7 @@ def test_single_scattering_refracted():
 
 
 def test_refraction_brightens_twilight():
-    # DESIGN fact 7: at -4 deg the refracted beam adds 9 % in the zenith; here single scattering alone
+    # at -4 deg the refracted beam adds 9 % in the zenith; here single scattering alone
     views = (-4.0, 90.0, 0.0)
     bent = prepare(hazy_earth(), SINGLE).radiance(*views)
     straight = prepare(hazy_earth(), replace(SINGLE, refraction=False)).radiance(*views)

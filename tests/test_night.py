@@ -249,7 +249,7 @@ def test_configuration_and_sweep():
 
 def test_a_render_at_a_place_and_time_has_its_own_night():
     """Preetham's formula is quick; the night is added to whatever a solver gives."""
-    from twilight.run import frames
+    from twilight.engine import frames
 
     def at(moment, **more):
         sun = {"at": moment, "latitude_deg": 0.0, "longitude_deg": 0.0, "time_zone": "UTC"}

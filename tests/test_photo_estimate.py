@@ -13,8 +13,8 @@ from twilight.camera import write_camera
 from twilight.camera.image import write_exr
 from twilight.cli.app import app
 from twilight.config import load
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.run import run
 from twilight.sky import Sky, texture_grid
 from twilight.validate.estimate import estimate, facts, sentences
 from twilight.validate.library import (
@@ -100,7 +100,7 @@ def test_known_air_is_recovered(camera):
     found = by_name(estimate(seen(camera, TRUTH), [toy_library()], refine=lambda name, values: toy(**values))[0])
     for name, truth in TRUTH.items():
         p = found[name]
-        assert p.told, name
+        assert p.constrained, name
         assert abs(p.value - truth) < 2.5 * p.standard_error, (name, p)
         assert p.low <= p.value <= p.high
     assert found["aerosol"].value == pytest.approx(0.22, rel=0.01)
@@ -110,10 +110,10 @@ def test_known_air_is_recovered(camera):
 def test_what_leaves_no_mark_is_not_told():
     made = estimate(seen(latlong(), TRUTH), [toy_library()])
     humidity = by_name(made[0])["humidity"]
-    assert not humidity.told and humidity.relative_width > 0.9
+    assert not humidity.constrained and humidity.relative_width > 0.9
     assert humidity.low < 60 and humidity.high > 93
     assert any("humidity: the photograph cannot tell it" in line for line in sentences(made))
-    assert json.loads(json.dumps(facts(made)))[0]["parameters"]["humidity"]["told"] is False
+    assert json.loads(json.dumps(facts(made)))[0]["parameters"]["humidity"]["constrained"] is False
 
 
 def vignetted(rgb):

@@ -9,7 +9,6 @@ import pytest
 from stability_media import Air, medium_of
 
 from twilight import solvers
-from twilight.air import climate_medium
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.layers import Boundaries, EqualAirMass
 from twilight.atmosphere.medium import Medium
@@ -18,6 +17,7 @@ from twilight.atmosphere.profiles import load_profile
 from twilight.config import load
 from twilight.errors import TwilightError
 from twilight.night import night_radiance
+from twilight.scene.medium import climate_medium
 from twilight.transport.beam import beam_at, prepare_beam
 
 RAISED_KM = 2.8
@@ -62,7 +62,7 @@ def quick(name: str):
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_a_solver_knows_the_ground_by_its_lowest_level(low, name):
-    if not solvers.installed(name):
+    if not solvers.load(name).CAPABILITIES.installed:
         pytest.skip(f"needs {name}")
     solver, height_km = solvers.load(name), 0.6
     medium = replace(low, refractivity=0.0 * low.refractivity) if name == "sasktran2" else low

@@ -54,7 +54,8 @@ def test_the_commands_shown_are_understood(command, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("text", blocks("yaml"))
 def test_the_documents_shown_are_valid(text, tmp_path):
-    (tmp_path / "t1.csv").touch()
+    for name in ("t1.csv", "smoke.csv", "smoke-phase.csv"):
+        (tmp_path / name).touch()
     path = tmp_path / "document.yaml"
     path.write_text(text, encoding="utf-8")
     assert load_series(path)

@@ -8,14 +8,16 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from twilight.air import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
 from twilight.config import load, load_climate, load_series
 from twilight.config.library import shipped
-from twilight.describe import horizontal_refraction_arcmin, scale_height_km
+from twilight.engine import run
 from twilight.errors import TwilightError
 from twilight.phase import HENYEY_GREENSTEIN
-from twilight.plan import GAS_TOLERANCE, make_plan
-from twilight.run import count_frames, resolved_configuration, run, suns_of
+from twilight.scene.describe import facts, horizontal_refraction_arcmin, scale_height_km
+from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
+from twilight.scene.plan import GAS_TOLERANCE, make_plan
+from twilight.scene.record import resolved_configuration
+from twilight.scene.suns import count_suns, suns_of
 
 SMALL = {
     "solver": {"name": "cells", "multiple_scattering": "none"},
@@ -103,7 +105,7 @@ def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
 def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
     config = load("saarbruecken-2003-12-08")
     suns = list(suns_of(config))
-    assert len(suns) == count_frames(config) == 31
+    assert len(suns) == count_suns(config) == 31
     assert suns[0].time == datetime(2003, 12, 8, 15, 0, tzinfo=UTC) and suns[0].name == "2003-12-08T1600"
     assert suns[-1].time == datetime(2003, 12, 8, 17, 0, tzinfo=UTC)
     elevations = np.array([sun.elevation_deg for sun in suns])
@@ -190,6 +192,18 @@ def test_keys_of_gases_layers_and_refraction_reach_the_medium():
 def test_a_spectral_albedo_is_linear_between_its_wavelengths_and_constant_outside():
     ground = load("urban", {"ground.albedo": {"wavelength_nm": [400, 600], "albedo": [0.1, 0.5]}}).climate.ground
     assert ground_albedo(ground, np.array([350.0, 400.0, 500.0, 700.0])) == pytest.approx([0.1, 0.1, 0.3, 0.5])
+
+
+def test_described_ozone_says_where_and_when_it_is_from():
+    def ozone(**settings):
+        medium = climate_medium(load("pure-air", settings).climate, np.array([550.0]))
+        return dict(facts(medium))["ozone column"]
+
+    assert ozone() == "334 DU (AFGL 1986, 45 N, July)"
+    assert ozone(**{"atmosphere.profile": "subarctic_winter"}) == "375 DU (AFGL 1986, 60 N, January)"
+    assert ozone(**{"gases.ozone.column_du": 300}) == "300 DU (as asked for)"
+    assert ozone(**{"gases.ozone.day_of_year": 95}) == "370 DU (day 95 of the year, northern midlatitudes)"
+    assert ozone(**{"gases.ozone.treatment": "none"}) == "0 DU"
 
 
 def test_described_figures_are_in_their_known_ranges():

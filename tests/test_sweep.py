@@ -11,15 +11,16 @@ import xarray as xr
 from sweeping import BASE, SUNS, right
 from typer.testing import CliRunner
 
-from twilight.batch.dimensions import describe_key, serves_observers
-from twilight.batch.sky import sky_of
+import twilight.accessor  # noqa: F401 - registers .sky
+from twilight import solvers
+from twilight.batch.dimensions import describe_key
 from twilight.batch.store import JOURNAL, open_store
 from twilight.batch.sweep import Sweep
 from twilight.batch.work import compute, forget
 from twilight.cli.app import app
 from twilight.config.load import load_axes, load_series
+from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.run import run
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +156,8 @@ def test_scenes_that_share_a_field_share_its_computation(toy):
     made = planned(vary)
     assert [d.name for d in made.dimensions] == ["ground_albedo", "sun_elevation_deg", "observer_altitude_km"]
     assert (made.scenes, made.fields, len(made.tasks)) == (12, 2, 2) and made.chunk == (1, 3, 2)
-    assert serves_observers("zones") and serves_observers("toy") and not serves_observers("cells")
+    able = {name: solvers.load(name).CAPABILITIES.every_observer for name in ("zones", "toy", "cells")}
+    assert able == {"zones": True, "toy": True, "cells": False}
     cells = planned(vary, solver={"name": "cells"})
     assert (cells.scenes, cells.fields, cells.chunk) == (12, 4, (1, 1, 3))
     listed = [{"ground.albedo": a, "sun.elevation_deg": s} for s in SUNS for a in (0, 0.5)]
@@ -229,7 +231,7 @@ def test_times_and_places_become_coordinates(toy, client, tmp_path):
             np.datetime64(t).item() for t in ("2026-12-21T15:30", "2026-12-21T15:45", "2026-12-21T16:00")
         ]
         assert data.solar_elevation_angle.dims == data.solar_azimuth_angle.dims == ("sun_latitude_deg", "time")
-        sky = sky_of(data.sel(sun_latitude_deg=54, time="2026-12-21T15:45"))
+        sky = data.sky.scene(sun_latitude_deg=54, time="2026-12-21T15:45")
     config = load_series({**BASE, "sun": sun | {"start": "2026-12-21T16:45", "stop": "2026-12-21T16:45"}})[0].config
     config = config.model_copy(update={"sun": config.sun.model_copy(update={"latitude_deg": 54.0})})
     again = run(config)
@@ -250,7 +252,7 @@ def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):
     assert swept(made, client, tmp_path / "a.zarr")[0].skies == 1
     with xr.open_zarr(tmp_path / "a.zarr") as data:
         assert int(data.status) == 1 and data.sun_normalised_radiance.dims == ("elevation", "azimuth", "wavelength")
-        sky = sky_of(data)
+        sky = data.sky.scene()
     again = run(load_series({**BASE})[0].config)
     assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
     assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 0  # taken up, not begun again

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twilight.air import climate_medium
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.aureole import HIGHEST_DEGREE, forward_peak
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers

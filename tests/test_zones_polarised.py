@@ -25,6 +25,7 @@ SMALL = replace(
     polar_directions=4,
     beam_density=0.4,
     polarisation=True,
+    polarisation_degree=6,
 )
 ELEVATION, AZIMUTH = (g.ravel() for g in np.meshgrid([2.0, 15.0, 50.0, 85.0], [0.0, 45.0, 120.0, 180.0]))
 

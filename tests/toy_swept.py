@@ -9,6 +9,7 @@ import numpy as np
 
 from twilight import solvers
 from twilight.errors import TwilightError
+from twilight.solvers.base import BareField, Capabilities
 
 solvers.SOLVERS["toy"] = "toy_swept"
 
@@ -19,6 +20,7 @@ class Settings:
     factor: float = 1.0
 
 
+CAPABILITIES = Capabilities(every_observer=True)
 QUALITIES = {"standard": Settings()}
 
 
@@ -28,7 +30,7 @@ def truth(factor, albedo, sun, altitude_km, elevation, azimuth, wavelength_nm):
     return factor * (1.0 + albedo) * np.exp(-altitude_km) * shape[..., None] * (np.asarray(wavelength_nm) / 550.0) ** -3
 
 
-class Field:
+class Field(BareField):
     def __init__(self, medium, settings):
         self.medium, self.settings = medium, settings
 

@@ -220,6 +220,21 @@ class CompactSky:
         made._check_shapes(str(path))
         return made
 
+    def __repr__(self) -> str:
+        """Five lines: what the model covers."""
+
+        def ends(nodes: np.ndarray) -> str:
+            return f"{nodes[0]:g} to {nodes[-1]:g}"
+
+        named = self.provenance.get("climate") or self.provenance.get("name") or ""
+        return (
+            f"<CompactSky{f' of {named}' if isinstance(named, str) and named else ''}\n"
+            f"  sun elevation {ends(self.sun_elevation_deg)} deg, wavelength {ends(self.wavelength_nm)} nm\n"
+            f"  aerosol optical depth at 550 nm {ends(self.optical_depth_550nm)}, ground albedo 0 to 1\n"
+            f"  ozone {ends(self.ozone_column_du)} DU, of the climate {self.ozone_reference_du:g}\n"
+            f"  .sky(sun_elevation_deg, wavelength_nm, optical_depth_550nm, ground_albedo, ozone_column_du)>"
+        )
+
     def arrays(self) -> dict[str, np.ndarray]:
         """What the file holds, by name."""
         out: dict[str, Any] = {"format": FORMAT, "documentation": __doc__, "provenance": json.dumps(self.provenance)}

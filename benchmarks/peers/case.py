@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.air import climate_medium
 from twilight.atmosphere.medium import Medium
 from twilight.config import load
+from twilight.scene.medium import climate_medium
 
 CLIMATE = "continental-average"
 WAVELENGTHS_NM = np.linspace(380.0, 720.0, 8)

@@ -72,7 +72,7 @@ def _solver(model: str, variant: str, job: dict):
     solver.prepare(small, quick).radiance(0.0, np.array([10.0]), np.array([0.0]))
 
     def run(medium):
-        known = {"sun_elevations_deg": [q[0] for q in questions]} if hasattr(solver, "TAKES_SUNS") else {}
+        known = {"sun_elevations_deg": [q[0] for q in questions]} if solver.CAPABILITIES.takes_suns else {}
         field = solver.prepare(medium, settings, **known)
         return np.stack([field.radiance(*q) for q in questions])
 

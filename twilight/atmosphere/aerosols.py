@@ -11,7 +11,7 @@ import numpy as np
 
 from twilight.atmosphere import opac
 from twilight.atmosphere.medium import layer_mean
-from twilight.atmosphere.mie import N_ANGLES, particle_optics
+from twilight.atmosphere.mie import N_ANGLES, LogNormal, particle_optics
 from twilight.errors import TwilightError
 from twilight.phase import TABLE, PhaseFunction
 
@@ -108,15 +108,28 @@ def mixture_optics(
 ) -> MixtureOptics:
     """External mixture of OPAC components; the phase matrix is the mean weighted with scattering."""
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
+    particles = [
+        (number, *opac.particles(component, relative_humidity_percent, wavelength))
+        for component, number in number_density_per_cm3.items()
+        if number > 0.0
+    ]
+    return mixture_of(particles, wavelength, phase_function, name, cache_dir)
+
+
+def mixture_of(
+    particles: Iterable[tuple[float, LogNormal, np.ndarray]],
+    wavelength: np.ndarray,
+    phase_function: str = "mie",
+    name: str = "",
+    cache_dir: CacheDir = None,
+) -> MixtureOptics:
+    """External mixture of populations: number per cm^3, size distribution, refractive index n - ik (W,) of each."""
     extinction = np.zeros(wavelength.size)
     scattering = np.zeros(wavelength.size)
     forward = np.zeros(wavelength.size)
     phase = np.zeros((wavelength.size, N_ANGLES))
     elements = np.zeros((4, wavelength.size, N_ANGLES))
-    for component, number in number_density_per_cm3.items():
-        if number <= 0.0:
-            continue
-        size, index = opac.particles(component, relative_humidity_percent, wavelength)
+    for number, size, index in particles:
         optics = particle_optics(size, index, wavelength, cache_dir)
         extinction += number * optics.extinction_per_km
         scattering += number * optics.scattering_per_km
@@ -183,9 +196,12 @@ def tropospheric_regions(
 
     regions = []
     bl_top, base = spec.boundary_layer_end_km(ground_km), spec.base_km(ground_km)
-    if bl_top > ground_km and any(n > 0 for n in spec.number_density_per_cm3.values()):
+    if bl_top > ground_km and (spec.own is not None or any(n > 0 for n in spec.number_density_per_cm3.values())):
         height = math.inf if spec.scale_height_km == opac.CONSTANT_SCALE_HEIGHT_KM else spec.scale_height_km
-        boundary = optics(spec.number_density_per_cm3, spec.relative_humidity_percent, "boundary layer")
+        if spec.own is not None:
+            boundary = spec.own.optics(wavelength_nm, spec.phase_function, "boundary layer", cache_dir)
+        else:
+            boundary = optics(spec.number_density_per_cm3, spec.relative_humidity_percent, "boundary layer")
         regions.append(uniform_region("boundary layer", boundary, ground_km, bl_top, height, base))
     free_intervals = [(bl_top, _free_troposphere_top(spec, stratosphere_bottom_km))]
     dust = spec.mineral_transported

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -67,6 +68,13 @@ class MineralLayer:
             _check("mineral_transported.optical_depth_550nm", self.optical_depth_550nm, 0.0, 100.0)
 
 
+class BoundaryOptics(Protocol):
+    """Optics of particles that are not OPAC's."""
+
+    def optics(self, wavelength_nm, phase_function: str, name: str, cache_dir: Any = None) -> Any:
+        """A MixtureOptics at the wavelengths, at the base of the boundary layer."""
+
+
 @dataclass(frozen=True)
 class AerosolSpec:
     """An aerosol in OPAC's terms.
@@ -83,6 +91,7 @@ class AerosolSpec:
     optical_depth_550nm: if given, the whole tropospheric aerosol (boundary layer, dust, free troposphere) is scaled by
         one factor until the column of all aerosol up to the medium's top has this optical depth at 550 nm.
     phase_function: `mie`, or `henyey_greenstein` with the asymmetry from Mie.
+    own: what the boundary layer holds in place of OPAC's components (see ``twilight.atmosphere.own``).
     """
 
     number_density_per_cm3: Mapping[str, float]
@@ -97,6 +106,7 @@ class AerosolSpec:
     stratosphere: bool = True
     optical_depth_550nm: float | None = None
     phase_function: str = "mie"
+    own: BoundaryOptics | None = None
 
     def __post_init__(self):
         for component, number in self.number_density_per_cm3.items():

@@ -1,4 +1,4 @@
-"""A cache on disk for arrays that are dear to compute, keyed by a hash of everything that enters.
+"""A cache on disk for arrays that take long to compute, keyed by a hash of everything that enters.
 
 One file per entry: 32 bytes SHA-256 of the rest, then float64 little endian.  A file is written whole or not at all;
 one that is damaged does not match its hash and counts as absent.

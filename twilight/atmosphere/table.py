@@ -12,19 +12,21 @@ function as a linear mixture of the Henyey-Greenstein functions of the two level
 
 from __future__ import annotations
 
-import csv
-import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.build import check_ground_albedo
+from twilight.atmosphere.columns import Columns, read_columns
 from twilight.atmosphere.medium import Medium, interpolate_coefficient
+from twilight.atmosphere.own import read_phase
+from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 
-COLUMNS: dict[str, tuple[float, float, str]] = {
+COLUMNS: Columns = {
     "altitude_km": (-1.0, 2000.0, "-1 to 2000"),
     "wavelength_nm": (100.0, 20000.0, "100 to 20000"),
     "air_scattering_per_km": (0.0, 1e6, "0 to 1e6"),
@@ -34,10 +36,12 @@ COLUMNS: dict[str, tuple[float, float, str]] = {
     "absorption_per_km": (0.0, 1e6, "0 to 1e6"),
     "refractivity": (0.0, 0.1, "0 to 0.1"),
 }
-"""Column -> lowest and highest value allowed, and how a message says so."""
+ASYMMETRY = "aerosol_asymmetry"
 
-MAX_ROWS = 2_000_000
-MAX_BYTES = 400_000_000
+PHASE_MODELS: dict[str, Callable] = {
+    "henyey_greenstein": PhaseFunction.henyey_greenstein,
+    "cornette_shanks": PhaseFunction.cornette_shanks,
+}
 
 MAX_PHASE_FUNCTIONS = 8
 """With more different asymmetries than this at one wavelength, a grid of so many stands for them."""
@@ -49,6 +53,9 @@ def medium_from_table(
     ground_albedo=0.0,
     depolarisation=0.0,
     wavelength_nm=None,
+    phase_function: str | os.PathLike | None = None,
+    phase_model: str = "henyey_greenstein",
+    earth_radius_km: float = EARTH_RADIUS_KM,
     name: str = "",
 ) -> Medium:
     """The medium of a table (see the module's text), at the table's own wavelengths or at others inside its range.
@@ -57,12 +64,17 @@ def medium_from_table(
     wavelength_nm: None for the table's.  Others are interpolated: the logarithm of coefficients and refractivity
         linearly in the logarithm of the wavelength (linearly where one end is 0), albedo and asymmetry linearly in it.
 
-    At every level the phase function is the Henyey-Greenstein function of the table's asymmetry.  Where one wavelength
-    has more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
+    phase_function: file of the aerosol's phase function at all levels (``own.read_phase``); the table then has no
+        column aerosol_asymmetry.
+
+    Without it the phase function at every level is the Henyey-Greenstein function of the table's asymmetry, or, where
+    phase_model is `cornette_shanks`, that of Cornette and Shanks with the asymmetry as its g.  Where one wavelength has
+    more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
     Raises TwilightError, with file, line and column, on anything that is not allowed.
     """
     file = Path(path)
-    altitude, table_nm, columns = _grid(file, *_read(file))
+    names = {key: value for key, value in COLUMNS.items() if phase_function is None or key != ASYMMETRY}
+    altitude, table_nm, columns = _grid(file, *read_columns(file, names))
     if wavelength_nm is None:
         wavelength = table_nm
     else:
@@ -70,7 +82,10 @@ def medium_from_table(
         columns = _at_wavelengths(file, columns, table_nm, wavelength)
     albedo = check_ground_albedo(ground_albedo, wavelength.size)
     depolarisation = _check_depolarisation(depolarisation, wavelength.size)
-    share, phases = _phase_functions(columns["aerosol_asymmetry"])
+    if phase_function is None:
+        share, phases = _phase_functions(columns[ASYMMETRY], PHASE_MODELS[phase_model])
+    else:
+        share, phases = np.ones((1, altitude.size, wavelength.size)), (read_phase(Path(phase_function), wavelength),)
     if not np.any(columns["aerosol_extinction_per_km"] > 0):
         share, phases = share[:0], ()
     return Medium(
@@ -86,6 +101,7 @@ def medium_from_table(
         depolarisation=depolarisation,
         ground_albedo=albedo,
         overhead_absorption_optical_depth=np.zeros(wavelength.size),
+        earth_radius_km=earth_radius_km,
         name=name or file.stem,
         notes={"table": file.name},
     )
@@ -98,80 +114,10 @@ def _check_depolarisation(depolarisation, n_wavelengths: int) -> np.ndarray:
     return np.broadcast_to(values.ravel(), (n_wavelengths,)).astype(float)
 
 
-def _read(file: Path) -> tuple[np.ndarray, list[int]]:
-    """All rows in the order of ``COLUMNS``, shape (rows, 8), and the line of each in the file."""
-    try:
-        if file.stat().st_size > MAX_BYTES:
-            raise TwilightError(
-                f"{file}: the table is larger than {MAX_BYTES // 1_000_000} MB, which is the most allowed"
-            )
-        text = file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise TwilightError(f"{file}: not a text file in UTF-8, a CSV table is expected") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise TwilightError(f"{file}: cannot read the table ({reason})") from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if not lines:
-        raise TwilightError(f"{file}: the table is empty, a header with {', '.join(COLUMNS)} is expected")
-    order = _header(file, *lines[0])
-    if len(lines) == 1:
-        raise TwilightError(f"{file}: the table has a header but no rows")
-    if len(lines) - 1 > MAX_ROWS:
-        raise TwilightError(f"{file}: the table has {len(lines) - 1} rows, at most {MAX_ROWS} are allowed")
-    rows = np.empty((len(lines) - 1, len(COLUMNS)))
-    for i, (number, line) in enumerate(lines[1:]):
-        rows[i] = _row(file, number, line, order)
-    return rows, [number for number, _ in lines[1:]]
-
-
-def _fields(file: Path, number: int, line: str) -> list[str]:
-    try:
-        return [field.strip() for field in next(csv.reader([line], strict=True))]
-    except csv.Error as error:
-        raise TwilightError(f"{file}: line {number} is not a line of a CSV table ({error})") from error
-
-
-def _header(file: Path, number: int, line: str) -> list[int]:
-    """Position in the file of each of ``COLUMNS``."""
-    names = _fields(file, number, line)
-    for column in COLUMNS:
-        if names.count(column) != 1:
-            what = "is missing" if column not in names else "appears more than once"
-            raise TwilightError(f"{file}: line {number}: column {column} {what}; needed are {', '.join(COLUMNS)}")
-    for column in names:
-        if column not in COLUMNS:
-            raise TwilightError(
-                f"{file}: line {number}: column `{column}` is not known; allowed are {', '.join(COLUMNS)}"
-            )
-    return [names.index(column) for column in COLUMNS]
-
-
-def _row(file: Path, number: int, line: str, order: list[int]) -> list[float]:
-    fields = _fields(file, number, line)
-    if len(fields) != len(order):
-        raise TwilightError(f"{file}: line {number} has {len(fields)} values, expected {len(order)}")
-    values = []
-    for (column, (lowest, highest, allowed)), position in zip(COLUMNS.items(), order, strict=True):
-        try:
-            value = float(fields[position])
-        except ValueError:
-            value = math.nan
-        if not lowest <= value <= highest:
-            raise TwilightError(
-                f"{file}: line {number}: {column} is `{fields[position][:40]}`, allowed is a number from {allowed}"
-            )
-        values.append(value)
-    return values
-
-
-def _grid(file: Path, rows: np.ndarray, lines: list[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def _grid(
+    file: Path, names: list[str], rows: np.ndarray, lines: list[int]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Altitudes (L,), wavelengths (W,) and the other columns as (L, W)."""
-    names = list(COLUMNS)
     wavelengths = np.unique(rows[:, 1])
     by_wavelength = [np.flatnonzero(rows[:, 1] == w) for w in wavelengths]
     for k, selected in enumerate(by_wavelength):
@@ -248,15 +194,15 @@ def _at_wavelengths(
     out = {}
     for key, values in columns.items():
         low, high = values[:, lower], values[:, upper]
-        if key in ("aerosol_single_scattering_albedo", "aerosol_asymmetry"):
+        if key in ("aerosol_single_scattering_albedo", ASYMMETRY):
             out[key] = low * (1 - fraction) + high * fraction
         else:
             out[key] = interpolate_coefficient(low, high, fraction[None, :])
     return out
 
 
-def _phase_functions(asymmetry: np.ndarray) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
-    """Shares (K, L, W) and K Henyey-Greenstein functions that together give the asymmetry (L, W) at every level."""
+def _phase_functions(asymmetry: np.ndarray, of: Callable) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
+    """Shares (K, L, W) and K phase functions of(g) that together give the asymmetry (L, W) at every level."""
     n_levels, n_wavelengths = asymmetry.shape
     nodes = [np.unique(column) for column in asymmetry.T]
     count = max(node.size for node in nodes)
@@ -269,4 +215,4 @@ def _phase_functions(asymmetry: np.ndarray) -> tuple[np.ndarray, tuple[PhaseFunc
         g[:, w] = np.append(node, np.full(count - node.size, node[-1]))
         position = np.interp(asymmetry[:, w], node, np.arange(node.size))
         share[: node.size, :, w] = np.maximum(0.0, 1.0 - np.abs(position - np.arange(node.size)[:, None]))
-    return share, tuple(PhaseFunction.henyey_greenstein(row) for row in g)
+    return share, tuple(of(row) for row in g)

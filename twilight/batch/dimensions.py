@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from twilight.config.climate import Climate
 from twilight.config.scene import Config, SunElevations, SunInterval
 from twilight.config.vary import LATIN_HYPERCUBE, LIST, Axis
 from twilight.errors import TwilightError
+from twilight.scene.suns import count_suns
 
 SHAPE_KEYS = ("texture", "wavelengths")
 IDLE_KEYS = ("output", "name", "description", "version", "vary", "solar_spectrum")
@@ -81,19 +81,18 @@ def is_served(key: str, everywhere: bool) -> bool:
 
 def everywhere_observer(axes: Iterable[Axis], first: Config) -> bool:
     """Whether the field of every solver of the sweep can be seen from any altitude."""
-    names = {first.solver.get("name", solvers.DEFAULT)}
+    names: set[Any] = {solver_of(first)}
     for axis in axes:
         for point in axis.points:
             section = point.get("solver")
             names.add(section.get("name", solvers.DEFAULT) if isinstance(section, Mapping) else None)
             names.add(point.get("solver.name"))
-    return all(serves_observers(name) for name in names if name in solvers.SOLVERS)
+    return all(solvers.load(name).CAPABILITIES.every_observer for name in names if name in solvers.SOLVERS)
 
 
-def serves_observers(solver: str) -> bool:
-    """Whether a solver's field takes the observer's altitude when it is looked at, not when it is solved."""
-    field = getattr(solvers.load(solver), "Field", None)
-    return field is not None and "observer_altitude_km" in inspect.signature(field.radiance).parameters
+def solver_of(config: Config) -> str:
+    """Name of the solver of a configuration."""
+    return config.solver.get("name", solvers.DEFAULT)
 
 
 def describe_key(key: str) -> tuple[str, str]:
@@ -125,9 +124,7 @@ def _own_suns(axes: tuple[Axis, ...], first: Config, where: str) -> Dimension | 
     if isinstance(first.sun, SunElevations):
         name, size = "sun_elevation_deg", len(first.sun.elevations_deg)
     elif isinstance(first.sun, SunInterval):
-        from twilight.run import count_frames
-
-        name, size = "time", count_frames(first)
+        name, size = "time", count_suns(first)
     else:
         return None
     for key in keys:

@@ -6,14 +6,15 @@ import itertools
 import queue
 import secrets
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from twilight.batch.store import Store
-from twilight.batch.sweep import Task
+from twilight.batch.task import Task
 from twilight.batch.work import compute, forget
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -22,8 +23,6 @@ AHEAD = 2
 """Tasks given out for each worker thread: one at work, one waiting."""
 LOST_AFTER_S = 15.0
 """Without a connection to the scheduler for this long, the sweep ends."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass
@@ -43,7 +42,7 @@ def run_sweep(client: Client, store: Store, *, threads: int | None = None, progr
     threads: of each worker; None: as the worker was started.
     Errors: TwilightError where the scheduler is lost or the store cannot be written; what was finished stays.
     """
-    return _Run(client, store, threads, progress or (lambda doing, share: None)).all_tasks()
+    return _Run(client, store, threads, progress or silent).all_tasks()
 
 
 class _Run:

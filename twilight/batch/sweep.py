@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twilight import __version__, solvers
-from twilight.air import climate_medium, table_sha256, wavelengths_of
-from twilight.batch.dimensions import check_keys, dimensions_of, everywhere_observer, is_served
+from twilight.batch.dimensions import check_keys, dimensions_of, everywhere_observer, is_served, solver_of
+from twilight.batch.task import STANDARD_ERROR, STOKES, STOKES_ERROR, Block, ScenePosition, Task, code_of
+from twilight.config.climate import climate_files
 from twilight.config.load import Series
 from twilight.config.scene import Config
-from twilight.config.solver import complete_solver
+from twilight.config.solver import complete_solver, resolve_solver
+from twilight.engine.memory import check_size
 from twilight.errors import TwilightError
+from twilight.grids import half_of, texture_centres
 from twilight.io.provenance import configuration_hash, to_json
-from twilight.run import _texture, check_size, suns_of
+from twilight.progress import Progress, silent
+from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
+from twilight.scene.suns import suns_of
 
 MAX_SCENES = 10_000_000
 MAX_FIELDS = 200_000
@@ -30,64 +33,6 @@ CHUNK_BYTES = 16 * 2**20
 """Most bytes of radiance in a chunk, before compression."""
 FEW_TASKS, FEW_SKIES = 16, 16
 """Where a sweep would have fewer tasks than the first, its suns are divided, into no fewer than the second."""
-
-_LEFT_ASIDE = ("cli", "compare", "fit", "plotting.py", "describe.py", "colour.py", "batch", "__pycache__")
-"""Parts of the package that the radiance of a configuration does not depend on."""
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class ScenePosition:
-    """Sun and observer of one sky."""
-
-    sun_elevation_deg: float
-    sun_azimuth_deg: float | None
-    distance_au: float
-    observer_altitude_km: float
-    time_s: float | None
-    name: str
-
-
-@dataclass(frozen=True)
-class Block:
-    """One chunk of the dataset: an index along each outer dimension, a range along each inner one."""
-
-    index: tuple[int, ...]
-    ranges: tuple[tuple[int, int], ...]
-
-    @property
-    def skies(self) -> int:
-        """How many skies it holds."""
-        return math.prod(stop - start for start, stop in self.ranges)
-
-    @property
-    def region(self) -> tuple[slice, ...]:
-        """Where it lies in an array over the sweep's dimensions."""
-        return tuple(slice(i, i + 1) for i in self.index) + tuple(slice(*r) for r in self.ranges)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Its shape in that array."""
-        return (1,) * len(self.index) + tuple(stop - start for start, stop in self.ranges)
-
-    def scenes(self) -> Iterator[tuple[int, ...]]:
-        """The index of each of its skies."""
-        return itertools.product(*((i,) for i in self.index), *(range(*r) for r in self.ranges))
-
-
-@dataclass(frozen=True)
-class Task:
-    """What one worker computes at a time: chunks that come out of one field.  key: a hash of all it depends on."""
-
-    key: str
-    field_key: str
-    blocks: tuple[Block, ...]
-
-    @property
-    def skies(self) -> int:
-        """How many skies it computes."""
-        return sum(block.skies for block in self.blocks)
 
 
 class Sweep:
@@ -103,7 +48,7 @@ class Sweep:
     """
 
     def __init__(self, series: Series, progress: Progress | None = None):
-        tell = progress or (lambda doing, share: None)
+        tell = progress or silent
         self.series, where = series, series.where
         count = math.prod(len(axis.points) for axis in series.axes)
         _refuse_too_many(where, count, "scenes", MAX_SCENES)
@@ -123,10 +68,11 @@ class Sweep:
         self.scenes = math.prod(self.shape)
         _refuse_too_many(where, self.scenes, "scenes", MAX_SCENES)
         _refuse_too_many(where, math.prod(d.size for d in self.outer), "fields", MAX_FIELDS)
-        self.elevation_deg, azimuth = _texture(self.first)
-        self.azimuth_deg = np.unique(np.round(np.minimum(azimuth, 360.0 - azimuth), 9))
+        self.elevation_deg, azimuth_deg = texture_centres(self.first.texture.shape)
+        self.azimuth_deg = np.round(azimuth_deg[half_of(azimuth_deg)[0]], 9)
         self.wavelength_nm = self._wavelengths(self.first)
-        self.stochastic = False
+        self.layers: dict[str, None] = {}
+        self.code: dict[str, str] = {}
         self._position_cache = functools.lru_cache(maxsize=100_000)(self._positions)
         field_keys = self._check_fields(tell)
         self._check_inner()
@@ -144,22 +90,22 @@ class Sweep:
     @property
     def _sky_bytes(self) -> int:
         values = self.elevation_deg.size * self.azimuth_deg.size * self.wavelength_nm.size
-        return 4 * values * (2 if self.stochastic else 1)
+        return 4 * values * (1 + len(self.layers))
 
     def payload(self, task: Task) -> dict[str, Any]:
         """What the worker of a task is told."""
-        config = self._field_config(task.blocks[0].index).model_dump(mode="json", exclude_unset=True)
-        if config["climate"].get("medium"):  # a worker may run in another folder, and must find the same table
-            table = config["climate"]["medium"]
-            table |= {"table": str(Path(table["table"]).absolute()), "sha256": table_sha256(table["table"])}
+        made = self._field_config(task.blocks[0].index)
+        config = made.model_dump(mode="json", exclude_unset=True)
+        name_by_content(config["climate"])
+        for section, _, name, _ in climate_files(config["climate"]):  # a worker may run in another folder
+            section[name] = str(Path(section[name]).absolute())
         return {
             "field_key": task.field_key,
-            "code": code_digest(),
+            "code": code_of(solver_of(made)),
             "config": config,
             "wavelength_nm": self.wavelength_nm,
             "elevation_deg": self.elevation_deg,
             "azimuth_deg": self.azimuth_deg,
-            "everywhere": self.everywhere,
             "blocks": [[self.position(scene) for scene in block.scenes()] for block in task.blocks],
         }
 
@@ -192,14 +138,13 @@ class Sweep:
             described = config.model_dump(
                 mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
             )
-            table = config.climate.medium
-            if table is not None:
-                described["table"] = table_sha256(table.table)
-            if hasattr(solvers.load(config.solver.get("name", solvers.DEFAULT)), "recorded"):
+            name_by_content(described["climate"])
+            capabilities = solvers.load(solver_of(config)).CAPABILITIES
+            if capabilities.reads_files:
                 described["solver"] = complete_solver(config.solver)  # with the content of files that it names
             if self.everywhere:
                 described.pop("observer")
-            asked = to_json([described.get("wavelengths"), described.get("table")])
+            asked = to_json([described.get("wavelengths"), described["climate"].get("medium")])
             if asked not in wavelengths:
                 wavelengths[asked] = self._wavelengths(config)
                 if not np.array_equal(wavelengths[asked], self.wavelength_nm):
@@ -207,9 +152,19 @@ class Sweep:
                         f"{self.series.where}: vary: {self._describe(index)} has other wavelengths than the first "
                         f"scene; set wavelengths for all"
                     )
-            self.stochastic = self.stochastic or _is_stochastic(config.solver.get("name", solvers.DEFAULT))
-            keys[index] = configuration_hash([described, self.wavelength_nm, code_digest()])[:24]
+            self._add_layers(config)
+            code = self.code[solver_of(config)] = code_of(solver_of(config))
+            keys[index] = configuration_hash([described, self.wavelength_nm, code])[:24]
         return keys
+
+    def _add_layers(self, config: Config) -> None:
+        """Note what the solver of a configuration gives beside radiance (`layers`: names of variables)."""
+        name, _, settings = resolve_solver(config.solver)
+        able = solvers.load(name).CAPABILITIES
+        polarised = able.stokes and settings.polarisation
+        self.layers |= dict.fromkeys([STANDARD_ERROR] if able.standard_error else [])
+        self.layers |= dict.fromkeys(STOKES if polarised else ())
+        self.layers |= dict.fromkeys(STOKES_ERROR if polarised and able.standard_error else ())
 
     def _check_inner(self) -> None:
         """Each value along the inner dimensions is validated alone: suns and observers do not depend on each other."""
@@ -292,7 +247,7 @@ class Sweep:
     def _document(self) -> dict[str, Any]:
         return {
             "version": __version__,
-            "code": code_digest(),
+            "code": dict(sorted(self.code.items())),
             "configuration": self.first.model_dump(mode="json", exclude_none=True, exclude={"vary", "output"}),
             "dimensions": {
                 d.name: self.first.sun.model_dump(mode="json") if d.axis is None else list(d.axis.points)
@@ -312,23 +267,6 @@ def _packed(blocks: list[Block], most: int) -> Iterator[list[Block]]:
     yield together
 
 
-def _is_stochastic(solver: str) -> bool:
-    return hasattr(getattr(solvers.load(solver), "Field", None), "radiance_with_error")
-
-
 def _refuse_too_many(where: str, count: int, what: str, most: int) -> None:
     if count > most:
         raise TwilightError(f"{where}: vary asks for {count:,} {what}; one sweep takes {most:,} at most")
-
-
-@functools.cache
-def code_digest() -> str:
-    """SHA-256 over the parts of the program and of its data that radiances depend on."""
-    package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for file in sorted(f for f in package.rglob("*") if f.is_file()):
-        parts = file.relative_to(package).parts
-        if parts[0] not in _LEFT_ASIDE and "__pycache__" not in parts:
-            digest.update("/".join(parts).encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()

@@ -78,8 +78,9 @@ def _compare(
     from twilight.compare.bench import Bench
     from twilight.compare.directions import stratified_directions, sun_elevations
     from twilight.compare.referee import Referee, read_references, some_suns, write_references
+    from twilight.engine import check_size
     from twilight.io.whole import check_folder
-    from twilight.run import check_size
+    from twilight.progress import part_of
 
     rungs = comparison.ladder(wanted)
     check_size(config)
@@ -96,7 +97,7 @@ def _compare(
             made = 0.3
             referee = Referee(config, folder / "rows", reference_stderr, time_limit_s)
             grid = stratified_directions(config.texture.shape, directions)
-            references = referee.references(suns or [], grid, lambda doing, share: progress(made * share, doing))
+            references = referee.references(suns or [], grid, part_of(progress, 0.0, made))
             write_references(folder / "referee.csv", references)
         bench = Bench(folder / "rows", time_limit_s)
         steps = comparison.compare(
@@ -105,7 +106,7 @@ def _compare(
             references,
             bench,
             repeats=repeats,
-            progress=lambda doing, share: progress(made + (1 - made) * share, doing),
+            progress=part_of(progress, made, 1.0 - made),
         )
         for found in steps:
             rows += found
@@ -141,7 +142,7 @@ def _ablate(
             tuple(suns or sun_elevations(config)),
             Bench(folder / "rows", time_limit_s),
             repeats=repeats,
-            progress=lambda doing, share: progress(share, doing),
+            progress=progress,
         )
         for found in steps:
             rows += found

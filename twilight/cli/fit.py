@@ -73,11 +73,12 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
     import numpy as np
 
     from twilight.config import load_series
+    from twilight.config.solver import resolve_solver
     from twilight.fit.document import write_set
     from twilight.fit.errors import error_of
     from twilight.fit.perez import fit_set
     from twilight.fit.truth import compute_truth
-    from twilight.run import resolve_solver_of
+    from twilight.progress import part_of
     from twilight.solvers.analytic.coefficients import load_coefficients
 
     cases = load_series(scene, chosen, names)
@@ -86,22 +87,20 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
     config = cases[0].config
     name = config.title if haze == "climate" else f"{config.title}-{haze}"
     path = _path(output, name)
-    solver, quality, _ = resolve_solver_of(config)
+    solver, quality, _ = resolve_solver(config.solver)
     suns = [float(z) for z in np.linspace(0.0, 90.0 - LOWEST_SUN_DEG, SUNS)]
     with progress_bar() as bar:
         share = len(TURBIDITIES) / (len(TURBIDITIES) + len(HELD_OUT_TURBIDITIES))
-        truth = compute_truth(
-            config, TURBIDITIES, suns, DIRECTIONS, haze, lambda doing, done: bar(0.9 * share * done, doing)
-        )
+        truth = compute_truth(config, TURBIDITIES, suns, DIRECTIONS, haze, part_of(bar, 0.0, 0.9 * share))
         held_out = compute_truth(
             config,
             HELD_OUT_TURBIDITIES,
             HELD_OUT_SUN_ZENITH_DEG,
             DIRECTIONS,
             haze,
-            lambda doing, done: bar(0.9 * (share + (1 - share) * done), f"held out: {doing}"),
+            part_of(bar, 0.9 * share, 0.9 * (1.0 - share), "held out:"),
         )
-        bar(0.9, "least squares")
+        bar("least squares", 0.9)
         made = fit_set(truth.skies, name, f"twilight fit perez, {solver} ({quality}), haze: {haze}")
     sets = {"preetham1999": load_coefficients("preetham1999"), "this fit": made}
     groups = {"fitted skies": truth.skies, "held-out skies": held_out.skies}
@@ -185,20 +184,19 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
         yield Path(scene).resolve().parent.name + "_" + Path(scene).stem, read_sky(scene)
         return
     from twilight.config import load_series
-    from twilight.run import count_frames, frames
+    from twilight.engine import frames
+    from twilight.progress import part_of
+    from twilight.scene.suns import count_suns
 
     cases = load_series(scene, chosen, names)
-    total = sum(count_frames(case.config) for case in cases)
+    total = sum(count_suns(case.config) for case in cases)
     done = 0
     with progress_bar() as bar:
         for case in cases:
-
-            def tell(doing: str, share: float, done: int = done, case: Any = case) -> None:
-                bar((done + share * count_frames(case.config)) / total, f"{case.name} {doing}".strip())
-
+            tell = part_of(bar, done / total, count_suns(case.config) / total, case.name)
             for frame in frames(case.config, tell):
                 yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
-            done += count_frames(case.config)
+            done += count_suns(case.config)
 
 
 def _path(output: Path | None, name: str) -> Path:

@@ -44,7 +44,7 @@ def compact(
     check_folder(path.parent)
     path.parent.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
-        fit = fit_compact(config, depths, lambda doing, share: bar(share, doing))
+        fit = fit_compact(config, depths, bar)
     size = write_model(fit.model, path)
     value_s, sky_s = seconds_per_value(fit.model)
     rows = [

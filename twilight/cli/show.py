@@ -17,9 +17,9 @@ DESCRIBED_NM = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 720.0)
 
 def climates() -> None:
     """List the climates that come with twilight, with their aerosol optical depth at 550 nm."""
-    from twilight.air import climate_medium
     from twilight.config import load_climate
     from twilight.config.library import shipped
+    from twilight.scene.medium import climate_medium
 
     rows = []
     for name, path in shipped("climates").items():
@@ -33,12 +33,12 @@ def configs() -> None:
     """List the configurations that come with twilight."""
     from twilight.config import load_series
     from twilight.config.library import shipped
-    from twilight.run import count_frames
+    from twilight.scene.suns import count_suns
 
     rows = []
     for name, path in shipped("configs").items():
         cases = load_series(path)
-        rows.append([name, str(sum(count_frames(c.config) for c in cases)), cases[0].config.description])
+        rows.append([name, str(sum(count_suns(c.config) for c in cases)), cases[0].config.description])
     print_table(["configuration", "frames", "description"], rows, right=(1,))
 
 
@@ -76,11 +76,11 @@ def describe(
     ] = None,
 ) -> None:
     """Print a climate's optical depths, scale heights and refraction, and draw its profile."""
-    from twilight.air import climate_medium
     from twilight.config import load_climate
-    from twilight.describe import facts, optical_depths
     from twilight.io.whole import check_folder
     from twilight.plotting import profile_figure
+    from twilight.scene.describe import facts, optical_depths
+    from twilight.scene.medium import climate_medium
 
     model = load_climate(climate)
     path = output or Path("out") / f"{model.name}_profile.png"

@@ -52,7 +52,7 @@ def sweep(
     chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names)
     with progress_bar() as bar:
-        made = Sweep(series, lambda doing, share: bar(share, doing))
+        made = Sweep(series, bar)
     warn_of_slips(made.first)
     name = file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
@@ -72,12 +72,10 @@ def _run(made: Any, path: Path, place: Any) -> None:
         had = len(store.done)
         if store.damaged:
             print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
-        bar(0.0, "starting workers")
+        bar("starting workers", 0.0)
         if had < len(made.tasks):
             with connect(place) as client:
-                outcome = run_sweep(
-                    client, store, threads=place.threads, progress=lambda doing, share: bar(share, doing)
-                )
+                outcome = run_sweep(client, store, threads=place.threads, progress=bar)
         else:
             from twilight.batch.run import Outcome
 

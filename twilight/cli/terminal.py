@@ -14,6 +14,7 @@ from typing import Any
 import typer
 
 from twilight.errors import TwilightError, TwilightWarning
+from twilight.progress import Progress, silent
 
 
 def sentences(command: Callable[..., None]) -> Callable[..., None]:
@@ -72,24 +73,25 @@ def _leaving_on_sigterm() -> Iterator[None]:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[float, str], None]]:
+def progress_bar() -> Iterator[Progress]:
     """A bar with the time left on stderr, nothing where stderr is not a terminal.
 
-    Gives a function of the share done (0 to 1) and a few words on what is being done.
+    Gives a function of a few words on what is being done and the share done, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield lambda share, doing: None
+        yield silent
         return
+    from rich import progress as rich_progress
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
     from rich.table import Column
 
     words = TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis"))
     columns = (BarColumn(bar_width=24), TaskProgressColumn(), _time_left_column(), words)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda share, doing: bar.update(task, completed=share, description=escape(doing))
+        yield lambda doing, share: bar.update(task, completed=share, description=escape(doing))
 
 
 def _time_left_column() -> Any:

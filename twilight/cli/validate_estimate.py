@@ -92,7 +92,7 @@ def estimate(
 
 
 def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
-    from twilight.config.climate import AerosolType
+    from twilight.config.aerosol import AerosolType
     from twilight.config.validate import unknown
     from twilight.validate.library import OTHERS, Design
 
@@ -152,7 +152,8 @@ def _estimate(
 ) -> None:
     from twilight.cli.validate_photo import _compare
     from twilight.colour import sky_to_xyz
-    from twilight.run import run
+    from twilight.engine import run
+    from twilight.progress import part_of
     from twilight.validate.estimate import estimate as fit
     from twilight.validate.estimate import facts, sentences
     from twilight.validate.library import make_library
@@ -164,10 +165,7 @@ def _estimate(
         libraries = []
         for i, name in enumerate(types):
             file = None if folder_of_libraries is None else folder_of_libraries / f"{config.title}_{name}.npz"
-
-            def tell(share: float, doing: str, i: int = i) -> None:
-                bar(0.85 * (i + share) / len(types), doing)
-
+            tell = part_of(bar, 0.85 * i / len(types), 0.85 / len(types))
             libraries.append(make_library(config, design, name, suns, photograph.cell_deg, file=file, progress=tell))
         # the glare of a sun whose height is searched is masked about the middle of the search
         middle = libraries[0].apparent_elevations_deg
@@ -177,9 +175,7 @@ def _estimate(
         def compute(name: str, values: Any) -> Any:
             return sky_to_xyz(run(_scene(config, design, values, name, photograph.cell_deg)), observer=OBSERVER)
 
-        made = fit(
-            seen.sky, libraries, refine=compute, progress=lambda share, doing: bar(0.85 + 0.1 * share, doing), **options
-        )
+        made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
     best = made[0]
     final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg)
     _write_climate(folder / "climate.yaml", final.climate)
@@ -200,7 +196,7 @@ def _estimate(
             f"{p.standard_error:.2g}",
             f"{p.low:.4g} to {p.high:.4g}",
             p.unit,
-            "yes" if p.told else "no",
+            "yes" if p.constrained else "no",
         ]
         for p in best.parameters
     ]
@@ -209,7 +205,7 @@ def _estimate(
         [[e.aerosol_type, f"{e.misfit:.4g}", f"{e.chi2_above_best:.3g}"] for e in made],
         right=(1, 2),
     )
-    print_table(["parameter", "value", "+-", "interval", "unit", "told"], rows, right=(1, 2))
+    print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
     for line in sentences(made):
         print(line)
     _compare(image, photograph, final, azimuth, options["white_balance"], folder)

@@ -76,7 +76,9 @@ def photo(
 def _compare(
     image: Path, photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
 ) -> None:
-    from twilight.run import count_frames, frames
+    from twilight.engine import frames
+    from twilight.progress import part_of
+    from twilight.scene.suns import count_suns
     from twilight.validate import photo as comparing
     from twilight.validate.figure import summary, write_figure
     from twilight.validate.report import write_dataset, write_json, write_profiles, write_suns
@@ -85,8 +87,8 @@ def _compare(
     rows = []
     note = ""
     with progress_bar() as bar:
-        bar(0.0, "looking at the photograph")
-        for frame in frames(config, lambda doing, share: bar(0.9 * share, doing)):
+        bar("looking at the photograph", 0.0)
+        for frame in frames(config, part_of(bar, 0.0, 0.9)):
             sky = frame.sky
             azimuth, note = _azimuth(photograph, sky, sun_azimuth)
             apparent = (
@@ -99,7 +101,7 @@ def _compare(
             rows.append((frame.name, sky.sun_elevation_deg, misfit, found.figures))
             if best is None or misfit < best[0]:
                 best = (misfit, sky, seen, found, azimuth)
-        bar(0.92, "drawing")
+        bar("drawing", 0.92)
         _, sky, seen, found, azimuth = best
         facts = {
             "photograph": image.name,
@@ -116,7 +118,7 @@ def _compare(
         write_json(folder / "figures.json", facts)
         write_profiles(folder / "profiles.csv", found)
         write_dataset(folder / "comparison.h5", found, facts)
-        if count_frames(config) > 1:
+        if count_suns(config) > 1:
             write_suns(folder / "suns.csv", rows)
     if len(rows) > 1:
         columns = ["sun", "misfit", "luminance rms", "solar meridian", "u'v'"]

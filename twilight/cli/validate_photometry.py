@@ -30,6 +30,7 @@ def photometry(
     """
     from twilight.config import load
     from twilight.io.whole import check_folder
+    from twilight.progress import part_of
     from twilight.validate import photometry as work
     from twilight.validate import photometry_report as report
 
@@ -53,10 +54,7 @@ def photometry(
     air: list[str] = []
     with progress_bar() as progress:
         for i, config in enumerate(configs):
-
-            def tell(doing: str, share: float, i: int = i) -> None:
-                progress((i + share) / len(configs), f"{titles[i]} {doing}")
-
+            tell = part_of(progress, i / len(configs), 1.0 / len(configs), titles[i])
             found, transmission = work.photometry(config, tell)
             points += found
             for site in work.KOOMEN_SITES:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twilight.air import wavelengths_of
 from twilight.compare.accuracy import ColourSpread, Spread, colour_spread, radiance_spread
 from twilight.compare.bench import Bench
 from twilight.compare.comparison import Row, Rung
@@ -18,6 +17,8 @@ from twilight.compare.job import Directions, Job
 from twilight.config import load
 from twilight.config.scene import PLACED_NM, Config
 from twilight.errors import TwilightError
+from twilight.progress import Progress, part_of, silent
+from twilight.scene.medium import wavelengths_of
 
 DIRECTIONS = 240
 """Directions of the texture that are compared, about one in eight of its half."""
@@ -152,18 +153,15 @@ def ablate(
     *,
     ablations: tuple[Ablation, ...] = ABLATIONS,
     repeats: int = 1,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Iterator[list[AblationRow]]:
     """For each ablation its rows, one for each sun; `chosen` are settings of the scene, which ablations override.
 
     A simplification that the scene has no place for (the top of a tabulated medium) gives rows with the reason.
     """
-    tell = progress or (lambda doing, share: None)
+    tell = progress or silent
     for i, ablation in enumerate(ablations):
-
-        def report(doing: str, share: float, i: int = i, name: str = ablation.name) -> None:
-            tell(f"{name}: {doing}", (i + share) / len(ablations))
-
+        report = part_of(tell, i / len(ablations), 1.0 / len(ablations), f"{ablation.name}:")
         report("starting", 0.0)
         try:
             full = _measured(scene, {**chosen, **ablation.against}, suns, bench, repeats, report)
@@ -180,7 +178,7 @@ def _measured(
     suns: tuple[float, ...],
     bench: Bench,
     repeats: int,
-    report: Callable[[str, float], None],
+    report: Progress,
 ) -> tuple[Config, Job, dict[float, Any]]:
     config = load(scene, settings)
     elevation, azimuth = stratified_directions(config.texture.shape, DIRECTIONS)

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,11 +18,10 @@ import numpy as np
 from twilight.compare.job import Job, Outcome, Timing
 from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
+from twilight.progress import Progress, silent
 from twilight.reading import read_text
 
 MAX_ROW_BYTES = 200_000_000
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass
@@ -42,7 +40,7 @@ class Bench:
         outcomes = {sun: self._kept(job, sun) for sun in job.suns}
         suns = tuple(s for s in job.suns if not outcomes[s].reason and self._missing(job, outcomes[s]))
         if suns:
-            self._run(job, suns, outcomes, progress or (lambda doing, share: None))
+            self._run(job, suns, outcomes, progress or silent)
         return outcomes
 
     @staticmethod

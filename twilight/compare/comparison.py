@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from twilight import solvers
-from twilight.air import wavelengths_of
 from twilight.compare.accuracy import ColourSpread, Spread, colour_spread, radiance_spread
 from twilight.compare.bench import Bench
 from twilight.compare.job import Directions, Job, Outcome, Timing
 from twilight.compare.referee import Reference
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
-from twilight.config.validate import Origins, unknown
+from twilight.config.validate import unknown
 from twilight.errors import TwilightError
-
-Progress = Callable[[str, float], None]
+from twilight.progress import Progress, part_of, silent
+from twilight.scene.medium import wavelengths_of
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def ladder(names: Sequence[str] | None, where: str = "--solvers") -> list[Rung]:
     Errors: TwilightError for a solver or quality that does not exist.
     """
     rungs: list[Rung] = []
-    for name in names or filter(solvers.installed, solvers.SOLVERS):
+    for name in names or solvers.installed():
         solver, colon, quality = (part.strip() for part in name.partition(":"))
         if solver not in solvers.SOLVERS:
             raise TwilightError(f"{where}: {solver} {unknown(solver, solvers.SOLVERS, 'solver')}")
@@ -108,7 +107,7 @@ def with_rung(config: Config, rung: Rung) -> Config:
     names."""
     own = config.solver.get("name", solvers.DEFAULT) == rung.solver
     section = {**(config.solver if own else {}), "name": rung.solver, "quality": rung.quality}
-    resolve_solver(section, Origins())
+    resolve_solver(section)
     return config.model_copy(update={"solver": section})
 
 
@@ -122,14 +121,11 @@ def compare(
     progress: Progress | None = None,
 ) -> Iterator[list[Row]]:
     """For each rung its rows, one for each sun of the references, as soon as they are known."""
-    tell = progress or (lambda doing, share: None)
+    tell = progress or silent
     own_nm = wavelengths_of(config)
     rows, columns = config.texture.shape
     for i, rung in enumerate(rungs):
-
-        def report(doing: str, share: float, i: int = i, rung: Rung = rung) -> None:
-            tell(f"{rung.name}: {doing}", (i + share) / len(rungs))
-
+        report = part_of(tell, i / len(rungs), 1.0 / len(rungs), f"{rung.name}:")
         report("starting", 0.0)
         directions = {sun: _directions(r, own_nm) for sun, r in references.items()}
         job = Job(with_rung(config, rung), tuple(references), directions, repeats=repeats)

@@ -5,15 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.config.scene import Config
-from twilight.run import suns_of
+from twilight.grids import half_of, texture_centres
+from twilight.scene.suns import suns_of
 
 _GOLDEN = 0.6180339887498949
-
-
-def texture_centres(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Elevations of the rows and azimuths of the columns of a texture [deg]."""
-    rows, columns = shape
-    return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(columns) * (360.0 / columns)
 
 
 def half_texture(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -22,7 +17,7 @@ def half_texture(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     The sky is its own mirror image about that plane, so the other half holds nothing new.
     """
     elevation, azimuth = texture_centres(shape)
-    e, a = np.meshgrid(elevation, azimuth[azimuth <= 180.0 + 1e-9], indexing="ij")
+    e, a = np.meshgrid(elevation, azimuth[half_of(azimuth)[0]], indexing="ij")
     return e.ravel(), a.ravel()
 
 
@@ -34,7 +29,7 @@ def stratified_directions(shape: tuple[int, int], count: int) -> tuple[np.ndarra
     The whole half texture is given where `count` is not below it; pixels that come up twice are given once.
     """
     elevation, azimuth = texture_centres(shape)
-    azimuth = azimuth[azimuth <= 180.0 + 1e-9]
+    azimuth = azimuth[half_of(azimuth)[0]]
     if count >= elevation.size * azimuth.size:
         return half_texture(shape)
     i = np.arange(count)

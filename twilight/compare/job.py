@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import asdict, dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 from twilight import __version__, solvers
 from twilight.config.scene import Config, SunElevation
 from twilight.config.solver import resolve_solver
-from twilight.config.validate import Origins
+from twilight.digest import code_digest
 from twilight.io.provenance import configuration_hash
-from twilight.run import resolved_configuration
-
-_SHARED = ("data", "transport", "atmosphere", "phase.py", "geometry.py", "spectrum.py", "conventions.py", "air.py")
-"""Parts of the package that every radiance depends on, besides its solver."""
-
-_READ = (".py", ".csv", ".npz")
+from twilight.scene.record import resolved_configuration
 
 
 @dataclass(frozen=True)
@@ -57,7 +49,7 @@ class Job:
     def key(self, sun_elevation_deg: float, what: str) -> str:
         """Name under which a sun's `time` or `radiance` is kept: a hash of all that it depends on."""
         asked: dict[str, Any] = resolved_configuration(self.config, SunElevation(elevation_deg=sun_elevation_deg))
-        for part in ("output", "name", "description", "leave_out", "solar_spectrum"):
+        for part in ("output", "name", "description", "solar_spectrum"):
             asked.pop(part, None)
         if what == "radiance":
             asked.pop("texture")
@@ -65,15 +57,15 @@ class Job:
             if directions.wavelength_nm is not None:
                 asked.pop("wavelengths", None)
             asked["directions"] = asdict(directions)
-        elif getattr(solvers.load(self.solver), "TAKES_SUNS", False):
+        elif solvers.load(self.solver).CAPABILITIES.takes_suns:
             asked["all_suns"] = list(self.suns)
-        asked["code"] = code_digest(solvers.SOLVERS[self.solver])
+        asked["code"] = code_of(self.solver)
         asked["version"] = __version__
         return configuration_hash(asked)[:24]
 
     def message(self, suns: tuple[float, ...], timed: tuple[float, ...]) -> dict[str, Any]:
         """What the worker is told, as JSON values; `timed` are the suns whose run time is missing."""
-        name, quality, _ = resolve_solver(self.config.solver, Origins())
+        name, quality, _ = resolve_solver(self.config.solver)
         options = {k: v for k, v in self.config.solver.items() if k not in ("name", "quality")}
         return {
             "module": solvers.SOLVERS[name],
@@ -120,17 +112,6 @@ class Outcome:
     reason: str = ""
 
 
-@cache
-def code_digest(module: str) -> str:
-    """SHA-256 over the solver's source and the parts that all solvers share."""
-    package = Path(__file__).resolve().parents[1]
-    if module.startswith("twilight."):
-        own = package.joinpath(*module.split(".")[1:3])  # with its neighbours, where the solver is in a package
-        places = [own if own.is_dir() else own.with_suffix(".py"), *(package / part for part in _SHARED)]
-    else:
-        places = [package / part for part in _SHARED]
-    digest = hashlib.sha256()
-    for place in places:
-        for file in sorted(f for f in place.rglob("*") if f.suffix in _READ) if place.is_dir() else [place]:
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
+def code_of(solver: str) -> str:
+    """SHA-256 over the code and data that the results of this solver depend on."""
+    return code_digest("twilight.compare.worker", solvers.SOLVERS[solver], without=("twilight.sky",))

@@ -6,19 +6,21 @@ import csv
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from twilight import solvers
-from twilight.air import climate_medium, wavelengths_of
-from twilight.compare.job import Directions, code_digest
+from twilight.compare.job import Directions, code_of
 from twilight.config.scene import Config, SunElevation
+from twilight.engine.solve import Solved, problem_of
 from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
-from twilight.run import resolved_configuration
+from twilight.progress import Meter, Progress
+from twilight.scene.record import resolved_configuration
 
 NAME = "montecarlo"
 SEED = 977
@@ -140,7 +142,7 @@ class Referee:
         self,
         suns: list[float],
         directions: tuple[np.ndarray, np.ndarray],
-        progress: Callable[[str, float], None],
+        progress: Progress,
     ) -> dict[float, Reference]:
         """References of the suns in the directions (elevation, azimuth) [deg]."""
         solver = solvers.load(NAME)
@@ -149,33 +151,35 @@ class Referee:
         )
         self.folder.mkdir(parents=True, exist_ok=True)
         found: dict[float, Reference] = {}
-        made = None
-        stage: list = ["", 0]
-
-        def tell(doing: str | float, share: float | str) -> None:
-            if isinstance(share, str):
-                doing, share = share, doing
-            progress(f"{stage[0]} {doing}", (stage[1] + float(share)) / len(suns))
-
+        solved: Solved | None = None
+        meter = Meter(progress)
         for i, sun in enumerate(suns):
             file = self.folder / f"referee{sun:+g}-{self._key(sun, directions, repr(settings))}.csv"
-            stage[:] = [f"referee, sun {sun:g} deg:", i]
+            meter.phase(f"referee, sun {sun:g} deg:", i / len(suns), 1.0 / len(suns))
             if not file.exists():
-                if made is None:
-                    medium = climate_medium(self.config.climate, wavelengths_of(self.config))
-                    altitude_km = self.config.observer.altitude_km
-                    made = solver.prepare(medium, settings, observer_altitude_km=altitude_km, progress=tell)
-                result = made.radiance_with_error(sun, *directions, checkpoint=file.with_suffix(".part.npz"))
-                error = np.nan_to_num(result.standard_error, nan=0.0)
-                one = Reference(*directions, made.medium.wavelength_nm, result.radiance, error)
-                write_references(file, {sun: one})
+                if solved is None:
+                    solved = problem_of(self.config, by=(solver, settings)).solve(meter)
+                write_references(file, {sun: _computed(solved, sun, directions, file)})
             found[sun] = read_references(file)[sun]
         return found
 
     def _key(self, sun: float, directions: tuple[np.ndarray, np.ndarray], settings: str) -> str:
         asked = resolved_configuration(self.config, SunElevation(elevation_deg=sun))
-        asked = {part: asked.get(part) for part in ("climate", "observer", "wavelengths")}
+        asked = {part: asked.get(part) for part in ("climate", "observer", "wavelengths", "leave_out")}
         asked["directions"] = [d.tolist() for d in directions]
         asked["settings"] = settings
-        asked["code"] = code_digest(solvers.SOLVERS[NAME])
+        asked["code"] = code_of(NAME)
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:24]
+
+
+def _computed(solved: Solved, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> Reference:
+    """The reference of one sun; what is begun is kept in files beside `file` until it is done."""
+    radiance, error = [], []
+    for i, block in enumerate(solved.blocks):
+        field: Any = block.field
+        begun = file.with_suffix(f".part{i or ''}.npz")
+        result = field.radiance_with_error(sun, *directions, checkpoint=begun)
+        radiance.append(result.radiance)
+        error.append(np.nan_to_num(result.standard_error, nan=0.0))
+    nm = solved.medium.wavelength_nm
+    return Reference(*directions, nm, np.concatenate(radiance, axis=-1), np.concatenate(error, axis=-1))

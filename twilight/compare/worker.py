@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from twilight.air import climate_medium, wavelengths_of
-from twilight.compare.directions import texture_centres
 from twilight.config.scene import Config
+from twilight.engine.solve import Problem, Solved, problem_of
 from twilight.errors import TwilightError
+from twilight.grids import half_of, texture_centres
+from twilight.progress import Meter
 
 Send = Callable[[dict[str, Any]], None]
 
@@ -86,55 +87,45 @@ class _Execution:
         self.directions = dict(zip(self.suns, message["directions"], strict=True))
         self.failed: set[float] = set()
         self.sent: set[float] = set()
-        self.phase = (0.0, 0.5)
+        self.meter = Meter(lambda doing, share: send({"progress": [doing, share]}))
+        self.meter.phase("", 0.0, 0.5)
 
     def all_suns(self) -> None:
-        wavelength_nm = wavelengths_of(self.config)
-        medium = climate_medium(self.config.climate, wavelength_nm)
+        problem = self._problem(None)
         clock = _CompilationClock()
         self.before_mib = _peak_mib()
-        self._warm_up(medium)
+        self._warm_up(problem)
         if clock.seconds > 0.0:
             self.send({"compiled_s": clock.seconds})
             raise Compiled
         if self.timed:
-            self._timed_runs(medium, clock)
+            self._timed_runs(problem, clock)
         for wanted in dict.fromkeys(_wavelengths(d) for d in self.directions.values()):
-            there = medium if wanted is None else climate_medium(self.config.climate, np.array(wanted))
             here = [s for s in self.suns if _wavelengths(self.directions[s]) == wanted]
             made = None
             for sun in (s for s in here if s not in self.failed | self.sent):
                 try:
-                    made = made or self._prepare(there)
+                    made = made or (problem if wanted is None else self._problem(np.array(wanted))).solve(self.meter)
                     self._send_radiance(made, sun)
                 except TwilightError as error:
                     self._fail(sun, error)
 
-    def _warm_up(self, medium: Any) -> None:
+    def _problem(self, wavelength_nm: np.ndarray | None) -> Problem:
+        """The scene at its own or at other wavelengths, with the solver and the settings that the job names."""
+        by = self.solver, self.settings
+        return problem_of(self.config, self.message["all_suns"], wavelength_nm=wavelength_nm, by=by)
+
+    def _warm_up(self, problem: Problem) -> None:
         """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""
-        one = climate_medium(self.config.climate, medium.wavelength_nm[:1].copy())
         grid = np.meshgrid([3.0, 60.0], [0.0, 90.0], indexing="ij")
         try:
-            made = self._prepare(one)
+            made = self._problem(problem.medium.wavelength_nm[:1].copy()).solve(self.meter)
             for sun in self.suns[:1]:
                 made.radiance(sun, *grid)
         except TwilightError:
             pass  # the run itself will say so
 
-    def _prepare(self, medium: Any) -> Any:
-        altitude_km = self.config.observer.altitude_km
-        more = {"sun_elevations_deg": self.message["all_suns"]} if getattr(self.solver, "TAKES_SUNS", False) else {}
-        return self.solver.prepare(
-            medium, self.settings, observer_altitude_km=altitude_km, progress=self._progress, **more
-        )
-
-    def _progress(self, doing: str | float, share: float | str) -> None:
-        if isinstance(share, str):  # montecarlo tells the share first
-            doing, share = share, doing
-        start, width = self.phase
-        self.send({"progress": [str(doing), start + width * min(max(float(share), 0.0), 1.0)]})
-
-    def _timed_runs(self, medium: Any, clock: _CompilationClock) -> None:
+    def _timed_runs(self, problem: Problem, clock: _CompilationClock) -> None:
         begun = time.perf_counter()
         set_up = _Clocks()
         skies = {sun: _Clocks() for sun in self.timed}
@@ -145,7 +136,7 @@ class _Execution:
             compiled = clock.seconds
             try:
                 with set_up:
-                    made = self._prepare(medium)
+                    made = problem.solve(self.meter)
             except TwilightError as error:
                 for sun in self.suns:
                     self._fail(sun, error)
@@ -153,34 +144,34 @@ class _Execution:
             for i, sun in enumerate(self.timed):
                 if sun in self.failed:
                     continue
-                self.phase = (0.5 + 0.5 * i / len(self.timed), 0.5 / len(self.timed))
-                directions = self._texture(made, sun)
+                self.meter.phase("", 0.5 + 0.5 * i / len(self.timed), 0.5 / len(self.timed))
+                directions = self._texture(sun)
                 try:
                     with skies[sun]:
                         made.radiance(sun, *directions)
                 except TwilightError as error:
                     self._fail(sun, error)
                     continue
-                self._send_timing(sun, set_up, skies[sun], self._counted(made, directions))
+                self._send_timing(sun, set_up, skies[sun], self._counted(directions))
                 if len(set_up.wall_s) == 1 and _wavelengths(self.directions[sun]) is None:
                     self._send_radiance(made, sun)
             if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
                 self.send({"compiled_s": clock.seconds})
                 raise Compiled
 
-    def _texture(self, made: Any, sun: float) -> tuple[np.ndarray, np.ndarray]:
+    def _texture(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
         """A deterministic solver is asked for half the texture, as a render does; a stochastic one, whose time grows
         with the directions, for those that are compared."""
-        if hasattr(made, "radiance_with_error"):
+        if self.solver.CAPABILITIES.standard_error:
             d = self.directions[sun]
             return np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])
         elevation, azimuth = texture_centres(self.config.texture.shape)
-        e, a = np.meshgrid(elevation, azimuth[azimuth <= 180.0 + 1e-9], indexing="ij")
+        e, a = np.meshgrid(elevation, azimuth[half_of(azimuth)[0]], indexing="ij")
         return e, a
 
-    def _counted(self, made: Any, directions: tuple[np.ndarray, np.ndarray]) -> int:
+    def _counted(self, directions: tuple[np.ndarray, np.ndarray]) -> int:
         rows, columns = self.config.texture.shape
-        return directions[0].size if hasattr(made, "radiance_with_error") else rows * columns
+        return directions[0].size if self.solver.CAPABILITIES.standard_error else rows * columns
 
     def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int) -> None:
         import numba
@@ -198,10 +189,10 @@ class _Execution:
         }
         self.send({"sun": sun, "timing": timing})
 
-    def _send_radiance(self, made: Any, sun: float) -> None:
+    def _send_radiance(self, made: Solved, sun: float) -> None:
         d = self.directions[sun]
         radiance = made.radiance(sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
-        if not (np.isfinite(radiance).all() and (radiance >= 0).all()):
+        if not (radiance >= 0).all():  # an estimate, by its noise
             self._fail(sun, TwilightError("gave radiance that is negative or not a number"))
             return
         self.sent.add(sun)

@@ -3,48 +3,34 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from twilight.config.aerosol import Aerosol, Stratosphere, one_line
 from twilight.config.base import Flag, Integer, Number, Section, key
 
 Profile = Literal[
     "tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard"
 ]
-AerosolType = Literal[
-    "continental_clean",
-    "continental_average",
-    "continental_polluted",
-    "urban",
-    "desert",
-    "maritime_clean",
-    "maritime_polluted",
-    "maritime_tropical",
-    "arctic",
-    "antarctic",
-]
-Component = Literal["inso", "waso", "soot", "ssam", "sscm", "minm", "miam", "micm", "mitr", "suso"]
+CLIMATE_FILES = (
+    (("medium",), "table", "sha256"),
+    (("medium",), "phase_function", "phase_function_sha256"),
+    (("aerosol", "table"), "file", "sha256"),
+    (("aerosol", "table"), "phase_function", "phase_function_sha256"),
+)
+"""Keys of a climate that name files, by section, and the keys of their SHA-256."""
 
 
-StratosphereKind = Literal[
-    "background",
-    "moderate_volcanic",
-    "high_volcanic",
-    "extreme_volcanic",
-    "nh_midlat_low",
-    "nh_midlat_typical",
-    "nh_midlat_elevated",
-    "nh_midlat_extreme",
-    "sh_midlat_low",
-    "sh_midlat_typical",
-    "sh_midlat_elevated",
-    "sh_midlat_extreme",
-    "tropical_low",
-    "tropical_typical",
-    "tropical_elevated",
-    "tropical_extreme",
-]
+def climate_files(climate: Any) -> Iterator[tuple[dict[str, Any], tuple[str, ...], str, str]]:
+    """For each file that a climate (plain data) names: the section that holds it, its place, its key, its SHA-256's."""
+    for place, name, sha256 in CLIMATE_FILES:
+        section = climate
+        for part in place:
+            section = section.get(part) if isinstance(section, dict) else None
+        if isinstance(section, dict) and isinstance(section.get(name), str) and section[name]:
+            yield section, place, name, sha256
 
 
 class Layers(Section):
@@ -128,100 +114,6 @@ class Refraction(Section):
     co2_ppm: Number = key(420.0, "carbon dioxide in the air, enters Ciddor's index", unit="ppm", ge=0.0, le=2000.0)
 
 
-class MineralTransported(Section):
-    """A layer of desert dust carried from afar, the same at all its altitudes."""
-
-    bottom_km: Number = key(2.0, "altitude where it begins", unit="km", ge=0.0, le=100.0)
-    top_km: Number = key(5.0, "altitude where it ends", unit="km", ge=0.0, le=100.0)
-    number_density_per_cm3: Number | None = key(
-        None, "particles; unset: give the optical depth", unit="cm^-3", ge=0.0, le=1e6
-    )
-    optical_depth_550nm: Number | None = key(
-        None, "of this layer alone at 550 nm; unset: give the number density", unit="1", ge=0.0, le=20.0
-    )
-
-    @model_validator(mode="after")
-    def _one_amount(self) -> MineralTransported:
-        if (self.number_density_per_cm3 is None) == (self.optical_depth_550nm is None):
-            raise ValueError("needs either number_density_per_cm3 or optical_depth_550nm")
-        if self.top_km <= self.bottom_km:
-            raise ValueError("top_km must be above bottom_km")
-        return self
-
-
-class Aerosol(Section):
-    """Particles below the stratosphere: an OPAC type, or a mixture of OPAC components, and its height profile."""
-
-    type: AerosolType | None = key(None, "one of the ten OPAC types; unset: give components")
-    components: dict[Component, Annotated[Number, Field(ge=0.0, le=1e9)]] = key(
-        dict, "own mixture at the ground by OPAC component, e.g. {waso: 7000, inso: 0.4}", unit="cm^-3"
-    )
-    relative_humidity_percent: Number = key(
-        80.0, "humidity that the particles have swollen in", unit="%", ge=0.0, le=99.0
-    )
-    optical_depth_550nm: Number | None = key(
-        None,
-        "scales the aerosol to this vertical optical depth at 550 nm; unset: as the mixture gives",
-        unit="1",
-        ge=0.0,
-        le=20.0,
-    )
-    phase_function: Literal["mie", "henyey_greenstein"] = key(
-        "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives, in the stratosphere too"
-    )
-    boundary_layer_top_km: Number | None = key(
-        None,
-        "top of the layer that holds the mixture, above its base; unset: the type's own (2 km for own mixtures)",
-        unit="km",
-        gt=0.0,
-        le=12.0,
-    )
-    scale_height_km: Number | None = key(
-        None,
-        "of the mixture inside that layer; unset: the type's own (8 km for own mixtures)",
-        unit="km",
-        gt=0.0,
-        le=1000.0,
-    )
-    boundary_layer_base: Literal["ground", "sea_level"] = key(
-        "ground",
-        "where that layer's heights and densities count from: the ground at ground.altitude_km, or sea level, so that "
-        "a mountain rises through it",
-    )
-    mineral_transported: MineralTransported | None = key(None, "a layer of transported desert dust; unset: none")
-    free_troposphere: Flag = key(True, "OPAC's background between the boundary layer and 12 km")
-    stratosphere: Literal["measured", "opac", "none"] = key(
-        "measured",
-        "measured: SAGE III/ISS, typical loading, of the profile's latitude; opac: OPAC's background, constant from 12 "
-        "to 35 km, too bright in twilight; none (the section stratosphere takes its place)",
-    )
-
-    @model_validator(mode="after")
-    def _one_source(self) -> Aerosol:
-        if (self.type is None) == (not self.components):
-            raise ValueError("needs either type (an OPAC type) or components (an own mixture)")
-        return self
-
-
-class Stratosphere(Section):
-    """Particles of the stratosphere, in place of what aerosol.stratosphere says."""
-
-    kind: StratosphereKind = key(
-        "background",
-        "loading of LOWTRAN 7 (Shettle and Fenn), or a profile measured by SAGE III/ISS by region and loading",
-    )
-    season: Literal["spring_summer", "fall_winter"] = key("spring_summer", "half of the year, for LOWTRAN's loadings")
-    upper_atmosphere: Literal["normal", "extreme"] = key("normal", "meteoric dust above 30 km, for LOWTRAN's loadings")
-
-    @model_validator(mode="after")
-    def _measured(self) -> Stratosphere:
-        if not self.kind.endswith(("background", "volcanic")):
-            for name in ("season", "upper_atmosphere"):
-                if getattr(self, name) != type(self).model_fields[name].default:
-                    raise ValueError(f"{name} has no meaning for the measured profile {self.kind}")
-        return self
-
-
 class Spectrum(Section):
     """A quantity over wavelength, linear in between and constant outside."""
 
@@ -266,15 +158,33 @@ class TabulatedMedium(Section):
 
     table: str = key("", "CSV file, relative to the folder of the climate's file", min_length=1)
     depolarisation: Number = key(0.0, "of the air's Rayleigh phase function", unit="1", ge=0.0, le=0.5)
+    phase_model: Literal["henyey_greenstein", "cornette_shanks"] = key(
+        "henyey_greenstein", "of the aerosol, with the table's aerosol_asymmetry as its g"
+    )
+    earth_radius_km: Number = key(6371.0, "radius that altitudes are above", unit="km", ge=1000.0, le=100000.0)
 
     sha256: str | None = key(None, "the table's SHA-256; if given, another table is an error", pattern="^[0-9a-f]{64}$")
 
-    @field_validator("table")
+    phase_function: str | None = key(
+        None,
+        "CSV of the aerosol's phase function (as aerosol.table.phase_function), in place of the table's column "
+        "aerosol_asymmetry",
+        min_length=1,
+    )
+    phase_function_sha256: str | None = key(
+        None, "the phase function's SHA-256; if given, another is an error", pattern="^[0-9a-f]{64}$"
+    )
+
+    @field_validator("table", "phase_function")
     @classmethod
-    def _one_line(cls, value: str) -> str:
-        if "\0" in value or "\n" in value:
-            raise ValueError("must be the path of a file")
-        return value
+    def _is_path(cls, value: str | None) -> str | None:
+        return one_line(value)
+
+    @model_validator(mode="after")
+    def _one_phase_function(self) -> TabulatedMedium:
+        if self.phase_function is not None and "phase_model" in self.model_fields_set:
+            raise ValueError("takes either phase_function (a file) or phase_model, not both")
+        return self
 
 
 class Climate(Section):

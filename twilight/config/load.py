@@ -11,7 +11,7 @@ from os.path import isfile
 from pathlib import Path
 from typing import Any
 
-from twilight.config.climate import Climate
+from twilight.config.climate import Climate, climate_files
 from twilight.config.document import parse_yaml, read_yaml
 from twilight.config.library import find
 from twilight.config.scene import Config
@@ -54,9 +54,12 @@ class _Draft:
             if not isinstance(parent, dict):
                 shown = dotted_key.split(".")[: depth + 1 - len(path)]
                 raise TwilightError(f"{where}: {'.'.join(shown)} holds no keys that could be set")
-        if path[:2] == ("climate", "medium") and path[-1] == "table" and isinstance(value, str):
-            value = str(folder / value)
         parent[path[-1]] = value
+        if path[0] == "climate":
+            for section, place, name, _ in climate_files(self.data["climate"]):
+                # what was set just now, or a part of it
+                if (*place, name)[: len(path) - 1] == path[1:]:
+                    section[name] = str(folder / section[name])
         self.origins[path] = where
         if path[0] == "climate":
             self.hidden.add(("climate",))
@@ -76,16 +79,16 @@ class _Draft:
             if "climate" in value:
                 raise TwilightError(f"{where}: is a configuration; climate needs a climate's name or file")
             self.hidden.add(("climate",))
-        self.data["climate"] = _with_table_path(value, folder)
+        self.data["climate"] = _with_paths(value, folder)
         self.origins[("climate",)] = where
 
     def validated(self, *, solver: bool = True) -> Config:
         origins = Origins(self.origins, frozenset(self.hidden))
         config = validate(Config, self.data, origins)
-        medium = config.climate.medium
-        if medium is not None and not isfile(medium.table):
-            where, shown = origins.describe(("climate", "medium", "table"))
-            raise TwilightError(f"{where}: {'.'.join(shown)}: there is no file {medium.table}")
+        for section, place, name, _ in climate_files(config.climate.model_dump()):
+            if not isfile(section[name]):
+                where, shown = origins.describe(("climate", *place, name))
+                raise TwilightError(f"{where}: {'.'.join(shown)}: there is no file {section[name]}")
         if solver:
             resolve_solver(config.solver, origins)
         return config
@@ -192,7 +195,7 @@ def _read(target: Target) -> _Draft:
         if "climate" in data:
             draft._put_climate(data["climate"], where, folder)
         return draft
-    draft = _Draft({"version": 1, "climate": _with_table_path(data, folder)}, {(): where}, {("climate",)})
+    draft = _Draft({"version": 1, "climate": _with_paths(data, folder)}, {(): where}, {("climate",)})
     draft.origins[("climate",)] = where
     return draft
 
@@ -200,12 +203,10 @@ def _read(target: Target) -> _Draft:
 _CLIMATE_KEYS = set(Climate.model_fields) - set(Config.model_fields)
 
 
-def _with_table_path(climate: Any, folder: Path) -> Any:
-    """The table of a tabulated medium is named relative to the folder of the file that names it."""
-    if isinstance(climate, dict) and isinstance(climate.get("medium"), dict):
-        table = climate["medium"].get("table")
-        if isinstance(table, str) and table:
-            climate["medium"]["table"] = str(folder / table)
+def _with_paths(climate: Any, folder: Path) -> Any:
+    """Files are named relative to the folder of the file that names them."""
+    for section, _, name, _ in climate_files(climate):
+        section[name] = str(folder / section[name])
     return climate
 
 

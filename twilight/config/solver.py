@@ -13,11 +13,13 @@ from twilight.config.validate import Origins, allowed, unknown
 from twilight.errors import TwilightError
 
 
-def resolve_solver(section: Mapping[str, Any], origins: Origins) -> tuple[str, str, Any]:
+def resolve_solver(section: Mapping[str, Any], origins: Origins | None = None) -> tuple[str, str, Any]:
     """(solver, quality, settings): the preset of that quality with the section's other keys on top.
 
+    origins: where the section was read, for errors.
     Errors: TwilightError for a solver, quality or option that does not exist, or a value out of range.
     """
+    origins = origins or Origins()
     options = dict(section)
     name = options.pop("name", solvers.DEFAULT)
     if not isinstance(name, str) or name not in solvers.SOLVERS:
@@ -47,10 +49,10 @@ def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
 
     What a solver reads from a file is named by the file's name and the SHA-256 of its content (its `recorded`).
     """
-    name, quality, settings = resolve_solver(section, Origins())
-    recorded = getattr(solvers.load(name), "recorded", None)
-    if recorded is not None:
-        settings = recorded(settings)
+    name, quality, settings = resolve_solver(section)
+    solver: Any = solvers.load(name)
+    if solver.CAPABILITIES.reads_files:
+        settings = solver.recorded(settings)
     return {"name": name, "quality": quality, **asdict(settings)}
 
 

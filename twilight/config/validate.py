@@ -199,6 +199,9 @@ def _section(model: type[BaseModel], loc: tuple) -> type[BaseModel] | None:
         members = list(_members(current))
         if _is_tag(part):
             current = next((a for a in members if part in _tags(a)), None)
+        elif isinstance(part, int):
+            lists = (get_args(a)[0] for a in map(_bare, members) if get_origin(a) in (tuple, list))
+            current = next(lists, None)
         else:
             owners = [m for m in map(_bare, members) if isinstance(m, type) and issubclass(m, BaseModel)]
             current = next((m.model_fields[part].annotation for m in owners if part in m.model_fields), None)

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twilight import solvers, spectrum
-from twilight.air import climate_medium, wavelengths_of
 from twilight.colour import colour_is_defined
 from twilight.config.scene import Config
+from twilight.config.solver import resolve_solver
+from twilight.engine.solve import Problem
 from twilight.errors import TwilightError
-from twilight.plan import make_plan
-from twilight.run import WAVELENGTH_BLOCK, resolve_solver_of
+from twilight.progress import Progress, silent
+from twilight.scene.medium import climate_medium, wavelengths_of
+from twilight.scene.plan import make_plan
 from twilight.sky import Sky
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
-
-Progress = Callable[[str, float], None]
 
 AUREOLE_DEG = 2.5
 """Directions this close to the sun are left out: five parameters cannot follow the forward peak of an aerosol."""
@@ -168,14 +168,8 @@ def compute_truth(
     haze: str = "climate",
     progress: Progress | None = None,
 ) -> Truth:
-    """Skies of all turbidities and suns by the configuration's solver, `directions` each.
-
-    Raises TwilightError for more wavelengths than a solver holds at once: colours do not need them.
-    """
-    wavelength_nm = wavelengths_of(config)
-    if wavelength_nm is not None and len(wavelength_nm) > WAVELENGTH_BLOCK:
-        raise TwilightError(f"wavelengths holds {len(wavelength_nm)}; the fit takes {WAVELENGTH_BLOCK} at most")
-    tell = progress or (lambda doing, share: None)
+    """Skies of all turbidities and suns by the configuration's solver, `directions` each."""
+    tell = progress or silent
     begin = time.process_time(), time.perf_counter()
     skies = list(_skies(config, turbidities, sun_zenith_deg, directions, haze, tell))
     return Truth(tuple(skies), time.process_time() - begin[0], time.perf_counter() - begin[1])
@@ -189,8 +183,7 @@ def _skies(
     haze: str,
     tell: Progress,
 ) -> Iterator[ColourSky]:
-    name, _, settings = resolve_solver_of(config)
-    solver = solvers.load(name)
+    name, _, settings = resolve_solver(config.solver)
     elevation, azimuth = spiral(directions)
     weight = np.full(directions, 1.0 / directions)
     steps = len(turbidities) * (1 + len(sun_zenith_deg))
@@ -199,10 +192,11 @@ def _skies(
         label = f"turbidity {turbidity:g}"
         tell(label, done / steps)
         medium = air_of_turbidity(config, turbidity, haze)
-        field = solver.prepare(medium, settings, observer_altitude_km=config.observer.altitude_km, progress=None)
+        problem = Problem(medium, solvers.load(name), settings, config.observer.altitude_km, title=config.title)
+        solved = problem.solve()
         done += 1
         for zenith in sun_zenith_deg:
             tell(f"{label}, sun {90 - zenith:g} deg", done / steps)
-            factor = field.radiance(90.0 - zenith, elevation, azimuth)
+            factor = solved.radiance(90.0 - zenith, elevation, azimuth)
             done += 1
             yield colour_sky(factor, medium.wavelength_nm, elevation, azimuth, weight, 90.0 - zenith, turbidity)

@@ -18,7 +18,6 @@ What it takes to have it right in twilight, each found by comparison with the Mo
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,11 +25,11 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.extras import missing
+from twilight.progress import Progress
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 JUMP_KM = 1e-3
-
-
-WAVELENGTH_BLOCK = 2000
+CAPABILITIES = Capabilities(looks_down=False, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
 
@@ -98,7 +97,7 @@ def prepare(
     settings: Sasktran2Settings | None = None,
     *,
     observer_altitude_km: float = 0.0,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Field:
     """Nothing is computed yet: sasktran2 solves anew for every sun.
 
@@ -107,7 +106,7 @@ def prepare(
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km)
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium without refraction, seen from within the air."""
 
     def __init__(self, medium: Medium, settings: Sasktran2Settings, observer_altitude_km: float):

@@ -1,6 +1,6 @@
 """The direct sun beam at any point of the air: one table per medium that every solver looks up.
 
-Irradiance at normal incidence over F0 is transmittance x spreading of the refracted beam (DESIGN fact 7)
+Irradiance at normal incidence over F0 is transmittance x spreading of the refracted beam
 
     E/F0 = exp(-tau) n^2 sin(i)/sin(chi) / (d chi/d i),
 

@@ -10,9 +10,17 @@ from numba import njit
 from twilight.atmosphere.medium import Medium
 
 BIN_KM = 0.05
+SMOOTH_STEP_KM, SMOOTH_STEP_GROWTH = 0.5, 0.08
+"""Altitude that a step may cross where the air is not layered: at the ground [km], and per height."""
 LAYER_STEP = 0.35
-"""Change of the logarithm of the extinction within one step up or down."""
-THIN_PER_KM = 1e-5
+"""Change of the logarithm of a coefficient between two stops, beyond that of air that is not layered."""
+THIN_PER_KM = 3e-6
+FOOT = 0.02
+"""A layer is resolved down to this share of its largest coefficient: below, what it adds is lost in the rest of it."""
+CLOSE_KM = 1e-6
+"""Breaks are at least this far apart."""
+SUDDEN_KM = 0.02
+"""A change by e within this altitude is a break: nothing is interpolated across it."""
 
 
 class Profile(NamedTuple):
@@ -21,7 +29,9 @@ class Profile(NamedTuple):
     altitude_km (N,); a doubled level is a jump.
     extinction, scattering: (N, W) totals [km^-1]; species_scattering: (1 + K, N, W), air first.
     level_of_bin: for each BIN_KM of altitude the last level at or below the bin's start.
-    layer_step_km (N,): how far up or down one step may go from a level without missing a layer.
+    stop_km (S,): altitudes that no step crosses: bottom, top, jumps, and where the air is layered as many as it takes
+    break_km: those of them that are jumps or the ends of sudden changes, without the bottom and the top
+    gradient_per_km (N - 1,): d ln n/dz that bends rays, 0 where they are straight
     """
 
     altitude_km: np.ndarray
@@ -29,40 +39,66 @@ class Profile(NamedTuple):
     scattering: np.ndarray
     species_scattering: np.ndarray
     level_of_bin: np.ndarray
-    layer_step_km: np.ndarray
+    stop_km: np.ndarray
+    break_km: np.ndarray
+    gradient_per_km: np.ndarray
     earth_radius_km: float
 
 
 def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: float = 2e-4) -> Profile:
-    """Refine a medium until linear interpolation of its coefficients is good to `tolerance`."""
+    """Refine a medium until linear interpolation of its coefficients is good to `tolerance`; rays are straight."""
     fine = medium.refined(max_thickness_km, tolerance)
     aerosol = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
     species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_share])
     z = fine.altitude_km
     starts = z[0] + BIN_KM * np.arange(int(np.ceil((z[-1] - z[0]) / BIN_KM)) + 1)
     level = np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2)
+    scattering = species.sum(axis=0)
+    stops, breaks = _stops(z, np.concatenate([fine.extinction_per_km, scattering], axis=1))
     return Profile(
         np.ascontiguousarray(z),
         np.ascontiguousarray(fine.extinction_per_km),
-        np.ascontiguousarray(species.sum(axis=0)),
+        np.ascontiguousarray(scattering),
         np.ascontiguousarray(species),
         level.astype(np.int64),
-        _layer_steps(z, fine.extinction_per_km),
+        stops,
+        breaks,
+        np.zeros(z.size - 1),
         float(medium.earth_radius_km),
     )
 
 
-def _layer_steps(altitude_km: np.ndarray, extinction_per_km: np.ndarray) -> np.ndarray:
-    """Steps [km] that change the logarithm of the extinction by LAYER_STEP at most, there and on the way there."""
-    thickness = np.diff(altitude_km)
-    change = np.abs(np.diff(np.log(np.maximum(extinction_per_km, THIN_PER_KM)), axis=0)).max(axis=1)
-    inside = np.where(thickness > 0, LAYER_STEP * thickness / np.maximum(change, 1e-9), np.inf)
-    step = np.minimum(np.append(inside, np.inf), np.insert(inside, 0, np.inf))
-    for k in range(1, step.size):
-        step[k] = min(step[k], step[k - 1] + thickness[k - 1])
-    for k in range(step.size - 2, -1, -1):
-        step[k] = min(step[k], step[k + 1] + thickness[k])
-    return step
+def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`stop_km` and `break_km` of coefficients per_km (N, C) at levels altitude_km (N,)."""
+    z = altitude_km
+    thickness = np.diff(z)
+    smooth = LAYER_STEP * thickness / (SMOOTH_STEP_KM + SMOOTH_STEP_GROWTH * (z[:-1] - z[0]))
+    # the largest coefficient of the run of steep intervals that a level belongs to
+    steep = np.abs(np.diff(np.log(np.maximum(per_km, THIN_PER_KM)), axis=0)) > smooth[:, None]
+    foot = np.full(per_km.shape, THIN_PER_KM)
+    for c in range(per_km.shape[1]):
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], steep[:, c].astype(np.int8), [0]])))
+        for first, last in zip(ends[::2], ends[1::2], strict=True):
+            run = slice(first, last + 1)
+            foot[run, c] = np.maximum(foot[run, c], FOOT * per_km[run, c].max())
+    floor = np.maximum(foot[1:], foot[:-1])
+    change = np.abs(np.log(np.maximum(per_km[1:], floor)) - np.log(np.maximum(per_km[:-1], floor)))
+    excess = np.maximum(0.0, change - smooth[:, None])
+    sudden = (thickness > 0) & (change.max(axis=1) > thickness / SUDDEN_KM)
+    begins = np.concatenate([[False], sudden[1:] != sudden[:-1], [False]]) | np.insert(thickness <= 0.0, 0, False)
+    breaks = z[begins]
+    stops = [z[0], z[-1], *breaks]
+    since = np.zeros(per_km.shape[1])
+    for i in range(thickness.size):
+        if begins[i]:
+            since = np.zeros_like(since)
+        since = since + excess[i]
+        if np.any(since > LAYER_STEP):
+            stops += [z[i], z[i + 1]]
+            since = np.zeros_like(since)
+    breaks = np.unique(breaks)
+    breaks = breaks[np.diff(breaks, prepend=-np.inf) > CLOSE_KM]
+    return np.unique(stops), breaks[(breaks > z[0]) & (breaks < z[-1])]
 
 
 @njit(cache=True)

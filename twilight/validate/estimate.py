@@ -11,7 +11,7 @@ hemisphere that is seen.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is 
 Standard errors are from its curvature, intervals from its profile (chi^2 + 1, all others fitted again).
 
 *A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than
-UNTOLD of that of an even spread over the bounds.
+UNCONSTRAINED of that of an even spread over the bounds.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
 from twilight.validate.library import SUN, Library, Parameter
 from twilight.validate.photo import CHROMATICITY_SCALE, LOG_SCALE, PhotoSky, residual_vector
 
@@ -31,7 +32,7 @@ CORRELATED_SR = 0.1
 FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
 """Sum of squares of errors alike over the whole sky: 2 % in luminance and 0.0015 in u', v'."""
 SYSTEMATIC_PLACES = 5.0
-UNTOLD = 0.6
+UNCONSTRAINED = 0.6
 PROFILE_POINTS = 8
 AT_BOUND = 1e-6
 """A fit keeps this much off the bounds, as a share of a parameter's range; nearer than that is at the bound."""
@@ -48,7 +49,8 @@ class Estimated:
     """One parameter: best value, standard error (curvature, in the parameter's unit; at most that of an
     even spread over the bounds), interval of the profile, bounds.
 
-    told: the photograph tells it.  relative_width: its standard deviation within the bounds over that of no knowledge.
+    constrained: the photograph says what it is.  relative_width: its standard deviation within the bounds over that of
+    no knowledge.
     """
 
     name: str
@@ -59,7 +61,7 @@ class Estimated:
     high: float
     bounds: tuple[float, float]
     relative_width: float
-    told: bool
+    constrained: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +159,7 @@ def estimate(
     white_balance: bool = False,
     with_colour: bool = True,
     refine: Refine | None = None,
-    progress: Callable[[float, str], None] = lambda share, doing: None,
+    progress: Progress = silent,
 ) -> list[Estimate]:
     """The best climate of every library, the best type first.
 
@@ -170,7 +172,7 @@ def estimate(
         raise TwilightError("estimate: needs one library of skies at least")
     fits = []
     for i, library in enumerate(libraries):
-        progress(i / len(libraries), f"fitting {library.aerosol_type}")
+        progress(f"fitting {library.aerosol_type}", i / len(libraries))
         problem = _Problem(photo, library, white_balance, with_colour)
         starts = [np.full(len(problem.parameters), 0.5) for _ in range(3)]
         for start, share in zip(starts, (0.2, 0.5, 0.8), strict=True):
@@ -180,13 +182,13 @@ def estimate(
         i = int(np.argmin([q for _, _, q, _ in fits]))
         for _ in range(REFINEMENTS):
             problem, x, _, _ = fits[i]
-            progress(0.45, f"computing the sky of the best {problem.library.aerosol_type}")
+            progress(f"computing the sky of the best {problem.library.aerosol_type}", 0.45)
             problem.correct(x, refine(problem.library.aerosol_type, problem.values(x)))
             fits[i] = (problem, *problem.fit(x))
     best = min(q for _, _, q, _ in fits)
     made = []
     for i, (problem, x, q, jacobian) in enumerate(fits):
-        progress((i + 0.5) / len(fits), f"profiles of {problem.library.aerosol_type}")
+        progress(f"profiles of {problem.library.aerosol_type}", (i + 0.5) / len(fits))
         above = 3.0 * (q - best) / problem.variance(best)
         made.append(_describe(problem, x, q, jacobian, problem.variance(q), above))
     return sorted(made, key=lambda e: e.misfit)
@@ -221,7 +223,7 @@ def _describe(
                 high=float(p.value(problem.low[i] + span * high)),
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=share,
-                told=share <= UNTOLD,
+                constrained=share <= UNCONSTRAINED,
             )
         )
     correlation = covariance / np.outer(deviation, deviation)
@@ -281,7 +283,7 @@ def sentences(estimates: list[Estimate]) -> list[str]:
     best = estimates[0]
     out = []
     for p in best.parameters:
-        if not p.told:
+        if not p.constrained:
             out.append(
                 f"{p.name}: the photograph cannot tell it (its standard deviation is {100 * p.relative_width:.0f} % of "
                 f"that of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit})"
@@ -290,5 +292,5 @@ def sentences(estimates: list[Estimate]) -> list[str]:
             out.append(f"{p.name}: lies at the bound {p.value:.3g} {p.unit} of what was tried")
     alike = [e.aerosol_type for e in estimates[1:] if e.chi2_above_best < 4.0]
     if alike:
-        out.append(f"aerosol type: {best.aerosol_type} cannot be told from {', '.join(alike)}")
+        out.append(f"aerosol type: {best.aerosol_type} cannot be distinguished from {', '.join(alike)}")
     return out

@@ -11,7 +11,7 @@ from twilight import colour
 from twilight.io.whole import whole_file
 from twilight.validate.mask import Mask
 from twilight.validate.panorama import Panorama
-from twilight.validate.photo import OBSERVER, Comparison, Profile
+from twilight.validate.photo import OBSERVER, Comparison, MeridianProfile
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
@@ -104,7 +104,7 @@ def _ticks(extent: tuple) -> list[float]:
     return [t for t in np.arange(-180.0, 181.0, step) if extent[0] <= t <= extent[1]]
 
 
-def _draw_profile(axes: Any, profile: Profile, line_colour: str, label: str, scale: float) -> None:
+def _draw_profile(axes: Any, profile: MeridianProfile, line_colour: str, label: str, scale: float) -> None:
     axes.plot(profile.angle_deg, scale * profile.simulated[:, 1], color=line_colour, lw=1.2, label=label)
     axes.plot(profile.angle_deg, scale * profile.photo[:, 1], ".", color=line_colour, ms=3.5)
 

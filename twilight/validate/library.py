@@ -13,20 +13,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twilight import __version__, colour, spectrum
+from twilight import colour, solvers, spectrum
 from twilight.config.load import load
 from twilight.config.scene import Config
+from twilight.config.solver import resolve_solver
+from twilight.digest import code_digest
+from twilight.engine.frames import frames
 from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
+from twilight.progress import Progress, silent
 from twilight.reading import first_line, open_npz
-from twilight.run import frames
 from twilight.sky import Sky, texture_grid
 from twilight.validate.photo import OBSERVER, PhotoSky, seen_as
 
@@ -173,7 +176,7 @@ def make_library(
     cell_deg: float,
     *,
     file: str | Path | None = None,
-    progress: Callable[[float, str], None] = lambda share, doing: None,
+    progress: Progress = silent,
 ) -> Library:
     """Compute the skies of a design, or take them from ``file`` where it holds just these; writes ``file`` otherwise.
 
@@ -191,7 +194,7 @@ def make_library(
             return Library(design, aerosol_type, np.array(suns), *stored)
     skies, apparent = [], np.array(suns)
     for i, config in enumerate(configs):
-        progress(i / len(configs), f"{aerosol_type}, climate {i + 1} of {len(configs)}")
+        progress(f"{aerosol_type}, climate {i + 1} of {len(configs)}", i / len(configs))
         row = [frame.sky for frame in frames(config)]
         apparent = np.array(
             [s.sun_elevation_deg if s.apparent_sun_elevation_deg is None else s.apparent_sun_elevation_deg for s in row]
@@ -230,7 +233,9 @@ def _config(
 
 
 def _key(configs: list[Config]) -> str:
-    text = json.dumps([__version__, *(c.model_dump(mode="json") for c in configs)], sort_keys=True)
+    """Of all that the skies depend on: the configurations, and the code that computes them."""
+    code = code_digest("twilight.engine.frames", solvers.SOLVERS[resolve_solver(configs[0].solver)[0]])
+    text = json.dumps([code, *(c.model_dump(mode="json") for c in configs)], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

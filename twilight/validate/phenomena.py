@@ -5,11 +5,13 @@ Chromaticities are CIE 1931 x, y.  Azimuth 0 is towards the sun, 180 deg the ant
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight import colour, spectrum
+from twilight.config.scene import Config
+from twilight.engine.solve import problem_of
 
 WAVELENGTHS_NM = (390.0, 410, 430, 450, 465, 490, 510, 530, 550, 560, 590, 605, 620, 645, 670, 720)
 """Dense enough for a chromaticity to 0.002, on both sides of the O4 bands at 477, 577 and 630 nm."""
@@ -21,7 +23,7 @@ LEAST_BELT = 0.002
 """By how much x of the Belt of Venus exceeds its surroundings at least: half of what can be noticed."""
 
 
-class Profile(NamedTuple):
+class VerticalCircle(NamedTuple):
     """Elevations [deg], chromaticity x and y, and luminance [cd m^-2] along a vertical circle."""
 
     elevation_deg: np.ndarray
@@ -33,28 +35,22 @@ class Profile(NamedTuple):
 class Air:
     """The solved air of a configuration, looked at in single directions."""
 
-    def __init__(self, config: Any):
-        from twilight import solvers
-        from twilight.air import climate_medium, wavelengths_of
-        from twilight.plan import make_plan
-        from twilight.run import resolve_solver_of
-
-        name, _, settings = resolve_solver_of(config)
+    def __init__(self, config: Config):
         self.config = config
-        self.medium = climate_medium(make_plan(config).climate, wavelengths_of(config))
-        self.field: Any = solvers.load(name).prepare(self.medium, settings, observer_altitude_km=self.medium.bottom_km)
+        self.solved = problem_of(config).solve()
+        self.medium = self.solved.medium
 
     def xyz(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """XYZ (D, 3), 2 deg observer, Y in cd m^-2."""
-        factor = self.field.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
+        factor = self.solved.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
         nm, name = self.medium.wavelength_nm, self.config.solar_spectrum
         return colour.spectrum_to_xyz(factor, nm, solar_spectrum=name, observer="cie1931_2deg")
 
-    def profile(self, sun_elevation_deg: float, azimuth_deg: float, elevation_deg: np.ndarray) -> Profile:
+    def profile(self, sun_elevation_deg: float, azimuth_deg: float, elevation_deg: np.ndarray) -> VerticalCircle:
         """Colour and luminance along a vertical circle."""
         xyz = self.xyz(sun_elevation_deg, elevation_deg, np.full(np.shape(elevation_deg), float(azimuth_deg)))
         x, y = chromaticity(xyz)
-        return Profile(np.asarray(elevation_deg, float), x, y, xyz[:, 1])
+        return VerticalCircle(np.asarray(elevation_deg, float), x, y, xyz[:, 1])
 
 
 def chromaticity(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,11 +99,11 @@ def shadow_edge_deg(air: Air, sun_elevation_deg: float) -> float | None:
     return float(p.elevation_deg[i] + share * (p.elevation_deg[i + 1] - p.elevation_deg[i]))
 
 
-def _antisolar(air: Air, sun_elevation_deg: float) -> Profile:
+def _antisolar(air: Air, sun_elevation_deg: float) -> VerticalCircle:
     return air.profile(sun_elevation_deg, 180.0, np.arange(0.5, 45.01, 0.5))
 
 
-def _belt(p: Profile, antisolar_deg: float) -> Belt | None:
+def _belt(p: VerticalCircle, antisolar_deg: float) -> Belt | None:
     best, found = LEAST_BELT, None
     for i in range(1, p.x.size - 1):
         if p.elevation_deg[i] >= antisolar_deg and p.x[i] > p.x[i - 1] and p.x[i] >= p.x[i + 1]:
@@ -165,6 +161,6 @@ def afterglow(air: Air, sun_elevation_deg: float) -> Glow:
 
 def red_over_blue(air: Air, sun_elevation_deg: float, elevation_deg: float, azimuth_deg: float) -> float:
     """Spectral radiance at 670 nm over that at 450 nm, each over the sun's: 1 is white."""
-    factor = air.field.radiance(sun_elevation_deg, [elevation_deg], [azimuth_deg])[0]
+    factor = air.solved.radiance(sun_elevation_deg, [elevation_deg], [azimuth_deg])[0]
     red, blue = spectrum.expand(factor, air.medium.wavelength_nm, np.array([670.0, 450.0]))
     return float(red / blue)

@@ -176,7 +176,7 @@ def balance(photo: PhotoSky, simulated: PhotoSky, white_balance: bool = False) -
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class MeridianProfile:
     """Both skies along a great circle through the zenith.
 
     angle_deg (N,): 0 at the horizon below the sun (solar meridian) or 90 deg to its right (perpendicular), 90 in the
@@ -213,8 +213,8 @@ class Comparison:
     delta_uv: np.ndarray
     delta_e: np.ndarray
     delta_e_colour: np.ndarray
-    solar: Profile
-    perpendicular: Profile
+    solar: MeridianProfile
+    perpendicular: MeridianProfile
     figures: dict[str, Any]
 
 
@@ -261,7 +261,9 @@ def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[
     return results[0], results[1]
 
 
-def meridian_profile(photo: PhotoSky, photo_xyz: np.ndarray, simulated_xyz: np.ndarray, turn_deg: float) -> Profile:
+def meridian_profile(
+    photo: PhotoSky, photo_xyz: np.ndarray, simulated_xyz: np.ndarray, turn_deg: float
+) -> MeridianProfile:
     """Means over bins of one cell along the great circle through the zenith, ``turn_deg`` from the sun's azimuth.
 
     photo_xyz, simulated_xyz (e, a, 3) on the fine grid; only cells that are clear count, in both.
@@ -280,7 +282,7 @@ def meridian_profile(photo: PhotoSky, photo_xyz: np.ndarray, simulated_xyz: np.n
         sums = np.stack([np.bincount(index, weight * xyz[use][:, c], n) for c in range(3)], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             means.append(np.where(total[:, None] > 0, sums / total[:, None], np.nan))
-    return Profile((np.arange(n) + 0.5) * 180.0 / n, means[0], means[1])
+    return MeridianProfile((np.arange(n) + 0.5) * 180.0 / n, means[0], means[1])
 
 
 def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_colour, profiles) -> dict[str, Any]:

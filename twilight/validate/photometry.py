@@ -6,17 +6,20 @@ Measured sites differ among themselves by a factor 1.5 to 2, so level and slope 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twilight import spectrum
+from twilight import solvers, spectrum
 from twilight.config.scene import Config
+from twilight.engine.solve import problem_of
+from twilight.engine.sunbeam import Sunbeam
 from twilight.errors import TwilightError
+from twilight.progress import Progress, part_of, silent
 from twilight.validate import references
 from twilight.validate.references import KOOMEN_SITES, Site
 
@@ -40,8 +43,6 @@ DISC_STRIPS = 12
 
 HIGH_SITE_KM = 0.5
 """A site this far above the climate's ground gets the same climate with its ground at the site's altitude."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -98,24 +99,20 @@ class Photometer:
     """
 
     def __init__(self, config: Config, progress: Progress | None = None, ground_altitude_km: float | None = None):
-        from twilight import solvers
-        from twilight.air import climate_medium, wavelengths_of
-        from twilight.plan import make_plan
-        from twilight.run import resolve_solver_of
-        from twilight.transport.beam import prepare_beam
-
-        name, _, settings = resolve_solver_of(config)
-        if name != "zones":
-            raise TwilightError(f"validate photometry: needs the solver zones, which serves every sun, not {name}")
         if ground_altitude_km is not None:
             ground = config.climate.ground.model_copy(update={"altitude_km": ground_altitude_km})
             config = config.model_copy(update={"climate": config.climate.model_copy(update={"ground": ground})})
+        problem = replace(problem_of(config), observer_altitude_km=None)
+        able = problem.capabilities
+        if not (able.every_sun and able.every_observer):
+            name = config.solver.get("name", solvers.DEFAULT)
+            raise TwilightError(
+                f"validate photometry: needs a solver whose field serves every sun and observer, as zones, not {name}"
+            )
         self.config = config
-        self.medium: Medium = climate_medium(make_plan(config).climate, wavelengths_of(config))
-        self.field: Any = solvers.load(name).prepare(
-            self.medium, settings, observer_altitude_km=self.medium.bottom_km, progress=progress
-        )
-        self.beam = prepare_beam(self.medium)
+        self.medium = problem.medium
+        self.solved = problem.solve(progress)
+        self.beam = Sunbeam(self.medium)
         self._weight = (
             spectrum.LUMINOUS_EFFICACY_LM_PER_W
             * spectrum.solar_at_visible(config.solar_spectrum)
@@ -128,9 +125,9 @@ class Photometer:
 
     def illuminance_lux(self, sun_elevation_deg: float) -> tuple[float, float]:
         """(sun, sky and night together; night alone): illuminance of level ground at the medium's foot [lx]."""
-        sun = float(self.luminous(disc_irradiance(self.beam, self.medium, sun_elevation_deg)))
+        sun = float(self.luminous(disc_irradiance(self.beam.beam, self.medium, sun_elevation_deg)))
         elevation, azimuth, weight = hemisphere(sun_elevation_deg)
-        radiance = self.field.radiance(sun_elevation_deg, elevation, azimuth)
+        radiance = self.solved.radiance(sun_elevation_deg, elevation, azimuth)
         sky = float(self.luminous(weight @ radiance))
         night = self._night(np.arcsin(np.sqrt((np.arange(20) + 0.5) / 20)), 24, sun_elevation_deg, None)
         lux = float(np.pi * np.mean(night)) if night is not None else 0.0  # rows of equal cosine x solid angle
@@ -139,17 +136,14 @@ class Photometer:
     def zenith_luminance(self, sun_elevation_deg: float, site: Site) -> tuple[float, float]:
         """(sky and night together; night alone): luminance of the zenith at a site [cd m^-2]."""
         altitude_km = max(site.altitude_km, self.medium.bottom_km)
-        factor = self.field.radiance(sun_elevation_deg, [90.0], [0.0], observer_altitude_km=altitude_km)
+        factor = self.solved.radiance(sun_elevation_deg, [90.0], [0.0], observer_altitude_km=altitude_km)
         night = self._night(np.array([np.pi / 2]), 1, sun_elevation_deg, site)
         floor = float(night[0, 0]) if night is not None else 0.0
         return float(self.luminous(factor)[0]) + floor, floor
 
     def transmission(self, altitude_km: float) -> float:
         """Vertical photopic transmission of the air above an altitude: of sunlight, by V(lambda)."""
-        out = np.zeros(self.medium.n_wavelengths)
-        from twilight.transport.beam import beam_at
-
-        beam_at(self.beam, max(altitude_km, self.medium.bottom_km), 1.0, out)
+        out = self.beam.at(90.0, max(altitude_km, self.medium.bottom_km)).irradiance
         return float(self.luminous(out) / self.luminous(np.ones_like(out)))
 
     def _night(self, elevation_rad: np.ndarray, columns: int, sun_deg: float, site: Site | None) -> np.ndarray | None:
@@ -230,8 +224,8 @@ def photometry(config: Config, progress: Progress | None = None) -> tuple[list[P
 
     Raises TwilightError for a configuration with a solver other than zones.
     """
-    tell = progress or (lambda doing, share: None)
-    meter = Photometer(config, lambda doing, share: tell(doing, 0.4 * share))
+    tell = progress or silent
+    meter = Photometer(config, part_of(tell, 0.0, 0.4))
     name, points = config.climate.name, []
     for i, sun in enumerate(SUNS_DEG):
         tell("illuminance", 0.4 + 0.2 * i / len(SUNS_DEG))
@@ -244,7 +238,7 @@ def photometry(config: Config, progress: Progress | None = None) -> tuple[list[P
     for site in KOOMEN_SITES:
         there = meter
         if site.altitude_km - meter.medium.bottom_km > HIGH_SITE_KM:
-            there = Photometer(config, lambda doing, share: tell(doing, 0.6 + 0.35 * share), site.altitude_km)
+            there = Photometer(config, part_of(tell, 0.6, 0.35), site.altitude_km)
         at_site[site.name] = there
         suns, values = references.zenith_luminance_cd_m2(site.name)
         known = dict(zip(suns.tolist(), values.tolist(), strict=True))

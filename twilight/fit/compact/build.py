@@ -13,16 +13,18 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__, solvers
-from twilight.air import climate_medium
 from twilight.compact import CompactSky, Grid, Term, spline_matrix
 from twilight.config.scene import Config
+from twilight.config.solver import resolve_solver
 from twilight.errors import TwilightError
 from twilight.fit.compact import training
 from twilight.fit.compact.decompose import absorption_spectra, decompose, refine_wavelengths, spline_coefficients
-from twilight.fit.compact.training import Air, Clock, Progress, Skies, compute_skies
+from twilight.fit.compact.training import Air, Clock, Skies, compute_skies
 from twilight.io.provenance import configuration_hash
 from twilight.io.whole import whole_file
-from twilight.run import resolve_solver_of
+from twilight.progress import Progress, part_of, silent
+from twilight.scene.medium import climate_medium
+from twilight.solvers.base import Solver
 
 GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
 RANKS = {"dark": (80, 36, 12, 6), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
@@ -64,14 +66,16 @@ class Fit:
 def fit_compact(
     config: Config, depths: Sequence[float] = training.OPTICAL_DEPTHS, progress: Progress | None = None
 ) -> Fit:
-    """The compact sky of a configuration's climate, by its solver `zones` at its quality.
+    """The compact sky of a configuration's climate, by its solver at its quality.
 
     Errors: TwilightError for another solver, a climate without aerosol, and loads that it cannot have.
     """
-    tell = progress or (lambda doing, share: None)
-    name, quality, settings = resolve_solver_of(config)
-    if name != "zones":
-        raise TwilightError(f"solver.name is {name}; a compact sky takes zones, whose one field serves every sun")
+    tell = progress or silent
+    name, quality, settings = resolve_solver(config.solver)
+    solver = solvers.load(name)
+    if not solver.CAPABILITIES.every_sun:
+        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.every_sun)
+        raise TwilightError(f"solver.name is {name}; a compact sky takes {able}, whose one field serves every sun")
     ground_km = config.climate.ground.altitude_km
     if config.observer.altitude_km != ground_km:
         raise TwilightError(
@@ -86,9 +90,9 @@ def fit_compact(
     clean = climate_medium(config.climate.model_copy(update={"aerosol": None, "stratosphere": None}), fine)
     shapes = absorption_spectra(clean)
     reference_du = float(clean.notes["ozone_column_du"])
-    dark = _dark(config, settings, depths, lambda doing, share: tell(doing, SHARES[0] * share))
+    dark = _dark(config, solver, settings, depths, part_of(tell, 0.0, SHARES[0]))
     ground, returned, ozone, columns = _smooth_terms(
-        config, depths, reference_du, lambda doing, share: tell(doing, SHARES[0] + SHARES[1] * share)
+        config, solver, depths, reference_du, part_of(tell, SHARES[0], SHARES[1])
     )
     tensors = {"dark": dark, "ground": ground, "ozone": ozone}
     terms: dict[str, Any] = {
@@ -108,13 +112,14 @@ def fit_compact(
     cpu_s, wall_s = clock()
     held_out = training.held_out_skies(
         config,
+        solver,
         settings,
         (depths[0], depths[-1]),
         (float(columns[0]), float(columns[-1])),
-        lambda doing, share: tell(f"held out: {doing}", sum(SHARES) + (1.0 - sum(SHARES)) * share),
+        part_of(tell, sum(SHARES), 1.0 - sum(SHARES), "held out:"),
     )
     errors = errors_of(model, held_out)
-    facts = _facts(config, quality, cpu_s, errors)
+    facts = _facts(config, name, quality, cpu_s, errors)
     return Fit(replace(model, provenance=facts), errors, cpu_s, wall_s)
 
 
@@ -129,16 +134,19 @@ def check_depths(depths: Sequence[float]) -> tuple[float, ...]:
     return made
 
 
-def _dark(config: Config, settings: Any, depths: Sequence[float], tell: Progress) -> np.ndarray:
+def _dark(config: Config, solver: Solver, settings: Any, depths: Sequence[float], tell: Progress) -> np.ndarray:
     """Coefficients (K, S, W, T) of the logarithm of the sky over black ground."""
     out = []
     for i, depth in enumerate(depths):
-
-        def report(doing: str, share: float, i: int = i, depth: float = depth) -> None:
-            tell(f"optical depth {depth:g}, {doing}", (i + share) / len(depths))
-
         skies = compute_skies(
-            config, settings, Air(depth), training.WAVELENGTHS_NM, training.SUNS_DEG, training.fine_directions, report
+            config,
+            solver,
+            settings,
+            Air(depth),
+            training.WAVELENGTHS_NM,
+            training.SUNS_DEG,
+            training.fine_directions,
+            part_of(tell, i / len(depths), 1.0 / len(depths), f"optical depth {depth:g},"),
         )
         out.append(skies)
     return _splines(out[0], [skies.radiance for skies in out])
@@ -156,10 +164,10 @@ def _splines(where: Skies, radiance: Sequence[Sequence[np.ndarray]]) -> np.ndarr
 
 
 def _smooth_terms(
-    config: Config, depths: Sequence[float], reference_du: float, tell: Progress
+    config: Config, solver: Solver, depths: Sequence[float], reference_du: float, tell: Progress
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Light of the ground (K, S, W, T), share that comes back (W, T), change with ozone (K, S, W, Z), columns (Z,)."""
-    settings = solvers.load("zones").QUALITIES[SMOOTH_QUALITY]
+    settings = solver.QUALITIES[SMOOTH_QUALITY]
     suns = np.array(training.SUNS_DEG)
     some = suns[np.unique(np.append(np.arange(0, suns.size, GROUND_SUNS), suns.size - 1))]
     few = [depths[i] for i in np.round(np.linspace(0, len(depths) - 1, GROUND_DEPTHS)).astype(int)]
@@ -169,11 +177,10 @@ def _smooth_terms(
 
     def at(air: Air) -> Skies:
         nonlocal step
-
-        def report(doing: str, share: float) -> None:
-            tell(f"ground and ozone, {doing}", (step + share) / steps)
-
-        made = compute_skies(config, settings, air, training.WAVELENGTHS_NM, some, training.coarse_directions, report)
+        report = part_of(tell, step / steps, 1.0 / steps, "ground and ozone,")
+        made = compute_skies(
+            config, solver, settings, air, training.WAVELENGTHS_NM, some, training.coarse_directions, report
+        )
         step += 1
         return made
 
@@ -250,17 +257,17 @@ def errors_of(model: CompactSky, held_out: Sequence[Skies]) -> tuple[Errors, ...
     return tuple(out)
 
 
-def _facts(config: Config, quality: str, cpu_s: float, errors: Sequence[Errors]) -> dict[str, Any]:
+def _facts(config: Config, name: str, quality: str, cpu_s: float, errors: Sequence[Errors]) -> dict[str, Any]:
     asked = {
         "climate": config.climate.model_dump(mode="json", exclude_none=True),
-        "solver": dict(config.solver) | {"name": "zones", "quality": quality},
+        "solver": dict(config.solver) | {"name": name, "quality": quality},
     }
     return {
         "version": __version__,
         "configuration": asked,
         "hash": configuration_hash(asked),
         "climate": config.climate.name,
-        "solver": "zones",
+        "solver": name,
         "quality": quality,
         "cpu_minutes": round(cpu_s / 60.0, 2),
         "held_out_seed": training.HELD_OUT_SEED,

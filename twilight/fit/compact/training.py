@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from twilight import solvers
-from twilight.air import climate_medium
 from twilight.config.scene import Config
+from twilight.engine.solve import Problem
 from twilight.errors import TwilightError
+from twilight.progress import Progress, part_of, silent
+from twilight.scene.medium import climate_medium
+from twilight.solvers.base import Solver
 
-Progress = Callable[[str, float], None]
 Directions = Callable[[float], tuple[np.ndarray, np.ndarray]]
-
-WAVELENGTHS_AT_ONCE = 24
-"""Memory of a field grows with these."""
 
 SUNS_DEG = (
     -18.0, -16.7, -15.4, -14.2, -13.0, -12.0, -11.0, -10.0, -9.2, -8.4, -7.6, -6.8, -6.0, -5.3, -4.6, -4.0, -3.4, -2.8,
@@ -127,6 +125,7 @@ def medium_of(config: Config, air: Air, wavelength_nm: np.ndarray) -> Any:
 
 def compute_skies(
     config: Config,
+    solver: Solver,
     settings: Any,
     air: Air,
     wavelength_nm: Sequence[float] | np.ndarray,
@@ -134,20 +133,20 @@ def compute_skies(
     directions: Directions,
     progress: Progress | None = None,
 ) -> Skies:
-    """Skies of one air by the solver zones with these settings; `directions` gives those of a sun."""
-    tell = progress or (lambda doing, share: None)
-    solver = solvers.load("zones")
+    """Skies of one air by a solver with these settings; `directions` gives those of a sun."""
+    tell = progress or silent
     wavelength, suns = np.asarray(wavelength_nm, float), np.asarray(sun_elevation_deg, float)
     where = [directions(float(sun)) for sun in suns]
     parts: list[list[np.ndarray]] = [[] for _ in suns]
-    starts = range(0, wavelength.size, WAVELENGTHS_AT_ONCE)
-    for b, start in enumerate(starts):
-        medium = medium_of(config, air, wavelength[start : start + WAVELENGTHS_AT_ONCE])
-        tell("solving", b / len(starts))
-        field = solver.prepare(medium, settings, observer_altitude_km=medium.bottom_km)
+    problem = Problem(medium_of(config, air, wavelength), solver, settings, title=config.title)
+    count = len(problem.slices)
+    for b in range(count):
+        tell("solving", b / count)
+        block = problem.block(b)
         for s, (sun, (e, a)) in enumerate(zip(suns, where, strict=True)):
-            tell(f"sun {sun:g} deg", (b + 0.3 + 0.7 * s / suns.size) / len(starts))
-            parts[s].append(field.radiance(float(sun), e, a))
+            tell(f"sun {sun:g} deg", (b + 0.3 + 0.7 * s / suns.size) / count)
+            parts[s].append(block.answer(float(sun), e, a).radiance)
+        del block  # before the next is solved
     elevation, azimuth = (tuple(w[i] for w in where) for i in (0, 1))
     radiance = tuple(np.concatenate(part, axis=1) for part in parts)
     return Skies(air, wavelength, suns, elevation, azimuth, radiance)
@@ -159,7 +158,12 @@ ZONES_OF_SKY = ("whole sky", "below 10 deg", "within 20 deg of the sun")
 
 
 def held_out_skies(
-    config: Config, settings: Any, depths: tuple[float, float], ozone_du: tuple[float, float], progress: Progress
+    config: Config,
+    solver: Solver,
+    settings: Any,
+    depths: tuple[float, float],
+    ozone_du: tuple[float, float],
+    progress: Progress,
 ) -> list[Skies]:
     """Skies of random airs, grounds, suns, wavelengths and directions, none of them at a node; always the same ones.
 
@@ -174,11 +178,8 @@ def held_out_skies(
         day = np.degrees(np.arcsin(rng.random(4)))
         suns = np.sort(np.concatenate([rng.uniform(-18.0, 0.0, 9), rng.uniform(0.0, 10.0, 3), day]))
         chosen = {float(sun): random_directions(rng, float(sun)) for sun in suns}
-
-        def tell(doing: str, share: float, i: int = i) -> None:
-            progress(doing, (i + share) / HELD_OUT_AIRS)
-
-        out.append(compute_skies(config, settings, air, wavelength, suns, chosen.__getitem__, tell))
+        tell = part_of(progress, i / HELD_OUT_AIRS, 1.0 / HELD_OUT_AIRS)
+        out.append(compute_skies(config, solver, settings, air, wavelength, suns, chosen.__getitem__, tell))
     return out
 
 

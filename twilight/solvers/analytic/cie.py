@@ -8,7 +8,6 @@ the others it is Preetham's for the turbidity of the medium.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress
 from twilight.solvers.analytic.coefficients import load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity
 from twilight.solvers.analytic.ground import ground_radiance, hemisphere
@@ -23,10 +23,9 @@ from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun,
 from twilight.solvers.analytic.perez import angles, cie, traditional_overcast
 from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.analytic.tables import table
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
-Progress = Callable[[str, float], None]
-
-WAVELENGTH_BLOCK = 2000
+CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 TRADITIONAL_OVERCAST = 16
 WITHOUT_SUN = (*range(1, 7), TRADITIONAL_OVERCAST)
@@ -88,7 +87,7 @@ def prepare(
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field:
+class Field(BareField):
     """One standard sky for any sun above the horizon.
 
     turbidity: the one in use, None where the sky does not need one.

@@ -8,7 +8,6 @@ the medium's albedo under this sky and this sun.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -17,16 +16,18 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress
 from twilight.solvers.analytic.aerial import AerialPerspective
 from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins
 from twilight.solvers.analytic.ground import ground_radiance
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 from twilight.solvers.analytic.sunlight import direct_transmittance
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
-Progress = Callable[[str, float], None]
-
-WAVELENGTH_BLOCK = 2000
+CAPABILITIES = Capabilities(
+    below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, reads_files=True, finite_segments=True
+)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
 
@@ -84,7 +85,7 @@ def prepare(
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field:
+class Field(BareField):
     """The sky of one turbidity for any sun above the horizon.
 
     turbidity: the one in use; medium_turbidity: that of the medium, None where a turbidity was set.
@@ -103,13 +104,9 @@ class Field:
             settings.turbidity, settings.outside, self.coefficients.turbidity, medium, "preetham"
         )
         self._bins = SpectralBins(medium.wavelength_nm, "preetham")
+        of_medium = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
+        self.facts = {"turbidity": self.turbidity} | of_medium
         self._progress = progress or (lambda doing, share: None)
-
-    @property
-    def facts(self) -> dict[str, float]:
-        """What the record of a sky says about the model."""
-        found = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
-        return {"turbidity": self.turbidity} | found
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.

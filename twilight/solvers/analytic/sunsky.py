@@ -7,7 +7,6 @@ interpolated.  Turbidity as for `preetham`, 1 to 10; the ground's albedo counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,11 +16,13 @@ from twilight import spectrum
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.extras import missing
+from twilight.progress import Progress
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)
 TURBIDITY = (1.0, 10.0)
-WAVELENGTH_BLOCK = 2000
+CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, package="mitsuba")
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 LANES = 4
 """Wavelengths that one call of the emitter takes."""
@@ -54,7 +55,7 @@ def prepare(
     settings: SunskySettings | None = None,
     *,
     observer_altitude_km: float = 0.0,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Field:
     """The sky of this medium's turbidity; nothing is computed yet.
 
@@ -64,7 +65,7 @@ def prepare(
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km)
 
 
-class Field:
+class Field(BareField):
     """The sky of one turbidity for any sun above the horizon."""
 
     def __init__(self, medium: Medium, settings: SunskySettings, altitude_km: float):

@@ -25,17 +25,16 @@ class ExactCells:
         medium: Medium,
         scaled: ScaledMedium,
         profile: Profile,
-        jumps: np.ndarray,
         beam: Beam,
         settings: CellsSettings,
         observer_altitude_km: float,
     ):
-        self.medium, self.scaled, self.profile, self.jumps, self.beam = medium, scaled, profile, jumps, beam
+        self.medium, self.scaled, self.profile, self.beam = medium, scaled, profile, beam
         self.settings, self.observer_altitude_km = settings, observer_altitude_km
         nodes = make_nodes(settings, observer_altitude_km, medium.bottom_km, medium.top_km, medium.earth_radius_km)
         directions = make_directions(settings)
         mesh = make_mesh(nodes, medium.earth_radius_km + observer_altitude_km)
-        stencils = make_stencils(profile, jumps, nodes, mesh, directions, settings.azimuth_nodes, 1.0)
+        stencils = make_stencils(profile, nodes, mesh, directions, settings.azimuth_nodes, 1.0)
         at = scaled.medium.at(nodes.altitude_km)
         species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_share])
         total = species.sum(axis=0)
@@ -64,7 +63,7 @@ class ExactCells:
         n = o.nodes
         in_slices(
             lambda begin, end: once_scattered(
-                self.profile, self.jumps, self.beam, phase, self.medium.ground_albedo, n.x_km, n.z_km, n.altitude_km,
+                self.profile, self.beam, phase, self.medium.ground_albedo, n.x_km, n.z_km, n.altitude_km,
                 d.cosine, o.n_azimuth // 2 + 1, o.n_azimuth, o.q, sun, first, begin, end,
             ),
             n.altitude_km.size,
@@ -81,7 +80,6 @@ class ExactCells:
         """Multiple scattering (E, A, W) on a grid of directions."""
         return exact_view(
             self.profile,
-            self.jumps,
             self.ordinates.mesh,
             self.observer_altitude_km,
             elevation_deg,

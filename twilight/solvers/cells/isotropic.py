@@ -15,13 +15,13 @@ from twilight.solvers.cells.ordinates import TINY
 from twilight.solvers.cells.pairs import make_rings, pair_pass
 from twilight.solvers.cells.rings import RingOperator, active_rings, make_operator, spread_matrix
 from twilight.solvers.cells.settings import CellsSettings
-from twilight.solvers.cells.single import single_scattering, species_phase, unit_vectors
+from twilight.solvers.cells.single import make_sight, single_scattering, unit_vectors
 from twilight.solvers.cells.stencils import Mesh
 from twilight.solvers.cells.view import isotropic_view
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.profile import Profile, locate
-from twilight.transport.scaling import ScaledMedium
+from twilight.transport.scaling import ScaledMedium, species_phase
 
 
 @njit(cache=True, nogil=True)
@@ -73,12 +73,11 @@ class IsotropicCells:
         medium: Medium,
         scaled: ScaledMedium,
         profile: Profile,
-        jumps: np.ndarray,
         beam: Beam,
         settings: CellsSettings,
         observer_altitude_km: float,
     ):
-        self.medium, self.scaled, self.profile, self.jumps, self.beam = medium, scaled, profile, jumps, beam
+        self.medium, self.scaled, self.profile, self.beam = medium, scaled, profile, beam
         self.settings = settings
         self.grid = make_grid(
             settings.azimuth_cells,
@@ -96,7 +95,6 @@ class IsotropicCells:
             self.operator, self.spread = make_operator(
                 self.grid,
                 profile,
-                jumps,
                 settings.active_shell_step,
                 settings.subcells,
                 self.n_modes,
@@ -153,14 +151,13 @@ class IsotropicCells:
         one_side = phi <= np.pi + 1e-9
         fold = np.where(np.minimum(phi, np.abs(phi - np.pi)) < 1e-9, 1.0, 2.0)[one_side]
         table = np.empty((altitude_grid.size, sun_grid.size, medium.n_wavelengths))
+        e, a = np.degrees(np.arcsin(mu))[one_side], np.degrees(phi)[one_side]
+        sights = [make_sight(profile, self.scaled, float(altitude), e, a, 0.8) for altitude in altitude_grid]
         for j, sun in enumerate(sun_grid):
-            e = np.radians(sun)
-            phase = self._smooth_phase(directions[one_side] @ np.array([np.cos(e), 0.0, np.sin(e)]))
-            for i, altitude in enumerate(altitude_grid):
-                once = single_scattering(
-                    profile, self.jumps, self.beam, medium, self.scaled.forward_share, float(altitude), float(sun),
-                    directions[one_side], 0.8, phase,
-                )  # fmt: skip
+            h = np.radians(sun)
+            phase = self._smooth_phase(directions[one_side] @ np.array([np.cos(h), 0.0, np.sin(h)]))
+            for i, sight in enumerate(sights):
+                once = single_scattering(sight, self.beam, medium, self.scaled.forward_share, float(sun), phase)
                 table[i, j] = (once * (weight[one_side] * fold)[:, None]).sum(axis=0) / (4.0 * np.pi)
         out = np.zeros((g.n_rings, g.azimuth_cells, medium.n_wavelengths))
         log_table = np.log(np.maximum(table, TINY))
@@ -264,6 +261,4 @@ class IsotropicCells:
     def view(self, total: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Radiance (D, W) of all light scattered more than once."""
         log_source = np.log(np.maximum(total[self.order], TINY)).astype(np.float32)[None]
-        return isotropic_view(
-            self.profile, self.jumps, self.mesh, self.grid.observer_altitude_km, directions, log_source
-        )
+        return isotropic_view(self.profile, self.mesh, self.grid.observer_altitude_km, directions, log_source)

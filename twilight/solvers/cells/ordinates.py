@@ -13,16 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from twilight.geometry import altitude_along
 from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.solvers.cells.stencils import Mesh, Stencils
 from twilight.threads import in_slices
 from twilight.transport.beam import beam_at
-from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, new_line, trace_line
+from twilight.transport.profile import locate
 
 TINY = 1e-30
-NEGLIGIBLE = 1e-13
-LONG_STEP_KM = 5.0
 
 
 @dataclass(frozen=True)
@@ -41,89 +39,41 @@ class Scattered:
 
 @njit(cache=True, nogil=True)
 def once_scattered(
-    profile, jumps, beam, phase, ground_albedo, x, z, altitude, cosine, n_relative, n_azimuth, q, sun, out, begin, end
+    profile, beam, phase, ground_albedo, x, z, altitude, cosine, n_relative, n_azimuth, q, sun, out, begin, end
 ):
-    """Light scattered once (air or ground) that reaches the nodes: out[direction, point, azimuth, wavelength].
+    """Light scattered once (air or ground) that reaches the nodes begin..end: out (D, P, A, W).
 
-    phase (D, 1 + K, W): of each species from the sun into each direction; sun (2,): sine and cosine of its elevation.
-    q: node azimuths per direction azimuth.  Azimuths 0 to 180 deg are computed, the others mirrored.
+    A ray of direction cosine `m` and relative azimuth `a` is traced once and serves every azimuth of the node.
+
+    phase (D, 1 + K, W): of each species from the sun into each direction; ground_albedo (W,)
+    x, z, altitude (P,) [km]: of the nodes at azimuth 0, x and z from the centre of the Earth
+    cosine (M,): of the directions' zenith angles, D = M n_azimuth/q; n_relative: relative azimuths, 0 to 180 deg
+    n_azimuth: of the nodes; q: node azimuths per direction azimuth; sun (2,): sine and cosine of its elevation
+    Azimuths 0 to 180 deg are computed, the others mirrored.
     """
-    n_cos = cosine.size
     n_dir_azimuth = n_azimuth // q
     n_species = phase.shape[1]
     n_wavelengths = profile.extinction.shape[1]
-    radius = profile.earth_radius_km
+    line = new_line(profile)
+    rows = line.place.shape[0]
+    light = np.empty(n_wavelengths)
+    coefficient = np.empty((rows, n_species, n_wavelengths))
+    position = np.empty((rows, 3))
+    ground = np.zeros(3)
     for p in range(begin, end):
-        edges = np.empty(MAX_STEPS + 2)
-        depth = np.empty(n_wavelengths)
-        passed = np.empty(n_wavelengths)
-        light = np.empty(n_wavelengths)
-        coefficient = np.empty((2 * MAX_STEPS, n_species, n_wavelengths))
-        position = np.empty((2 * MAX_STEPS, 4))
-        levels = np.empty(2, np.int64)
-        fractions = np.empty(2)
         rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
-        for m in range(n_cos):
+        for m in range(cosine.size):
             sine = math.sqrt(1.0 - cosine[m] * cosine[m])
             for a in range(n_relative):
                 phi = 2.0 * math.pi * a / n_azimuth
                 dx, dy, dz = sine * math.cos(phi), sine * math.sin(phi), cosine[m]
                 mu = (x[p] * dx + z[p] * dz) / rho
-                n, hits = march(profile, jumps, altitude[p], mu, 1.0, edges)
-                passed[:] = 0.0
-                points = 0
-                for k in range(n):
-                    s0 = edges[k]
-                    length = edges[k + 1] - s0
-                    s_low = s0 + GAUSS_LOW * length
-                    s_high = s0 + GAUSS_HIGH * length
-                    z_low = altitude_along(altitude[p], mu, s_low, radius)
-                    z_high = altitude_along(altitude[p], mu, s_high, radius)
-                    step_transmission(profile, z_low, z_high, length, levels, fractions, depth)
-                    # short steps are one point in the middle of what they scatter, long ones two: the beam changes
-                    # by e within tens of km along a line near the terminator
-                    two = length > LONG_STEP_KM
-                    total = 0.0
-                    moment = 0.0
-                    strongest = 0.0
-                    i0, f0, i1, f1 = levels[0], fractions[0], levels[1], fractions[1]
-                    for w in range(n_wavelengths):
-                        t = 0.5 * length * math.exp(-passed[w])
-                        low = t * math.exp(-GAUSS_LOW * depth[w])
-                        high = t * math.exp(-GAUSS_HIGH * depth[w])
-                        for c in range(n_species):
-                            sigma = profile.species_scattering[c]
-                            a_low = low * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
-                            a_high = high * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
-                            total += a_low + a_high
-                            moment += a_low * s_low + a_high * s_high
-                            strongest = max(strongest, a_low + a_high)
-                            if two:
-                                coefficient[points, c, w] = a_low
-                                coefficient[points + 1, c, w] = a_high
-                            else:
-                                coefficient[points, c, w] = a_low + a_high
-                    # thin air counts: deep in twilight it is all that is lit
-                    if strongest > NEGLIGIBLE:
-                        for g in range(2 if two else 1):
-                            s = moment / total
-                            if two:
-                                s = s_low if g == 0 else s_high
-                            px, py, pz = x[p] + s * dx, s * dy, z[p] + s * dz
-                            r = math.sqrt(px * px + py * py + pz * pz)
-                            position[points, 0] = px / r
-                            position[points, 1] = py / r
-                            position[points, 2] = pz / r
-                            position[points, 3] = altitude_along(altitude[p], mu, s, radius)
-                            points += 1
-                    for w in range(n_wavelengths):
-                        passed[w] += depth[w]
-                gx, gy, gz = 0.0, 0.0, 1.0
-                if hits:
-                    s = edges[n]
-                    gx, gy, gz = x[p] + s * dx, s * dy, z[p] + s * dz
-                    r = math.sqrt(gx * gx + gy * gy + gz * gz)
-                    gx, gy, gz = gx / r, gy / r, gz / r
+                points, status = trace_line(profile, altitude[p], mu, 1.0, False, line)
+                for k in range(points):
+                    _unit(x[p], z[p], dx, dy, dz, line.place[k, DISTANCE], position[k])
+                    _by_species(profile, line.place[k, ALTITUDE], line.weight[k], coefficient[k])
+                if status == GROUND:
+                    _unit(x[p], z[p], dx, dy, dz, line.end[2], ground)
                 for side in range(2):
                     if side == 1 and (a == 0 or 2 * a == n_azimuth):
                         continue
@@ -132,8 +82,7 @@ def once_scattered(
                     for j in range(n_azimuth // 2 + 1):
                         if (j + turn) % q:
                             continue
-                        d_azimuth = ((j + turn) % n_azimuth) // q
-                        d = m * n_dir_azimuth + d_azimuth
+                        d = m * n_dir_azimuth + ((j + turn) % n_azimuth) // q
                         angle = 2.0 * math.pi * j / n_azimuth
                         # the sun seen in the frame that is turned to the node's azimuth
                         sx, sy, sz = sun[1] * math.cos(angle), -sun[1] * math.sin(angle), sun[0]
@@ -142,21 +91,40 @@ def once_scattered(
                             row[w] = 0.0
                         for k in range(points):
                             c_sun = position[k, 0] * sx + sign * position[k, 1] * sy + position[k, 2] * sz
-                            beam_at(beam, position[k, 3], c_sun, light)
+                            beam_at(beam, line.place[k, ALTITUDE], c_sun, light)
                             for w in range(n_wavelengths):
                                 if light[w] > 0.0:
                                     source = 0.0
                                     for c in range(n_species):
                                         source += coefficient[k, c, w] * phase[d, c, w]
                                     row[w] += light[w] * source
-                        if hits:
-                            c_sun = gx * sx + sign * gy * sy + gz * sz
+                        if status == GROUND:
+                            c_sun = ground[0] * sx + sign * ground[1] * sy + ground[2] * sz
                             bend = beam_at(beam, profile.altitude_km[0], c_sun, light)
                             c_apparent = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, c_sun))) - bend))
                             for w in range(n_wavelengths):
-                                row[w] += (
-                                    math.exp(-passed[w]) * ground_albedo[w] / math.pi * light[w] * max(0.0, c_apparent)
-                                )
+                                reflected = ground_albedo[w] / math.pi * light[w] * max(0.0, c_apparent)
+                                row[w] += line.transmittance[w] * reflected
+
+
+@njit(cache=True, inline="always")
+def _unit(x, z, dx, dy, dz, s, out):
+    """Unit vector into out (3,) from the centre of the Earth to the point s [km] along (dx, dy, dz) from (x, 0, z)."""
+    px, py, pz = x + s * dx, s * dy, z + s * dz
+    r = math.sqrt(px * px + py * py + pz * pz)
+    out[0], out[1], out[2] = px / r, py / r, pz / r
+
+
+@njit(cache=True)
+def _by_species(profile, altitude_km, weight, out):
+    """Share out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
+    i, f = locate(profile, altitude_km)
+    for w in range(weight.size):
+        total = profile.scattering[i, w] * (1.0 - f) + profile.scattering[i + 1, w] * f
+        factor = weight[w] / total if total > 0.0 else 0.0
+        for c in range(out.shape[0]):
+            sigma = profile.species_scattering[c]
+            out[c, w] = factor * (sigma[i, w] * (1.0 - f) + sigma[i + 1, w] * f)
 
 
 @njit(cache=True)

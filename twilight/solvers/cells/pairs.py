@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.geometry import altitude_along
 from twilight.solvers.cells.grid import CellGrid
-from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW
-from twilight.transport.profile import Profile, locate
+from twilight.transport.chord import chord_depth
+from twilight.transport.profile import Profile
 
 
 class Rings(NamedTuple):
@@ -71,36 +70,6 @@ def make_rings(grid: CellGrid, profile: Profile, subcells: int, which: np.ndarra
 
 
 @njit(cache=True)
-def segment_depth(profile, altitude_km, cos_zenith, length, out):
-    """Optical depth per wavelength of a straight piece of air; False (and `out` unset) where the ground is in
-    between."""
-    radius = profile.earth_radius_km
-    bottom = profile.altitude_km[0]
-    closest = -(radius + altitude_km) * cos_zenith
-    if 0.0 < closest < length and altitude_along(altitude_km, cos_zenith, closest, radius) < bottom:
-        return False
-    out[:] = 0.0
-    k = profile.extinction
-    s = 0.0
-    for _ in range(256):
-        z = altitude_along(altitude_km, cos_zenith, s, radius)
-        slope = ((radius + altitude_km) * cos_zenith + s) / (radius + z)
-        dz = 0.8 + 0.1 * max(z - bottom, 0.0)
-        ds = 2.0 * dz / (abs(slope) + math.sqrt(slope * slope + 2.0 * dz / radius))
-        if s + 1.3 * ds >= length:
-            ds = length - s
-        for g in range(2):
-            part = GAUSS_LOW if g == 0 else GAUSS_HIGH
-            i, f = locate(profile, altitude_along(altitude_km, cos_zenith, s + part * ds, radius))
-            for w in range(out.size):
-                out[w] += 0.5 * ds * (k[i, w] * (1.0 - f) + k[i + 1, w] * f)
-        s += ds
-        if s >= length:
-            break
-    return True
-
-
-@njit(cache=True)
 def sphere_capture(optical_radius):
     """Share of isotropic light born evenly in a sphere that the sphere itself extinguishes (1 - escape probability).
 
@@ -143,7 +112,7 @@ def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source,
     toward[2] = dz
     zc = zs + rings.observer_radius
     mu = (xs * dx + ys * dy + zc * dz) / math.sqrt(xs * xs + ys * ys + zc * zc)
-    if not segment_depth(profile, rings.altitude[source], mu, distance, depth):
+    if not chord_depth(profile, rings.altitude[source], mu, distance, depth):
         out_target[:] = 0.0
         out_source[:] = 0.0
         return False

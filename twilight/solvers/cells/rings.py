@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from twilight.geometry import altitude_along
+from twilight.geometry import distance_to_sphere
 from twilight.solvers.cells.grid import CellGrid
-from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture, segment_depth
+from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture
 from twilight.threads import in_slices
-from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+from twilight.transport.chord import chord_depth
 from twilight.transport.profile import Profile
 
 
@@ -83,7 +83,7 @@ def ground_kernels(
                 cosine = (dx * xg + dz * zg) / (distance * rho_g)
                 if cosine <= 0.0:
                     continue
-                segment_depth(profile, profile.altitude_km[0], cosine, distance, depth)
+                chord_depth(profile, profile.altitude_km[0], cosine, distance, depth)
                 size = (rings.volume[ring]) ** (1.0 / 3.0)
                 x_ground = patch_area[patch] * cosine / (math.pi * distance * distance)
                 x_cell = size * size / (math.pi * distance * distance)
@@ -102,63 +102,41 @@ def ground_kernels(
 
 @njit(cache=True, nogil=True)
 def exact_shares(
-    profile,
-    jumps,
-    x,
-    z,
-    altitude,
-    cosine,
-    cosine_weight,
-    n_azimuth,
-    observer_radius,
-    outer,
-    captured,
-    ground,
-    begin,
-    end,
+    profile, x, z, altitude, cosine, cosine_weight, n_azimuth, observer_radius, outer, captured, ground, begin, end
 ):
-    """Share of isotropic light from points (x, z) that the air inside `outer` [km around the observer] extinguishes,
-    and
-    that reaches the ground, by rays: captured and ground (P, W); the rest leaves."""
+    """Share of isotropic light that the air within `outer` [km] of the observer extinguishes, and that the ground gets.
+
+    x, z, altitude (P,) [km]: of the points that send it, from the centre of the Earth; cosine, cosine_weight (M,): of
+    the zenith angle of rays there, each in n_azimuth azimuths of half a turn; captured, ground (P, W) are added to.
+    """
     n_wavelengths = profile.extinction.shape[1]
     radius = profile.earth_radius_km
+    bottom, top = profile.altitude_km[0], profile.altitude_km[profile.altitude_km.size - 1]
+    depth = np.empty(n_wavelengths)
     for p in range(begin, end):
-        edges = np.empty(MAX_STEPS + 2)
-        depth = np.empty(n_wavelengths)
-        passed = np.empty(n_wavelengths)
-        levels = np.empty(2, np.int64)
-        fractions = np.empty(2)
         rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
         for m in range(cosine.size):
             sine = math.sqrt(1.0 - cosine[m] * cosine[m])
+            length = distance_to_sphere(altitude[p], cosine[m], bottom, radius) if cosine[m] < 0.0 else -1.0
+            lands = length >= 0.0
+            if not lands:
+                length = distance_to_sphere(altitude[p], cosine[m], top, radius)
             for a in range(n_azimuth):
                 phi = math.pi * (a + 0.5) / n_azimuth
                 # directions around the point's own vertical
                 ux, uz = x[p] / rho, z[p] / rho
                 dx = cosine[m] * ux + sine * math.cos(phi) * uz
                 dz = cosine[m] * uz - sine * math.cos(phi) * ux
-                n, hits = march(profile, jumps, altitude[p], cosine[m], 0.7, edges)
-                passed[:] = 0.0
-                weight = cosine_weight[m] / n_azimuth
                 qx, qz = x[p], z[p] - observer_radius
                 b = qx * dx + qz * dz
                 c = qx * qx + qz * qz - outer * outer
                 limit = -b + math.sqrt(max(b * b - c, 0.0))
-                left = False
-                for k in range(n):
-                    length = min(edges[k + 1], limit) - edges[k]
-                    if length <= 0.0:
-                        left = True
-                        break
-                    z_low = altitude_along(altitude[p], cosine[m], edges[k] + GAUSS_LOW * length, radius)
-                    z_high = altitude_along(altitude[p], cosine[m], edges[k] + GAUSS_HIGH * length, radius)
-                    step_transmission(profile, z_low, z_high, length, levels, fractions, depth)
-                    for w in range(n_wavelengths):
-                        passed[w] += depth[w]
+                chord_depth(profile, altitude[p], cosine[m], min(length, limit), depth)
+                weight = cosine_weight[m] / n_azimuth
                 for w in range(n_wavelengths):
-                    t = math.exp(-passed[w])
+                    t = math.exp(-depth[w])
                     captured[p, w] += weight * (1.0 - t)
-                    if hits and not left:
+                    if lands and length <= limit:
                         ground[p, w] += weight * t
 
 
@@ -252,7 +230,6 @@ def ground_patches(grid: CellGrid, rings: Rings, ring_shell: np.ndarray, bottom_
 def make_operator(
     grid: CellGrid,
     profile: Profile,
-    jumps: np.ndarray,
     active_shell_step: int,
     subcells: int,
     n_modes: int,
@@ -285,7 +262,7 @@ def make_operator(
     outer = float(grid.shell_radius_km[-1])
     in_slices(
         lambda begin, end: exact_shares(
-            profile, jumps, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius, outer, captured, to_ground,
+            profile, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius, outer, captured, to_ground,
             begin, end,
         ),
         active.size,

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.cells.exact import ExactCells
 from twilight.solvers.cells.isotropic import IsotropicCells
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
-from twilight.solvers.cells.single import single_scattering, unit_vectors
+from twilight.solvers.cells.single import make_sight, single_scattering, unit_vectors
 from twilight.solvers.cells.view import MultipleView, coarse_elevations, horizon_deg
 from twilight.transport.beam import prepare_beam
-from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """events: scattering events followed; residual: largest share of the scattered light that may be missing or wrong
-    because no more were."""
-
-    events: int
-    residual: float
 
 
 def prepare(
@@ -38,14 +25,14 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
 ) -> Field:
-    """Make everything that does not depend on the sun; `progress(stage, fraction)` is called now and then.
+    """Make everything that does not depend on the sun; `progress(doing, share)` is called now and then.
 
     The observer must be inside the air.  Raises TwilightError otherwise.
     """
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium around one observer, for any sun."""
 
     def __init__(self, medium: Medium, settings: CellsSettings, observer_altitude_km: float, progress: Progress | None):
@@ -56,7 +43,7 @@ class Field:
             )
         self.medium, self.settings = medium, settings
         self.observer_altitude_km = float(observer_altitude_km)
-        self._progress = progress or (lambda stage, fraction: None)
+        self._progress = progress or silent
         mode = settings.multiple_scattering
         if mode == "exact":
             self.scaled = delta_scaled(medium, settings.degree)
@@ -69,20 +56,18 @@ class Field:
         lit = medium if mode == "isotropic" else self.scaled.medium
         self.beam = prepare_beam(lit, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
-        self.jumps = jump_altitudes(self.profile)
         # On the line of sight light that was scattered once keeps its narrow forward peak only: taking all
         # that similarity calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it
         # would lose light.
         self.sight = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
         self.sight_profile = prepare_profile(self.sight.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
-        common = (medium, self.scaled, self.profile, self.jumps, self.beam, settings, self.observer_altitude_km)
+        common = (medium, self.scaled, self.profile, self.beam, settings, self.observer_altitude_km)
         self.exact = ExactCells(*common) if mode == "exact" and settings.max_events > 1 else None
         self.isotropic = IsotropicCells(*common) if mode == "isotropic" and settings.max_events > 1 else None
         self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
         self._solved: tuple[float, object] | None = None
         self._views: dict[bool, MultipleView] = {}
-        self.convergence: Convergence | None = None
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
@@ -107,16 +92,8 @@ class Field:
 
     def single(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Light scattered once, (D, W) [sr^-1], for flat lists of directions in degrees."""
-        return single_scattering(
-            self.sight_profile,
-            self.jumps,
-            self.beam,
-            self.medium,
-            self.sight.forward_share,
-            self.observer_altitude_km,
-            sun_elevation_deg,
-            unit_vectors(elevation_deg, azimuth_deg),
-        )
+        sight = make_sight(self.sight_profile, self.sight, self.observer_altitude_km, elevation_deg, azimuth_deg)
+        return single_scattering(sight, self.beam, self.medium, self.sight.forward_share, sun_elevation_deg)
 
     def _solve(self, sun_elevation_deg: float):
         if self._solved is None or self._solved[0] != sun_elevation_deg:

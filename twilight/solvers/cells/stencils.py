@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.geometry import altitude_along
 from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.threads import in_slices
-from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import Profile
 
 
@@ -101,74 +100,42 @@ def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
 
 
 @njit(cache=True)
-def trace(profile, jumps, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, out, at, ground):
-    """One ray from (x0, 0, z0) along (dx, dy, dz).  Counts its steps, or stores them from index `at`; returns the
-    count.
+def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, out, at, ground):
+    """One ray from (x0, 0, z0) [km from the centre of the Earth] along the unit vector (dx, dy, dz).
 
-    `out` and `ground` are tuples of the arrays of :class:`Stencils`.
+    Counts its entries, or stores them from index `at`; returns the count.  line: room for its points
+    `out` and `ground` are tuples of the arrays of :class:`Stencils`, the second with the index of the ray behind them.
     """
     corner, corner_weight, azimuth, weight = out
-    radius = profile.earth_radius_km
-    rho0 = math.sqrt(x0 * x0 + z0 * z0)
-    mu = (x0 * dx + z0 * dz) / rho0
-    edges = np.empty(MAX_STEPS + 2)
-    n, hits = march(profile, jumps, altitude0, mu, fineness, edges)
+    mu = (x0 * dx + z0 * dz) / math.sqrt(x0 * x0 + z0 * z0)
+    n, status = trace_line(profile, altitude0, mu, fineness, False, line)
     n_wavelengths = profile.extinction.shape[1]
-    depth = np.empty(n_wavelengths)
-    passed = np.zeros(n_wavelengths)
     collected = np.zeros(n_wavelengths)
-    levels = np.empty(2, np.int64)
-    fractions = np.empty(2)
-    row = np.empty(n_wavelengths)
     stored = 0
     for k in range(n):
-        s0 = edges[k]
-        length = edges[k + 1] - s0
-        s_low = s0 + GAUSS_LOW * length
-        s_high = s0 + GAUSS_HIGH * length
-        z_low = altitude_along(altitude0, mu, s_low, radius)
-        z_high = altitude_along(altitude0, mu, s_high, radius)
-        step_transmission(profile, z_low, z_high, length, levels, fractions, depth)
-        moment = 0.0
-        total = 0.0
         useful = False
         for w in range(n_wavelengths):
-            i0, f0, i1, f1 = levels[0], fractions[0], levels[1], fractions[1]
-            sigma_low = profile.scattering[i0, w] * (1 - f0) + profile.scattering[i0 + 1, w] * f0
-            sigma_high = profile.scattering[i1, w] * (1 - f1) + profile.scattering[i1 + 1, w] * f1
-            t = math.exp(-passed[w])
-            low = 0.5 * length * sigma_low * t * math.exp(-GAUSS_LOW * depth[w])
-            high = 0.5 * length * sigma_high * t * math.exp(-GAUSS_HIGH * depth[w])
-            row[w] = low + high
-            total += low + high
-            moment += low * s_low + high * s_high
-            if low + high > 1e-9 * collected[w] and low + high > 1e-12:
+            if line.weight[k, w] > 1e-9 * collected[w] and line.weight[k, w] > 1e-12:
                 useful = True
-            collected[w] += low + high
-            passed[w] += depth[w]
+            collected[w] += line.weight[k, w]
         if not useful:
             continue
-        s = moment / total
-        x = x0 + s * dx
-        y = s * dy
-        z = z0 + s * dz
-        outside = x * x + y * y + (z - mesh.observer_radius_km) ** 2 > mesh.outer_radius_km**2
-        if outside:
+        s = line.place[k, DISTANCE]
+        x, y, z = x0 + s * dx, s * dy, z0 + s * dz
+        if x * x + y * y + (z - mesh.observer_radius_km) ** 2 > mesh.outer_radius_km**2:
             continue
         if store:
             e = at + stored
-            azimuth[e] = corners_at(
-                mesh, x, y, z, altitude_along(altitude0, mu, s, radius), corner[e], corner_weight[e]
-            )
+            azimuth[e] = corners_at(mesh, x, y, z, line.place[k, ALTITUDE], corner[e], corner_weight[e])
             for w in range(n_wavelengths):
-                weight[e, w] = row[w]
+                weight[e, w] = line.weight[k, w]
         stored += 1
     if store:
         g_corner, g_corner_weight, g_azimuth, g_weight, ray = ground
         for w in range(n_wavelengths):
-            g_weight[ray, w] = math.exp(-passed[w]) if hits else 0.0
-        if hits:
-            s = edges[n]
+            g_weight[ray, w] = line.transmittance[w] if status == GROUND else 0.0
+        if status == GROUND:
+            s = line.end[2]
             g_azimuth[ray] = corners_at(
                 mesh, x0 + s * dx, s * dy, z0 + s * dz, profile.altitude_km[0], g_corner[ray], g_corner_weight[ray]
             )
@@ -176,10 +143,9 @@ def trace(profile, jumps, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, 
 
 
 @njit(cache=True, nogil=True)
-def _trace_all(
-    profile, jumps, mesh, x, z, cosine, n_relative, n_azimuth, fineness, store, first, out, ground, begin, end
-):
+def _trace_all(profile, mesh, x, z, cosine, n_relative, n_azimuth, fineness, store, first, out, ground, begin, end):
     n_cos = cosine.size
+    line = new_line(profile)
     for p in range(begin, end):
         for m in range(n_cos):
             sine = math.sqrt(1.0 - cosine[m] * cosine[m])
@@ -188,7 +154,7 @@ def _trace_all(
                 phi = 2.0 * math.pi * a / n_azimuth
                 count = trace(
                     profile,
-                    jumps,
+                    line,
                     mesh,
                     x[p],
                     z[p],
@@ -208,7 +174,6 @@ def _trace_all(
 
 def make_stencils(
     profile: Profile,
-    jumps: np.ndarray,
     nodes: Nodes,
     mesh: Mesh,
     directions: Directions,
@@ -229,7 +194,7 @@ def make_stencils(
         )
 
     first = np.zeros(n_rays + 1, np.int64)
-    common = (profile, jumps, mesh, nodes.x_km, nodes.z_km, directions.cosine, n_relative, n_azimuth, fineness)
+    common = (profile, mesh, nodes.x_km, nodes.z_km, directions.cosine, n_relative, n_azimuth, fineness)
     dummy = arrays(1)
     in_slices(lambda begin, end: _trace_all(*common, False, first, dummy, dummy, begin, end), nodes.altitude_km.size)
     start = np.cumsum(first)

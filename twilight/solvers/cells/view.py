@@ -12,7 +12,7 @@ from twilight.solvers.cells.nodes import real_harmonics
 from twilight.solvers.cells.ordinates import TINY, gather
 from twilight.solvers.cells.stencils import Mesh, trace
 from twilight.threads import in_slices
-from twilight.transport.march import MAX_STEPS
+from twilight.transport.lines import new_line
 from twilight.transport.profile import Profile
 
 
@@ -24,15 +24,16 @@ def coarse_elevations(lowest_deg: float, highest_deg: float, n: int) -> np.ndarr
 
 @njit(cache=True, nogil=True)
 def gather_views(
-    profile, jumps, mesh, altitude0, directions, fineness, log_source, per_direction, log_ground, out, begin, end
+    profile, mesh, altitude0, directions, fineness, log_source, per_direction, log_ground, out, begin, end
 ):
     """Multiple scattering along lines of sight: out (D, W) from
     log_source[direction or 0, point, azimuth, wavelength]."""
     n_wavelengths = profile.extinction.shape[1]
     n_azimuth = log_source.shape[2]
     z0 = profile.earth_radius_km + altitude0
+    line = new_line(profile)
     for d in range(begin, end):
-        size = MAX_STEPS + 2
+        size = line.place.shape[0]
         entries = (
             np.zeros((size, 4), np.int32),
             np.zeros((size, 4), np.float32),
@@ -45,7 +46,7 @@ def gather_views(
         g_weight = np.zeros((1, n_wavelengths), np.float32)
         ground = (g_corner, g_corner_weight, g_azimuth, g_weight, np.int64(0))
         count = trace(
-            profile, jumps, mesh, 0.0, z0, altitude0, directions[d, 0], directions[d, 1], directions[d, 2], fineness,
+            profile, line, mesh, 0.0, z0, altitude0, directions[d, 0], directions[d, 1], directions[d, 2], fineness,
             True, entries, np.int64(0), ground,
         )  # fmt: skip
         total = np.zeros(n_wavelengths, np.float32)
@@ -79,26 +80,25 @@ class MultipleView:
         return np.where(out > 10 * self.floor, out, 0.0)
 
 
-def _gather(profile, jumps, mesh, altitude0, directions, log_source, per_direction, log_ground, out) -> None:
+def _gather(profile, mesh, altitude0, directions, log_source, per_direction, log_ground, out) -> None:
     in_slices(
         lambda begin, end: gather_views(
-            profile, jumps, mesh, altitude0, directions, 1.5, log_source, per_direction, log_ground, out, begin, end
+            profile, mesh, altitude0, directions, 1.5, log_source, per_direction, log_ground, out, begin, end
         ),
         directions.shape[0],
     )
 
 
-def isotropic_view(profile, jumps, mesh, altitude0, directions, log_source) -> np.ndarray:
+def isotropic_view(profile, mesh, altitude0, directions, log_source) -> np.ndarray:
     """Radiance (D, W) along lines of sight through an isotropic source, log_source (1, P, A, W)."""
     out = np.zeros((directions.shape[0], log_source.shape[3]))
     no_ground = np.full(log_source.shape[1:], math.log(TINY), np.float32)
-    _gather(profile, jumps, mesh, altitude0, directions, log_source, False, no_ground, out)
+    _gather(profile, mesh, altitude0, directions, log_source, False, no_ground, out)
     return out
 
 
 def exact_view(
     profile: Profile,
-    jumps: np.ndarray,
     mesh: Mesh,
     altitude0: float,
     elevation_deg: np.ndarray,
@@ -121,7 +121,7 @@ def exact_view(
         part = slice(start, start + block)
         j = harmonics[part].astype(np.float32) @ scaled
         log_source = np.log(np.maximum(j, TINY, out=j), out=j).reshape(-1, *moments.shape[1:])
-        _gather(profile, jumps, mesh, altitude0, directions[part], log_source, True, log_ground, out[part])
+        _gather(profile, mesh, altitude0, directions[part], log_source, True, log_ground, out[part])
     return out.reshape(*e.shape, -1)
 
 

@@ -1,7 +1,18 @@
 """Backward Monte-Carlo in the exact spherical atmosphere: the referee of every other solver."""
 
+from twilight.solvers.base import Capabilities
 from twilight.solvers.montecarlo.field import Field, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
 from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
 
-__all__ = ["QUALITIES", "Field", "MonteCarloResult", "MonteCarloSettings", "StokesResult", "prepare"]
+CAPABILITIES = Capabilities(standard_error=True, stokes=True)
+
+__all__ = [
+    "CAPABILITIES",
+    "QUALITIES",
+    "Field",
+    "MonteCarloResult",
+    "MonteCarloSettings",
+    "StokesResult",
+    "prepare",
+]

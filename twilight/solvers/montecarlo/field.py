@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress
+from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo.air import Air, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
 from twilight.solvers.montecarlo.coarse import solve_steering
@@ -26,7 +28,6 @@ from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, StokesRe
 from twilight.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
-Progress = Callable[[str, float], None]
 BATCH_SAMPLES = 4096
 FIRST_SAMPLES = 2
 """Samples of an arm that are taken whatever the time limit: without them there is no standard error."""
@@ -82,7 +83,7 @@ def _stop_after(seconds: float | None) -> Iterator[np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(BareField):
     """A medium ready for random walks; made by :func:`prepare`."""
 
     medium: Medium
@@ -97,6 +98,11 @@ class Field:
     def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance L/F0 [sr^-1], shape (..., W); azimuths are from the sun."""
         return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).radiance
+
+    @property
+    def polarised(self) -> bool:
+        """Whether paths carry Stokes vectors."""
+        return self.settings.polarised
 
     def stokes(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised Stokes vectors I, Q, U [sr^-1], shape (..., 3, W); azimuths are from the sun.

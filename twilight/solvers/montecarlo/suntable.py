@@ -66,7 +66,7 @@ def _fill(beam, table, first, end):
     for job in range(first, end):
         w = job // (N_ALTITUDE + 1)
         a = job % (N_ALTITUDE + 1)
-        # a hair inside the air, so that no altitude counts as space
+        # just inside the air, so that no altitude counts as space
         z = table.bottom_km + table.depth_km * min((a / N_ALTITUDE) ** 2, 1.0 - 1e-12)
         r = table.radius_km + z
         dark = -1.0

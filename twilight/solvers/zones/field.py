@@ -10,37 +10,38 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
+from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
     LANES,
     Scattering,
     lanes_of,
     make_points,
     make_turning,
-    species_share,
-    trace_rays,
 )
 from twilight.solvers.zones.polarised import matrix_moments, rotated
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Convergence, Nodes, Passes, Solution, solve_orders
+from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.view import REFERENCE_TURN_RAD, Directions, Phases, view_multiple, view_single
+from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, prepare_beam
-from twilight.transport.lines import refractive_gradient
-from twilight.transport.march import jump_altitudes
+from twilight.transport.bundle import species_share, trace_rays
+from twilight.transport.lines import ALTITUDE, ANGLE, with_refraction
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
+from twilight.transport.sunlit import Directions, Phases, scattered_once
 
-Progress = Callable[[str, float], None]
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
-SHARP = 2.0
-"""Points on a line of sight for light scattered once, over those for the rest."""
+SHARP = 1.5
+"""Steps on a line of sight for light scattered once, over those for the rest."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
@@ -55,7 +56,7 @@ def zenith_range(sun_elevations_deg) -> tuple[float, float]:
     return first, last
 
 
-class Field:
+class Field(BareField):
     """The sky of one medium for any sun, observer and direction."""
 
     def __init__(
@@ -74,7 +75,7 @@ class Field:
         """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = self._checked(observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
-        tell = progress or (lambda doing, share: None)
+        tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
         self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)
@@ -95,12 +96,13 @@ class Field:
         self.profile = prepare_profile(self.scaled.medium)
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile.altitude_km) if several else None
-        self.jumps = jump_altitudes(self.profile)
-        self.sight_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_lines_of_sight)
-        self.path_gradient = refractive_gradient(medium, self.profile, bent=settings.bent_paths)
-        altitude = altitude_nodes(medium.bottom_km, medium.top_km, self.jumps, settings.altitude_density)
+        bent = with_refraction(self.profile, medium)
+        self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
+        self.path_profile = bent if settings.bent_paths else self.profile
+        breaks = self.profile.break_km
+        altitude = altitude_nodes(medium.bottom_km, medium.top_km, breaks, settings.altitude_density)
         altitude = resolve_layers(altitude, self.profile, settings.altitude_density)
-        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), self.jumps)
+        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
         if solved is not None:
@@ -141,9 +143,10 @@ class Field:
     def _solve(self, tell: Progress) -> None:
         s = self.settings
         tell("rays", 0.05)
-        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree)
-        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree)
-        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.jumps)
+        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
+        late_patterns = s.late_polarisation_degree if s.polarisation else 0
+        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
+        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         for block in range(n_blocks):
 
@@ -155,19 +158,18 @@ class Field:
             )
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
 
-    def _stage(self, polar: int, around: int, degree: int) -> Callable[[int], Passes]:
-        """What orders of scattering need at one number of directions and harmonics, for each block of wavelengths."""
+    def _stage(self, polar: int, around: int, degree: int, pattern_degree: int) -> Callable[[int], Passes]:
+        """What orders of scattering need at one number of directions, harmonics and patterns, for each block of
+        wavelengths."""
         n = self.nodes
         radius = self.medium.earth_radius_km
         height = n.altitude_km - self.medium.bottom_km
         horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
-        angles = make_angles(horizon, polar, around, degree, self._pattern_degree)
+        angles = make_angles(horizon, polar, around, degree, pattern_degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
-        rays = trace_rays(
-            self.profile, self.path_gradient, self.jumps, start, angles.cosine.ravel(), self.settings.step_density
-        )
+        rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
         # air with nothing in it has no points along its rays
-        longest = float(max(rays.place[:, 1].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
+        longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
 
@@ -191,6 +193,11 @@ class Field:
         Errors: TwilightError for a sun that the field was not solved for and an observer below the ground.
         """
         return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
+
+    @property
+    def polarised(self) -> bool:
+        """Whether it was solved with polarisation."""
+        return self.settings.polarisation
 
     def stokes(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
@@ -225,19 +232,11 @@ class Field:
         order = np.argsort(row_of, kind="stable")
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
-        rays, fine_rays = (
-            trace_rays(
-                self.profile,
-                self.sight_gradient,
-                self.jumps,
-                np.full(row_elevation.size, altitude),
-                np.sin(np.radians(row_elevation)),
-                density * self.settings.sight_density,
-            )
-            for density in (1.0, SHARP)  # the shadow's edge is sharp in light scattered once
-        )
+        start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
+        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
+        pairs = trace_rays(self.sight_profile, start, cosine, SHARP * self.settings.sight_density, pairs=True)
         sorted_elevation = np.radians(e[order])
-        out = self._single(fine_rays, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
+        out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
             seen = self._multiple(rays, directions, block, solution, n_stokes)
@@ -251,7 +250,7 @@ class Field:
 
     def _single(self, rays, directions: Directions, row_elevation, elevation, n_stokes: int) -> np.ndarray:
         """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) [rad]."""
-        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, 0]))
+        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, ALTITUDE]))
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
         values = []
@@ -271,8 +270,8 @@ class Field:
         phases = Phases(values[0], *((turned - values[0]) / REFERENCE_TURN_RAD for turned in values[1:]))
         out = np.zeros((cos_azimuth.size, n_stokes, self.medium.n_wavelengths))
         in_slices(
-            lambda begin, end: view_single(
-                self.beam, rays, share, row_elevation, directions, phases, self.medium.bottom_km,
+            lambda begin, end: scattered_once(
+                self.beam, rays, share, row_elevation, directions, phases, 0.0, self.medium.bottom_km,
                 self.medium.ground_albedo, out, begin, end,
             ),
             row_elevation.size,

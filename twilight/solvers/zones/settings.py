@@ -19,12 +19,14 @@ class ZonesSettings:
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
     step_density: of the points along the rays between nodes; sight_density: along lines of sight
     beam_density: of the nodes of the sunbeam's tables
-    max_events: most scattering events that are followed; 1 is single scattering
+    max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
+        white air is solved all at once, in tens of steps, to 1e-3 or to the tolerance where that is less
     tolerance: stop earlier when one more event changes the sum, with a geometric series for the rest, by less than this
         share at every node; 0 follows max_events and adds no rest
     polarisation: follow the linear polarisation of light (I, Q, U) through all events; without it radiance is that of
         scalar theory, which in clear air misses by several per cent
-    polarisation_degree: of the series that Q and U are kept in between two events; 2 is exact in air without aerosol
+    polarisation_degree, late_polarisation_degree: of the series that Q and U are kept in between two events, the early
+        and the late ones; 2 is exact in air without aerosol
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
     bent_paths: bend the paths of light between two scattering events too
@@ -47,7 +49,8 @@ class ZonesSettings:
     max_events: int = 200
     tolerance: float = 2e-3
     polarisation: bool = True
-    polarisation_degree: int = 6
+    polarisation_degree: int = 8
+    late_polarisation_degree: int = 6
     refraction: bool = True
     bent_lines_of_sight: bool = True
     bent_paths: bool = True
@@ -64,6 +67,7 @@ class ZonesSettings:
             "late_polar_directions": (2, 48),
             "late_azimuth_directions": (3, 96),
             "polarisation_degree": (2, 32),
+            "late_polarisation_degree": (2, 32),
             "altitude_density": (0.2, 10.0),
             "zenith_density": (0.2, 10.0),
             "step_density": (0.3, 10.0),
@@ -77,10 +81,15 @@ class ZonesSettings:
             value = getattr(self, key)
             if not low <= value <= high:
                 raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
-        if self.polarisation and self.polarisation_degree > self.degree:
-            raise TwilightError(
-                f"solver.polarisation_degree is {self.polarisation_degree}; allowed is up to degree, {self.degree}"
-            )
+        for key, most in (
+            ("polarisation_degree", "degree"),
+            ("late_polarisation_degree", "late_degree"),
+            ("late_polarisation_degree", "polarisation_degree"),
+        ):
+            if self.polarisation and getattr(self, key) > getattr(self, most):
+                raise TwilightError(
+                    f"solver.{key} is {getattr(self, key)}; allowed is up to {most}, {getattr(self, most)}"
+                )
         for key in ("degree", "azimuth_directions"):
             if getattr(self, "late_" + key) > getattr(self, key):
                 raise TwilightError(
@@ -103,7 +112,8 @@ QUALITIES: dict[str, ZonesSettings] = {
         beam_density=0.5,
         tolerance=1e-2,
         polarisation=False,
-        polarisation_degree=4,
+        polarisation_degree=6,
+        late_polarisation_degree=3,
     ),
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
@@ -118,6 +128,7 @@ QUALITIES: dict[str, ZonesSettings] = {
         step_density=1.0,
         sight_density=2.5,
         tolerance=5e-4,
-        polarisation_degree=10,
+        polarisation_degree=16,
+        late_polarisation_degree=8,
     ),
 }

@@ -11,12 +11,15 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightWarning
-from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, Progress, zenith_range
+from twilight.progress import Progress, silent
+from twilight.solvers.base import Convergence
+from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solution import Convergence
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 
 LADDER = ("draft", "standard", "reference")
+THICK = 20.0
+"""Vertical scattering optical depth, forward peaks left out, beyond which a user is warned."""
 TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
 """Where two qualities are compared if the suns of the scene are not known."""
 
@@ -54,6 +57,14 @@ def prepare(
         warnings.warn(
             f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            TwilightWarning,
+            stacklevel=2,
+        )
+    depth = float(np.trapezoid(field.profile.scattering, field.profile.altitude_km, axis=0).max())
+    if settings.max_events > 1 and depth > THICK:
+        warnings.warn(
+            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: beyond {THICK:g} the "
+            "light of the zones solver converges, but may be off by 15 % and more",
             TwilightWarning,
             stacklevel=2,
         )
@@ -95,7 +106,7 @@ def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
 
 def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
     suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    tell = progress or (lambda doing, share: None)
+    tell = progress or silent
     before: np.ndarray | None = None
     field = None
     error = float("inf")

@@ -17,11 +17,12 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 from twilight.reading import check_hdf5
+from twilight.solvers.base import Convergence
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Convergence, Solution
+from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 2"
+FORMAT = "twilight zones field 3"
 _SOLUTION = ("log_mean", "ratio", "log_ground")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
 

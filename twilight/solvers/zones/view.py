@@ -1,45 +1,19 @@
-"""Lines of sight through a solved field: light scattered once with the exact phase function, and all the rest."""
+"""Lines of sight through a solved field: light scattered at least twice."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from twilight.solvers.zones.passes import LEAST, ONE, TWO, ZERO, add_waves, slab
 from twilight.solvers.zones.paths import LANES
-from twilight.transport.beam import beam_at
+from twilight.transport.lines import ANGLE
 
 REFERENCE_TURN_RAD = math.radians(0.5)
 """Phase functions are taken with sun and ray as they are, with the sun lifted by this, and with the ray lowered by it,
 and linearly between and beyond."""
-
-
-class Directions(NamedTuple):
-    """D directions that one looks in, sorted by the ray (elevation) they belong to; R rays.
-
-    first (R + 1,): where those of each ray start; cos_azimuth (D,): of the azimuth from the sun.
-    zenith_rad: solar zenith angle at the observer
-    """
-
-    first: np.ndarray
-    cos_azimuth: np.ndarray
-    zenith_rad: float
-
-
-class Phases(NamedTuple):
-    """What each species makes of sunlight in each direction, (Stokes, D, S, W) [sr^-1]: P11, and P12 turned to the
-    vertical plane for Q and for U.
-
-    value: with the sun at its true and the ray at its apparent place; of_sun, of_ray: its change per radian by which
-    the sun is lifted and the ray is lowered by refraction.
-    """
-
-    value: np.ndarray
-    of_sun: np.ndarray
-    of_ray: np.ndarray
 
 
 @njit(cache=True, inline="always")
@@ -71,7 +45,7 @@ def view_multiple(
     ct, st = math.cos(zenith), math.sin(zenith)
     for r in range(begin, end):
         for k in range(rays_first[r], rays_first[r + 1]):
-            psi = place[k, 1]
+            psi = place[k, ANGLE]
             low = max(0, np.searchsorted(zenith_nodes, zenith - psi, side="right") - 1)
             high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
             low = min(low, n_nodes - 2)
@@ -113,47 +87,4 @@ def view_multiple(
                 for w in range(LANES):
                     out[d, 0, w] += ground_weight[r, w] * math.exp(
                         (ONE - b1) * light.log_ground[j, w] + b1 * light.log_ground[j + 1, w]
-                    )
-
-
-@njit(cache=True, nogil=True)
-def view_single(beam, rays, share, elevation, directions, phases, ground_altitude, ground_albedo, out, begin, end):
-    """Light scattered once, by air or by the ground in view, added to out (D, Stokes, W), for rays begin..end.
-
-    beam: of the sun; rays: `Rays`; share (S, P, W): of each species in what its points scatter
-    elevation (R,) [rad]: apparent, of each ray; directions: `Directions`; phases: `Phases`
-    ground_altitude [km], ground_albedo (W,)
-    """
-    n_w = out.shape[2]
-    light = np.empty(n_w)
-    place = rays.place
-    zenith = directions.zenith_rad
-    ct, st = math.cos(zenith), math.sin(zenith)
-    for r in range(begin, end):
-        for k in range(rays.first[r], rays.first[r + 1]):
-            psi = place[k, 1]
-            cp, sp = math.cos(psi), math.sin(psi)
-            # by refraction, so far
-            lowered = elevation[r] - (math.asin(min(1.0, max(-1.0, place[k, 2]))) - psi)
-            for d in range(directions.first[r], directions.first[r + 1]):
-                up = cp * ct + sp * st * directions.cos_azimuth[d]
-                lifted = beam_at(beam, place[k, 0], up, light)
-                for stokes in range(out.shape[1]):
-                    value, of_sun, of_ray = phases.value[stokes], phases.of_sun[stokes], phases.of_ray[stokes]
-                    for w in range(n_w):
-                        if light[w] > 0.0:
-                            source = 0.0
-                            for s in range(share.shape[0]):
-                                turned = value[d, s, w] + lifted * of_sun[d, s, w] + lowered * of_ray[d, s, w]
-                                source += share[s, k, w] * (max(0.0, turned) if stokes == 0 else turned)
-                            out[d, stokes, w] += rays.weight[k, w] * light[w] * source
-        if rays.ground_weight[r].max() > 0.0:
-            cp, sp = math.cos(rays.ground_angle_rad[r]), math.sin(rays.ground_angle_rad[r])
-            for d in range(directions.first[r], directions.first[r + 1]):
-                up = cp * ct + sp * st * directions.cos_azimuth[d]
-                bending = beam_at(beam, ground_altitude, up, light)
-                incidence = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, up))) - bending))
-                for w in range(n_w):
-                    out[d, 0, w] += (
-                        rays.ground_weight[r, w] * ground_albedo[w] / math.pi * light[w] * max(0.0, incidence)
                     )

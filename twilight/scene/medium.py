@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twilight.config.climate import Aerosol, Climate, Ground, Spectrum, TabulatedMedium
+from twilight.config.aerosol import Aerosol
+from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
 from twilight.config.scene import Config, Wavelengths
 from twilight.errors import TwilightError
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
     from twilight.atmosphere.opac import AerosolSpec
+    from twilight.atmosphere.own import OwnAerosol
     from twilight.atmosphere.stratosphere import StratosphereSpec
 
 
@@ -68,7 +70,9 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
 
     from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 
-    if aerosol.type is not None:
+    if aerosol.modes or aerosol.angstrom is not None or aerosol.table is not None:
+        spec = AerosolSpec({}, own=_own_aerosol(aerosol))
+    elif aerosol.type is not None:
         spec = opac_type(aerosol.type, aerosol.relative_humidity_percent)
     else:
         spec = AerosolSpec({str(k): v for k, v in aerosol.components.items()}, aerosol.relative_humidity_percent)
@@ -85,6 +89,26 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
         if getattr(aerosol, name) is not None:
             changes[name] = getattr(aerosol, name)
     return replace(spec, **changes)
+
+
+def _own_aerosol(aerosol: Aerosol) -> OwnAerosol:
+    from twilight.atmosphere import own
+
+    if aerosol.angstrom is not None:
+        return own.Angstrom(**aerosol.angstrom.model_dump())
+    if aerosol.table is not None:
+        table = aerosol.table
+        check_sha256(table.file, table.sha256, "aerosol.table.sha256")
+        if table.phase_function is not None:
+            check_sha256(table.phase_function, table.phase_function_sha256, "aerosol.table.phase_function_sha256")
+        return own.OpticsTable(table.file, table.phase_function)
+    modes = []
+    for mode in aerosol.modes:
+        index = mode.refractive_index
+        values = tuple(complex(n, -k) for n, k in zip(index.real, index.imaginary, strict=True))
+        amounts = (mode.number_density_per_cm3, mode.median_radius_um, mode.sigma)
+        modes.append(own.Mode(*amounts, index.wavelength_nm, values, mode.min_radius_um, mode.max_radius_um))
+    return own.Modes(tuple(modes))
 
 
 def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
@@ -115,17 +139,33 @@ def table_sha256(path: str | Path) -> str:
         raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
 
 
+def check_sha256(path: str, wanted: str | None, name: str) -> None:
+    """TwilightError where a file is not the one that the climate means."""
+    if wanted is not None and (found := table_sha256(path)) != wanted:
+        raise TwilightError(f"{path}: is not the table of this climate: {name} is {wanted}, not {found}")
+
+
+def name_by_content(climate: dict[str, Any]) -> None:
+    """Give each file that a climate (plain data, changed in place) names the SHA-256 of its content."""
+    for section, _, name, sha256 in climate_files(climate):
+        section[sha256] = table_sha256(section[name])
+
+
 def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarray | None) -> Medium:
     from dataclasses import replace
 
     from twilight.atmosphere.table import medium_from_table
 
-    found = table_sha256(table.table)
-    if table.sha256 not in (None, found):
-        raise TwilightError(
-            f"{table.table}: is not the table of this climate: medium.sha256 is {table.sha256}, not {found}"
-        )
+    check_sha256(table.table, table.sha256, "medium.sha256")
+    if table.phase_function is not None:
+        check_sha256(table.phase_function, table.phase_function_sha256, "medium.phase_function_sha256")
     medium = medium_from_table(
-        table.table, depolarisation=table.depolarisation, wavelength_nm=wavelength_nm, name=climate.name
+        table.table,
+        depolarisation=table.depolarisation,
+        wavelength_nm=wavelength_nm,
+        phase_function=table.phase_function,
+        phase_model=table.phase_model,
+        earth_radius_km=table.earth_radius_km,
+        name=climate.name,
     )
     return replace(medium, ground_albedo=ground_albedo(climate.ground, medium.wavelength_nm))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.air import climate_medium, wavelengths_of
 from twilight.config.climate import Climate, Gases
 from twilight.config.scene import Config
+from twilight.scene.medium import climate_medium, wavelengths_of
 
 GAS_TOLERANCE = 1e-3
 """A gas is left out where its optical depth along the longest straight path through the air, once in and once out, is
@@ -33,13 +33,18 @@ class Plan:
     left_out: tuple[LeftOut, ...]
 
 
-def make_plan(config: Config) -> Plan:
-    """What this scene needs; everything the configuration asks for when `leave_out` is false."""
+def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
+    """What this scene needs; everything the configuration asks for when `leave_out` is false.
+
+    wavelength_nm (W,): in place of the scene's own.
+    """
     climate = config.climate
     if not config.leave_out:
         return Plan(climate, ())
     left_out: list[LeftOut] = []
-    wavelength_nm = wavelengths_of(config)
+    own = wavelength_nm is None
+    if wavelength_nm is None:
+        wavelength_nm = wavelengths_of(config)
     if climate.medium is None:
         assert wavelength_nm is not None
         climate = _without_empty_aerosol(climate, left_out)
@@ -49,7 +54,7 @@ def make_plan(config: Config) -> Plan:
     else:
         medium = climate_medium(climate, wavelength_nm)
         aerosol, bends = medium.has_aerosol, medium.has_refraction
-    if wavelength_nm is not None and (config.wavelengths is None or config.wavelengths.placed):
+    if own and wavelength_nm is not None and (config.wavelengths is None or config.wavelengths.placed):
         left_out.append(
             LeftOut(
                 "other wavelengths",

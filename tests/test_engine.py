@@ -1,0 +1,192 @@
+"""The engine: blocks, observers, mirror images, what solvers declare, and what its callers may no longer decide."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twilight import solvers
+from twilight.batch.sweep import Sweep
+from twilight.batch.task import SHOWN
+from twilight.batch.work import compute, forget
+from twilight.config import load
+from twilight.config.load import load_axes
+from twilight.digest import code_digest, files_of
+from twilight.engine import problem_of, run
+from twilight.errors import TwilightError
+from twilight.solvers.base import BareField, Capabilities
+
+AIR = {"version": 1, "climate": {"version": 1, "name": "air"}, "texture": {"azimuth_count": 6, "elevation_count": 2}}
+
+
+class ToyField(BareField):
+    def __init__(self, medium, altitude_km):
+        self.medium, self.altitude_km = medium, altitude_km
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        if (azimuth > 180.0).any():
+            raise TwilightError("toy: asked for both halves")
+        level = (100.0 + sun_elevation_deg + elevation) * np.exp(-self.altitude_km) + np.cos(np.radians(azimuth))
+        return level[..., None] * self.medium.wavelength_nm
+
+
+@dataclass(frozen=True)
+class ToySettings:
+    field_file: str = ""
+
+
+def toy_solver(**capabilities):
+    """A solver as a namespace, with the list of what it was asked to prepare."""
+    made = SimpleNamespace(QUALITIES={"standard": ToySettings()}, CAPABILITIES=Capabilities(**capabilities), calls=[])
+
+    def prepare(medium, settings=None, *, observer_altitude_km=0.0, progress=None, **more):
+        made.calls.append((medium.wavelength_nm.tolist(), observer_altitude_km, more))
+        return ToyField(medium, observer_altitude_km)
+
+    made.prepare = prepare
+    return made
+
+
+def toy_problem(solver, wavelength_nm=(400.0, 500.0, 600.0), **more):
+    config = load({**AIR, "wavelengths": {"list_nm": list(wavelength_nm)}})
+    return replace(problem_of(config), solver=solver, settings=ToySettings(), **more)
+
+
+def test_wavelengths_go_in_blocks_of_what_the_solver_declares_and_come_back_in_order():
+    solver = toy_solver(wavelengths_at_once=2)
+    solved = toy_problem(solver).solve()
+    assert [call[0] for call in solver.calls] == [[400.0, 500.0], [600.0]]
+    found = solved.radiance(10.0, [20.0, 30.0], [0.0, 90.0])
+    np.testing.assert_allclose(found, np.outer([131.0, 140.0], [400.0, 500.0, 600.0]))
+    assert solved.direct(10.0).irradiance.shape == (3,)
+
+
+def test_one_block_is_held_at_a_time_where_they_are_taken_one_by_one():
+    import gc
+    import weakref
+
+    problem = toy_problem(toy_solver(wavelengths_at_once=1))
+    held = []
+    for block in problem.blocks():
+        gc.collect()
+        assert sum(ref() is not None for ref in held) == 0
+        held.append(weakref.ref(block.field))
+        del block
+    assert len(held) == 3
+
+
+def test_a_field_of_one_observer_is_solved_anew_for_another_and_kept_until_then():
+    solver = toy_solver()
+    solved = toy_problem(solver).solve()
+    there = [solved.radiance(0.0, [10.0], [0.0], observer_altitude_km=2.0)[0, 0] for _ in range(2)]
+    assert there == pytest.approx([400.0 * (110.0 * np.exp(-2.0) + 1.0)] * 2)
+    assert solved.radiance(0.0, [10.0], [0.0])[0, 0] == pytest.approx(400.0 * 111.0)
+    assert [call[1] for call in solver.calls] == [0.0, 2.0, 0.0]
+
+
+def test_the_suns_are_told_to_solvers_that_take_them_only():
+    for takes in (True, False):
+        solver = toy_solver(takes_suns=takes)
+        toy_problem(solver, sun_elevations_deg=(3.0, -4.0)).solve()
+        assert solver.calls[0][2] == ({"sun_elevations_deg": [3.0, -4.0]} if takes else {})
+
+
+def test_half_a_texture_is_asked_for_and_mirrored():
+    sky = toy_problem(toy_solver()).solve().sky(5.0, np.array([10.0, 50.0]), np.arange(6) * 60.0)
+    assert sky.sun_normalised_radiance[0, :, 0] == pytest.approx(
+        400.0 * (115.0 + np.cos(np.radians([0.0, 60.0, 120.0, 180.0, 120.0, 60.0])))
+    )
+    assert sky.apparent_sun_elevation_deg > 5.0 and (sky.direct_irradiance > 0).all()
+
+
+def test_radiance_that_cannot_be_is_an_error_for_every_caller():
+    solver = toy_solver()
+    solved = toy_problem(solver).solve()
+    with pytest.raises(TwilightError, match="negative or not a number"):
+        solved.radiance(-102.0, [0.0], [90.0])
+
+
+def test_a_field_file_holds_one_block():
+    with pytest.raises(TwilightError, match=r"field_file: holds the field of up to 2 wavelengths, and air has 3"):
+        replace(toy_problem(toy_solver(wavelengths_at_once=2, field_file=True)), settings=ToySettings("x.h5"))
+
+
+@pytest.mark.parametrize("name", solvers.SOLVERS)
+def test_solvers_can_do_what_they_declare_and_no_more(name):
+    solver = solvers.load(name)
+    able = solver.CAPABILITIES
+    field = solver.Field
+    takes = inspect.signature(solver.prepare).parameters
+    assert ("sun_elevations_deg" in takes) == able.takes_suns
+    assert ("observer_altitude_km" in inspect.signature(field.radiance).parameters) == able.every_observer
+    assert hasattr(field, "radiance_with_error") == able.standard_error
+    assert hasattr(field, "stokes") == able.stokes
+    assert hasattr(field, "aerial_perspective") == able.finite_segments
+    assert hasattr(solver, "recorded") == able.reads_files
+    standard = solver.QUALITIES["standard"]
+    assert hasattr(standard, "field_file") == able.field_file
+    assert hasattr(standard, "polarisation") == able.stokes
+    for known in (field.convergence, field.facts) if name != "preetham" else ():
+        assert known is None or known == {}
+
+
+def sweep_of(tmp_path, **keys):
+    vary = {"sun.elevation_deg": [30.0, 50.0]}
+    return Sweep(load_axes({**AIR, "climate": "continental-average", "vary": vary, **keys}))
+
+
+def test_a_sweep_gives_a_formula_all_wavelengths_at_once(tmp_path):
+    """preetham reads its turbidity at 550 nm: of 40 wavelengths the blocks 380 to 660 nm and 669 to 720 nm would each
+    find another."""
+    forget()
+    made = sweep_of(tmp_path, solver={"name": "preetham"}, wavelengths={"count": 40})
+    block = compute(made.payload(made.tasks[0]), threads=1).blocks[0]
+    scene = load(
+        {**AIR, "climate": "continental-average", "solver": {"name": "preetham"}, "wavelengths": {"count": 40}},
+        {"sun.elevation_deg": made.position((0,)).sun_elevation_deg},
+    )
+    half = run(scene).sun_normalised_radiance[:, : made.azimuth_deg.size]
+    np.testing.assert_array_equal(block.radiance[0], half.astype(np.float32))
+    forget()
+
+
+def test_the_code_of_a_sweep_is_what_computes_it():
+    names = {
+        file.as_posix().rsplit("twilight/", 1)[-1]
+        for file in files_of("twilight.batch.work", solvers.SOLVERS["zones"], without=SHOWN)
+    }
+    assert {"batch/work.py", "engine/solve.py", "scene/plan.py", "solvers/zones/field.py", "transport/beam.py"} <= names
+    assert {"data/opac/mie_ten_types.npz", "data/gases/no2_vandaele1998.csv"} <= names
+    others = (
+        "validate/",
+        "camera/",
+        "cli/",
+        "io/",
+        "solvers/cells/",
+        "solvers/montecarlo/",
+        "data/stars",
+        "data/references",
+    )
+    assert not [name for name in names if name.startswith(others)]
+    assert code_digest("twilight.batch.work", "twilight.solvers.zones") != code_digest(
+        "twilight.batch.work", "twilight.solvers.cells"
+    )
+
+
+def test_both_sides_of_a_comparison_see_what_the_plan_leaves():
+    from twilight.compare.job import Directions, Job
+    from twilight.compare.worker import _Execution
+
+    thin = load({**AIR, "wavelengths": {"list_nm": [550.0, 600.0]}}, {"gases.ozone.column_du": 1e-2})
+    job = Job(thin, (5.0,), {5.0: Directions((10.0,), (0.0,))})
+    planned = problem_of(thin)
+    assert "ozone" in [item.part for item in planned.left_out]
+    side = _Execution(job.message((5.0,), ()), lambda answer: None)._problem(None)
+    np.testing.assert_array_equal(side.medium.absorption_per_km, planned.medium.absorption_per_km)
+    whole = problem_of(thin.model_copy(update={"leave_out": False}))
+    assert (whole.medium.absorption_per_km > planned.medium.absorption_per_km).any()

@@ -1,0 +1,84 @@
+"""What a computed number depends on: a digest of the code that made it, found by walking its imports."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import re
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+_DATA = _PACKAGE / "data"
+
+
+@functools.cache
+def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:
+    """SHA-256 over modules, all modules of twilight that they import, and the data that these name.
+
+    An import counts wherever it stands in a file, unless it is for type checkers alone.  A package's `__init__` counts
+    where the package itself is imported from, not where one of its modules is.  A folder of data counts where its name
+    stands in the code.  Modules of others are taken as they are, without their imports.  Modules in `without` do not
+    count, nor what they alone import.
+    """
+    digest = hashlib.sha256()
+    for file in files_of(*modules, without=without):
+        digest.update(_name(file).encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def files_of(*modules: str, without: tuple[str, ...] = ()) -> list[Path]:
+    """The files that `code_digest` reads, in its order."""
+    found: dict[str, Path] = {}
+    waiting = list(modules)
+    folders: set[str] = set()
+    while waiting:
+        module = waiting.pop()
+        if module in found or module in without:
+            continue
+        file = _file(module)
+        if file is None:
+            continue
+        found[module] = file
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        waiting += _imported(tree)
+        texts = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+        folders |= {name for text in texts for name in re.split(r"[./]", text)}
+    data = (file for folder in _DATA.iterdir() if folder.name in folders for file in folder.rglob("*"))
+    kept = [f for f in (*found.values(), *data) if f.is_file() and "__pycache__" not in f.parts]
+    return sorted(kept, key=_name)
+
+
+def _name(file: Path) -> str:
+    return file.relative_to(_PACKAGE).as_posix() if file.is_relative_to(_PACKAGE) else file.name
+
+
+def _file(module: str) -> Path | None:
+    """The source of a module; None where there is none of that name."""
+    if module != _PACKAGE.name and not module.startswith(f"{_PACKAGE.name}."):
+        try:
+            spec = find_spec(module)
+        except ValueError:  # made by hand
+            return None
+        return Path(spec.origin) if spec is not None and spec.origin is not None else None
+    base = _PACKAGE.joinpath(*module.split(".")[1:])
+    return next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)
+
+
+def _imported(tree: ast.AST) -> Iterator[str]:
+    """The modules of twilight that a module imports, and the names in them, which may be modules too."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == _PACKAGE.name)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == _PACKAGE.name:
+            inside = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from (name for name in inside if _file(name) is not None)
+            if not all(_file(name) is not None for name in inside):
+                yield node.module
+        else:
+            yield from _imported(node)

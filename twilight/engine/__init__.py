@@ -1,0 +1,21 @@
+"""The one way from a scene to light: `solve` for any question, `frames` and `run` for whole skies with their record."""
+
+from twilight.engine.frames import Frame, frames, run
+from twilight.engine.memory import check_size
+from twilight.engine.solve import Answer, Block, Problem, Solved, problem_of, solve
+from twilight.engine.sunbeam import Direct, Sunbeam
+
+__all__ = [
+    "Answer",
+    "Block",
+    "Direct",
+    "Frame",
+    "Problem",
+    "Solved",
+    "Sunbeam",
+    "check_size",
+    "frames",
+    "problem_of",
+    "run",
+    "solve",
+]

@@ -1,0 +1,190 @@
+"""The skies of a configuration, one for each of its suns, each with the record of what made it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twilight import __version__
+from twilight.config.scene import Config, SunAt
+from twilight.config.solver import resolve_solver
+from twilight.engine.memory import check_size
+from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
+from twilight.engine.sunbeam import Direct
+from twilight.errors import TwilightError
+from twilight.grids import texture_centres
+from twilight.io.provenance import configuration_hash
+from twilight.progress import Meter, Progress, silent
+from twilight.scene.record import resolved_configuration
+from twilight.scene.suns import SunPosition, count_suns, suns_of
+from twilight.sky import Sky, latlong_grid
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One sky of a sequence: a name for its folder, the sky, and its latitude-longitude picture where asked for."""
+
+    name: str
+    sky: Sky
+    panorama: Sky | None = None
+
+
+def run(config: Config, progress: Progress | None = None) -> Sky:
+    """The sky of a configuration with one sun.
+
+    Errors: TwilightError for a configuration with several suns (`frames` gives them one by one), and for whatever in
+    the configuration cannot be computed.
+    """
+    count = count_suns(config)
+    if count > 1:
+        raise TwilightError(f"sun: the configuration has {count} suns; frames gives them one by one")
+    return next(iter(frames(config, progress))).sky
+
+
+def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
+    """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
+
+    As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
+    """
+    tell = progress or silent
+    tell("setting up", 0.0)
+    check_size(config)
+    started = time.perf_counter()
+    suns = list(suns_of(config))
+    problem = problem_of(config, [sun.elevation_deg for sun in suns])
+    set_up_s = time.perf_counter() - started
+    found = [_Found() for _ in suns]
+    meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
+    for b in range(len(problem.slices)):
+        begin = time.perf_counter()
+        meter.solving(b)
+        block = problem.block(b, meter)
+        set_up_s += time.perf_counter() - begin
+        for s, sun in enumerate(suns):
+            meter.looking(b, s)
+            found[s].take(block, sun, config)
+            if b == len(problem.slices) - 1:
+                yield _frame(config, problem, sun, found[s], set_up_s)
+                found[s] = _Found()
+        del block
+    tell("done", 1.0)
+
+
+class _Phases(Meter):
+    """A sequence's phases: each block of wavelengths is solved, then looked at under every sun."""
+
+    def __init__(self, tell: Progress, blocks: int, suns: list[str]):
+        super().__init__(tell)
+        self.suns = suns
+        self.share = 1.0 / (blocks * (1 + len(suns)))
+
+    def solving(self, block: int) -> None:
+        self.phase("all suns" if len(self.suns) > 1 else "", block * (1 + len(self.suns)) * self.share, self.share)
+
+    def looking(self, block: int, sun: int) -> None:
+        start = (block * (1 + len(self.suns)) + 1 + sun) * self.share
+        self.phase(self.suns[sun] if len(self.suns) > 1 else "", start, self.share)
+
+
+@dataclass
+class _Found:
+    """What the blocks give for one sun: on the texture, in the panorama's own directions, of the sun itself."""
+
+    texture: list[Answer] = field(default_factory=list)
+    panorama: list[Answer] = field(default_factory=list)
+    direct: list[Direct] = field(default_factory=list)
+    seconds: float = 0.0
+    convergence: dict[str, Any] = field(default_factory=dict)
+    facts: dict[str, float] = field(default_factory=dict)
+
+    def take(self, block: Block, sun: SunPosition, config: Config) -> None:
+        begin = time.perf_counter()
+        self.texture.append(block.texture(sun.elevation_deg, *texture_centres(config.texture.shape)))
+        if config.texture.latlong_width is not None:
+            grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
+            self.panorama.append(block.texture(sun.elevation_deg, *grid))
+        self.direct.append(block.direct(sun.elevation_deg))
+        self.facts.update(block.field.facts)
+        converged = block.field.convergence
+        if converged is not None:  # the worst block of wavelengths
+            for key, here in vars(converged).items():
+                if here is not None:
+                    self.convergence[key] = max(self.convergence.get(key, here), here)
+        self.seconds += time.perf_counter() - begin
+
+
+def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, set_up_s: float) -> Frame:
+    direct = Direct(np.concatenate([one.irradiance for one in found.direct]), found.direct[-1].bending_deg)
+    place = sun.section if isinstance(sun.section, SunAt) else None
+    about: dict[str, Any] = {
+        "sun_azimuth_deg": sun.azimuth_deg,
+        "distance_au": sun.distance_au,
+        "latitude_deg": place.latitude_deg if place else None,
+        "longitude_deg": place.longitude_deg if place else None,
+        "time": sun.time,
+        "solar_spectrum": config.solar_spectrum,
+        "provenance": _provenance(config, problem, sun, found, set_up_s),
+    }
+
+    def sky(answers: list[Answer], grid: tuple[np.ndarray, np.ndarray]) -> Sky:
+        return sky_of(
+            problem.medium,
+            grid,
+            joined(answers),
+            direct,
+            sun.elevation_deg,
+            config.observer.altitude_km,
+            night_radiance=_night(config, problem, sun, *grid),
+            **about,
+        )
+
+    width = config.texture.latlong_width
+    panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
+    return Frame(sun.name, sky(found.texture, texture_centres(config.texture.shape)), panorama)
+
+
+def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Found, set_up_s: float) -> dict[str, Any]:
+    """What made a sky, as JSON values."""
+    configuration = resolved_configuration(config, sun.section)
+    solver, quality, _ = resolve_solver(config.solver)
+    record: dict[str, Any] = {
+        "version": __version__,
+        "configuration": configuration,
+        "hash": configuration_hash(configuration),
+        "run_time_s": set_up_s + found.seconds,
+        "set_up_time_s": set_up_s,
+        "solver": solver,
+        "quality": quality,
+        "left_out": [item.part for item in problem.left_out],
+    }
+    if found.convergence:
+        record["convergence"] = found.convergence
+    if found.facts:
+        record["model"] = found.facts
+    return record
+
+
+def _night(
+    config: Config, problem: Problem, sun: SunPosition, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
+) -> np.ndarray | None:
+    """Radiance of the night sky (E, A, W) where the configuration asks for it."""
+    if config.night is None:
+        return None
+    from twilight.night import NightLevels, Place, night_radiance
+
+    at = sun.section
+    place = Place(at.latitude_deg, at.longitude_deg, sun.time) if isinstance(at, SunAt) and sun.time else None
+    return night_radiance(
+        problem.medium,
+        elevation_deg,
+        azimuth_deg,
+        NightLevels(**config.night.model_dump()),
+        sun_elevation_deg=sun.elevation_deg,
+        sun_azimuth_deg=sun.azimuth_deg,
+        place=place,
+        observer_altitude_km=config.observer.altitude_km,
+    )

@@ -1,0 +1,45 @@
+"""Whether a sky fits into this machine."""
+
+from __future__ import annotations
+
+import os
+
+from twilight import solvers
+from twilight.config.scene import Config
+from twilight.errors import TwilightError
+from twilight.scene.medium import wavelengths_of
+
+ARRAYS_AT_ONCE = 4
+"""Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
+
+NIGHT_ARRAYS = 3
+"""Copies more where the night sky is added: of its parts, the whole, and the sum with the sun's sky."""
+
+
+def check_size(config: Config) -> None:
+    """Raise TwilightError where the sky and its pictures alone would not fit into this machine's memory."""
+    rows, columns = config.texture.shape
+    width, spectral_width = config.texture.latlong_width or config.output.width, config.output.spectral_width
+    wavelength_nm = wavelengths_of(config)
+    n_wavelengths = 1 if wavelength_nm is None else len(wavelength_nm)  # a table's are in its file
+    solver = solvers.load(config.solver.get("name", solvers.DEFAULT))
+    values = rows * columns * n_wavelengths * (2 if solver.CAPABILITIES.standard_error else 1)
+    if config.texture.latlong_width is not None:
+        values += width * width // 4 * n_wavelengths
+    arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None else 0)
+    needed = 8 * (arrays * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2)
+    memory = _memory()
+    if needed > memory:
+        raise TwilightError(
+            f"{config.title}: texture ({rows} x {columns} directions), {n_wavelengths} wavelengths and the pictures "
+            f"need {needed / 1e9:.3g} GB, and this machine has {memory / 1e9:.3g} GB: take a larger "
+            f"texture.resolution_deg, fewer wavelengths or a smaller texture.latlong_width or output.spectral_width"
+        )
+
+
+def _memory() -> float:
+    """Memory of this machine [bytes]; infinite where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return float("inf")

@@ -1,0 +1,352 @@
+"""The engine: from a medium and a solver to something that answers for any sun, observer and direction.
+
+A `Problem` is what is to be solved.  Its wavelengths are divided into blocks of as many as the solver takes at once, so
+that 1000 need no more memory than one block; a `Block` is one of them, solved.  Two ways lead on:
+
+- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Solved` answers at any time and in any order;
+- `Problem.blocks` gives the blocks one by one and holds none: for a whole sequence at many wavelengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twilight import solvers
+from twilight.atmosphere.medium import Medium
+from twilight.config.scene import Config
+from twilight.config.solver import resolve_solver
+from twilight.engine.sunbeam import Direct, Sunbeam
+from twilight.errors import TwilightError
+from twilight.grids import half_of
+from twilight.progress import Progress, part_of, silent
+from twilight.scene.medium import climate_medium, wavelengths_of
+from twilight.scene.plan import LeftOut, make_plan
+from twilight.sky import Sky
+from twilight.solvers.base import Capabilities, Field, Solver
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was found for some directions; sun-normalised [sr^-1].
+
+    radiance: shape of the directions plus (W,), and its standard error where there is one.
+    polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
+        field has them (signs: `twilight.conventions`), and their standard error.
+    """
+
+    radiance: np.ndarray
+    standard_error: np.ndarray | None = None
+    polarisation: np.ndarray | None = None
+    polarisation_error: np.ndarray | None = None
+
+
+def joined(answers: Sequence[Answer]) -> Answer:
+    """One answer for all wavelengths from those of all blocks."""
+    if len(answers) == 1:
+        return answers[0]
+    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
+    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=-1) for part in parts]
+    return Answer(*whole)
+
+
+def _of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
+    """The answer that holds Stokes parameters (..., 3, W)."""
+    found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
+    if error is None:
+        return found
+    return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be solved.
+
+    solver: a module as `solvers.load` gives it; settings: one of its QUALITIES, perhaps with options replaced.
+    observer_altitude_km: where directions are seen from unless a question says otherwise; None: from the ground.
+    sun_elevations_deg: all the suns that will be asked for [deg]; None: any.
+    title: what to call it in errors; left_out: what the plan of its scene left out of the medium.
+    """
+
+    medium: Medium
+    solver: Solver
+    settings: Any
+    observer_altitude_km: float | None = None
+    sun_elevations_deg: tuple[float, ...] | None = None
+    title: str = ""
+    left_out: tuple[LeftOut, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.slices) > 1 and self.capabilities.field_file and self.settings.field_file:
+            raise TwilightError(
+                f"solver.field_file: holds the field of up to {self.capabilities.wavelengths_at_once} wavelengths, and "
+                f"{self.title or 'the medium'} has {self.medium.n_wavelengths}"
+            )
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the solver declares."""
+        return self.solver.CAPABILITIES
+
+    @property
+    def altitude_km(self) -> float:
+        """Of the observer."""
+        return self.medium.bottom_km if self.observer_altitude_km is None else self.observer_altitude_km
+
+    @property
+    def slices(self) -> list[slice]:
+        """The blocks of wavelengths, as places in those of the medium."""
+        step, count = self.capabilities.wavelengths_at_once, self.medium.n_wavelengths
+        return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
+    def block(self, index: int, progress: Progress | None = None) -> Block:
+        """Solve one block."""
+        part = self.slices[index]
+        medium = self.medium if len(self.slices) == 1 else self.medium.select(part)
+        return Block(self, part, medium, progress or silent)
+
+    def blocks(self, progress: Progress | None = None) -> Iterator[Block]:
+        """Solve the blocks one by one; whoever takes one deletes it before the next, so that one alone is held."""
+        for index in range(len(self.slices)):
+            yield self.block(index, progress)
+
+    def solve(self, progress: Progress | None = None) -> Solved:
+        """Solve all blocks and hold them."""
+        tell, count = progress or silent, len(self.slices)
+        return Solved(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
+
+
+class Block:
+    """A block of wavelengths, solved.
+
+    wavelengths: its place in those of the problem; medium: at these wavelengths; field: the solver's own, of the
+    observer who was asked for last.
+    """
+
+    def __init__(self, problem: Problem, wavelengths: slice, medium: Medium, progress: Progress):
+        self.problem, self.wavelengths, self.medium = problem, wavelengths, medium
+        self.capabilities = problem.capabilities
+        self.sunbeam = Sunbeam(medium)
+        self._progress = progress
+        self._altitude_km = problem.altitude_km
+        self.field = self._prepare(self._altitude_km)
+
+    def _prepare(self, altitude_km: float) -> Field:
+        prepare: Any = self.problem.solver.prepare
+        known = self.problem.sun_elevations_deg
+        more = {"sun_elevations_deg": list(known)} if known is not None and self.capabilities.takes_suns else {}
+        return prepare(
+            self.medium, self.problem.settings, observer_altitude_km=altitude_km, progress=self._progress, **more
+        )
+
+    def answer(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+        *,
+        polarisation: bool = False,
+    ) -> Answer:
+        """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
+
+        polarisation: also Q and U, where the field has them.  A solver whose field belongs to one observer solves anew
+        for another one.
+        Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
+        """
+        directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
+        made, more = self._seen_from(observer_altitude_km)
+        polarised = polarisation and made.polarised
+        if self.capabilities.standard_error and polarised:
+            with_noise = made.stokes_with_error(*directions, **more)
+            found = _of_stokes(with_noise.stokes, with_noise.standard_error)
+        elif self.capabilities.standard_error:
+            estimate = made.radiance_with_error(*directions, **more)
+            found = Answer(estimate.radiance, estimate.standard_error)
+        elif polarised:
+            found = _of_stokes(made.stokes(*directions, **more))
+        else:
+            found = Answer(made.radiance(*directions, **more))
+        estimated = found.standard_error is not None
+        if not (np.isfinite(found.radiance).all() and (estimated or (found.radiance >= 0.0).all())):
+            raise TwilightError("the solver gave radiance that is negative or not a number")
+        if found.polarisation is not None and not np.isfinite(found.polarisation).all():
+            raise TwilightError("the solver gave a Stokes parameter that is not a number")
+        return found
+
+    def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, float]]:
+        """The field that serves an observer, and what to tell it."""
+        if self.capabilities.every_observer:
+            return self.field, {} if altitude_km is None else {"observer_altitude_km": altitude_km}
+        wanted = self.problem.altitude_km if altitude_km is None else altitude_km
+        if wanted != self._altitude_km:
+            self.field = self._prepare(wanted)
+            self._altitude_km = wanted
+        return self.field, {}
+
+    def texture(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+        observer_altitude_km: float | None = None,
+    ) -> Answer:
+        """The sky on a grid of rows (E,) and columns (A,) [deg]: (E, A, W), never negative; polarised where it can be.
+
+        The sky is its own mirror image about the sun's vertical: a deterministic solver is asked for one half only.
+        In the other half I and Q are the same, and U has the other sign.
+        """
+        if self.capabilities.standard_error:
+            e, a = np.meshgrid(elevation_deg, azimuth_deg, indexing="ij")
+            found = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+            # few samples of a faint pixel may average below 0, which no sky is; its standard error says how little it
+            # means
+            return replace(found, radiance=np.maximum(found.radiance, 0.0))
+        column, back = half_of(azimuth_deg)
+        e, a = np.meshgrid(elevation_deg, azimuth_deg[column], indexing="ij")
+        half = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+        if half.polarisation is None:
+            return Answer(half.radiance[:, back])
+        mirrored = half.polarisation[:, back]
+        mirrored[:, azimuth_deg > 180.0, 1] *= -1.0
+        return Answer(half.radiance[:, back], None, mirrored)
+
+    def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
+        """The sun's direct light at an observer."""
+        altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
+        return self.sunbeam.at(sun_elevation_deg, altitude)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A problem with all its blocks solved."""
+
+    problem: Problem
+    blocks: tuple[Block, ...] = field(repr=False)
+
+    @property
+    def medium(self) -> Medium:
+        """The medium at all wavelengths."""
+        return self.problem.medium
+
+    def radiance(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+    ) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions [deg] plus (W,); arguments as `Block.answer`."""
+        return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km).radiance
+
+    def radiance_with_error(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+    ) -> Answer:
+        """Radiance, and its standard error from a solver that estimates it."""
+        question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        return joined([block.answer(*question) for block in self.blocks])
+
+    def stokes(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+    ) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W).
+
+        Errors: TwilightError for a field without polarisation.
+        """
+        question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        found = joined([block.answer(*question, polarisation=True) for block in self.blocks])
+        if found.polarisation is None:
+            raise TwilightError("this field has no Stokes parameters: its solver.polarisation is not true")
+        return np.concatenate([found.radiance[..., None, :], found.polarisation], axis=-2)
+
+    def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
+        """The sun's direct light at an observer."""
+        found = [block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks]
+        return Direct(np.concatenate([one.irradiance for one in found]), found[-1].bending_deg)
+
+    def sky(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+        observer_altitude_km: float | None = None,
+        **facts: Any,
+    ) -> Sky:
+        """The sky on a grid of rows (E,) and columns (A,) [deg]; `facts` are further fields of `Sky`."""
+        altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
+        answer = joined([b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks])
+        direct = self.direct(sun_elevation_deg, altitude)
+        return sky_of(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
+
+
+def sky_of(
+    medium: Medium,
+    grid: tuple[np.ndarray, np.ndarray],
+    answer: Answer,
+    direct: Direct,
+    sun_elevation_deg: float,
+    observer_altitude_km: float,
+    **facts: Any,
+) -> Sky:
+    """What was found on a grid (elevation (E,), azimuth (A,)) [deg] at all wavelengths of a medium, as a `Sky`."""
+    return Sky(
+        wavelength_nm=medium.wavelength_nm,
+        elevation_deg=grid[0],
+        azimuth_deg=grid[1],
+        sun_normalised_radiance=answer.radiance,
+        standard_error=answer.standard_error,
+        polarisation=answer.polarisation,
+        polarisation_error=answer.polarisation_error,
+        sun_elevation_deg=sun_elevation_deg,
+        observer_altitude_km=observer_altitude_km,
+        ground_albedo=medium.ground_albedo,
+        direct_irradiance=direct.irradiance,
+        apparent_sun_elevation_deg=sun_elevation_deg + direct.bending_deg,
+        **facts,
+    )
+
+
+def problem_of(
+    config: Config,
+    sun_elevations_deg: Sequence[float] | None = None,
+    *,
+    wavelength_nm: np.ndarray | None = None,
+    by: tuple[Solver, Any] | None = None,
+) -> Problem:
+    """The problem of a configuration's scene: its climate without what its plan leaves out, its solver, its observer.
+
+    sun_elevations_deg: all the suns that will be asked for, None: any.  wavelength_nm: in place of the scene's own.
+    by: (solver, settings) in place of the configuration's.
+    Errors: TwilightError for whatever in the configuration cannot be computed.
+    """
+    if by is None:
+        name, _, settings = resolve_solver(config.solver)
+        by = solvers.load(name), settings
+    plan = make_plan(config, wavelength_nm)
+    return Problem(
+        climate_medium(plan.climate, wavelengths_of(config) if wavelength_nm is None else wavelength_nm),
+        *by,
+        config.observer.altitude_km,
+        None if sun_elevations_deg is None else tuple(sun_elevations_deg),
+        config.title,
+        plan.left_out,
+    )
+
+
+def solve(
+    config: Config, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None
+) -> Solved:
+    """Solve a configuration's scene, for the suns that will be asked for or for any (None), and hold it."""
+    return problem_of(config, sun_elevations_deg).solve(progress)

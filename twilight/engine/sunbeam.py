@@ -1,0 +1,49 @@
+"""The sun's direct light at an observer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from twilight.transport.beam import Beam, beam_at, prepare_beam
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+
+
+class Direct(NamedTuple):
+    """Irradiance of the beam at normal incidence over F0 (W,), 0 in the shadow, and how far it is bent [deg]."""
+
+    irradiance: np.ndarray
+    bending_deg: float
+
+
+class Sunbeam:
+    """Direct sunlight in a medium; its tables are made for the first sun that can reach an observer."""
+
+    DARK_BELOW_HORIZON_DEG = 2.0
+    """Refraction lifts the sun by 1.2 deg at most at the horizon, down and up again (Haber 2005 sec. 4.4: below 2)."""
+
+    def __init__(self, medium: Medium):
+        self.medium = medium
+        self._made: Beam | None = None
+
+    def at(self, sun_elevation_deg: float, altitude_km: float) -> Direct:
+        """The direct light of a sun at true elevation, for an observer at an altitude."""
+        radius, ground_km = self.medium.earth_radius_km, self.medium.bottom_km
+        dip_deg = float(np.degrees(np.arccos((radius + ground_km) / (radius + max(altitude_km, ground_km)))))
+        out = np.zeros(self.medium.n_wavelengths)
+        if sun_elevation_deg < -dip_deg - self.DARK_BELOW_HORIZON_DEG:
+            return Direct(out, 0.0)
+        if self._made is None:
+            self._made = prepare_beam(self.medium)
+        bending = beam_at(self._made, altitude_km, np.sin(np.radians(sun_elevation_deg)), out)
+        return Direct(out, float(np.degrees(bending)) if out.any() else 0.0)
+
+    @property
+    def beam(self) -> Beam:
+        """The tables themselves."""
+        if self._made is None:
+            self._made = prepare_beam(self.medium)
+        return self._made

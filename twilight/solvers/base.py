@@ -1,0 +1,188 @@
+"""What a solver is: its module, the field that it prepares, and what it declares to be able to do.
+
+A new solver is two files: its module (or package), and one line in the registry `twilight.solvers.SOLVERS`.  The module
+has what `Solver` lists:
+
+- `CAPABILITIES`, what the solver can do beyond the least, as `Capabilities`; nothing outside asks in another way;
+- `QUALITIES`, its presets by name: frozen dataclasses whose docstring explains each option (`twilight solvers` prints
+  it) and whose `__post_init__` refuses what is out of range with a TwilightError; `standard` is one of them;
+- `prepare(medium, settings, *, observer_altitude_km, progress)`, which computes what depends on neither sun nor
+  direction and returns a `Field`, or raises TwilightError.
+
+`twilight.engine` does the rest: blocks of wavelengths, observers, suns, the sunbeam, errors and files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twilight.atmosphere.medium import Medium
+from twilight.progress import Progress
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a solver declares; the defaults are those of the least that can be asked of one.
+
+    takes_suns: `prepare` also takes `sun_elevations_deg`, all the suns that will be asked for (None: any), and computes
+        only what they need
+    every_sun: one field gives the sky of every sun, day to night, at a small part of the cost of the field
+    every_observer: `Field.radiance` also takes `observer_altitude_km`: one field serves every altitude
+    below_horizon: it has a sky for a sun below the horizon
+    looks_down: directions may be below the horizon
+    standard_error: its answer is an estimate; the field is a `StochasticField`
+    stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
+    finite_segments: the field is a `SegmentField`
+    field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
+    reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
+    wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
+    package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
+    """
+
+    takes_suns: bool = False
+    every_sun: bool = False
+    every_observer: bool = False
+    below_horizon: bool = True
+    looks_down: bool = True
+    standard_error: bool = False
+    stokes: bool = False
+    finite_segments: bool = False
+    field_file: bool = False
+    reads_files: bool = False
+    wavelengths_at_once: int = 32
+    package: str = ""
+
+    @property
+    def installed(self) -> bool:
+        """Whether the package that the solver needs is there."""
+        return not self.package or find_spec(self.package) is not None
+
+
+ALL_WAVELENGTHS = 2000
+"""`wavelengths_at_once` of solvers that take as many as a configuration may have."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How well a field was solved.
+
+    events: scattering events followed; residual: largest share of the light that may be missing or wrong because no
+    more were; error: how far two qualities differ at 95 % of the directions, where a target was asked for.
+    """
+
+    events: int
+    residual: float
+    error: float | None = None
+
+
+class Field(Protocol):
+    """A solved medium, seen by one observer, that is asked for suns and directions."""
+
+    @property
+    def medium(self) -> Medium:
+        """The medium that it was prepared for."""
+
+    @property
+    def convergence(self) -> Convergence | None:
+        """How well it was solved so far, where the solver iterates."""
+
+    @property
+    def facts(self) -> Mapping[str, float]:
+        """What the record of a sky is to say about the model, e.g. the turbidity that a formula takes."""
+
+    @property
+    def polarised(self) -> bool:
+        """Whether it was prepared with polarisation; it is then a `PolarisedField`."""
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the (broadcast) directions plus (W,).
+
+        sun_elevation_deg: true elevation; elevation_deg, azimuth_deg: of the line of sight, azimuth from the sun.  The
+        sky is its own mirror image about the sun's vertical.  TwilightError for a sun or direction that it cannot do.
+        A solver that serves `every_observer` takes also `observer_altitude_km` (None: as prepared).
+        """
+
+
+class BareField:
+    """The base of fields that do not iterate, or have nothing to say about their model."""
+
+    convergence: Convergence | None = None
+    facts: Mapping[str, float] = MappingProxyType({})
+
+    @property
+    def polarised(self) -> bool:
+        """Without Stokes parameters."""
+        return False
+
+
+class Estimate(Protocol):
+    """Radiance with its standard error [sr^-1], both of the same shape."""
+
+    @property
+    def radiance(self) -> np.ndarray: ...
+
+    @property
+    def standard_error(self) -> np.ndarray: ...
+
+
+class StochasticField(Field, Protocol):
+    """A field whose answers are estimates; every direction costs, and none is the mirror image of another."""
+
+    def radiance_with_error(
+        self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike
+    ) -> Estimate:
+        """Radiance as of `Field.radiance`, with its standard error; it may be below 0 by its noise."""
+
+
+class PolarisedField(Field, Protocol):
+    """A field that knows the linear polarisation of its light."""
+
+    def stokes(self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W).
+
+        The signs are those of `twilight.conventions`.  I is what `radiance` gives.  A solver that serves
+        `every_observer` takes also `observer_altitude_km`.  TwilightError for a field without polarisation.
+
+        A field whose answers are estimates has `stokes_with_error` too: `stokes` and `standard_error`, both of this
+        shape.
+        """
+
+
+class SegmentField(Field, Protocol):
+    """A field that knows the air between the observer and an object."""
+
+    def aerial_perspective(
+        self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike, distance_km: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(transmittance, sun-normalised radiance [sr^-1] scattered in) over a distance, directions plus (W,) each."""
+
+
+class Solver(Protocol):
+    """The module of a solver."""
+
+    @property
+    def CAPABILITIES(self) -> Capabilities: ...
+
+    @property
+    def QUALITIES(self) -> Mapping[str, Any]: ...
+
+    def prepare(
+        self,
+        medium: Medium,
+        settings: Any = None,
+        *,
+        observer_altitude_km: float = 0.0,
+        progress: Progress | None = None,
+    ) -> Field:
+        """What does not depend on the sun and the direction.
+
+        settings: one of QUALITIES, perhaps with options replaced; None: `standard`.  A solver that `takes_suns` also
+        takes `sun_elevations_deg`.  Errors: TwilightError for what it cannot do, in one sentence.
+        """

@@ -1,0 +1,79 @@
+"""Many lines of sight at once, as points: what depends on the air alone, for any sun."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.atmosphere.medium import Medium
+from twilight.threads import in_slices
+from twilight.transport.lines import GROUND, new_line, trace_line
+from twilight.transport.profile import Profile
+
+
+class Rays(NamedTuple):
+    """R rays with P points in all.
+
+    first (R + 1,): where the points of each ray start; place (P, 4), weight (P, W): as in `Line`
+    ground_weight (R, W): transmittance to the ground, 0 for rays that miss it; ground_angle_rad (R,): geocentric angle
+    of its place from the start.
+    """
+
+    first: np.ndarray
+    place: np.ndarray
+    weight: np.ndarray
+    ground_weight: np.ndarray
+    ground_angle_rad: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _trace(profile, altitude_km, cosine, fineness, pairs, store, rays, begin, end):
+    """Trace rays begin..end: count their points into rays.first[r + 1], or store them from rays.first[r] on."""
+    line = new_line(profile)
+    for r in range(begin, end):
+        n, status = trace_line(profile, altitude_km[r], cosine[r], fineness, pairs, line)
+        if not store:
+            rays.first[r + 1] = n
+            continue
+        at = rays.first[r]
+        rays.place[at : at + n] = line.place[:n]
+        rays.weight[at : at + n] = line.weight[:n]
+        rays.ground_angle_rad[r] = line.end[0]
+        for w in range(line.transmittance.size):
+            rays.ground_weight[r, w] = line.transmittance[w] if status == GROUND else 0.0
+
+
+def trace_rays(
+    profile: Profile, altitude_km: np.ndarray, cosine: np.ndarray, fineness: float, *, pairs: bool = False
+) -> Rays:
+    """Rays that start at `altitude_km` (R,) under `cosine` (R,): traced twice, to count and to keep.
+
+    pairs: two points for every step; otherwise one for short steps.
+    """
+    n_rays, n_w = altitude_km.size, profile.extinction.shape[1]
+    first = np.zeros(n_rays + 1, np.int64)
+
+    def trace(n_points: int, store: bool) -> Rays:
+        rays = Rays(
+            first, np.empty((n_points, 4)), np.empty((n_points, n_w)), np.zeros((n_rays, n_w)), np.zeros(n_rays)
+        )
+        in_slices(
+            lambda begin, end: _trace(profile, altitude_km, cosine, fineness, pairs, store, rays, begin, end), n_rays
+        )
+        return rays
+
+    trace(1, False)
+    np.cumsum(first, out=first)
+    return trace(int(first[-1]), True)
+
+
+def species_share(medium: Medium, altitude_km: np.ndarray) -> np.ndarray:
+    """Share (1 + K, P, W) of air and of each aerosol phase function in what is scattered at altitudes (P,)."""
+    at = medium.at(altitude_km)
+    species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_share])
+    total = species.sum(axis=0)
+    share = np.where(total > 0, species / np.where(total > 0, total, 1.0), 0.0)
+    share[0] = np.where(total > 0, share[0], 1.0)
+    return share
