@@ -1,4 +1,4 @@
-"""Steps along a straight ray of the tables: short where the air changes, never across a jump of the medium.
+"""Steps along a straight ray of the tables: short where the air changes, never across a jump of the medium."""
 
 from __future__ import annotations
 
