@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import sys
+from dataclasses import dataclass, replace
+from types import ModuleType
 
 import numpy as np
 import pytest
 
+from twilight import solvers
 from twilight.config import load
 from twilight.engine import Problem, problem_of
 from twilight.errors import TwilightError
@@ -191,6 +194,46 @@ def test_a_polariser_changes_the_pictures_and_not_the_radiance(sky, tmp_path):
     expected = rayleigh(SUN_DEG, elevation[:, None], azimuth[None, :])
     passed = 0.5 * (1.0 + expected[..., 1] / expected[..., 0])
     np.testing.assert_allclose(ratio[1:, :, 1], passed[1:], atol=0.03)
+
+
+@dataclass(frozen=True)
+class RayleighSettings:
+    polarisation: bool = True
+
+
+def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, monkeypatch):
+    import xarray
+
+    import twilight.accessor  # noqa: F401
+    from twilight.batch.store import open_store
+    from twilight.batch.sweep import Sweep
+    from twilight.batch.work import compute, forget
+    from twilight.config.load import load_axes
+
+    module = ModuleType("rayleigh_toy")
+    module.CAPABILITIES, module.prepare = RayleighSolver.CAPABILITIES, RayleighSolver.prepare
+    module.QUALITIES = {"standard": RayleighSettings()}
+    monkeypatch.setitem(sys.modules, "rayleigh_toy", module)
+    monkeypatch.setitem(solvers.SOLVERS, "rayleigh", "rayleigh_toy")
+    scene = {
+        "version": 1,
+        "climate": {"version": 1, "name": "air"},
+        "solver": {"name": "rayleigh"},
+        "wavelengths": {"list_nm": NM.tolist()},
+        "texture": {"azimuth_count": 12, "elevation_count": 3},
+        "vary": {"sun.elevation_deg": [5.0, 40.0]},
+    }
+    made = Sweep(load_axes(scene))
+    assert list(made.layers) == ["sun_normalised_radiance_q", "sun_normalised_radiance_u"]
+    with open_store(tmp_path / "sweep.zarr", made) as store:
+        for task in made.tasks:
+            store.write(task, compute(made.payload(task), threads=1))
+    forget()
+    data = xarray.open_zarr(tmp_path / "sweep.zarr")
+    assert "vertical plane" in data.sun_normalised_radiance_u.attrs["comment"]
+    back = data.sky.scene(sun_elevation_deg=40.0)
+    expected = rayleigh(40.0, back.elevation_deg[:, None], back.azimuth_deg[None, :])
+    np.testing.assert_allclose(back.stokes[..., 1], expected, atol=1e-6)
 
 
 def test_a_sky_without_polarisation_says_so(sky):

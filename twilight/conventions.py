@@ -41,3 +41,9 @@ the vertical: atan2(U, Q)/2.  Signs as in Emde et al. 2015 (IPRT), J. Quant. Spe
 
 EARTH_RADIUS_KM = 6371.0
 """Mean radius of the Earth (Haber 2005 sec. 4.1.3; IUGG mean radius 6371.0088 km)."""
+
+STOKES_REFERENCE = (
+    "reference plane: the vertical plane through the line of sight; Q > 0: light vibrates in it; U > 0: seen along the "
+    "line of sight the vibration leans from the vertical clockwise, towards larger azimuth"
+)
+"""What files say about Q and U."""

@@ -10,6 +10,10 @@ from dataclasses import dataclass
 from twilight import solvers
 from twilight.digest import code_digest
 
+STANDARD_ERROR = "standard_error"
+STOKES = ("sun_normalised_radiance_q", "sun_normalised_radiance_u")
+STOKES_ERROR = ("standard_error_q", "standard_error_u")
+
 SHOWN = ("twilight.sky",)
 """What shows radiance and does not make it."""
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twilight.conventions import STOKES_REFERENCE
 from twilight.errors import TwilightError
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
@@ -193,19 +194,13 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     return xarray.Dataset(variables, coords, attributes)
 
 
-_REFERENCE = (
-    "reference plane: the vertical plane through the line of sight; Q > 0: light vibrates in it; U > 0: seen along the "
-    "line of sight the vibration leans from the vertical clockwise, towards larger azimuth"
-)
-
-
 def _polarisation(sky: Sky) -> dict:
     """The variables of a polarised sky."""
     assert sky.polarisation is not None
     found: dict = {}
     for i, name in enumerate("qu"):
         long_name = f"Stokes parameter {name.upper()} divided by the solar irradiance on top of the air"
-        attributes = {"units": "sr-1", "long_name": long_name, "comment": _REFERENCE}
+        attributes = {"units": "sr-1", "long_name": long_name, "comment": STOKES_REFERENCE}
         found[f"{_RADIANCE}_{name}"] = (_GRID, sky.polarisation[:, :, i], attributes)
         if sky.polarisation_error is not None:
             error = f"standard_error_{name}"
@@ -223,7 +218,7 @@ def _polarisation(sky: Sky) -> dict:
         {
             "units": "degree",
             "long_name": "angle of vibration from the vertical, clockwise seen along the line of sight",
-            "comment": f"atan2(U, Q) / 2; {_REFERENCE}",
+            "comment": f"atan2(U, Q) / 2; {STOKES_REFERENCE}",
         },
     )
     return found
