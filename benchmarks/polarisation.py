@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.air import climate_medium
 from twilight.compare.accuracy import colour_spread
 from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
 from twilight.validate.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
 
