@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from airs import pure_air
+from scipy.integrate import solve_ivp
 
 from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
 from twilight.transport.rays import OUTSIDE, outward, ray_profile, refractivity_at, sun_ray
@@ -154,6 +155,61 @@ def test_edge_of_the_shadow():
         dark, _ = look_up(beam, z, math.degrees(edge) + 0.005)
         assert lit[0] > 0.0
         assert np.all(dark == 0.0)
+
+
+def through_the_limb(medium, w, impact_km, altitude_km):
+    """A ray of the parallel beam by Runge-Kutta steps of d/ds(n t) = grad n, which knows nothing of the invariant.
+
+    Returns where it crosses the sphere at `altitude_km` on its way out: angle from the sun [rad], cosine of incidence,
+    optical depth, and its lowest altitude [km].
+    """
+    scale, n0, k0 = 8.0, medium.refractivity[0, w], medium.extinction_per_km[0, w]
+
+    def equation(_, y):
+        r = math.hypot(y[0], y[1])
+        thin = math.exp(-(r - RADIUS) / scale)
+        n = 1.0 + n0 * thin
+        g = -n0 * thin / scale / r
+        return [y[2] / n, y[3] / n, g * y[0], g * y[1], k0 * thin]
+
+    def leaves(_, y):
+        return math.hypot(y[0], y[1]) - RADIUS - altitude_km if y[0] * y[2] + y[1] * y[3] > 0.0 else -1.0
+
+    def turns(_, y):
+        return y[0] * y[2] + y[1] * y[3]
+
+    leaves.terminal = True
+    start = [-1300.0, impact_km, 1.0, 0.0, 0.0]
+    events = [leaves, turns]
+    way = solve_ivp(equation, (0, 4000.0), start, events=events, rtol=1e-11, atol=1e-11, max_step=60.0, method="DOP853")
+    x, y, tx, ty, tau = way.y[:, -1]
+    r, t = math.hypot(x, y), math.hypot(tx, ty)
+    lowest = math.hypot(*way.y_events[1][0][:2]) - RADIUS
+    return math.atan2(y, -x), (x * tx + y * ty) / (r * t), tau, lowest
+
+
+def test_irradiance_behind_the_limb_and_the_shadow_against_the_ray_equation():
+    """Flux b db of a thin annulus of the beam, spread over r^2 sin(theta) dtheta cos(i), times its transmittance."""
+    medium = pure_air(LEVELS)
+    beam, w = prepare_beam(medium), 0  # the most refracted wavelength, at which light ends at the solid Earth
+    for altitude in (20.0, 60.0):
+        r = RADIUS + altitude
+        for impact in (RADIUS + 6.0, RADIUS + 14.0):
+            theta, cosine, tau, _ = through_the_limb(medium, w, impact, altitude)
+            near, far = (through_the_limb(medium, w, impact + d, altitude)[0] for d in (-0.05, 0.05))
+            expected = impact * 0.1 / (r * r * math.sin(theta) * (near - far) * cosine) * math.exp(-tau)
+            found, bending = beam_at_one(beam, altitude, math.cos(theta), w)
+            assert found == pytest.approx(expected, rel=3e-3)
+            assert theta - bending == pytest.approx(math.pi - math.acos(cosine), abs=3e-6)
+        # the ray that touches the ground
+        low, high = RADIUS, RADIUS + 5.0
+        for _ in range(22):
+            middle = 0.5 * (low + high)
+            touching = through_the_limb(medium, w, middle, altitude)
+            low, high = (middle, high) if touching[3] < 0.0 else (low, middle)
+        edge = touching[0]
+        assert beam_at_one(beam, altitude, math.cos(edge - 2e-5), w)[0] > 0.0
+        assert beam_at_one(beam, altitude, math.cos(edge + 2e-5), w)[0] == 0.0
 
 
 def test_no_altitude_in_the_light_is_dark():

@@ -188,6 +188,37 @@ def test_many_wavelengths_go_in_blocks_and_give_the_same(plain, table, tmp_path,
     assert np.array_equal(whole.direct_irradiance, blocks.direct_irradiance)
 
 
+def test_only_the_files_asked_for_are_written(plain, table, tmp_path):
+    result = call("render", table, "--only", "png, h5", "--output", tmp_path / "two")
+    assert result.exit_code == 0, result.stderr
+    assert {p.name for p in (tmp_path / "two").iterdir()} == {"sky.png", "sky.h5"}
+    assert "wrote sky.png, sky.h5 to" in result.stdout
+    call("render", table, "--set", "output.files=[h5]", "--output", tmp_path / "one")
+    assert {p.name for p in (tmp_path / "one").iterdir()} == {"sky.h5"}
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            ["--only", "png,jpg"],
+            "--only: output.files holds 'jpg', which is not a file of a render; allowed are png, rgb",
+        ),
+        (["--only", "png,png"], "lists the same file twice"),
+        (
+            ["--only", "polarisation"],
+            "output.files: polarisation needs polarised light, and plain (standard) computes none",
+        ),
+        (["--polariser", "30"], "output.polariser_deg needs polarised light"),
+        (["--polariser", "300"], "--polariser: output.polariser_deg must be a number from -180"),
+    ],
+)
+def test_files_that_cannot_be_are_refused_before_anything_is_computed(plain, table, tmp_path, options, says):
+    result = call("render", table, *options, "--output", tmp_path / "out")
+    assert result.exit_code == 2 and says in result.stderr, result.stderr
+    assert not plain.calls and not (tmp_path / "out").exists()
+
+
 def test_a_latitude_longitude_width_is_computed_direction_by_direction(plain, table):
     from twilight.config import load
     from twilight.engine import frames

@@ -11,6 +11,7 @@ import pytest
 
 from twilight import solvers
 from twilight.batch.sweep import Sweep
+from twilight.batch.task import SHOWN
 from twilight.batch.work import compute, forget
 from twilight.config import load
 from twilight.config.load import load_axes
@@ -156,7 +157,8 @@ def test_a_sweep_gives_a_formula_all_wavelengths_at_once(tmp_path):
 
 def test_the_code_of_a_sweep_is_what_computes_it():
     names = {
-        file.as_posix().rsplit("twilight/", 1)[-1] for file in files_of("twilight.batch.work", solvers.SOLVERS["zones"])
+        file.as_posix().rsplit("twilight/", 1)[-1]
+        for file in files_of("twilight.batch.work", solvers.SOLVERS["zones"], without=SHOWN)
     }
     assert {"batch/work.py", "engine/solve.py", "scene/plan.py", "solvers/zones/field.py", "transport/beam.py"} <= names
     assert {"data/opac/mie_ten_types.npz", "data/gases/no2_vandaele1998.csv"} <= names

@@ -175,13 +175,13 @@ def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
 
 
 def test_the_radiance_target_adds_a_picture_that_radiance_reads(tmp_path):
-    paths = write_outputs(glow_sky(), tmp_path, files=("sky.rgb.exr",), target="radiance", width=16)
+    paths = write_outputs(glow_sky(), tmp_path, files=("rgb",), target="radiance", width=16)
     assert [p.name for p in paths] == ["sky.rgb.exr", "sky.rgb.hdr"]
 
 
 def test_output_options_are_checked_before_anything_is_written(tmp_path):
     for options, message in (
-        ({"files": ("sky.jpg",)}, "sky.png"),
+        ({"files": ("jpg",)}, "allowed are png, rgb, spectral, h5, polarisation"),
         ({"target": "maya"}, "mitsuba"),
         ({"width": 30}, "multiple of 4"),
         ({"spectral_width": 0}, "multiple of 4"),

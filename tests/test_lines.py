@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bent_rays import trace_ray
 
 from twilight.atmosphere.build import build_medium
-from twilight.transport.bent import trace_ray
 from twilight.transport.lines import GROUND, OUT, new_line, trace_line, with_refraction
 from twilight.transport.profile import prepare_profile
 

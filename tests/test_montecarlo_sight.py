@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bent_rays import trace_ray
 from montecarlo_media import hazy_earth
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
@@ -17,7 +18,6 @@ from twilight.solvers.montecarlo.leg import (
 from twilight.solvers.montecarlo.lines import DIRECTION, ORIGIN
 from twilight.solvers.montecarlo.paths import observer_ray
 from twilight.solvers.montecarlo.sight import SIGHT_CHORDS, SIGHT_PIECES, look
-from twilight.transport.bent import trace_ray
 
 SETTINGS = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0)
 

@@ -17,8 +17,6 @@ from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
-pytestmark = pytest.mark.slow
-
 TINY = replace(
     zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.4, polar_directions=4, late_polar_directions=4,
     sight_density=0.6, max_events=6,
@@ -48,6 +46,7 @@ def sky(medium, sun, *, azimuth=AZIMUTH_DEG, **change):
     return zones.prepare(medium, replace(TINY, **change)).radiance(sun, ELEVATION_DEG, azimuth)
 
 
+@pytest.mark.slow
 @FEW
 @given(st.lists(airs, min_size=8, max_size=8), suns)
 def test_radiance_is_positive_and_left_is_right(lanes, sun):
@@ -60,6 +59,7 @@ def test_radiance_is_positive_and_left_is_right(lanes, sun):
     np.testing.assert_allclose(zenith, np.broadcast_to(zenith[0], zenith.shape), rtol=1e-6)
 
 
+@pytest.mark.slow
 @FEW
 @given(airs, st.floats(5.0, 80.0))
 def test_more_absorber_is_never_brighter(air, sun):
@@ -76,6 +76,7 @@ def test_brighter_ground_is_never_darker(air, sun):
     assert np.all(np.diff(radiance, axis=-1) >= -1e-5 * radiance[..., 1:])
 
 
+@pytest.mark.slow
 @MANY
 @given(airs, st.floats(-1.0, 1.0), st.floats(0.0, 70.0))
 def test_sunlight_falls_with_every_extinction(air, cosine, altitude_km):
@@ -112,6 +113,7 @@ def test_a_thicker_cell_captures_more_of_its_own_light(depth, factor):
     assert 0.0 <= less <= more * (1 + 1e-12) <= 1.0 + 1e-12
 
 
+@pytest.mark.slow
 @settings(max_examples=20, **COMMON)
 @given(airs.filter(lambda a: a.air > 0.01), st.integers(0, 2**31))
 def test_the_transfer_between_cells_is_reciprocal(air, seed):
@@ -141,6 +143,7 @@ def test_the_transfer_between_cells_is_reciprocal(air, seed):
         assert compared
 
 
+@pytest.mark.slow
 @FEW
 @given(airs, suns)
 def test_null_effects_are_exact(air, sun):
@@ -164,6 +167,7 @@ def test_radiance_is_linear_in_the_irradiance_of_the_sun():
     assert near.illuminance_lux() == pytest.approx(far.illuminance_lux() * ratio, rel=1e-9)
 
 
+@pytest.mark.slow
 @FEW
 @given(st.floats(0.01, 0.2), st.floats(5.0, 60.0))
 def test_cells_are_positive_and_mirror_symmetric(depth, sun):

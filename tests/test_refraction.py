@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from airs import pure_air
+from bent_rays import find_sun_path, trace_ray
 from scipy.integrate import solve_ivp
 
 from twilight.atmosphere.refraction import (
@@ -13,7 +14,6 @@ from twilight.atmosphere.refraction import (
     saturation_vapour_pressure_hpa,
 )
 from twilight.errors import TwilightError
-from twilight.transport.bent import find_sun_path, trace_ray
 
 RADIUS = 6371.0
 

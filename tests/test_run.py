@@ -13,7 +13,7 @@ from twilight.config.library import shipped
 from twilight.engine import run
 from twilight.errors import TwilightError
 from twilight.phase import HENYEY_GREENSTEIN
-from twilight.scene.describe import horizontal_refraction_arcmin, scale_height_km
+from twilight.scene.describe import facts, horizontal_refraction_arcmin, scale_height_km
 from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
 from twilight.scene.plan import GAS_TOLERANCE, make_plan
 from twilight.scene.record import resolved_configuration
@@ -192,6 +192,18 @@ def test_keys_of_gases_layers_and_refraction_reach_the_medium():
 def test_a_spectral_albedo_is_linear_between_its_wavelengths_and_constant_outside():
     ground = load("urban", {"ground.albedo": {"wavelength_nm": [400, 600], "albedo": [0.1, 0.5]}}).climate.ground
     assert ground_albedo(ground, np.array([350.0, 400.0, 500.0, 700.0])) == pytest.approx([0.1, 0.1, 0.3, 0.5])
+
+
+def test_described_ozone_says_where_and_when_it_is_from():
+    def ozone(**settings):
+        medium = climate_medium(load("pure-air", settings).climate, np.array([550.0]))
+        return dict(facts(medium))["ozone column"]
+
+    assert ozone() == "334 DU (AFGL 1986, 45 N, July)"
+    assert ozone(**{"atmosphere.profile": "subarctic_winter"}) == "375 DU (AFGL 1986, 60 N, January)"
+    assert ozone(**{"gases.ozone.column_du": 300}) == "300 DU (as asked for)"
+    assert ozone(**{"gases.ozone.day_of_year": 95}) == "370 DU (day 95 of the year, northern midlatitudes)"
+    assert ozone(**{"gases.ozone.treatment": "none"}) == "0 DU"
 
 
 def test_described_figures_are_in_their_known_ranges():

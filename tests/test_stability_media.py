@@ -27,8 +27,6 @@ from twilight.solvers.cells import CellsSettings
 from twilight.solvers.montecarlo import MonteCarloSettings
 from twilight.solvers.zones import QUALITIES, ZonesSettings
 
-pytestmark = pytest.mark.slow
-
 DRAFT = QUALITIES["draft"]
 ZONES = replace(DRAFT, altitude_density=0.3, zenith_density=0.4)
 CELLS = CellsSettings(
@@ -68,6 +66,7 @@ def check(name: str, radiance: np.ndarray, airs, suns, what: str) -> None:
                 assert radiance[s, :, w].max() < 1e-3, f"{name}: {what}, {air}: bright at {sun} deg"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
 def test_extreme_air(name):
     suns = (20.0, -6.0) if name in PER_SUN else SUNS_DEG
@@ -86,6 +85,7 @@ def test_extreme_air_under_every_sun(name):
     check(name, look(name, extremes(), SUNS_DEG), EXTREMES.values(), SUNS_DEG, "extremes")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
 def test_a_globe_that_traps_its_light_is_refused(name):
     medium = medium_of(Air(), refractivity=2e-3)
@@ -95,6 +95,7 @@ def test_a_globe_that_traps_its_light_is_refused(name):
     assert np.all(np.isfinite(look(name, medium, [10.0], settings=settings)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", STRUCTURES)
 def test_odd_levels_zones(what):
     settings = DRAFT if what == "black" else ZONES
@@ -116,6 +117,7 @@ def plain_zones():
     return solvers.load("zones").prepare(medium_of(Air(), Air(ozone=0.5)), ZONES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("altitude_km", [0.0, 8.0, 50.0, 80.0, 100.0, 400.0, 40000.0])
 def test_observers_from_the_ground_to_orbit(plain_zones, altitude_km):
     horizon = horizon_deg(altitude_km)
@@ -145,6 +147,7 @@ def test_observers_of_the_referee(altitude_km):
             assert np.all(radiance[-1] == 0.0)
 
 
+@pytest.mark.slow
 def test_what_is_not_claimed_is_one_sentence(plain_zones):
     medium = medium_of(Air(), Air())
     for name in solvers.SOLVERS:
@@ -200,6 +203,7 @@ def test_extremes_converge_under_refinement():
         assert second < max(0.7 * first, 0.01), f"{what}: {first:.3g} then {second:.3g}"
 
 
+@pytest.mark.slow
 def test_single_precision_of_the_field_is_enough():
     """zones keeps radiances, moments and interpolation weights in float32 and the geometry and single scattering in
     float64: faint and bright lanes of one block, 12 orders of magnitude apart, are those of a block of their own."""
@@ -217,6 +221,7 @@ def test_single_precision_of_the_field_is_enough():
     np.testing.assert_allclose(1e3 * thin[0], thin[1], rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_one_wavelength_and_a_thousand():
     """What is computed at a wavelength does not depend on its neighbours."""
     airs = [Air(air=0.3 * (0.3 + i / 1000) ** -4 * 0.01, aerosol=0.1) for i in range(1000)]
@@ -250,6 +255,7 @@ def in_threads(count, work):
         numba.set_num_threads(before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["zones", "montecarlo"])
 def test_one_thread_and_two_are_bit_identical(name):
     medium = medium_of(Air(), Air(aerosol=2.0))

@@ -67,6 +67,14 @@ class SkyAccessor:
             found = next((float(chosen[name]) for name in names if name in chosen), None)
             return None if found is None or np.isnan(found) else found
 
+        def stokes(q: str, u: str) -> np.ndarray | None:
+            both = grid(q), grid(u)
+            if both[0] is None or both[1] is None:
+                return None
+            mirrored = (azimuth > 180.0) & (chosen.azimuth.values[column] <= 180.0)
+            sign = 1.0 if "error" in u else np.where(mirrored, -1.0, 1.0)[:, None]
+            return np.stack([both[0], both[1] * sign], axis=2).astype(float)
+
         radiance = grid(_RADIANCE)
         if radiance is None:
             raise TwilightError(".sky.scene: this scene holds no radiance")
@@ -85,6 +93,8 @@ class SkyAccessor:
             longitude_deg=one("longitude", "sun_longitude_deg"),
             ground_albedo=chosen["surface_albedo"].values if "surface_albedo" in chosen else None,
             standard_error=grid("standard_error"),
+            polarisation=stokes(f"{_RADIANCE}_q", f"{_RADIANCE}_u"),
+            polarisation_error=stokes("standard_error_q", "standard_error_u"),
             direct_irradiance=chosen[direct].values.astype(float) if direct in chosen else None,
             apparent_sun_elevation_deg=one("apparent_solar_elevation_angle")
             if bending is None

@@ -19,6 +19,13 @@ clockwise seen from above.  In the world it is clockwise from north.
 *Cartesian frame of an observer.*  z up, x towards the azimuth of the sun, y 90 deg clockwise from it seen from above.
 The origin of positions is the centre of the Earth, the observer stands at (0, 0, R + h).
 
+*Polarisation.*  Stokes parameters I, Q, U, in the place before wavelength: ``stokes[direction, 3, wavelength]``.  The
+reference plane is the vertical plane through the line of sight, in the zenith that of the azimuth given.  Q > 0: light
+vibrates in that plane; Q < 0: horizontally.  U > 0: for somebody who looks along the line of sight, zenith side up, the
+vibration leans from the vertical to the right (clockwise), towards larger azimuth.  The angle of vibration, clockwise
+from the vertical, is atan2(U, Q) / 2; the degree of linear polarisation is sqrt(Q^2 + U^2) / I.  About the sun's
+vertical I and Q are mirrored, U changes its sign.  (The signs of Emde et al. 2015, IPRT; Hovenier and van der Mee.)
+
 *Scattering angle.*  0 is forward.  A phase function is per steradian, its integral over the sphere is 1.
 
 *Polarisation.*  Stokes parameters I, Q, U are sun-normalised like the radiance, which is I.  They refer to the vertical
@@ -34,3 +41,9 @@ the vertical: atan2(U, Q)/2.  Signs as in Emde et al. 2015 (IPRT), J. Quant. Spe
 
 EARTH_RADIUS_KM = 6371.0
 """Mean radius of the Earth (Haber 2005 sec. 4.1.3; IUGG mean radius 6371.0088 km)."""
+
+STOKES_REFERENCE = (
+    "reference plane: the vertical plane through the line of sight; Q > 0: light vibrates in it; U > 0: seen along the "
+    "line of sight the vibration leans from the vertical clockwise, towards larger azimuth"
+)
+"""What files say about Q and U."""

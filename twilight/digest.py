@@ -15,28 +15,29 @@ _DATA = _PACKAGE / "data"
 
 
 @functools.cache
-def code_digest(*modules: str) -> str:
+def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:
     """SHA-256 over modules, all modules of twilight that they import, and the data that these name.
 
     An import counts wherever it stands in a file, unless it is for type checkers alone.  A package's `__init__` counts
     where the package itself is imported from, not where one of its modules is.  A folder of data counts where its name
-    stands in the code.  Modules of others are taken as they are, without their imports.
+    stands in the code.  Modules of others are taken as they are, without their imports.  Modules in `without` do not
+    count, nor what they alone import.
     """
     digest = hashlib.sha256()
-    for file in files_of(*modules):
+    for file in files_of(*modules, without=without):
         digest.update(_name(file).encode())
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def files_of(*modules: str) -> list[Path]:
+def files_of(*modules: str, without: tuple[str, ...] = ()) -> list[Path]:
     """The files that `code_digest` reads, in its order."""
     found: dict[str, Path] = {}
     waiting = list(modules)
     folders: set[str] = set()
     while waiting:
         module = waiting.pop()
-        if module in found:
+        if module in found or module in without:
             continue
         file = _file(module)
         if file is None:

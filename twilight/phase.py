@@ -153,6 +153,16 @@ class PhaseFunction:
         return PhaseFunction(HENYEY_GREENSTEIN, g, np.zeros((g.size, 1)), name)
 
     @staticmethod
+    def cornette_shanks(g, name: str = "cornette-shanks") -> PhaseFunction:
+        """Table of p = 3/(8 pi) (1 - g^2)(1 + mu^2) / ((2 + g^2)(1 + g^2 - 2 g mu)^1.5) at g (W,); Bruneton and Neyret
+        2008 eq. 4.  Its mean cosine is not g."""
+        g = np.atleast_1d(np.asarray(g, dtype=float))[:, None]
+        mu = np.cos(table_angles_rad())
+        shape = (1.0 - g) ** 2 + 2.0 * g * (1.0 - mu)
+        p = 3.0 / (8.0 * np.pi) * (1.0 - g**2) * (1.0 + mu**2) / ((2.0 + g**2) * shape**1.5)
+        return PhaseFunction.from_samples(table_angles_rad(), p, name)
+
+    @staticmethod
     def from_samples(
         angle_rad,
         phase_per_sr,

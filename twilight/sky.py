@@ -10,6 +10,7 @@ import numpy as np
 
 from twilight import spectrum
 from twilight.errors import TwilightError
+from twilight.grids import texture_centres
 
 MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
 """Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
@@ -28,22 +29,6 @@ def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
     if rows < 1 or abs(rows * step_deg - 90.0) > 1e-9:
         raise TwilightError(f"step_deg: {step_deg:g} deg must be positive and divide 90 deg")
     return texture_centres((rows, 4 * rows))
-
-
-def texture_centres(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column centres (elevation_deg, azimuth_deg) of a hemisphere texture of (rows, columns)."""
-    rows, columns = shape
-    return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(columns) * (360.0 / columns)
-
-
-def half_of(azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The columns on one side of the sun's vertical that stand for all: a sky is its own mirror image about it.
-
-    Returns (columns with azimuths from 0 to 180 deg, in this order (H,); for every column the place among them (A,)).
-    """
-    folded = np.round(np.minimum(azimuth_deg, 360.0 - azimuth_deg), 9)
-    _, column, back = np.unique(folded, return_index=True, return_inverse=True)
-    return column, back
 
 
 def latlong_grid(width: int, sun_azimuth_deg: float | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -76,6 +61,8 @@ class Sky:
     observer_altitude_km, latitude_deg, longitude_deg, time (with time zone): of the observer, where known.
     ground_albedo (W,): Lambertian albedo below the horizon.
     standard_error (E, A, W): of sun_normalised_radiance [sr^-1], or None.
+    polarisation (E, A, 2, W): the sun-normalised Stokes parameters Q and U [sr^-1] (signs: ``conventions``), or None.
+    polarisation_error (E, A, 2, W): their standard error [sr^-1], or None.
     direct_irradiance (W,): of the sun's beam at the observer at normal incidence, divided by F0 (0 in shadow), or None.
     apparent_sun_elevation_deg: refracted elevation of the disc, or None = the true one.
     solar_spectrum: one of ``spectrum.solar_spectra()``.
@@ -104,6 +91,8 @@ class Sky:
     apparent_sun_elevation_deg: float | None = None
     solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
     night_radiance: np.ndarray | None = None
+    polarisation: np.ndarray | None = None
+    polarisation_error: np.ndarray | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):
@@ -132,6 +121,13 @@ class Sky:
                 value = np.asarray(value)
                 if value.shape != expected or not np.isfinite(value).all() or (value < 0).any():
                     raise TwilightError(f"sky: {key} must have shape {expected} and be finite and not negative")
+                object.__setattr__(self, key, value)
+        for key in ("polarisation", "polarisation_error"):
+            value = getattr(self, key)
+            if value is not None:
+                value = np.asarray(value)
+                if value.shape != (*shape[:2], 2, shape[2]) or not np.isfinite(value).all():
+                    raise TwilightError(f"sky: {key} must have shape {(*shape[:2], 2, shape[2])} and be finite")
                 object.__setattr__(self, key, value)
         albedo = np.zeros(wavelength.size) if self.ground_albedo is None else np.asarray(self.ground_albedo, float)
         albedo = np.broadcast_to(albedo, (wavelength.size,)).copy()
@@ -211,6 +207,87 @@ class Sky:
         if self.night_radiance is None:
             return self.sun_normalised_radiance
         return self.sun_normalised_radiance + self.night_radiance / self.solar_irradiance
+
+    # Polarisation -----------------------------------------------------------------------------------------------
+
+    @property
+    def stokes(self) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], (E, A, 3, W); TwilightError where Q and U are unknown."""
+        return np.concatenate([self.sun_normalised_radiance[..., None, :], self._known_polarisation], axis=2)
+
+    @property
+    def _known_polarisation(self) -> np.ndarray:
+        if self.polarisation is None:
+            raise TwilightError(
+                "this sky has no Stokes parameters: they need solver.polarisation true (solver zones or montecarlo)"
+            )
+        return self.polarisation
+
+    @property
+    def polarised_share(self) -> np.ndarray:
+        """Q and U over the radiance of sun and night together, (E, A, 2, W); the night counts as unpolarised."""
+        total = self.normalised_radiance[..., None, :]
+        return np.divide(self._known_polarisation, total, out=np.zeros(self._known_polarisation.shape), where=total > 0)
+
+    @property
+    def degree_of_linear_polarisation(self) -> np.ndarray:
+        """sqrt(Q^2 + U^2) / I of sun and night together, (E, A, W)."""
+        return np.linalg.norm(self.polarised_share, axis=2)
+
+    @property
+    def angle_of_linear_polarisation_deg(self) -> np.ndarray:
+        """Angle of vibration [deg], (E, A, W), -90 to 90: from the vertical plane through the line of sight, clockwise
+        for somebody who looks along it, that is towards larger azimuth."""
+        q, u = np.moveaxis(self._known_polarisation, 2, 0)
+        return 0.5 * np.degrees(np.arctan2(u, q))
+
+    def through_polariser(self, angle_deg: float) -> Sky:
+        """The sky behind an ideal linear polariser, (I + Q cos 2t + U sin 2t) / 2, its axis at t from the vertical.
+
+        angle_deg: as `angle_of_linear_polarisation_deg`; it is counted in every line of sight from its own vertical, as
+        when the polariser is turned to each of them.  Half of the night and of the sunbeam passes.
+        """
+        t = np.radians(2.0 * angle_deg)
+        q, u = np.moveaxis(self._known_polarisation, 2, 0)
+        passed = 0.5 * (self.sun_normalised_radiance + q * np.cos(t) + u * np.sin(t))
+        return replace(
+            self,
+            sun_normalised_radiance=np.maximum(passed, 0.0),
+            standard_error=None,
+            polarisation=None,
+            polarisation_error=None,
+            night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
+            direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
+        )
+
+    def sample_polarised_share(self, elevation_deg, azimuth_deg) -> np.ndarray:
+        """`polarised_share` in any direction, (..., 2, W); bilinear, held below the first row.
+
+        In the zenith the vertical plane turns with the azimuth, and Q + iU with twice its angle: there the mean of the
+        last row, each column turned to azimuth 0, is turned to every column.
+        """
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        q, u = np.moveaxis(self.polarised_share, 2, 0)
+        share, rows = q + 1j * u, self.elevation_deg
+        turn = np.exp(2j * np.radians(self.azimuth_deg))[:, None]
+        zenith = (share[-1] / turn).mean(axis=0) * turn
+        if rows[-1] < 90.0 - 1e-9:
+            share, rows = np.concatenate([share, zenith[None]]), np.append(rows, 90.0)
+        else:
+            share[-1] = zenith
+        n = self.azimuth_deg.size
+        position = np.mod(azimuth - self.azimuth_deg[0], 360.0) * (n / 360.0)
+        left = np.floor(position).astype(int)
+        v = (position - left)[..., None]
+        left, right = left % n, (left + 1) % n
+        low = np.clip(np.searchsorted(rows, elevation, side="right") - 1, 0, max(rows.size - 2, 0))
+        high = np.minimum(low + 1, rows.size - 1)
+        step = np.where(high > low, rows[high] - rows[low], 1.0)
+        w = np.clip((elevation - rows[low]) / step, 0.0, 1.0)[..., None]
+        found = (1 - w) * ((1 - v) * share[low, left] + v * share[low, right]) + w * (
+            (1 - v) * share[high, left] + v * share[high, right]
+        )
+        return np.stack([found.real, found.imag], axis=-2)
 
     # Directions -------------------------------------------------------------------------------------------------
 
@@ -296,16 +373,30 @@ class Sky:
         }
         for name, values in layers.items():
             if values is not None:
-                as_sky = replace(self, sun_normalised_radiance=values, standard_error=None, night_radiance=None)
-                layers[name] = as_sky.sample(*grid)
+                layers[name] = self._with(values).sample(*grid)
+        made = self.sample(*grid)
+        polarisation = None
+        if self.polarisation is not None:
+            night = layers["night_radiance"]
+            total = made if night is None else made + night / self.solar_irradiance
+            polarisation = self.sample_polarised_share(*grid) * total[..., None, :]
         return replace(
             self,
             elevation_deg=elevation,
             azimuth_deg=azimuth,
-            sun_normalised_radiance=self.sample(*grid),
+            sun_normalised_radiance=made,
             standard_error=layers["standard_error"],
+            polarisation=polarisation,
+            polarisation_error=None,
             night_radiance=layers["night_radiance"],
         )
+
+    def _with(self, values: np.ndarray) -> Sky:
+        """Values (E, A, W) >= 0 in the place of the radiance, and nothing else on the grid."""
+        empty: dict[str, Any] = dict.fromkeys(
+            ("standard_error", "night_radiance", "polarisation", "polarisation_error")
+        )
+        return replace(self, sun_normalised_radiance=values, **empty)
 
     def to_latlong(self, width: int) -> Sky:
         """The sky at the pixel centres of a latitude-longitude picture (``latlong_grid``)."""
@@ -331,6 +422,8 @@ class Sky:
                 night_radiance=None,
                 direct_irradiance=None,
                 ground_albedo=None,
+                polarisation=None,
+                polarisation_error=None,
             )
             return stand_in.sample(elevation, azimuth)
         rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))

@@ -12,7 +12,7 @@ from twilight.atmosphere.aerosols import AerosolRegion, CacheDir
 from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
 from twilight.atmosphere.medium import Medium, layer_mean
 from twilight.atmosphere.opac import AerosolSpec
-from twilight.atmosphere.profiles import PROFILE_TOP_KM, Profile, load_profile
+from twilight.atmosphere.profiles import PROFILE_TOP_KM, WHERE_AND_WHEN, Profile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
 from twilight.errors import TwilightError
 
@@ -61,8 +61,9 @@ def build_medium(
     ground_albedo: Lambertian, one number or one per wavelength.
     cache_dir: folder of the Mie cache, None for the default.
 
-    Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `profile`, `regions`
-    (name, bottom, top) and `aerosol_factor`.  Raises TwilightError on anything that is not possible.
+    Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `ozone_source` (in
+    words), `profile`, `regions` (name, bottom, top) and `aerosol_factor`.  Raises TwilightError on anything that is not
+    possible.
     """
     wavelength = gases.check_wavelengths(wavelength_nm)
     if not (math.isfinite(top_km) and MIN_TOP_KM <= top_km <= PROFILE_TOP_KM):
@@ -110,6 +111,7 @@ def build_medium(
         depths["ozone overhead"] = overhead
     notes = {
         "profile": full.name,
+        "ozone_source": _ozone_source(full.name, ozone_column_du, ozone_day_of_year),
         "ozone_column_du": 0.0 if ozone_treatment == "none" else full.ozone_column_du * ozone_factor,
         "optical_depth": {key: value.tolist() for key, value in depths.items()},
         "regions": [(region.name, region.bottom_km, min(region.top_km, top_km)) for region in regions],
@@ -136,6 +138,15 @@ def _ozone_column(column_du: float | None, day_of_year: float | None) -> float |
     if column_du is not None:
         raise TwilightError("give one of ozone_column_du and ozone_day_of_year, not both")
     return gases.seasonal_ozone_column_du(day_of_year)
+
+
+def _ozone_source(profile: str, column_du: float | None, day_of_year: float | None) -> str:
+    """Where the ozone column comes from, in words."""
+    if column_du is not None:
+        return "as asked for"
+    if day_of_year is not None:
+        return f"day {day_of_year:g} of the year, northern midlatitudes"
+    return f"AFGL 1986, {WHERE_AND_WHEN[profile]}"
 
 
 def _aerosol_regions(

@@ -22,6 +22,16 @@ PROFILES = (
     "us_standard",
 )
 
+WHERE_AND_WHEN = {
+    "tropical": "15 N, mean of the year",
+    "midlatitude_summer": "45 N, July",
+    "midlatitude_winter": "45 N, January",
+    "subarctic_summer": "60 N, July",
+    "subarctic_winter": "60 N, January",
+    "us_standard": "US Standard Atmosphere 1976",
+}
+"""What each profile stands for (Anderson et al. 1986)."""
+
 PROFILE_TOP_KM = 120.0
 
 BOLTZMANN_J_PER_K = 1.380649e-23

@@ -1,4 +1,4 @@
-"""Mie results that come with the package: the ten OPAC types at the wavelengths used by default.
+"""Mie results that come with the package: the ten OPAC types and measured stratospheres at the default wavelengths.
 
 They save a fresh machine the compilation of the Mie kernels before its first picture.  They are a filled cache and
 nothing else: an entry is found by the hash of everything that entered it, the file is checked against its own hash, and

@@ -13,6 +13,7 @@ function as a linear mixture of the Henyey-Greenstein functions of the two level
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from twilight.atmosphere.build import check_ground_albedo
 from twilight.atmosphere.columns import Columns, read_columns
 from twilight.atmosphere.medium import Medium, interpolate_coefficient
 from twilight.atmosphere.own import read_phase
+from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 
@@ -36,6 +38,11 @@ COLUMNS: Columns = {
 }
 ASYMMETRY = "aerosol_asymmetry"
 
+PHASE_MODELS: dict[str, Callable] = {
+    "henyey_greenstein": PhaseFunction.henyey_greenstein,
+    "cornette_shanks": PhaseFunction.cornette_shanks,
+}
+
 MAX_PHASE_FUNCTIONS = 8
 """With more different asymmetries than this at one wavelength, a grid of so many stands for them."""
 
@@ -47,6 +54,8 @@ def medium_from_table(
     depolarisation=0.0,
     wavelength_nm=None,
     phase_function: str | os.PathLike | None = None,
+    phase_model: str = "henyey_greenstein",
+    earth_radius_km: float = EARTH_RADIUS_KM,
     name: str = "",
 ) -> Medium:
     """The medium of a table (see the module's text), at the table's own wavelengths or at others inside its range.
@@ -58,9 +67,9 @@ def medium_from_table(
     phase_function: file of the aerosol's phase function at all levels (``own.read_phase``); the table then has no
         column aerosol_asymmetry.
 
-    Without it the phase function at every level is the Henyey-Greenstein function of the table's asymmetry.  Where one
-    wavelength has more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean
-    cosine.
+    Without it the phase function at every level is the Henyey-Greenstein function of the table's asymmetry, or, where
+    phase_model is `cornette_shanks`, that of Cornette and Shanks with the asymmetry as its g.  Where one wavelength has
+    more than 8 different asymmetries, each is a mixture of the two nearest of 8 with the right mean cosine.
     Raises TwilightError, with file, line and column, on anything that is not allowed.
     """
     file = Path(path)
@@ -74,7 +83,7 @@ def medium_from_table(
     albedo = check_ground_albedo(ground_albedo, wavelength.size)
     depolarisation = _check_depolarisation(depolarisation, wavelength.size)
     if phase_function is None:
-        share, phases = _phase_functions(columns[ASYMMETRY])
+        share, phases = _phase_functions(columns[ASYMMETRY], PHASE_MODELS[phase_model])
     else:
         share, phases = np.ones((1, altitude.size, wavelength.size)), (read_phase(Path(phase_function), wavelength),)
     if not np.any(columns["aerosol_extinction_per_km"] > 0):
@@ -92,6 +101,7 @@ def medium_from_table(
         depolarisation=depolarisation,
         ground_albedo=albedo,
         overhead_absorption_optical_depth=np.zeros(wavelength.size),
+        earth_radius_km=earth_radius_km,
         name=name or file.stem,
         notes={"table": file.name},
     )
@@ -191,8 +201,8 @@ def _at_wavelengths(
     return out
 
 
-def _phase_functions(asymmetry: np.ndarray) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
-    """Shares (K, L, W) and K Henyey-Greenstein functions that together give the asymmetry (L, W) at every level."""
+def _phase_functions(asymmetry: np.ndarray, of: Callable) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
+    """Shares (K, L, W) and K phase functions of(g) that together give the asymmetry (L, W) at every level."""
     n_levels, n_wavelengths = asymmetry.shape
     nodes = [np.unique(column) for column in asymmetry.T]
     count = max(node.size for node in nodes)
@@ -205,4 +215,4 @@ def _phase_functions(asymmetry: np.ndarray) -> tuple[np.ndarray, tuple[PhaseFunc
         g[:, w] = np.append(node, np.full(count - node.size, node[-1]))
         position = np.interp(asymmetry[:, w], node, np.arange(node.size))
         share[: node.size, :, w] = np.maximum(0.0, 1.0 - np.abs(position - np.arange(node.size)[:, None]))
-    return share, tuple(PhaseFunction.henyey_greenstein(row) for row in g)
+    return share, tuple(of(row) for row in g)

@@ -21,8 +21,9 @@ import numpy as np
 from twilight import __version__
 from twilight.batch.dimensions import describe_key, variable_name
 from twilight.batch.sweep import Sweep
-from twilight.batch.task import Block, Task
+from twilight.batch.task import STANDARD_ERROR, STOKES, STOKES_ERROR, Block, Task
 from twilight.batch.work import TaskResult
+from twilight.conventions import STOKES_REFERENCE
 from twilight.errors import TwilightError
 from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.provenance import differences, to_json
@@ -58,8 +59,8 @@ class Store:
             for block, found in zip(task.blocks, result.blocks, strict=True):
                 arrays = {_RADIANCE: found.radiance, "direct_irradiance_factor": found.direct}
                 arrays["solar_bending"] = found.bending_deg
-                if found.standard_error is not None:
-                    arrays["standard_error"] = found.standard_error
+                for name in self.sweep.layers:
+                    arrays[name] = found.more.get(name, np.full_like(found.radiance, np.nan))
                 for name, values in arrays.items():
                     self._group[name][block.region] = values.reshape((*block.shape, *values.shape[1:]))
                 scenes = list(block.scenes())
@@ -74,7 +75,7 @@ class Store:
     def _without_damaged(self) -> int:
         """Forget the tasks of which a chunk is no longer what was written; how many they are."""
         names = [_RADIANCE, "direct_irradiance_factor", "solar_bending"]
-        names += ["standard_error"] if self.sweep.stochastic else []
+        names += list(self.sweep.layers)
         lost = [
             task.key
             for task in self.sweep.tasks
@@ -206,8 +207,8 @@ def _attributes(sweep: Sweep) -> dict[str, str]:
         "title": f"Skies of {sweep.first.title}",
         "source": f"twilight {__version__}",
         "comment": "The sky is its own mirror image about the sun's vertical: radiance at an azimuth of 200 degrees is "
-        "that at 160.  NaN: not computed (see status).  Radiance in W m-2 nm-1 sr-1 is sun_normalised_radiance times "
-        "solar_irradiance over the square of earth_sun_distance.",
+        "that at 160, Stokes parameter U the negative of that at 160.  NaN: not computed (see status).  Radiance in "
+        "W m-2 nm-1 sr-1 is sun_normalised_radiance times solar_irradiance over the square of earth_sun_distance.",
         "sweep": to_json(sweep.document),
         "sweep_hash": sweep.hash,
         "azimuth_count": str(sweep.first.texture.shape[1]),
@@ -240,10 +241,14 @@ def _results(group: Any, sweep: Sweep) -> None:
         grid,
         units="sr-1",
         long_name="spectral radiance of the sky divided by the solar irradiance on top of the air",
-        **({"ancillary_variables": "standard_error"} if sweep.stochastic else {}),
+        **({"ancillary_variables": STANDARD_ERROR} if STANDARD_ERROR in sweep.layers else {}),
     )
-    if sweep.stochastic:
-        add("standard_error", _DIRECTIONS, grid, units="sr-1", long_name=f"standard error of {_RADIANCE}")
+    about = {STANDARD_ERROR: f"standard error of {_RADIANCE}"}
+    about |= {name: f"Stokes parameter {name[-1].upper()} divided by the solar irradiance" for name in STOKES}
+    about |= {name: f"standard error of {_RADIANCE}_{name[-1]}" for name in STOKES_ERROR}
+    for name in sweep.layers:
+        comment = {"comment": STOKES_REFERENCE} if name in STOKES else {}
+        add(name, _DIRECTIONS, grid, units="sr-1", long_name=about[name], **comment)
     add(
         "direct_irradiance_factor",
         ("wavelength",),

@@ -14,18 +14,18 @@ import numpy as np
 
 from twilight import __version__, solvers
 from twilight.batch.dimensions import check_keys, dimensions_of, everywhere_observer, is_served, solver_of
-from twilight.batch.task import Block, ScenePosition, Task, code_of
+from twilight.batch.task import STANDARD_ERROR, STOKES, STOKES_ERROR, Block, ScenePosition, Task, code_of
 from twilight.config.climate import climate_files
 from twilight.config.load import Series
 from twilight.config.scene import Config
-from twilight.config.solver import complete_solver
+from twilight.config.solver import complete_solver, resolve_solver
 from twilight.engine.memory import check_size
 from twilight.errors import TwilightError
+from twilight.grids import half_of, texture_centres
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.progress import Progress, silent
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
-from twilight.sky import half_of, texture_centres
 
 MAX_SCENES = 10_000_000
 MAX_FIELDS = 200_000
@@ -71,7 +71,7 @@ class Sweep:
         self.elevation_deg, azimuth_deg = texture_centres(self.first.texture.shape)
         self.azimuth_deg = np.round(azimuth_deg[half_of(azimuth_deg)[0]], 9)
         self.wavelength_nm = self._wavelengths(self.first)
-        self.stochastic = False
+        self.layers: dict[str, None] = {}
         self.code: dict[str, str] = {}
         self._position_cache = functools.lru_cache(maxsize=100_000)(self._positions)
         field_keys = self._check_fields(tell)
@@ -90,7 +90,7 @@ class Sweep:
     @property
     def _sky_bytes(self) -> int:
         values = self.elevation_deg.size * self.azimuth_deg.size * self.wavelength_nm.size
-        return 4 * values * (2 if self.stochastic else 1)
+        return 4 * values * (1 + len(self.layers))
 
     def payload(self, task: Task) -> dict[str, Any]:
         """What the worker of a task is told."""
@@ -152,10 +152,19 @@ class Sweep:
                         f"{self.series.where}: vary: {self._describe(index)} has other wavelengths than the first "
                         f"scene; set wavelengths for all"
                     )
-            self.stochastic = self.stochastic or capabilities.standard_error
+            self._add_layers(config)
             code = self.code[solver_of(config)] = code_of(solver_of(config))
             keys[index] = configuration_hash([described, self.wavelength_nm, code])[:24]
         return keys
+
+    def _add_layers(self, config: Config) -> None:
+        """Note what the solver of a configuration gives beside radiance (`layers`: names of variables)."""
+        name, _, settings = resolve_solver(config.solver)
+        able = solvers.load(name).CAPABILITIES
+        polarised = able.stokes and settings.polarisation
+        self.layers |= dict.fromkeys([STANDARD_ERROR] if able.standard_error else [])
+        self.layers |= dict.fromkeys(STOKES if polarised else ())
+        self.layers |= dict.fromkeys(STOKES_ERROR if polarised and able.standard_error else ())
 
     def _check_inner(self) -> None:
         """Each value along the inner dimensions is validated alone: suns and observers do not depend on each other."""

@@ -10,10 +10,17 @@ from dataclasses import dataclass
 from twilight import solvers
 from twilight.digest import code_digest
 
+STANDARD_ERROR = "standard_error"
+STOKES = ("sun_normalised_radiance_q", "sun_normalised_radiance_u")
+STOKES_ERROR = ("standard_error_q", "standard_error_u")
+
+SHOWN = ("twilight.sky",)
+"""What shows radiance and does not make it."""
+
 
 def code_of(solver: str) -> str:
     """SHA-256 over the code and data that the skies of a sweep with this solver depend on."""
-    return code_digest("twilight.batch.work", solvers.SOLVERS[solver])
+    return code_digest("twilight.batch.work", solvers.SOLVERS[solver], without=SHOWN)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.batch.task import ScenePosition, code_of
+from twilight.batch.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of
 from twilight.config.scene import Config
-from twilight.engine.solve import Block, Problem, problem_of
+from twilight.engine.solve import Answer, Block, Problem, problem_of
 from twilight.errors import TwilightError
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -27,15 +27,15 @@ _last: dict[str, Block] = {}
 class BlockResult:
     """A chunk's skies in its order: n of them.
 
-    radiance, standard_error (n, E, A, W): sun-normalised [sr^-1], float32; direct (n, W): irradiance of the sun's beam
-    over F0; bending_deg (n,); refused: the sentence of each sky that the solver cannot do, by position, whose
-    values are NaN.
+    radiance (n, E, A, W): sun-normalised [sr^-1], float32; direct (n, W): irradiance of the sun's beam over F0;
+    bending_deg (n,); more: what the field knows beside them, by the names of `layers_of`, of the radiance's shape;
+    refused: the sentence of each sky that the solver cannot do, by position, whose values are NaN.
     """
 
     radiance: np.ndarray
     direct: np.ndarray
     bending_deg: np.ndarray
-    standard_error: np.ndarray | None = None
+    more: dict[str, np.ndarray] = field(default_factory=dict)
     refused: dict[int, str] = field(default_factory=dict)
 
 
@@ -135,16 +135,22 @@ class _Fields:
     def _sky(self, solved: Block, sky: ScenePosition, i: int, block: BlockResult) -> None:
         sun, altitude, part = sky.sun_elevation_deg, sky.observer_altitude_km, solved.wavelengths
         found = solved.texture(sun, self.payload["elevation_deg"], self.payload["azimuth_deg"], altitude)
-        if found.standard_error is not None:
-            if block.standard_error is None:
-                block.standard_error = np.full_like(block.radiance, np.nan)
-            block.standard_error[i, ..., part] = found.standard_error
+        for name, values in layers_of(found).items():
+            block.more.setdefault(name, np.full_like(block.radiance, np.nan))[i, ..., part] = values
         block.radiance[i, ..., part] = found.radiance
         block.direct[i, part], block.bending_deg[i] = solved.direct(sun, altitude)
 
     def _clear(self, block: BlockResult) -> None:
         """A sky that was refused in one block of wavelengths is not there in the others."""
         for i in block.refused:
-            for values in (block.radiance, block.direct, block.bending_deg, block.standard_error):
-                if values is not None:
-                    values[i] = np.nan
+            for values in (block.radiance, block.direct, block.bending_deg, *block.more.values()):
+                values[i] = np.nan
+
+
+def layers_of(found: Answer) -> dict[str, np.ndarray]:
+    """What an answer (E, A) holds beside its radiance: arrays (E, A, W) by the names of the dataset's variables."""
+    layers = {} if found.standard_error is None else {STANDARD_ERROR: found.standard_error}
+    for values, names in ((found.polarisation, STOKES), (found.polarisation_error, STOKES_ERROR)):
+        if values is not None:
+            layers |= {name: values[:, :, i] for i, name in enumerate(names)}
+    return layers

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import compare, fit, render, show, sweep, validate
+from twilight.cli import compare, export, fit, render, show, sweep, validate
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ commands = (
 )
 for command in commands:
     app.command()(sentences(command))
+app.add_typer(export.app)
 app.add_typer(fit.app)
 app.add_typer(validate.app)
 

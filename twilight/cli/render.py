@@ -23,7 +23,7 @@ def render(
     latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
     longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
     time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
-    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer.")] = None,
+    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
     solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     target_stderr: Annotated[
@@ -35,6 +35,10 @@ def render(
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     target: Annotated[
         str | None, option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
+    ] = None,
+    only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
+    polariser: Annotated[
+        float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
     ] = None,
     output: Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Only say what the scene leaves out, and why.")] = False,
@@ -55,6 +59,8 @@ def render(
     choose("solver.name", solver, "--solver")
     choose("solver.quality", quality, "--quality")
     choose("output.target", target, "--target")
+    choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
+    choose("output.polariser_deg", polariser, "--polariser")
     set_here, called = settings_of(settings)
     chosen.update(set_here)
     names.update(called)
@@ -119,6 +125,7 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
 
     for case in cases:
         check_size(case.config)
+        _check_polarised(case.config)
     check_folder(output or Path("out"))
     counts = [count_suns(case.config) for case in cases]
     total = sum(counts)
@@ -148,9 +155,27 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
         rows,
         right=(2, 3, 4),
     )
-    what = "sky.png, sky.rgb.exr, sky.spectral.exr, sky.h5"
+    what = ", ".join(file.name for file in files)
     more = f" in {total} folders, and contact-sheet.png" if total > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}", file=sys.stdout)
+
+
+def _check_polarised(config: Any) -> None:
+    """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
+    from twilight import solvers
+    from twilight.config.solver import resolve_solver
+    from twilight.formats import WHERE_POLARISED
+
+    wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
+    if config.output.polariser_deg is not None:
+        wanted.append("output.polariser_deg")
+    name, quality, settings = resolve_solver(config.solver)
+    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
+        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
+        raise TwilightError(
+            f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
+            f"solver.polarisation: true with one of {able}"
+        )
 
 
 def _write(frame: Any, config: Any, folder: Path) -> list[Path]:
@@ -161,6 +186,8 @@ def _write(frame: Any, config: Any, folder: Path) -> list[Path]:
         frame.sky,
         folder,
         panorama=frame.panorama,
+        files=o.files,
+        polariser_deg=o.polariser_deg,
         views=o.views,
         target=o.target,
         width=config.texture.latlong_width or o.width,

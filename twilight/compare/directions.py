@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.config.scene import Config
+from twilight.grids import half_of, texture_centres
 from twilight.scene.suns import suns_of
-from twilight.sky import half_of, texture_centres
 
 _GOLDEN = 0.6180339887498949
 

@@ -114,4 +114,4 @@ class Outcome:
 
 def code_of(solver: str) -> str:
     """SHA-256 over the code and data that the results of this solver depend on."""
-    return code_digest("twilight.compare.worker", solvers.SOLVERS[solver])
+    return code_digest("twilight.compare.worker", solvers.SOLVERS[solver], without=("twilight.sky",))

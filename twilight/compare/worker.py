@@ -23,8 +23,8 @@ import numpy as np
 from twilight.config.scene import Config
 from twilight.engine.solve import Problem, Solved, problem_of
 from twilight.errors import TwilightError
+from twilight.grids import half_of, texture_centres
 from twilight.progress import Meter
-from twilight.sky import half_of, texture_centres
 
 Send = Callable[[dict[str, Any]], None]
 

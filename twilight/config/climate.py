@@ -158,6 +158,10 @@ class TabulatedMedium(Section):
 
     table: str = key("", "CSV file, relative to the folder of the climate's file", min_length=1)
     depolarisation: Number = key(0.0, "of the air's Rayleigh phase function", unit="1", ge=0.0, le=0.5)
+    phase_model: Literal["henyey_greenstein", "cornette_shanks"] = key(
+        "henyey_greenstein", "of the aerosol, with the table's aerosol_asymmetry as its g"
+    )
+    earth_radius_km: Number = key(6371.0, "radius that altitudes are above", unit="km", ge=1000.0, le=100000.0)
 
     sha256: str | None = key(None, "the table's SHA-256; if given, another table is an error", pattern="^[0-9a-f]{64}$")
 
@@ -175,6 +179,12 @@ class TabulatedMedium(Section):
     @classmethod
     def _is_path(cls, value: str | None) -> str | None:
         return one_line(value)
+
+    @model_validator(mode="after")
+    def _one_phase_function(self) -> TabulatedMedium:
+        if self.phase_function is not None and "phase_model" in self.model_fields_set:
+            raise ValueError("takes either phase_function (a file) or phase_model, not both")
+        return self
 
 
 class Climate(Section):

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
+from twilight.formats import FORMATS, check_names
 
 
 def _moment(value: Any) -> Any:
@@ -265,9 +266,27 @@ class Texture(Section):
         return round(90.0 / self.resolution_deg), 4 * round(90.0 / self.resolution_deg)
 
 
+def _files(value: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    if value == ():
+        raise ValueError("must name one file at least")
+    return value if value is None else check_names(value)
+
+
 class Output(Section):
     """How the pictures look and which program they are for; the radiance in the files does not depend on it."""
 
+    files: Annotated[tuple[str, ...] | None, AfterValidator(_files)] = key(
+        None,
+        f"which files are written: {', '.join(FORMATS)}; unset: all, polarisation where the light is polarised",
+    )
+    polariser_deg: Number | None = key(
+        None,
+        "axis of a polariser before the pictures and sky.rgb.exr, from the vertical of each line of sight, clockwise; "
+        "unset: none",
+        unit="deg",
+        ge=-180.0,
+        le=180.0,
+    )
     target: Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"] = key(
         "openexr", "whose environment map sky.rgb.exr is"
     )

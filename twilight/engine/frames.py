@@ -16,11 +16,12 @@ from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
 from twilight.errors import TwilightError
+from twilight.grids import texture_centres
 from twilight.io.provenance import configuration_hash
 from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
-from twilight.sky import Sky, latlong_grid, texture_centres
+from twilight.sky import Sky, latlong_grid
 
 
 @dataclass(frozen=True)

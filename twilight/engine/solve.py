@@ -9,8 +9,8 @@ that 1000 need no more memory than one block; a `Block` is one of them, solved. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,34 +22,44 @@ from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.errors import TwilightError
+from twilight.grids import half_of
 from twilight.progress import Progress, part_of, silent
 from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.scene.plan import LeftOut, make_plan
-from twilight.sky import Sky, half_of
+from twilight.sky import Sky
 from twilight.solvers.base import Capabilities, Field, Solver
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Sun-normalised radiance [sr^-1], shape of the directions plus (W,), and its standard error where there is one."""
+    """What was found for some directions; sun-normalised [sr^-1].
+
+    radiance: shape of the directions plus (W,), and its standard error where there is one.
+    polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
+        field has them (signs: `twilight.conventions`), and their standard error.
+    """
 
     radiance: np.ndarray
     standard_error: np.ndarray | None = None
-
-    def map(self, change: Callable[[np.ndarray], np.ndarray]) -> Answer:
-        """The answer with every array changed in the same way."""
-        error = self.standard_error
-        return Answer(change(self.radiance), None if error is None else change(error))
+    polarisation: np.ndarray | None = None
+    polarisation_error: np.ndarray | None = None
 
 
 def joined(answers: Sequence[Answer]) -> Answer:
     """One answer for all wavelengths from those of all blocks."""
     if len(answers) == 1:
         return answers[0]
-    errors = [a.standard_error for a in answers if a.standard_error is not None]
-    return Answer(
-        np.concatenate([a.radiance for a in answers], axis=-1), np.concatenate(errors, axis=-1) if errors else None
-    )
+    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
+    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=-1) for part in parts]
+    return Answer(*whole)
+
+
+def _of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
+    """The answer that holds Stokes parameters (..., 3, W)."""
+    found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
+    if error is None:
+        return found
+    return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
 
 
 @dataclass(frozen=True)
@@ -139,22 +149,33 @@ class Block:
         elevation_deg: ArrayLike,
         azimuth_deg: ArrayLike,
         observer_altitude_km: float | None = None,
+        *,
+        polarisation: bool = False,
     ) -> Answer:
         """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
-        A solver whose field belongs to one observer solves anew for another one.
+        polarisation: also Q and U, where the field has them.  A solver whose field belongs to one observer solves anew
+        for another one.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
-        if self.capabilities.standard_error:
+        polarised = polarisation and made.polarised
+        if self.capabilities.standard_error and polarised:
+            with_noise = made.stokes_with_error(*directions, **more)
+            found = _of_stokes(with_noise.stokes, with_noise.standard_error)
+        elif self.capabilities.standard_error:
             estimate = made.radiance_with_error(*directions, **more)
             found = Answer(estimate.radiance, estimate.standard_error)
+        elif polarised:
+            found = _of_stokes(made.stokes(*directions, **more))
         else:
             found = Answer(made.radiance(*directions, **more))
         estimated = found.standard_error is not None
         if not (np.isfinite(found.radiance).all() and (estimated or (found.radiance >= 0.0).all())):
             raise TwilightError("the solver gave radiance that is negative or not a number")
+        if found.polarisation is not None and not np.isfinite(found.polarisation).all():
+            raise TwilightError("the solver gave a Stokes parameter that is not a number")
         return found
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, float]]:
@@ -174,19 +195,25 @@ class Block:
         azimuth_deg: np.ndarray,
         observer_altitude_km: float | None = None,
     ) -> Answer:
-        """The sky on a grid of rows (E,) and columns (A,) [deg]: (E, A, W), never negative.
+        """The sky on a grid of rows (E,) and columns (A,) [deg]: (E, A, W), never negative; polarised where it can be.
 
         The sky is its own mirror image about the sun's vertical: a deterministic solver is asked for one half only.
+        In the other half I and Q are the same, and U has the other sign.
         """
         if self.capabilities.standard_error:
             e, a = np.meshgrid(elevation_deg, azimuth_deg, indexing="ij")
-            found = self.answer(sun_elevation_deg, e, a, observer_altitude_km)
+            found = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
             # few samples of a faint pixel may average below 0, which no sky is; its standard error says how little it
             # means
-            return Answer(np.maximum(found.radiance, 0.0), found.standard_error)
+            return replace(found, radiance=np.maximum(found.radiance, 0.0))
         column, back = half_of(azimuth_deg)
         e, a = np.meshgrid(elevation_deg, azimuth_deg[column], indexing="ij")
-        return self.answer(sun_elevation_deg, e, a, observer_altitude_km).map(lambda values: values[:, back])
+        half = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+        if half.polarisation is None:
+            return Answer(half.radiance[:, back])
+        mirrored = half.polarisation[:, back]
+        mirrored[:, azimuth_deg > 180.0, 1] *= -1.0
+        return Answer(half.radiance[:, back], None, mirrored)
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
@@ -227,6 +254,23 @@ class Solved:
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
         return joined([block.answer(*question) for block in self.blocks])
 
+    def stokes(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+    ) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W).
+
+        Errors: TwilightError for a field without polarisation.
+        """
+        question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        found = joined([block.answer(*question, polarisation=True) for block in self.blocks])
+        if found.polarisation is None:
+            raise TwilightError("this field has no Stokes parameters: its solver.polarisation is not true")
+        return np.concatenate([found.radiance[..., None, :], found.polarisation], axis=-2)
+
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
         found = [block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks]
@@ -263,6 +307,8 @@ def sky_of(
         azimuth_deg=grid[1],
         sun_normalised_radiance=answer.radiance,
         standard_error=answer.standard_error,
+        polarisation=answer.polarisation,
+        polarisation_error=answer.polarisation_error,
         sun_elevation_deg=sun_elevation_deg,
         observer_altitude_km=observer_altitude_km,
         ground_albedo=medium.ground_albedo,

@@ -31,8 +31,8 @@ class Sunbeam:
 
     def at(self, sun_elevation_deg: float, altitude_km: float) -> Direct:
         """The direct light of a sun at true elevation, for an observer at an altitude."""
-        radius = self.medium.earth_radius_km
-        dip_deg = float(np.degrees(np.arccos(radius / (radius + max(altitude_km, 0.0)))))
+        radius, ground_km = self.medium.earth_radius_km, self.medium.bottom_km
+        dip_deg = float(np.degrees(np.arccos((radius + ground_km) / (radius + max(altitude_km, ground_km)))))
         out = np.zeros(self.medium.n_wavelengths)
         if sun_elevation_deg < -dip_deg - self.DARK_BELOW_HORIZON_DEG:
             return Direct(out, 0.0)

@@ -2,13 +2,13 @@
 
 from twilight.io.exr import LatLong, read_latlong_exr, read_spectral_exr, write_rgb_exr, write_spectral_exr
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_sky
-from twilight.io.outputs import FILES, write_outputs
+from twilight.io.outputs import write_outputs
 from twilight.io.picture import render_view, sky_exposure_ev100, write_png
+from twilight.io.polarisation import write_polarisation_png
 from twilight.io.rgbe import write_hdr
 from twilight.io.whole import whole_file
 
 __all__ = [
-    "FILES",
     "LatLong",
     "read_latlong_exr",
     "read_sky",
@@ -20,6 +20,7 @@ __all__ = [
     "write_hdr",
     "write_outputs",
     "write_png",
+    "write_polarisation_png",
     "write_rgb_exr",
     "write_sky",
     "write_spectral_exr",

@@ -12,7 +12,7 @@ import numpy as np
 
 from twilight import colour, spectrum
 from twilight.errors import TwilightError
-from twilight.io.environment import environment, ground_factor
+from twilight.io.environment import environment, environment_directions, ground_factor
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.io.whole import whole_file
 from twilight.reading import check_expansion, first_line
@@ -133,9 +133,13 @@ def write_spectral_exr(
     rgb = environment_rgb(sky, target, width, observer)
     channels = {name: rgb[..., i] for i, name in enumerate("RGB")}
     for i, wavelength in enumerate(sky.wavelength_nm):
-        channels[f"S0.{wavelength:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)] = spectra[..., i]
+        channels[_channel("S0", wavelength)] = spectra[..., i]
     if len(channels) != 3 + sky.wavelength_nm.size:
         raise TwilightError(f"{path}: wavelengths closer than 1e-6 nm cannot be told apart in a spectral EXR")
+    if sky.polarisation is not None:
+        for name, values in zip(("S1", "S2"), _stokes(sky, spectra, target, width), strict=True):
+            for i, wavelength in enumerate(sky.wavelength_nm):
+                channels[_channel(name, wavelength)] = values[..., i]
     header = _header(sky, target, observer) | {
         "spectralLayoutVersion": "1.0",
         "emissiveUnits": "W.m^-2.sr^-1",
@@ -145,7 +149,29 @@ def write_spectral_exr(
         ),
         f"{PREFIX}SolarIrradiance": ";".join(f"{value:.9g}" for value in sun),
     }
+    if sky.polarisation is not None:
+        header["polarisationHandedness"] = "right"
+        header[f"{PREFIX}StokesReference"] = (
+            "S1 = Q, S2 = U: plane through the line of sight and the vertical of the sky (not of the picture); S1 > 0: "
+            "light vibrates in it; S2 > 0: seen along the line of sight the vibration leans clockwise from the vertical"
+        )
     return _write(path, header, channels)
+
+
+def _channel(component: str, wavelength_nm: float) -> str:
+    """`S0.550,000000nm`."""
+    return f"{component}.{f'{wavelength_nm:.6f}'.replace('.', ',')}nm"
+
+
+def _stokes(sky: Sky, spectra: np.ndarray, target: str, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Q and U of an environment map whose I is `spectra` (height, width', W); the ground is unpolarised."""
+    elevation, azimuth = environment_directions(target, width)
+    elevation, azimuth = np.broadcast_arrays(elevation, azimuth - (sky.sun_azimuth_deg or 0.0))
+    above = elevation >= sky.elevation_edges_deg[0]
+    q, u = np.zeros_like(spectra), np.zeros_like(spectra)
+    share = sky.sample_polarised_share(elevation[above], azimuth[above])
+    q[above], u[above] = share[..., 0, :] * spectra[above], share[..., 1, :] * spectra[above]
+    return q, u
 
 
 def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

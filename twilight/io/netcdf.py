@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twilight.conventions import STOKES_REFERENCE
 from twilight.errors import TwilightError
 from twilight.io.provenance import provenance_fields, provenance_from_fields
+from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
 from twilight.reading import check_expansion, first_line
 from twilight.sky import Sky
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 CONVENTIONS = "CF-1.11"
 _DIRECTIONS = ("elevation", "azimuth")
 _GRID = (*_DIRECTIONS, "wavelength")
+_RADIANCE = "sun_normalised_radiance"
 _ATTRIBUTE_LIMIT = 60_000
 """HDF5 keeps an attribute in the object header, at most 64 KiB; longer texts become scalar variables."""
 
@@ -150,6 +153,8 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
             sky.standard_error,
             {"long_name": "standard error of sun_normalised_radiance", "units": "sr-1"},
         )
+    if sky.polarisation is not None:
+        variables |= _polarisation(sky)
     if sky.night_radiance is not None:
         variables["night_radiance"] = (
             _GRID,
@@ -189,6 +194,36 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     return xarray.Dataset(variables, coords, attributes)
 
 
+def _polarisation(sky: Sky) -> dict:
+    """The variables of a polarised sky."""
+    assert sky.polarisation is not None
+    found: dict = {}
+    for i, name in enumerate("qu"):
+        long_name = f"Stokes parameter {name.upper()} divided by the solar irradiance on top of the air"
+        attributes = {"units": "sr-1", "long_name": long_name, "comment": STOKES_REFERENCE}
+        found[f"{_RADIANCE}_{name}"] = (_GRID, sky.polarisation[:, :, i], attributes)
+        if sky.polarisation_error is not None:
+            error = f"standard_error_{name}"
+            attributes["ancillary_variables"] = error
+            about = {"long_name": f"standard error of {_RADIANCE}_{name}", "units": "sr-1"}
+            found[error] = (_GRID, sky.polarisation_error[:, :, i], about)
+    found["degree_of_linear_polarisation"] = (
+        _GRID,
+        sky.degree_of_linear_polarisation,
+        {"units": "1", "long_name": "degree of linear polarisation of all light", "comment": "sqrt(Q^2 + U^2) / I"},
+    )
+    found["angle_of_linear_polarisation"] = (
+        _GRID,
+        sky.angle_of_linear_polarisation_deg,
+        {
+            "units": "degree",
+            "long_name": "angle of vibration from the vertical, clockwise seen along the line of sight",
+            "comment": f"atan2(U, Q) / 2; {STOKES_REFERENCE}",
+        },
+    )
+    return found
+
+
 def write_sky(sky: Sky, path: str | Path) -> Path:
     """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path."""
     dataset = sky_to_dataset(sky)
@@ -205,6 +240,11 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
     with whole_file(path) as temporary:
         dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
     return Path(path)
+
+
+def write_h5(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
+    """``sky.h5``."""
+    return [write_sky(rendered.sky, folder / "sky.h5")]
 
 
 def read_sky(path: str | Path) -> Sky:
@@ -249,6 +289,10 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         variable = dataset[name]
         return (variable.transpose(*_GRID) if variable.ndim == 3 else variable).values
 
+    def pair(q: str, u: str) -> np.ndarray | None:
+        both = array(q), array(u)
+        return None if both[0] is None or both[1] is None else np.stack(both, axis=2)  # type: ignore[arg-type]
+
     def scalar(name: str, default: float | None = None) -> float | None:
         return float(dataset[name]) if name in dataset.variables else default
 
@@ -271,6 +315,8 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         time=None if time is None else datetime.fromisoformat(time),
         ground_albedo=array("surface_albedo"),
         standard_error=array("standard_error"),
+        polarisation=pair(f"{_RADIANCE}_q", f"{_RADIANCE}_u"),
+        polarisation_error=pair("standard_error_q", "standard_error_u"),
         night_radiance=array("night_radiance"),
         direct_irradiance=array("direct_irradiance_factor"),
         apparent_sun_elevation_deg=scalar("apparent_solar_elevation_angle"),

@@ -11,6 +11,7 @@ from twilight import colour
 from twilight.errors import TwilightError
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
+from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
 from twilight.sky import Sky
 
@@ -185,3 +186,19 @@ def write_png(
     with whole_file(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=info, optimize=False)
     return Path(path)
+
+
+def write_pictures(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
+    """The first of the views as ``sky.png``, others as ``sky.VIEW.png``."""
+    return [
+        write_png(
+            rendered.seen,
+            folder / (f"sky.{view}.png" if i else "sky.png"),
+            view=view,
+            exposure=options.exposure,
+            tone_mapping=options.tone_mapping,
+            observer=options.observer,
+            label=view == "wide",
+        )
+        for i, view in enumerate(options.views)
+    ]

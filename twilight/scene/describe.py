@@ -44,13 +44,15 @@ def horizontal_refraction_arcmin(medium: Medium) -> np.ndarray:
 
 def facts(medium: Medium) -> list[tuple[str, str]]:
     """What `twilight describe` says below the optical depths: names and values with their units."""
-    rows = [("top of the air", f"{medium.top_km:g} km"), ("levels", str(np.unique(medium.altitude_km).size))]
+    rows = [("ground", f"{medium.bottom_km:g} km above sea level")] if medium.bottom_km != 0.0 else []
+    rows += [("top of the air", f"{medium.top_km:g} km"), ("levels", str(np.unique(medium.altitude_km).size))]
     for part in ("air", "aerosol"):
         height = scale_height_km(medium, part)
         if np.isfinite(height):
             rows.append((f"scale height of the {part}", f"{height:.2f} km"))
     if "ozone_column_du" in medium.notes:
-        rows.append(("ozone column", f"{medium.notes['ozone_column_du']:.0f} DU"))
+        column, source = medium.notes["ozone_column_du"], medium.notes["ozone_source"]
+        rows.append(("ozone column", f"{column:.0f} DU ({source})" if column > 0.0 else "0 DU"))
     for name, bottom, top in medium.notes.get("regions", ()):
         rows.append((f"aerosol: {name}", f"{bottom:g} to {top:g} km"))
     middle = medium.n_wavelengths // 2

@@ -164,6 +164,8 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
         depolarisation=table.depolarisation,
         wavelength_nm=wavelength_nm,
         phase_function=table.phase_function,
+        phase_model=table.phase_model,
+        earth_radius_km=table.earth_radius_km,
         name=climate.name,
     )
     return replace(medium, ground_albedo=ground_albedo(climate.ground, medium.wavelength_nm))

@@ -12,6 +12,7 @@ SOLVERS: dict[str, str] = {
     "cells": "twilight.solvers.cells",
     "montecarlo": "twilight.solvers.montecarlo",
     "zones": "twilight.solvers.zones",
+    "tables": "twilight.solvers.tables",
     "preetham": "twilight.solvers.analytic.preetham",
     "cie": "twilight.solvers.analytic.cie",
     "sunsky": "twilight.solvers.analytic.sunsky",

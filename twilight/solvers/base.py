@@ -38,7 +38,7 @@ class Capabilities:
     below_horizon: it has a sky for a sun below the horizon
     looks_down: directions may be below the horizon
     standard_error: its answer is an estimate; the field is a `StochasticField`
-    stokes: the field is a `PolarisedField` where its settings say `polarisation`
+    stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
     finite_segments: the field is a `SegmentField`
     field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
@@ -97,6 +97,10 @@ class Field(Protocol):
     def facts(self) -> Mapping[str, float]:
         """What the record of a sky is to say about the model, e.g. the turbidity that a formula takes."""
 
+    @property
+    def polarised(self) -> bool:
+        """Whether it was prepared with polarisation; it is then a `PolarisedField`."""
+
     def radiance(self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the (broadcast) directions plus (W,).
 
@@ -111,6 +115,11 @@ class BareField:
 
     convergence: Convergence | None = None
     facts: Mapping[str, float] = MappingProxyType({})
+
+    @property
+    def polarised(self) -> bool:
+        """Without Stokes parameters."""
+        return False
 
 
 class Estimate(Protocol):
@@ -139,7 +148,10 @@ class PolarisedField(Field, Protocol):
         """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W).
 
         The signs are those of `twilight.conventions`.  I is what `radiance` gives.  A solver that serves
-        `every_observer` takes also `observer_altitude_km`.
+        `every_observer` takes also `observer_altitude_km`.  TwilightError for a field without polarisation.
+
+        A field whose answers are estimates has `stokes_with_error` too: `stokes` and `standard_error`, both of this
+        shape.
         """
 
 

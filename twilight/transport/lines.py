@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.geometry import distance_to_sphere
 from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, Profile, locate
 
@@ -31,6 +32,8 @@ MAX_POINTS = 1200
 """Points of a line in air without stops; each stop may add four."""
 LONG_STEP_KM = 5.0
 """A longer step is two points: the sunbeam changes by e within tens of km along a line near the terminator."""
+THICK_STEP = 0.5
+"""A step of more optical depths than this is two points too: in thick air the beam changes by e within it."""
 NEGLIGIBLE = 1e-13
 """Scattering optical depth of a step below which it is left out."""
 DARK = 25.0
@@ -40,6 +43,9 @@ _INSIDE_KM = 1e-9
 
 SHORTEST_KM = 1e-6
 """Optical depth shortens no step to less."""
+
+SIGHT_NM = 550.0
+"""Wavelength whose index bends lines of sight at all of them."""
 
 OUT, GROUND = 0, 1
 
@@ -67,7 +73,7 @@ def new_line(profile):
 
 
 def with_refraction(profile: Profile, medium: Medium) -> Profile:
-    """The same profile, in which rays are bent by the index of `medium` at the middle one of the wavelengths.
+    """The same profile, in which rays are bent by the index of `medium` at SIGHT_NM, whatever its wavelengths are.
 
     Dispersion across the visible moves a line at the horizon by 0.01 deg.  An index that jumps between layers is
     joined by straight pieces between the middles of the layers: a jump would reflect every grazing ray.
@@ -76,7 +82,9 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
     if not medium.has_refraction:
         return profile
     levels = medium.altitude_km
-    index = medium.refractivity[:, medium.n_wavelengths // 2]
+    nearest = int(np.argmin(np.abs(medium.wavelength_nm - SIGHT_NM)))
+    here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], SIGHT_NM]), 288.15, 1013.25)
+    index = medium.refractivity[:, nearest] * (there / here)
     same = np.diff(levels) <= 0
     if np.count_nonzero(~same) > 1 and np.any(same & (np.abs(np.diff(index)) > 1e-3 * index[:-1])):
         thick = ~same
@@ -248,16 +256,24 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
             z1, psi1, a1 = advance(profile, z, psi, a, GAUSS_HIGH * h)
             i0, f0 = locate(profile, max(lowest, min(highest, z0)))
             i1, f1 = locate(profile, max(lowest, min(highest, z1)))
-            two = pairs or h > LONG_STEP_KM
+            thickest = 0.0
+            for w in range(n_w):
+                thickest = max(
+                    thickest, k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0, k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1
+                )
+            two = pairs or h > LONG_STEP_KM or thickest * h > THICK_STEP
             low_sum = high_sum = strongest = 0.0
             clearest, darkest = 1e300, 0.0
             for w in range(n_w):
-                tau = 0.5 * h * (
-                    k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0 + k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1
-                )  # fmt: skip
-                t = 0.5 * h * math.exp(-passed[w])
-                low = t * math.exp(-GAUSS_LOW * tau) * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
-                high = t * math.exp(-GAUSS_HIGH * tau) * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
+                k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
+                k1 = 0.5 * h * (k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1)
+                tau = k0 + k1
+                t0, t1 = math.exp(-GAUSS_LOW * tau), math.exp(-GAUSS_HIGH * tau)
+                # what a step takes from the light, exactly: thick white air sums thousands of events
+                taken = k0 * t0 + k1 * t1
+                t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 0.0 else 1.0)
+                low = t * t0 * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
+                high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
                 low_sum += low
                 high_sum += high

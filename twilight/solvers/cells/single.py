@@ -42,7 +42,7 @@ class Sight(NamedTuple):
 
 
 def make_sight(
-    profile: Profile, scaled: ScaledMedium, altitude_km: float, elevation_deg, azimuth_deg, fineness: float = 1.5
+    profile: Profile, scaled: ScaledMedium, altitude_km: float, elevation_deg, azimuth_deg, fineness: float = 2.0
 ) -> Sight:
     """Lines of sight in directions elevation_deg, azimuth_deg (D,); `profile` is that of the scaled medium."""
     elevation, row = np.unique(np.radians(elevation_deg), return_inverse=True)

@@ -14,6 +14,7 @@ from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
+from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
     LANES,
     Scattering,
@@ -23,7 +24,7 @@ from twilight.solvers.zones.paths import (
 )
 from twilight.solvers.zones.polarised import matrix_moments, rotated
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Nodes, Passes, Solution, solve_orders
+from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
@@ -39,6 +40,8 @@ LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
+SHARP, LEAST_SHARP = 1.5, 2.25
+"""Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
@@ -191,6 +194,11 @@ class Field(BareField):
         """
         return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
 
+    @property
+    def polarised(self) -> bool:
+        """Whether it was solved with polarisation."""
+        return self.settings.polarisation
+
     def stokes(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
     ) -> np.ndarray:
@@ -226,7 +234,8 @@ class Field(BareField):
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
         start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
         rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
-        pairs = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, pairs=True)
+        sharp = max(LEAST_SHARP, SHARP * self.settings.sight_density)
+        pairs = trace_rays(self.sight_profile, start, cosine, sharp, pairs=True)
         sorted_elevation = np.radians(e[order])
         out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
         for block, solution in enumerate(self.solutions):

@@ -6,7 +6,7 @@ sun's vertical are alike: azimuths go from 0 to 180 deg and harmonics are even.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,6 +19,8 @@ LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
 HORIZON_WIDTH = 0.03
 CENTRE, SPREAD = 0.5, 0.0
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
+LOW_DEGREE = 2
+"""Of light in thick white air: its mean, its flux and how it differs between up, down and sideways."""
 MOST_BEND, THICKEST, THIN, MOST_HALVINGS = 0.15, 0.12, 1e-3, 6
 """From one altitude to the next the logarithm of the extinction may bend by the first, and the vertical optical depth
 may reach the second; a bend does not matter where the optical depth is below the third."""
@@ -29,6 +31,7 @@ class Angles:
     """Directions of every node altitude and the harmonics that describe Stokes parameters there.
 
     cosine (Z, M) of the zenith angle, azimuth (F,) [rad], weight (Z, M): of a polar angle over the sphere, sum 1
+    below: how many of the M look below the horizon, the first ones
     degree, order (C,): of each harmonic of I, sorted by order; harmonics are normalised to a mean square of 1
     pattern_degree, pattern_order (C',): of the even and the odd patterns of Q and U; none without polarisation
     analysis (Z, C, M, F): moments of I from radiances, by quadrature
@@ -38,6 +41,7 @@ class Angles:
     cosine: np.ndarray
     azimuth: np.ndarray
     weight: np.ndarray
+    below: int
     degree: np.ndarray
     order: np.ndarray
     pattern_degree: np.ndarray
@@ -102,12 +106,11 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
     order = np.array([m for m in range(highest + 1) for _ in range(m, degree + 1)])
     deg = np.array([n for m in range(highest + 1) for n in range(m, degree + 1)])
     pattern_deg, pattern_order = pattern_orders(series.pattern_degree, series.pattern_orders - 1)
-    wave = np.cos(order * azimuth[:, None])
     cosines = np.cos(pattern_order[:, None] * azimuth)[:, None, :]
     sines = np.sin(pattern_order[:, None] * azimuth)[:, None, :]
     analysis, pattern_analysis = [], []
     for mu, share in zip(cosine, weight, strict=True):
-        basis = (even_harmonics(mu, degree, highest)[:, None, :] * wave[None]).reshape(-1, order.size)
+        basis = _basis(mu, azimuth, deg, order)
         weighted = (basis * np.repeat(share / around, around)[:, None]).T
         analysis.append(weighted.reshape(order.size, mu.size, around))
         x, z = (part.T[:, :, None] for part in patterns(mu, series.pattern_degree, series.pattern_orders - 1))
@@ -118,6 +121,7 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         cosine,
         azimuth,
         weight,
+        n_below,
         deg,
         order,
         pattern_deg,
@@ -125,6 +129,40 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         np.array(analysis),
         np.array(pattern_analysis),
     )
+
+
+def _basis(cosine: np.ndarray, azimuth: np.ndarray, degree: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Harmonics (M F, C) in every direction."""
+    polar = even_harmonics(cosine, int(degree.max()), int(order.max()))
+    return (polar[:, None, :] * np.cos(order * azimuth[:, None])[None]).reshape(-1, order.size)
+
+
+def conserving(angles: Angles) -> Angles:
+    """The same directions, with an analysis that is exact for light of degree LOW_DEGREE and less.
+
+    In thick white air light is nearly isotropic, and an event that loses one part in a thousand of it, or moves it to
+    one side, changes all that is left after thousands.  Above and below the horizon weights change by the least share
+    that makes parabolas exact, and what light has of low degrees is taken out before higher degrees are looked for:
+    few directions would see some in light that has none.  For light that is brightest at the horizon the plain
+    quadrature is the better one.
+    """
+    around = angles.azimuth.size
+    low = angles.degree <= LOW_DEGREE
+    weights, analysis = angles.weight.copy(), []
+    for mu, weight in zip(angles.cosine, weights, strict=True):
+        horizon = 2.0 * weight[: angles.below].sum() - 1.0
+        for part, a, b in ((slice(0, angles.below), -1.0, horizon), (slice(angles.below, None), horizon, 1.0)):
+            w = weight[part]
+            k = np.arange(min(LOW_DEGREE + 1, w.size))
+            basis = np.polynomial.legendre.legvander((2.0 * mu[part] - a - b) / (b - a), k.size - 1).T
+            exact = np.where(k == 0, 0.5 * (b - a), 0.0)
+            w *= 1.0 + np.linalg.solve((basis * w) @ basis.T, exact - basis @ w) @ basis
+        basis = _basis(mu, angles.azimuth, angles.degree, angles.order)
+        rows = (basis * np.repeat(weight / around, around)[:, None]).T
+        rows[low] = np.linalg.solve(rows[low] @ basis[:, low], rows[low])
+        rows[~low] -= (rows[~low] @ basis[:, low]) @ rows[low]
+        analysis.append(rows.reshape(angles.order.size, mu.size, around))
+    return replace(angles, weight=weights, analysis=np.array(analysis))
 
 
 def _clustered(low: float, high: float, centre: float, width: float, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,8 @@ class ZonesSettings:
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
     step_density: of the points along the rays between nodes; sight_density: along lines of sight
     beam_density: of the nodes of the sunbeam's tables
-    max_events: most scattering events that are followed; 1 is single scattering
+    max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
+        white air is solved all at once, in tens of steps, to 1e-3 or to the tolerance where that is less
     tolerance: stop earlier when one more event changes the sum, with a geometric series for the rest, by less than this
         share at every node; 0 follows max_events and adds no rest
     polarisation: follow the linear polarisation of light (I, Q, U) through all events; without it radiance is that of

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.first import Beams, Scattered, scatter_sunlight
-from twilight.solvers.zones.grid import Angles, cubic_refinement
+from twilight.solvers.zones.grid import Angles, conserving, cubic_refinement
 from twilight.solvers.zones.passes import Light, Refinement, moments_of, scatter
 from twilight.solvers.zones.paths import LANES, Points, Scattering, Turning, lanes_of
 from twilight.solvers.zones.polarised import rotated
@@ -20,8 +19,6 @@ from twilight.transport.lines import ALTITUDE
 from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30
-FAINT = 1e-12
-"""Radiance over F0 that convergence does not look at: about a thousandth of a moonless night's own light."""
 PHASE_NODES = 2049
 SWING = 0.2
 """How far the logarithm may go beyond those of the altitudes around it, and by which share of their difference."""
@@ -87,8 +84,8 @@ class Solution:
     """Light scattered at least once, all orders, for one block of wavelengths.
 
     log_mean, ratio, log_ground: as in `Light`
-    events: scattering events; residual: largest change of the light at a node that the last event made to the sum with
-    its estimated rest
+    events: scattering events, or steps towards all of them; residual: largest change of the light at a node that the
+    last one made to the sum with its estimated rest
     """
 
     log_mean: np.ndarray
@@ -124,7 +121,8 @@ class Passes:
     def polarised(self) -> bool:
         return self.angles.pattern_degree.size > 0
 
-    def _ground(self) -> tuple[np.ndarray, np.ndarray]:
+    def ground(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where rays end on the ground: (transmittance (R, LANES), place in the turning table (R,))."""
         return (
             lanes_of(self.rays.ground_weight, self.block),
             (self.rays.ground_angle_rad / self.turning.step_rad).astype(np.float32),
@@ -160,7 +158,7 @@ class Passes:
         )
         scattered = self._scattered()
         factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
-        ground_weight, ground_angle = self._ground()
+        ground_weight, ground_angle = self.ground()
         in_slices(
             lambda begin, end: scatter_sunlight(
                 self.rays.first, self.points, self.turning.place, beams, scattered, ground_weight, ground_angle,
@@ -197,7 +195,7 @@ class Passes:
         out = self._empty()
         n = self.nodes
         light = Light(*n.refine_altitude(*normalised(mean, moments)), n.refine_zenith(np.log(np.maximum(ground, TINY))))
-        ground_weight, ground_angle = self._ground()
+        ground_weight, ground_angle = self.ground()
         series = self.angles.series
         in_slices(
             lambda begin, end: scatter(
@@ -217,59 +215,17 @@ class Passes:
             lambda begin, end: moments_of(radiance, analysis, of_patterns, moments, begin, end), radiance.shape[0]
         )
         mean = moments[:, :, 0]
-        up = np.maximum(a.cosine[0], 0.0) * a.weight[0]
-        # a uniform dome gives exactly pi
-        flux = np.pi / up.sum() * np.einsum("m,mtfw->tw", up / a.azimuth.size, radiance[0, :, :, :, 0])
-        return mean, moments, flux * lanes_of(self.medium.ground_albedo, self.block) / np.pi
+        lit = np.einsum("m,mtfw->tw", self.ground_share() / a.azimuth.size, radiance[0, :, :, :, 0])
+        return mean, moments, lit * lanes_of(self.medium.ground_albedo, self.block)
 
+    def conserving(self) -> Passes:
+        """The same with directions that keep the energy of light that is nearly the same all around."""
+        return replace(self, angles=conserving(self.angles))
 
-def solve_orders(
-    early: Passes,
-    late: Passes,
-    early_events: int,
-    sunlight: Sunlight,
-    max_events: int,
-    tolerance: float,
-    progress: Callable[[int, float], None],
-) -> Solution:
-    """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series.
-
-    `early` computes the first `early_events` orders; light that has been scattered more often is smooth, and `late` may
-    do with fewer directions and harmonics.
-    """
-    mean, order, ground = early.analyse(early.first(sunlight))
-    total, total_ground = order.copy(), ground.copy()
-    kept = np.arange(order.shape[2])
-    events, residual = 1, 1.0
-    previous = None
-    while events + 1 < max_events:
-        passes = early if events < early_events else late
-        if passes is late and events == max(early_events, 1) and late is not early:
-            kept = early.angles.shared_with(late.angles)
-            order = np.ascontiguousarray(order[:, :, kept])
-        before = mean
-        mean, order, ground = passes.analyse(passes.next(mean, order, ground))
-        total[:, :, kept] += order
-        total_ground += ground
-        events += 1
-        # written so that nothing overflows where there was no light before
-        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, TINY)
-        # what is left behaves like a geometric series at every node; two such guesses in a row show how well
-        guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
-        if previous is not None:
-            lit = guess > FAINT
-            residual = float(np.max(np.abs(previous[lit] / guess[lit] - 1.0), initial=0.0))
-        previous = guess
-        progress(events, residual)
-        if tolerance > 0.0 and residual < tolerance:
-            rest = ratio / (1.0 - ratio)
-            total[:, :, kept] += order * rest[:, :, None]
-            total_ground += ground * rest[0]
-            break
-    nodes = early.nodes
-    log_mean, relative = nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    log_ground = nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
-    return Solution(log_mean, relative, log_ground, events + 1, residual)
+    def ground_share(self) -> np.ndarray:
+        """Share (M,) of each polar angle in the light that falls on the ground; of a uniform dome the sum is 1."""
+        up = np.maximum(self.angles.cosine[0], 0.0) * self.angles.weight[0]
+        return up / up.sum()
 
 
 def normalised(mean: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,8 @@ from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 
 LADDER = ("draft", "standard", "reference")
+THICK = 20.0
+"""Vertical scattering optical depth, forward peaks left out, beyond which a user is warned."""
 TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
 """Where two qualities are compared if the suns of the scene are not known."""
 
@@ -55,6 +57,14 @@ def prepare(
         warnings.warn(
             f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            TwilightWarning,
+            stacklevel=2,
+        )
+    depth = float(np.trapezoid(field.profile.scattering, field.profile.altitude_km, axis=0).max())
+    if settings.max_events > 1 and depth > THICK:
+        warnings.warn(
+            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: beyond {THICK:g} the "
+            "light of the zones solver converges, but may be off by 15 % and more",
             TwilightWarning,
             stacklevel=2,
         )

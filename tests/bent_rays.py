@@ -1,6 +1,6 @@
-"""Bent rays from the outside: the refracted path to the sun and bent lines of sight.
+"""Bent rays one by one: the refracted path to the sun and bent lines of sight, from `twilight.transport.rays`.
 
-The arithmetic is in :mod:`twilight.transport.rays`; the table that solvers use is :mod:`twilight.transport.beam`.
+The tests compare the tables and the marched lines of the program with these.
 """
 
 from __future__ import annotations

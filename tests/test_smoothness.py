@@ -1,0 +1,85 @@
+"""The sky has no flicker: one small step of anything differs little from the mean of its neighbours."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from airs import turbid
+
+from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
+from twilight.solvers.zones import prepare
+from twilight.solvers.zones.settings import QUALITIES
+
+WAVELENGTH_NM = np.array([300.0, 400.0, 550.0, 760.0, 900.0, 1000.0])
+ELEVATION_DEG = np.array([1.0, 5.0, 20.0, 90.0, 20.0, 2.0])
+AZIMUTH_DEG = np.array([0.0, 0.0, 30.0, 0.0, 180.0, 180.0])
+LEAST = 2e-3
+
+
+def air(turbidity=3.0, wavelength_nm=WAVELENGTH_NM):
+    """Turbid air that bends light."""
+    medium = turbid(turbidity, wavelength_nm)
+    index = 2.8e-4 * np.exp(-medium.altitude_km / 8.0)[:, None]
+    return replace(medium, refractivity=index * np.ones(medium.n_wavelengths))
+
+
+def flicker(skies) -> float:
+    """Largest share by which a sky differs from the mean of those before and after."""
+    skies = np.array(skies)
+    return float(np.max(np.abs(skies[1:-1] / (0.5 * (skies[:-2] + skies[2:])) - 1.0)))
+
+
+@pytest.fixture(scope="module")
+def field():
+    return prepare(air(), QUALITIES["draft"])
+
+
+@pytest.mark.parametrize("sun", [-1.5, -4.5, -9.0])
+def test_as_the_sun_moves(field, sun):
+    assert flicker([field.radiance(sun + 0.01 * k, ELEVATION_DEG, AZIMUTH_DEG) for k in range(24)]) < LEAST
+
+
+@pytest.mark.parametrize("altitude_km", [0.05, 1.0, 11.0])
+def test_as_the_observer_rises(field, altitude_km):
+    steps = [altitude_km + 0.01 * k for k in range(24)]
+    assert flicker([field.radiance(-4.0, ELEVATION_DEG, AZIMUTH_DEG, observer_altitude_km=z) for z in steps]) < LEAST
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 180.0])
+def test_as_the_view_rises(field, azimuth_deg):
+    for start in (0.5, 5.0):
+        assert flicker(field.radiance(-4.0, start + 0.01 * np.arange(100), azimuth_deg)) < LEAST
+
+
+@pytest.mark.parametrize("what", ["optical depth", "wavelength"])
+def test_as_the_air_changes(what):
+    skies = []
+    some = WAVELENGTH_NM[[0, 2, 4]]
+    for k in range(3):
+        medium = air(3.0 + 0.01 * k, some) if what == "optical depth" else air(3.0, some + 0.5 * k)
+        solved = prepare(medium, QUALITIES["draft"])
+        skies.append([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in (30.0, -2.0, -5.0)])
+    assert flicker(skies) < LEAST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sun", np.arange(-12.0, 0.0, 1.0))
+def test_as_the_sun_moves_through_twilight(sun):
+    solved = prepare(climate_medium(load_climate("continental-average"), WAVELENGTH_NM), QUALITIES["standard"])
+    assert flicker([solved.radiance(sun + 0.01 * k, ELEVATION_DEG, AZIMUTH_DEG) for k in range(101)]) < LEAST
+
+
+@pytest.mark.slow
+def test_as_humidity_and_altitude_change():
+    climate = load_climate("continental-average")
+    skies = []
+    for k in range(3):
+        aerosol = climate.aerosol.model_copy(update={"relative_humidity_percent": 75.0 + 0.1 * k})
+        humid = climate_medium(climate.model_copy(update={"aerosol": aerosol}), WAVELENGTH_NM)
+        solved = prepare(humid, QUALITIES["standard"])
+        skies.append([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in (30.0, -2.0, -5.0)])
+    assert flicker(skies) < LEAST
+    heights = np.arange(10.0, 14.0, 0.01)
+    skies = [solved.radiance(-4.0, ELEVATION_DEG, AZIMUTH_DEG, observer_altitude_km=z) for z in heights]
+    assert flicker(skies) < LEAST

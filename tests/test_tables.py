@@ -1,0 +1,317 @@
+"""The tables solver against closed forms, exact quadrature, conservation of energy and the zones solver."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twilight.config import load_climate
+from twilight.errors import TwilightError
+from twilight.scene.medium import climate_medium
+from twilight.solvers import tables
+from twilight.solvers.tables import mapping as maps
+from twilight.solvers.tables.field import Rays
+from twilight.solvers.tables.passes import depths
+from twilight.solvers.tables.solve import harmonics, make_mapping
+from twilight.transport.scaling import species_phase
+
+SMALL = replace(
+    tables.QUALITIES["draft"],
+    scattering_r=12,
+    scattering_mu=32,
+    scattering_mu_s=24,
+    scattering_nu=6,
+    transmittance_r=24,
+    transmittance_mu=96,
+    irradiance_r=2,
+    irradiance_mu_s=64,
+    degree=6,
+    polar_directions=6,
+    azimuth_directions=8,
+    max_events=3,
+)
+ONCE = replace(
+    SMALL,
+    max_events=1,
+    interpolation="linear",
+    scattering_mu=96,
+    scattering_mu_s=48,
+    transmittance_r=64,
+    transmittance_mu=256,
+)
+TINY = replace(SMALL, max_events=2, scattering_r=4, scattering_mu=8, scattering_mu_s=6, scattering_nu=3)
+SCENES = [(30.0, 50.0, 40.0, 0.0), (10.0, 20.0, 90.0, 0.0), (3.0, 60.0, 180.0, 2.0), (15.0, -20.0, 70.0, 30.0)]
+"""Elevation of the sun, of the view, its azimuth [deg], altitude of the observer [km]."""
+
+
+NODES = np.polynomial.legendre.leggauss(120)
+
+
+@pytest.fixture(scope="module")
+def air():
+    """The paper's."""
+    return climate_medium(load_climate("bruneton2008"), None)
+
+
+@pytest.fixture(scope="module")
+def once(air):
+    return tables.prepare(air, ONCE)
+
+
+@pytest.fixture(scope="module")
+def small(air):
+    return tables.prepare(air, SMALL)
+
+
+def exact_depth(medium, altitude_km, mu, length_km):
+    """Optical depth (W,) of a straight path in exponential air, by Gauss-Legendre quadrature."""
+    x, w = NODES
+    s = 0.5 * length_km * (1.0 + x)
+    r = medium.earth_radius_km + altitude_km
+    z = np.sqrt(r * r + 2 * r * mu * s + s * s) - medium.earth_radius_km
+    return 0.5 * length_km * w @ medium.at(np.clip(z, 0.0, medium.top_km)).extinction
+
+
+def exact_single(medium, sun_deg, elevation_deg, azimuth_deg, altitude_km, length_km):
+    """Light scattered once between the observer and a distance (W,), by brute quadrature; the sun must be up there."""
+    e, a, h = (math.radians(v) for v in (elevation_deg, azimuth_deg, sun_deg))
+    mu, mu_s = math.sin(e), math.sin(h)
+    nu = mu * mu_s + math.cos(e) * math.cos(h) * math.cos(a)
+    r = medium.earth_radius_km + altitude_km
+    x, w = NODES
+    total = np.zeros(medium.n_wavelengths)
+    phase = species_phase(medium, np.zeros((1, medium.n_wavelengths)), np.array([nu]))[0]
+    for s, weight in zip(0.5 * length_km * (1 + x), 0.5 * length_km * w, strict=True):
+        there = math.sqrt(r * r + 2 * r * mu * s + s * s)
+        z = there - medium.earth_radius_km
+        cos_sun = (r * mu_s + s * nu) / there
+        to_top = -there * cos_sun + math.sqrt(
+            (there * cos_sun) ** 2 + (medium.earth_radius_km + medium.top_km) ** 2 - there**2
+        )
+        at = medium.at(z)
+        sigma = np.stack([at.air_scattering, at.aerosol_scattering])
+        passed = exact_depth(medium, altitude_km, mu, s) + exact_depth(medium, z, cos_sun, to_top)
+        total += weight * np.exp(-passed) * (sigma * phase).sum(axis=0)
+    return total
+
+
+def ray(field, scene):
+    sun, elevation, azimuth, altitude = scene
+    return field._rays(sun, elevation, azimuth, altitude)
+
+
+@pytest.mark.parametrize("kind", ["bruneton2008", "bruneton2017"])
+def test_texels_of_a_mapping_come_back(kind):
+    mapping = make_mapping(replace(SMALL, mapping=kind), 6360.0, 60.0)
+    heights, view, sun, _ = maps.grid(mapping)
+    assert np.all(np.diff(heights) > 0) and heights[0] == 0.0 and heights[-1] == pytest.approx(60.0)
+    assert np.all(np.diff(sun) > 0) and sun[-1] == 1.0
+    for i, height in enumerate(heights[1:-1], start=1):
+        assert maps.height_texel(mapping, height) == pytest.approx(i, abs=1e-6)
+        for k in range(mapping.n_mu):
+            ground = 2 * k < mapping.n_mu
+            if abs(view[i, k]) < 1.0 - 1e-9:  # 2008: several texels stand for the vertical
+                assert maps.view_texel(mapping, height, view[i, k], ground) == pytest.approx(k, abs=2e-3)
+    for j, mu_s in enumerate(sun):
+        assert maps.sun_texel(mapping, mu_s) == pytest.approx(j, abs=1e-6)
+
+
+def test_the_suns_of_the_mappings_end_where_they_are_said_to():
+    low = {k: maps.grid(make_mapping(replace(SMALL, mapping=k), 6360.0, 60.0))[2][0] for k in maps.KINDS}
+    assert low["bruneton2008"] == pytest.approx(-0.2)
+    assert low["bruneton2017"] == pytest.approx(math.sin(math.radians(SMALL.lowest_sun_deg)))
+
+
+def test_harmonics_obey_the_addition_theorem():
+    a, b, phi, degree = 0.3, -0.7, 1.1, 6
+    p, q = harmonics(np.array(a), degree), harmonics(np.array(b), degree)
+    orders = [(n, m) for m in range(degree + 1) for n in range(m, degree + 1)]
+    angle = a * b + math.sqrt((1 - a * a) * (1 - b * b)) * math.cos(phi)
+    for n in range(degree + 1):
+        series = sum((2.0 if m else 1.0) * p[e] * q[e] * math.cos(m * phi) for e, (k, m) in enumerate(orders) if k == n)
+        assert series == pytest.approx(np.polynomial.legendre.Legendre.basis(n)(angle), abs=1e-12)
+
+
+def test_transmittance_is_exact(air, once):
+    heights, cosines = np.array([0.0, 0.0, 5.0, 20.0]), np.array([1.0, 0.05, 0.0, -0.02])
+    out = np.zeros((4, 3))
+    t = once.tables
+    depths(t.profile, t.jumps, heights, cosines, np.full(4, np.inf), 2.0, out)
+    for height, mu, found in zip(heights, cosines, out, strict=True):
+        r, top = 6360.0 + height, 6420.0
+        length = -r * mu + math.sqrt((r * mu) ** 2 + top * top - r * r)
+        np.testing.assert_allclose(found, exact_depth(once.scaled.medium, height, mu, length), rtol=2e-3)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_single_scattering_is_that_of_exact_quadrature(air, once, scene):
+    rays = ray(once, scene)
+    exact = exact_single(air, *scene, float(rays.length_km[0]))
+    found = once.inscattered(rays)[0]
+    # texels: 64 x 64 of mu and mu_s; delta scaling moves 0.2 of the forward peak into the beam
+    np.testing.assert_allclose(found, exact, rtol=0.03)
+
+
+@pytest.mark.parametrize("distance_km", [1.0, 20.0, 60.0])
+@pytest.mark.parametrize("scene", SCENES[:3])
+def test_a_finite_segment_is_the_difference_of_whole_rays(air, once, scene, distance_km):
+    """Eq. 13 and 16: S(x) - T(x, x_s) S(x_s) against integration from x to x_s."""
+    sun, elevation, azimuth, altitude = scene
+    passed, light = once.aerial_perspective(sun, elevation, azimuth, distance_km, observer_altitude_km=altitude)
+    whole = once.inscattered(ray(once, scene))[0]
+    exact = exact_single(air, *scene, distance_km)
+    np.testing.assert_allclose(light, exact, atol=0.02 * whole.max())
+    depth = exact_depth(air, altitude, math.sin(math.radians(elevation)), distance_km)
+    np.testing.assert_allclose(passed, np.exp(-depth), rtol=1e-3)
+
+
+def test_segments_add_up_and_end_with_the_ray(small):
+    _, short = small.aerial_perspective(20.0, 5.0, 60.0, 0.0)
+    np.testing.assert_allclose(short, 0.0, atol=1e-6)
+    passed, far = small.aerial_perspective(20.0, 5.0, 60.0, 1e5)
+    np.testing.assert_allclose(far, small.radiance(20.0, 5.0, 60.0), rtol=1e-12)
+    assert np.all((passed > 0.0) & (passed < 1.0))
+    _, down = small.aerial_perspective(20.0, -30.0, 60.0, 1e5, observer_altitude_km=3.0)
+    assert np.all(down < small.radiance(20.0, -30.0, 60.0, observer_altitude_km=3.0))
+
+
+@pytest.mark.slow
+def test_energy_is_conserved(air):
+    """Nothing absorbs but a ground of albedo 0.3: what leaves and what the ground keeps is what came."""
+    white = replace(
+        air,
+        aerosol_single_scattering_albedo=np.ones_like(air.aerosol_single_scattering_albedo),
+        ground_albedo=np.full(3, 0.3),
+    )
+    field = tables.prepare(white, replace(SMALL, max_events=25, lowest_sun_deg=-40.0))
+    m = field.mapping
+    top = m.bottom_km + m.thickness_km
+    x, w = np.polynomial.legendre.leggauss(48)
+    phi = (np.arange(16) + 0.5) * np.pi / 16
+    zenith, weight = np.pi / 2 * (1 + x), np.pi / 2 * w
+    escaped = np.zeros(3)
+    for t, wt in zip(zenith, weight, strict=True):  # places on the sphere by their solar zenith angle
+        up, rad = np.polynomial.legendre.leggauss(24)
+        edge = math.sqrt(1.0 - (m.bottom_km / top) ** 2)
+        for a, b in ((0.0, edge), (edge, 1.0)):  # apart at the limb of the ground
+            mu = 0.5 * (a + b) + 0.5 * (b - a) * up
+            radiance = field.radiance(  # light that leaves upwards is seen looking down
+                90.0 - math.degrees(t),
+                -np.degrees(np.arcsin(mu))[:, None],
+                np.degrees(phi)[None],
+                observer_altitude_km=m.thickness_km,
+            )
+            flux = np.einsum("mpw,m->w", radiance, 0.5 * (b - a) * rad * mu) * 2 * np.pi / phi.size
+            escaped += wt * 2 * np.pi * top**2 * math.sin(t) * flux
+    nodes = np.linspace(-1.0, 1.0, m.n_e_mu_s)
+    sky = np.trapezoid(field.tables.irradiance[0], nodes, axis=0)
+    mu = np.linspace(1e-6, 1.0, 400)
+    tau = np.zeros((mu.size, 3))
+    t = field.tables
+    depths(t.profile, t.jumps, np.zeros(mu.size), mu, np.full(mu.size, np.inf), 1.0, tau)
+    sun = np.trapezoid(np.exp(-tau) * mu[:, None], mu, axis=0)
+    kept = 0.7 * 2 * np.pi * m.bottom_km**2 * (sky + sun)
+    # sunlight through the limb
+    p = np.linspace(m.bottom_km, top, 800)
+    tau = np.zeros((p.size, 3))
+    rim = -np.sqrt(np.maximum(0.0, 1.0 - (p / top) ** 2)) * (1 - 1e-12)
+    depths(t.profile, t.jumps, np.full(p.size, m.thickness_km), rim, np.full(p.size, np.inf), 1.0, tau)
+    limb = np.trapezoid(np.exp(-tau) * (2 * np.pi * p)[:, None], p, axis=0)
+    np.testing.assert_allclose((escaped + kept + limb) / (np.pi * top**2), 1.0, atol=0.02)
+
+
+def test_air_that_is_not_there_is_black(air):
+    empty = replace(
+        air,
+        air_scattering_per_km=np.zeros_like(air.air_scattering_per_km),
+        aerosol_extinction_per_km=np.zeros_like(air.aerosol_extinction_per_km),
+    )
+    field = tables.prepare(empty, replace(TINY, interpolation="linear"))
+    assert np.all(field.radiance(20.0, [5.0, 60.0], [0.0, 90.0]) == 0.0)
+    ground = field.radiance(30.0, -60.0, 0.0, observer_altitude_km=10.0)
+    # the point in view has the sun 10 km x cot(60 deg) / 6360 km higher
+    lit = math.sin(math.radians(30.0) + math.atan(10.0 / math.tan(math.radians(60.0)) / 6360.0))
+    np.testing.assert_allclose(ground, 0.1 / np.pi * lit, rtol=1e-3)
+
+
+def test_an_observer_above_the_air_sees_what_one_at_its_top_does(small):
+    """Where the same ray enters."""
+    m = small.mapping
+    far = Rays.of(m, 400.0, np.array([-0.6, 0.5]), np.array([0.4, 0.4]), np.array([0.1, 0.1]), (2,))
+    assert far.hits.tolist() == [True, False]
+    r = m.bottom_km + 400.0
+    top = m.bottom_km + m.thickness_km
+    assert top**2 == pytest.approx(r * r + 2 * r * -0.6 * far.entry_km[0] + far.entry_km[0] ** 2)
+    assert np.all(small.radiance(20.0, 5.0, 0.0, observer_altitude_km=400.0) == 0.0)
+    assert np.all(small.radiance(20.0, -60.0, 0.0, observer_altitude_km=400.0) > 0.0)
+
+
+def test_proportional_packing_is_exact_at_the_longest_wavelength(air, small):
+    packed = tables.prepare(air, replace(SMALL, aerosol_packing="proportional"))
+    directions = 10.0, np.array([5.0, 40.0, 80.0]), np.array([10.0, 90.0, 180.0])
+    a, b = packed.radiance(*directions), small.radiance(*directions)
+    np.testing.assert_allclose(a[:, -1], b[:, -1], rtol=1e-6)
+    assert 0.001 < np.max(np.abs(a / b - 1.0)) < 0.4
+    assert packed.stored_bytes < small.stored_bytes
+
+
+def test_half_floats_lose_the_night_and_a_factor_keeps_it(air, small):
+    half = replace(SMALL, storage="float16")
+    zenith = [(sun, 89.0, 0.0) for sun in (-6.0, -12.0)]
+    bare, scaled = (tables.prepare(air, replace(half, storage_scale=scale)) for scale in (1.0, 4096.0))
+    for direction in zenith:
+        exact = small.radiance(*direction)
+        assert np.max(np.abs(scaled.radiance(*direction) / exact - 1.0)) < 0.01
+    assert np.max(np.abs(bare.radiance(*zenith[1]) / small.radiance(*zenith[1]) - 1.0)) > 0.02
+
+
+def test_one_thread_gives_what_two_give(air):
+    import numba
+
+    threads = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = tables.prepare(air, TINY)
+    finally:
+        numba.set_num_threads(threads)
+    two = tables.prepare(air, TINY)
+    np.testing.assert_array_equal(one.tables.multiple, two.tables.multiple)
+    np.testing.assert_array_equal(one.tables.irradiance, two.tables.irradiance)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scattering_mu": 33}, "must be even"),
+        ({"scattering_r": 1}, "allowed is 4 to 256"),
+        ({"storage_scale": 4096.0}, "float32 takes only 1"),
+        ({"degree": 16}, "azimuth_directions"),
+    ],
+)
+def test_settings_that_cannot_be_are_one_sentence(change, words):
+    with pytest.raises(TwilightError, match=words):
+        replace(tables.TablesSettings(), **change)
+
+
+def test_places_and_suns_that_cannot_be_are_one_sentence(once):
+    with pytest.raises(TwilightError, match=r"sun\.elevation_deg is 91"):
+        once.radiance(91.0, 10.0, 0.0)
+    with pytest.raises(TwilightError, match=r"observer\.altitude_km"):
+        once.radiance(10.0, 10.0, 0.0, observer_altitude_km=-1.0)
+    with pytest.raises(TwilightError, match="distance_km"):
+        once.aerial_perspective(10.0, 10.0, 0.0, -1.0)
+
+
+def test_the_climate_has_the_constants_of_the_paper(air):
+    assert (air.earth_radius_km, air.top_km) == (6360.0, 60.0)
+    at = air.at(np.array([0.0, 8.0]))
+    np.testing.assert_allclose(at.air_scattering[0], [33.1e-3, 13.5e-3, 5.8e-3])
+    np.testing.assert_allclose(at.air_scattering[1] / at.air_scattering[0], math.exp(-1.0), rtol=1e-8)
+    np.testing.assert_allclose(at.aerosol_scattering[0], 0.02)
+    np.testing.assert_allclose(at.aerosol_extinction[1] / at.aerosol_extinction[0], math.exp(-8.0 / 1.2), rtol=1e-8)
+    mu, g = 0.3, 0.76
+    p = 3 / (8 * math.pi) * (1 - g * g) * (1 + mu * mu) / ((2 + g * g) * (1 + g * g - 2 * g * mu) ** 1.5)
+    np.testing.assert_allclose(air.phase_functions[0](mu), p, rtol=2e-4)

@@ -1,0 +1,169 @@
+"""Tables for real-time renderers: read back with the inverse mapping of their shaders, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from twilight.cli.app import app
+from twilight.config import load_climate
+from twilight.errors import TwilightError
+from twilight.export import bruneton, own
+from twilight.export.folder import write_folder
+from twilight.export.values import Source
+from twilight.scene.medium import climate_medium
+from twilight.solvers.tables.mapping import grid
+
+SIZES = own.Sizes(suns=12, sky=6, ground=3, azimuths=5, altitude_km=(0.0, 5.0, 60.0))
+
+
+class Smooth:
+    """A sky that falls with the sun and rises towards the horizon; brighter than what aerosol scatters once."""
+
+    sun_range_deg = (-90.0, 90.0)
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
+        shape = 1.0 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e) + 0.01 * observer_altitude_km
+        return math.exp(0.4 * min(sun_elevation_deg, 0.0)) * shape[..., None] * np.array([3.0, 2.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def source():
+    return Source(Smooth(), climate_medium(load_climate("bruneton2008"), None), False)
+
+
+@pytest.fixture(scope="module")
+def made(source):
+    return own.fill(source, SIZES, {"climate": "bruneton2008"}, lambda doing, share: None)
+
+
+@pytest.fixture(scope="module")
+def his(source):
+    return bruneton.fill(
+        source,
+        np.array([1.9, 1.8, 1.5]),
+        bottom_km=6360.0,
+        top_km=6420.0,
+        scale=4096.0,
+        facts={},
+        progress=lambda doing, share: None,
+        rows=1,
+    )
+
+
+def test_texels_of_the_own_layout_are_the_field(source, made):
+    suns, azimuths = own.sun_nodes(SIZES.suns), own.azimuth_nodes(SIZES.azimuths)
+    assert suns[0] == pytest.approx(own.LOWEST_SUN_DEG) and suns[-1] == pytest.approx(90.0)
+    for altitude in SIZES.altitude_km:
+        horizon = source.horizon_deg(altitude)
+        assert horizon == pytest.approx(-math.degrees(math.acos(6360.0 / (6360.0 + altitude))), abs=1e-9)
+        elevation = own.elevation_nodes(horizon, SIZES.ground, SIZES.sky)
+        assert np.all(np.diff(elevation) > 0.0)
+        for sun in (suns[2], suns[7]):
+            grid_ = np.meshgrid(elevation, azimuths, indexing="ij")
+            found = made.radiance(float(sun), *grid_, observer_altitude_km=altitude)
+            exact = source.radiance(altitude, float(sun), *grid_)[..., ::-1]
+            np.testing.assert_allclose(found, exact, rtol=0.02)  # 1e-3 deg off the horizon are 0.017 texels
+
+
+def test_between_texels_the_own_layout_follows_the_field(source, made):
+    """The logarithm of this sky is linear in the sun; between texels 4 deg apart its values would be 25 % off."""
+    a, b = (made.radiance(sun, 40.0, 60.0)[1] for sun in (-8.0, -14.0))
+    exact = [source.radiance(0.0, sun, 40.0, 60.0)[1] for sun in (-8.0, -14.0)]
+    np.testing.assert_allclose([a, b], exact, rtol=0.1)
+
+
+def test_the_own_layout_is_read_as_it_was_written(made, tmp_path):
+    write_folder(tmp_path / "sky", made.files())
+    again = own.load(tmp_path / "sky")
+    np.testing.assert_array_equal(again.sky, made.sky)
+    np.testing.assert_array_equal(again.aureole, made.aureole)
+    assert sum(f.stat().st_size for f in (tmp_path / "sky").glob("*.bin")) == made.n_bytes
+    with pytest.raises(TwilightError, match="is there already"):
+        write_folder(tmp_path / "sky", made.files())
+    (tmp_path / "sky" / "sky.bin").write_bytes(b"half")
+    with pytest.raises(TwilightError, match="whole tables"):
+        own.load(tmp_path / "sky")
+
+
+def test_the_own_layout_says_what_it_does_not_hold(made):
+    with pytest.raises(TwilightError, match="hold -20 to 90"):
+        made.radiance(-25.0, 10.0, 0.0)
+    with pytest.raises(TwilightError, match="hold 0 to 60"):
+        made.radiance(5.0, 10.0, 0.0, observer_altitude_km=400.0)
+
+
+def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(TwilightError):
+        write_folder(tmp_path / "file" / "sky", {"a": b"1"})
+    with pytest.raises(TwilightError):
+        write_folder(tmp_path / "sky", {"no/such/place": b"1"})
+    assert [f.name for f in tmp_path.iterdir()] == ["file"]
+
+
+def test_his_shader_finds_the_field_at_the_texels(source, his):
+    heights, view, sun, nus = grid(his.mapping)
+    solar = np.array([1.5, 1.8, 1.9])
+    for j in (4, 12, 20, 28):
+        sun_deg = math.degrees(math.asin(sun[j]))
+        if abs(sun[j]) < 0.02:
+            continue  # where the shader fades single Mie scattering
+        for m in (70, 90, 120):
+            mu = view[0, m]
+            across = math.sqrt((1.0 - mu**2) * (1.0 - sun[j] ** 2))
+            inside = [nu for nu in nus[:-1] if abs(nu - mu * sun[j]) < across]
+            for nu in inside:
+                azimuth = math.degrees(math.acos((nu - mu * sun[j]) / across))
+                elevation = math.degrees(math.asin(mu))
+                found = bruneton.sky_radiance(his, 0.0, sun_deg, np.array([elevation]), np.array([azimuth]))[0]
+                exact = source.radiance(0.0, sun_deg, elevation, azimuth)[::-1] * solar
+                np.testing.assert_allclose(found, exact, rtol=1e-3)
+    assert heights[0] == 0.0
+
+
+def test_his_files_have_his_sizes(his):
+    files = his.files("dat", False)
+    assert {name: len(content) for name, content in files.items() if name != "tables.json"} == {
+        "transmittance.dat": 256 * 64 * 16,
+        "scattering.dat": 256 * 128 * 32 * 16,
+        "irradiance.dat": 64 * 16 * 16,
+    }
+    volume = np.frombuffer(files["scattering.dat"], "<f4").reshape(32, 128, 256, 4)
+    # x = nu index * 32 + mu_s index, y = mu, z = r
+    np.testing.assert_allclose(volume[0, 80, 3 * 32 + 20], his.scattering[0, 20, 3, 80], rtol=1e-6)
+    constants = json.loads(files["tables.json"])
+    assert constants["mu_s_min"] == pytest.approx(math.cos(math.radians(120.0)))
+    faint = replace(his, scattering=his.scattering / 100.0, irradiance=his.irradiance / 100.0)
+    assert len(faint.files("bin", True)["scattering.bin"]) == 256 * 128 * 32 * 8
+    with pytest.raises(TwilightError, match="half floats hold up to"):
+        his.files("bin", True)
+
+
+def test_a_layout_higher_than_the_air_is_refused(source):
+    with pytest.raises(TwilightError, match="reaches up to 100 km"):
+        bruneton.fill(
+            source, np.ones(3), bottom_km=6360.0, top_km=6460.0, scale=1.0, facts={}, progress=lambda a, b: None
+        )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["pure-air", "--half"], "--half and --scale: are for bruneton2017"),
+        (["pure-air", "--layout", "takram", "--scale", "0"], "--scale: 0 is not allowed"),
+        (["pure-air", "--quality", "best"], "quality"),
+        (["nowhere"], "nowhere"),
+    ],
+)
+def test_the_command_refuses_in_one_sentence(arguments, words, tmp_path):
+    result = CliRunner().invoke(app, ["export", "tables", *arguments, "--output", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert words in result.stderr and result.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()

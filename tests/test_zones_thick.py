@@ -1,0 +1,69 @@
+"""Thick white clouds in the zones solver: solved in tens of steps, against plane-parallel doubling and adding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plane_parallel import Slabs, henyey_greenstein
+from thick_media import cloud, slabs
+
+from twilight.errors import TwilightWarning
+from twilight.solvers import zones
+
+SUN_COSINE = 0.5
+SUN_DEG = float(np.degrees(np.arcsin(SUN_COSINE)))
+MU, WEIGHT = np.polynomial.legendre.leggauss(16)
+MU, WEIGHT = 0.5 * (MU + 1.0), 0.5 * WEIGHT
+FOG = {"base_km": 0.0, "top_km": 0.05}
+
+
+def test_the_plane_parallel_helper_keeps_energy_and_knows_a_published_value():
+    for depth in (1.0, 100.0):
+        white = Slabs([(depth, 1.0, henyey_greenstein(0.85))], 1.0, SUN_COSINE)
+        np.testing.assert_allclose(white.flux_up, white.flux_down, rtol=1e-8)
+        black = Slabs([(depth, 1.0, henyey_greenstein(0.85))], 0.0, SUN_COSINE)
+        assert black.flux_up[0] + black.flux_down[-1] == pytest.approx(SUN_COSINE, rel=1e-8)
+    # far inside a conservative medium transmission falls as 1 / ((1 - g) depth + 2 x 0.7104)
+    thick, thicker = (Slabs([(d, 1.0, np.array([1.0]))], 0.0, SUN_COSINE).flux_down[-1] for d in (50.0, 100.0))
+    assert thick / thicker == pytest.approx((100.0 + 2 * 0.7104) / (50.0 + 2 * 0.7104), rel=1e-4)
+
+
+def _flux_down(field) -> np.ndarray:
+    """Diffuse irradiance of the ground over F0."""
+    azimuth = (np.arange(6) + 0.5) * 30.0
+    sky = field.radiance(SUN_DEG, np.degrees(np.arcsin(MU))[:, None], azimuth)
+    return 2.0 * np.pi * (WEIGHT * MU) @ sky.mean(axis=1)
+
+
+def test_white_fog_over_snow_is_solved_in_tens_of_steps():
+    """Plain orders ended here after 200 events with a residual of 3 %."""
+    with pytest.warns(TwilightWarning, match="scatters with an optical depth of 4[0-9]"):
+        field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
+    assert field.convergence.residual < 1e-3
+    assert field.convergence.events < 25
+    truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]
+    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.04)  # of the few directions and degrees of draft
+
+
+def test_how_many_events_are_wanted_is_kept():
+    """Few events and a tolerance of 0 are followed one by one."""
+    few = replace(zones.QUALITIES["draft"], max_events=8)
+    with pytest.warns(UserWarning, match="max_events 8 was not enough"):
+        assert zones.prepare(cloud(50.0, **FOG), few, sun_elevations_deg=[SUN_DEG, 60.0]).convergence.events == 8
+
+
+@pytest.mark.slow
+def test_white_fog_over_snow_closely():
+    field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["standard"], sun_elevations_deg=[SUN_DEG, 60.0])
+    assert field.convergence.residual < 1e-3
+    truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]
+    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.03)
+
+
+@pytest.mark.slow
+def test_a_cloud_of_depth_100_over_snow_converges():
+    field = zones.prepare(cloud(100.0), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
+    assert field.convergence.residual < 1e-3
+    assert field.convergence.events < 30

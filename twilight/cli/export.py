@@ -1,0 +1,102 @@
+"""`twilight export`: tables for real-time renderers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from twilight.cli.options import option
+from twilight.cli.terminal import progress_bar, sentences
+from twilight.errors import TwilightError
+
+RGB_NM = (680.0, 550.0, 440.0)
+"""Wavelengths of red, green and blue (Bruneton and Neyret 2008 sec. 2.1, and his code of 2017)."""
+TAKRAM_KM = (6360.0, 6420.0)
+"""Radii of the ground and of the top that @takram/three-atmosphere has."""
+
+
+def tables(
+    climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.")],
+    layout: Annotated[
+        Literal["twilight", "bruneton2017", "takram"], option("NAME", "twilight, bruneton2017 or takram.")
+    ] = "twilight",
+    output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-LAYOUT.")] = None,
+    solver: Annotated[Literal["zones", "tables"], option("NAME", "Whose field fills them: zones or tables.")] = "zones",
+    quality: Annotated[str, option("NAME", "Preset of the solver.")] = "standard",
+    half: Annotated[bool, typer.Option("--half", help="Half floats, in bruneton2017; takram always has them.")] = False,
+    scale: Annotated[
+        float | None, option("FACTOR", "On scattering and irradiance; 4096 for half floats, 1 otherwise.")
+    ] = None,
+) -> None:
+    """Write the sky of a climate, for every sun, as tables that a graphics card reads."""
+    if layout == "twilight" and (half or scale is not None):
+        raise TwilightError("--half and --scale: are for bruneton2017 and takram; twilight holds logarithms in float32")
+    if scale is not None and not 1e-6 <= scale <= 1e9:
+        raise TwilightError(f"--scale: {scale:g} is not allowed, 1e-6 to 1e9 is")
+    import numpy as np
+
+    from twilight import __version__
+    from twilight.config import load_climate
+    from twilight.config.solver import resolve_solver
+    from twilight.config.validate import Origins
+    from twilight.export import bruneton, own
+    from twilight.export.folder import check_new, write_folder
+    from twilight.export.values import Source
+    from twilight.scene.medium import climate_medium
+    from twilight.solvers import load
+    from twilight.spectrum import solar_spectrum
+
+    model = load_climate(climate)
+    folder = output or Path("out") / f"{model.name}-{layout}"
+    check_new(folder)
+    medium = climate_medium(model, np.array(RGB_NM[::-1]))
+    _, _, settings = resolve_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
+    facts: dict[str, Any] = {
+        "program": f"twilight {__version__}",
+        "climate": model.name,
+        "wavelength_nm": list(RGB_NM),
+        "solver": solver,
+        "quality": quality,
+        "refraction": solver == "zones" and medium.has_refraction,
+    }
+    nm, spectrum = solar_spectrum()
+    solar = np.interp(medium.wavelength_nm, nm, spectrum)
+    with progress_bar() as bar:
+        field = load(solver).prepare(medium, settings, progress=lambda doing, share: bar(doing, 0.2 * share))
+        source = Source(field, medium, facts["refraction"])
+
+        def tell(doing: str, share: float) -> None:
+            bar(doing, 0.2 + 0.8 * share)
+
+        if layout == "twilight":
+            facts["solar_irradiance"] = solar[::-1].tolist()
+            altitudes = own.altitudes_of(medium.bottom_km, medium.top_km)
+            files = own.fill(source, own.Sizes(altitude_km=altitudes), facts, tell).files()
+        else:
+            r = medium.earth_radius_km
+            radii = TAKRAM_KM if layout == "takram" else (r + medium.bottom_km, r + medium.top_km)
+            half = half or layout == "takram"
+            made = bruneton.fill(
+                source,
+                solar,
+                bottom_km=radii[0],
+                top_km=radii[1],
+                scale=scale or (4096.0 if half else 1.0),
+                facts={**facts, "layout": layout, "number": "float16" if half else "float32"},
+                progress=tell,
+            )
+            files = made.files("bin" if layout == "takram" else "dat", half)
+    write_folder(folder, files)
+    size = sum(len(content) for content in files.values())
+    print(f"wrote {folder}: {', '.join(sorted(files))}; {size / 1e6:.1f} MB")
+
+
+app = typer.Typer(name="export", help="Tables for other programs.", no_args_is_help=True)
+app.command()(sentences(tables))
+
+
+@app.callback()
+def _export() -> None:
+    """Tables for other programs."""

@@ -1,0 +1,1 @@
+"""Tables for real-time renderers, filled from a solved field."""

@@ -1,0 +1,258 @@
+"""The layouts of Bruneton's code of 2017 (`bruneton2017`) and of @takram/three-atmosphere (`takram`).
+
+    transmittance 256 x 64 (mu, r), irradiance 64 x 16 (mu_s, r), scattering 256 x 128 x 32: x = nu index * 32 + mu_s
+    index, y = mu, z = r; RGBA, headerless, little-endian
+
+Their shaders read `C P_R(nu) + M P_M(nu)`, with C the RGB of scattering and M from its alpha, the red of it, as
+C (M_r / C_r) (beta_R,r / beta_M,r) (beta_M / beta_R), faded out where mu_s falls from 0.01 to 0.  Where M counts,
+alpha is what aerosol scattered once without its phase function; C is such that the sum is the field's radiance at the
+texel.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.errors import TwilightError
+from twilight.export.values import JUST_DEG, Source
+from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nu
+from twilight.solvers.tables.passes import depths, fill_depth, read
+
+LARGEST_HALF = 65504.0
+FADED_MU_S = 0.01
+"""The shaders fade single Mie scattering out below this."""
+MOST_SINGLE = 0.9
+"""Largest share of red light that may be left to what aerosol scattered once."""
+
+
+def make_mapping(bottom_km: float, top_km: float) -> Mapping:
+    """The sizes of both layouts; mu_s down to the cosine of 120 deg."""
+    return Mapping(BRUNETON_2017, bottom_km, top_km - bottom_km, -0.5, 32, 128, 32, 8, 64, 256, 16, 64)
+
+
+def phase_of(g: float, nu: np.ndarray) -> np.ndarray:
+    """The Mie phase function of both shaders: Cornette and Shanks."""
+    k = 3.0 / (8.0 * math.pi) * (1.0 - g * g) / (2.0 + g * g)
+    return k * (1.0 + nu**2) / ((1.0 - g) ** 2 + 2.0 * g * (1.0 - nu)) ** 1.5
+
+
+@dataclass(frozen=True)
+class BrunetonTables:
+    """scattering (r, mu_s, nu, mu, 4), transmittance (r, mu, 3), irradiance (r, mu_s, 3): red, green, blue first.
+
+    Scattering and irradiance hold the sun's irradiance above the air times `scale`.
+    """
+
+    mapping: Mapping
+    constants: dict
+    scattering: np.ndarray
+    transmittance: np.ndarray
+    irradiance: np.ndarray
+
+    def rgba(self) -> dict[str, np.ndarray]:
+        """The textures as they are laid out, (z, y, x, 4) or (y, x, 4)."""
+        r, mu_s, nu, mu, _ = self.scattering.shape
+        volume = self.scattering.transpose(0, 3, 2, 1, 4).reshape(r, mu, nu * mu_s, 4)
+        flat = [np.concatenate([t, np.ones((*t.shape[:2], 1))], axis=-1) for t in (self.transmittance, self.irradiance)]
+        return {"transmittance": flat[0], "scattering": volume, "irradiance": flat[1]}
+
+    def files(self, suffix: str, half: bool) -> dict[str, bytes]:
+        """Name and content of every file.
+
+        Errors: TwilightError where half floats cannot hold the largest value.
+        """
+        out = {"tables.json": (json.dumps(self.constants, indent=1) + "\n").encode()}
+        for name, texture in self.rgba().items():
+            if half and np.max(texture) > LARGEST_HALF:
+                raise TwilightError(
+                    f"--scale: {name} reaches {np.max(texture):.3g} with it, half floats hold up to {LARGEST_HALF:g}"
+                )
+            out[f"{name}.{suffix}"] = np.ascontiguousarray(texture, "<f2" if half else "<f4").tobytes()
+        return out
+
+
+def fill(
+    source: Source,
+    solar_irradiance: np.ndarray,
+    *,
+    bottom_km: float,
+    top_km: float,
+    scale: float,
+    facts: dict,
+    progress: Callable[[str, float], None],
+    rows: int = 32,
+) -> BrunetonTables:
+    """The tables of a field; solar_irradiance (3,) [W m^-2 nm^-1], shortest wavelength first.
+
+    bottom_km, top_km: radii of the layout; heights above the ground stay what they are.  rows: how many of the 32 rows
+    of r are filled, from the ground up.
+    """
+    mapping = make_mapping(bottom_km, top_km)
+    medium = source.medium
+    heights, view, sun, nus = grid(mapping)
+    if heights[-1] > medium.top_km - medium.bottom_km + 1e-6:
+        raise TwilightError(
+            f"--layout: its air reaches up to {heights[-1]:g} km, that of the climate to {medium.top_km:g} km"
+        )
+    scattering = np.zeros((mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, 4))
+    g = _asymmetry(source)
+    at = medium.at(medium.bottom_km)
+    beta_r, beta_m = at.air_scattering, at.aerosol_scattering
+    ratio = (beta_m / beta_m[-1]) * (beta_r[-1] / beta_r) if source.phase is not None else np.zeros(3)
+    for i in range(min(rows, mapping.n_r)):
+        for j in range(mapping.n_mu_s):
+            rays = _rays(source, mapping, heights[i], view[i], sun[j], nus)
+            light = _without_ground(source, mapping, heights[i], sun[j], rays)
+            scattering[i, j] = _packed(source, heights[i], sun[j], rays, light, g, ratio).transpose(1, 0, 2)
+            progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
+    scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
+    depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, 3))
+    fill_depth(_unscaled(source), source.jumps, mapping, depth, 0, mapping.n_t_r)
+    progress("irradiance", 0.95)
+    irradiance = _irradiance(source, mapping, min(rows, mapping.n_e_r))[..., ::-1] * solar_irradiance[::-1] * scale
+    constants = {
+        **facts,
+        "bottom_radius_km": bottom_km,
+        "top_radius_km": top_km,
+        "mu_s_min": mapping.mu_s_min,
+        "mie_phase_function_g": g,
+        "rayleigh_scattering_per_km": beta_r[::-1].tolist(),
+        "mie_scattering_per_km": beta_m[::-1].tolist(),
+        "solar_irradiance": solar_irradiance[::-1].tolist(),
+        "ground_albedo": medium.ground_albedo[::-1].tolist(),
+        "scale": scale,
+    }
+    return BrunetonTables(mapping, constants, scattering, np.exp(-depth)[..., ::-1], irradiance)
+
+
+def sky_radiance(tables: BrunetonTables, height_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+    """What the shaders make of it (D, 3), with `scale` divided out: W m^-2 sr^-1 nm^-1 of red, green and blue."""
+    c, m = tables.constants, tables.mapping
+    e, a, s = np.radians(elevation_deg), np.radians(azimuth_deg), math.radians(sun_deg)
+    mu, mu_s = np.sin(e), np.full(np.shape(e), math.sin(s))
+    nu = mu * mu_s + np.cos(e) * math.cos(s) * np.cos(a)
+    rho = math.sqrt(height_km * (2 * m.bottom_km + height_km))
+    ground = mu < -rho / (m.bottom_km + height_km)
+    out = np.zeros((mu.size, 4))
+    table = np.ascontiguousarray(tables.scattering, np.float32)
+    read(m, table, False, np.full(mu.size, height_km), mu, mu_s, nu, ground, out, 0, mu.size)
+    beta_r, beta_m = np.array(c["rayleigh_scattering_per_km"]), np.array(c["mie_scattering_per_km"])
+    rest, red = out[:, :3], out[:, :1]
+    single = np.zeros_like(rest)
+    if beta_m[0] > 0.0:
+        share = np.divide(out[:, 3:], red, out=np.zeros_like(red), where=red > 0.0)
+        single = rest * share * (beta_r[0] / beta_m[0]) * (beta_m / beta_r)
+    t = np.clip(mu_s / FADED_MU_S, 0.0, 1.0)
+    faded = (t * t * (3.0 - 2.0 * t))[:, None]
+    rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + nu**2)
+    total = rest * rayleigh[:, None] + single * faded * phase_of(c["mie_phase_function_g"], nu)[:, None]
+    return total / c["scale"]
+
+
+def _asymmetry(source: Source) -> float:
+    """g of the shaders' phase function that comes nearest to the column's at 10 to 60 deg, in the logarithm."""
+    if source.phase is None:
+        return 0.8
+    cosine = np.cos(np.radians(np.linspace(10.0, 60.0, 51)))
+    wanted = np.log(source.phase_at(cosine)).mean(axis=-1)
+    candidates = np.linspace(0.3, 0.9, 121)
+    errors = [np.mean((np.log(phase_of(g, cosine)) - wanted) ** 2) for g in candidates]
+    return float(candidates[int(np.argmin(errors))])
+
+
+def _unscaled(source: Source):
+    from twilight.transport.profile import prepare_profile
+
+    return prepare_profile(source.medium)
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """elevation_deg, ground (mu,); azimuth_deg, nu (mu, nu)."""
+
+    elevation_deg: np.ndarray
+    ground: np.ndarray
+    azimuth_deg: np.ndarray
+    nu: np.ndarray
+
+
+def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, mu_s: float, nus: np.ndarray) -> _Rays:
+    """Directions of the texels, kept on their own side of the apparent horizon."""
+    ground = 2 * np.arange(mapping.n_mu) < mapping.n_mu
+    elevation = np.degrees(np.arcsin(view))
+    horizon = source.horizon_deg(source.medium.bottom_km + height)
+    elevation = np.where(ground, np.minimum(elevation, horizon - JUST_DEG), np.maximum(elevation, horizon + JUST_DEG))
+    nu = np.array([[possible_nu(mu, mu_s, n) for n in nus] for mu in view])
+    across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - mu_s**2)))[:, None]
+    cosine = np.divide(nu - view[:, None] * mu_s, across, out=np.ones_like(nu), where=across > 1e-9)
+    return _Rays(elevation, ground, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), nu)
+
+
+def _without_ground(source: Source, mapping: Mapping, height: float, mu_s: float, rays: _Rays) -> np.ndarray:
+    """Inscattered light (mu, nu, W): the field's, less the ground in view through the air."""
+    medium = source.medium
+    sun = math.degrees(math.asin(mu_s))
+    altitude = medium.bottom_km + height
+    seen = source.radiance(altitude, sun, np.broadcast_to(rays.elevation_deg[:, None], rays.nu.shape), rays.azimuth_deg)
+    down = rays.ground
+    mu = np.sin(np.radians(rays.elevation_deg[down]))
+    r = medium.earth_radius_km + altitude
+    below = height * (2.0 * (medium.earth_radius_km + medium.bottom_km) + height)
+    root = np.sqrt(np.maximum((r * mu) ** 2 - below, 0.0))
+    distance = below / np.maximum(root - r * mu, 1e-12)
+    there = (r * mu_s + distance[:, None] * rays.nu[down]) / (r - height)
+    local = np.degrees(np.arcsin(np.clip(there, -1.0, 1.0)))
+    tau = np.zeros((mu.size, medium.n_wavelengths))
+    depths(source.profile, source.jumps, np.full(mu.size, altitude), mu, np.full(mu.size, np.inf), 1.0, tau)
+    seen[down] = np.maximum(seen[down] - np.exp(-tau)[:, None] * source.ground(local), 0.0)
+    return seen
+
+
+def _packed(source: Source, height, mu_s, rays: _Rays, light, g: float, ratio: np.ndarray) -> np.ndarray:
+    """RGBA (mu, nu, 4) of light (mu, nu, W), over F0."""
+    rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + rays.nu**2)[..., None]
+    out = np.zeros((*rays.nu.shape, 4))
+    if source.phase is None or mu_s < FADED_MU_S:
+        out[..., :3] = (light / rayleigh)[..., ::-1]
+        return out
+    altitude = source.medium.bottom_km + height
+    sun = math.degrees(math.asin(mu_s))
+    # at the azimuths of the texels, one elevation after the other
+    true, bare = np.empty_like(light), np.empty_like(light)
+    for k, elevation in enumerate(rays.elevation_deg):
+        true[k], bare[k] = (v[0, 0] for v in source.single_aerosol(altitude, elevation, rays.azimuth_deg[k], sun))
+    mie = phase_of(g, rays.nu)[..., None]
+    # towards the sun the aerosol's peak is not the shaders': it would be smeared over the 44 deg to the next texel
+    towards = rays.nu > 0.99
+    light = np.where(towards[..., None], np.maximum(light - true, 0.0) + mie * bare, light)
+    red = np.minimum(bare[..., -1], MOST_SINGLE * light[..., -1] / mie[..., 0])
+    rest = (light[..., -1] - mie[..., 0] * red) / rayleigh[..., 0]
+    share = np.divide(red, rest, out=np.zeros_like(red), where=rest > 0.0)[..., None]
+    out[..., :3] = (light / (rayleigh + mie * share * ratio))[..., ::-1]
+    out[..., 3] = red
+    return out
+
+
+def _irradiance(source: Source, mapping: Mapping, rows: int) -> np.ndarray:
+    """E of the sky (r, mu_s, W) over F0, on a horizontal plane that looks up."""
+    x, w = np.polynomial.legendre.leggauss(10)
+    mu, weight = 0.5 * (1.0 + x), 0.5 * w
+    azimuth = (np.arange(8) + 0.5) * 22.5
+    grid_ = np.meshgrid(np.degrees(np.arcsin(mu)), azimuth, indexing="ij")
+    out = np.zeros((mapping.n_e_r, mapping.n_e_mu_s, source.medium.n_wavelengths))
+    for i in range(rows):
+        altitude = source.medium.bottom_km + mapping.thickness_km * i / (mapping.n_e_r - 1)
+        for j in range(mapping.n_e_mu_s):
+            mu_s = 2.0 * j / (mapping.n_e_mu_s - 1) - 1.0
+            if mu_s > mapping.mu_s_min:
+                seen = source.radiance(altitude, math.degrees(math.asin(mu_s)), *grid_)
+                out[i, j] = np.einsum("maw,m->w", seen, weight * mu) * 2.0 * np.pi / azimuth.size
+    return out
+
+
+__all__ = ["BrunetonTables", "fill", "make_mapping", "phase_of", "sky_radiance"]

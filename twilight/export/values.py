@@ -1,0 +1,135 @@
+"""What tables are filled with: a field's radiance, and what aerosol scattered once apart from the rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.solvers.tables.passes import MAX_POINTS, ray_points
+from twilight.solvers.tables.steps import jump_altitudes
+from twilight.threads import in_slices
+from twilight.transport.beam import beam_at, prepare_beam
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled
+
+DEGREE = 20
+JUST_DEG = 1e-3
+"""How far from the horizon the directions next to it are."""
+PHASE_ANGLES = 256
+
+
+@njit(cache=True, nogil=True)
+def _single_aerosol(profile, jumps, beam, altitude_km, elevation, azimuth, sun, bottom_radius_km, out, begin, end):
+    """Light that each aerosol scattered once, without its phase function, out (K, S, E, A, W); angles in rad."""
+    n_w = out.shape[4]
+    distance, altitude = np.empty(MAX_POINTS), np.empty(MAX_POINTS)
+    weight = np.empty((MAX_POINTS, n_w))
+    levels, fractions = np.empty(MAX_POINTS, np.int64), np.empty(MAX_POINTS)
+    light = np.empty(n_w)
+    r = profile.earth_radius_km + altitude_km
+    for e in range(begin, end):
+        mu = math.sin(elevation[e])
+        n = ray_points(profile, jumps, altitude_km, mu, 1.0, distance, altitude, weight, levels, fractions)
+        for s in range(sun.size):
+            mu_s = math.sin(sun[s])
+            for a in range(azimuth.size):
+                nu = mu * mu_s + math.cos(elevation[e]) * math.cos(sun[s]) * math.cos(azimuth[a])
+                for p in range(n):
+                    there = (r * mu_s + distance[p] * nu) / (profile.earth_radius_km + altitude[p])
+                    beam_at(beam, altitude[p], min(1.0, max(-1.0, there)), light)
+                    low, f = levels[p], fractions[p]
+                    for k in range(out.shape[0]):
+                        for w in range(n_w):
+                            if light[w] > 0.0:
+                                sigma = profile.species_scattering[1 + k, low, w] * (1.0 - f)
+                                sigma += profile.species_scattering[1 + k, low + 1, w] * f
+                                out[k, s, e, a, w] += weight[p, w] * sigma * light[w]
+
+
+@dataclass
+class Source:
+    """A solved field and its medium at the three wavelengths of the tables, shortest first."""
+
+    field: Any
+    medium: Medium
+    refracted: bool
+
+    def __post_init__(self):
+        self.scaled = delta_scaled(self.medium, DEGREE)
+        self.beam = prepare_beam(self.scaled.medium, refraction=self.refracted)
+        self.profile = prepare_profile(self.scaled.medium)
+        self.jumps = jump_altitudes(self.profile)
+        self._ground: tuple[np.ndarray, np.ndarray] | None = None
+        self.phase = self._effective_phase() if self.medium.has_aerosol else None
+
+    def _effective_phase(self) -> np.ndarray:
+        """Phase function (PHASE_ANGLES, W) of all the aerosol of a column, at angles pi u^2; of the unscaled one."""
+        z = np.linspace(self.medium.bottom_km, self.medium.top_km, 2000)
+        at = self.medium.at(z)
+        column = (at.aerosol_scattering[None] * at.aerosol_share).sum(axis=1)
+        cosine = np.cos(np.pi * np.linspace(0.0, 1.0, PHASE_ANGLES) ** 2)
+        each = np.stack([phase(cosine).T for phase in self.medium.phase_functions])
+        return np.einsum("kaw,kw->aw", each, column / column.sum(axis=0))
+
+    def phase_at(self, cosine: np.ndarray) -> np.ndarray:
+        """The effective phase function (..., W) as a reader finds it in its table."""
+        assert self.phase is not None
+        return read_phase(self.phase, cosine)
+
+    def horizon_deg(self, altitude_km: float) -> float:
+        """Apparent elevation of the horizon, by Bouguer's invariant n r cos(elevation)."""
+        m = self.medium
+        n = 1.0 + (m.at(np.array([m.bottom_km, altitude_km])).refractivity[:, 1] if self.refracted else np.zeros(2))
+        r = m.earth_radius_km + np.array([m.bottom_km, altitude_km])
+        return -math.degrees(math.acos(min(1.0, n[0] * r[0] / (n[1] * r[1]))))
+
+    def radiance(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        return self.field.radiance(sun_deg, elevation_deg, azimuth_deg, observer_altitude_km=altitude_km)
+
+    def single_aerosol(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray]:
+        """(with the phase functions [sr^-1], without) of light that aerosol scattered once, each (S, E, A, W)."""
+        e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
+        k = len(self.medium.phase_functions)
+        parts = np.zeros((k, s.size, e.size, a.size, self.medium.n_wavelengths))
+        radius = self.medium.earth_radius_km
+        in_slices(
+            lambda i, j: _single_aerosol(
+                self.profile, self.jumps, self.beam, altitude_km, e, a, s, radius, parts, i, j
+            ),
+            e.size,
+        )  # fmt: skip
+        cosine = np.sin(e)[None, :, None] * np.sin(s)[:, None, None]
+        cosine = cosine + (np.cos(e)[None, :, None] * np.cos(s)[:, None, None]) * np.cos(a)
+        light = np.zeros(parts.shape[1:])
+        for part, phase, f in zip(parts, self.medium.phase_functions, self.scaled.forward_share, strict=True):
+            light += np.moveaxis(phase(cosine), 0, -1) / (1.0 - f) * part
+        return light, parts.sum(axis=0)
+
+    def ground(self, sun_deg: np.ndarray) -> np.ndarray:
+        """Radiance (..., W) of the ground under suns [deg], looking down at it; interpolated in its logarithm."""
+        if self._ground is None:
+            low = max(-30.0, float(getattr(self.field, "sun_range_deg", (-90.0, 90.0))[0]))
+            suns = np.concatenate([np.arange(low, 10.0, 0.5), np.linspace(10.0, 90.0, 33)])
+            seen = np.array([self.radiance(self.medium.bottom_km, sun, -90.0, 0.0) for sun in suns])
+            self._ground = suns, np.log(np.maximum(seen, 1e-30))
+        nodes, logs = self._ground
+        return np.stack([np.exp(np.interp(sun_deg, nodes, column)) for column in logs.T], axis=-1)
+
+
+def read_phase(table: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """A phase function (..., W) from its table (N, W) at angles pi u^2, linear in its logarithm."""
+    u = np.sqrt(np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi)
+    nodes = np.linspace(0.0, 1.0, table.shape[0])
+    return np.stack([np.exp(np.interp(u, nodes, np.log(column))) for column in table.T], axis=-1)
+
+
+def check_source(medium: Medium) -> None:
+    """Raise TwilightError unless the medium has the three wavelengths of red, green and blue."""
+    if medium.n_wavelengths != 3:
+        raise TwilightError(f"tables hold three wavelengths, {medium.name or 'the medium'} has {medium.n_wavelengths}")

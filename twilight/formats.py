@@ -1,0 +1,27 @@
+"""The files that a render can write, by the names that a configuration (`output.files`) and `--only` give them.
+
+A new one is two files: a module with a function of (rendered: Rendered, folder: Path, options: Options) that returns
+the paths it wrote (types: `twilight.io.rendered`), and a line here that names both.
+"""
+
+from __future__ import annotations
+
+FORMATS: dict[str, str] = {
+    "png": "twilight.io.picture:write_pictures",
+    "rgb": "twilight.io.environment_files:write_rgb",
+    "spectral": "twilight.io.environment_files:write_spectral",
+    "h5": "twilight.io.netcdf:write_h5",
+    "polarisation": "twilight.io.polarisation:write",
+}
+WHERE_POLARISED = ("polarisation",)
+"""Files that are written by themselves for polarised skies alone."""
+
+
+def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names; ValueError with a sentence for one that no file has, and for one that is given twice."""
+    for name in names:
+        if name not in FORMATS:
+            raise ValueError(f"holds {name!r}, which is not a file of a render; allowed are {', '.join(FORMATS)}")
+    if len(set(names)) < len(names):
+        raise ValueError("lists the same file twice")
+    return names

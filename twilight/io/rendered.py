@@ -1,0 +1,43 @@
+"""What a render hands to those who write its files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from twilight import colour
+from twilight.sky import Sky
+
+
+@dataclass(frozen=True)
+class Options:
+    """How files look.
+
+    views: of the pictures (``io.picture``); target, width, spectral_width: of the environment maps
+    (``io.environment``); exposure, tone_mapping, observer: of the pictures and colours; polariser_deg: axis of a
+    polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none.
+    """
+
+    views: tuple[str, ...]
+    target: str = "openexr"
+    width: int = 1024
+    spectral_width: int = 256
+    exposure: float | Literal["auto"] = "auto"
+    tone_mapping: str = colour.DEFAULT_TONE_MAPPING
+    observer: str = colour.DEFAULT_OBSERVER
+    polariser_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A sky on its texture, and on the finer grid of pictures and environment maps where there is one."""
+
+    sky: Sky
+    fine: Sky
+    polariser_deg: float | None = None
+
+    @cached_property
+    def seen(self) -> Sky:
+        """The fine sky as the pictures see it: behind the polariser where there is one."""
+        return self.fine if self.polariser_deg is None else self.fine.through_polariser(self.polariser_deg)

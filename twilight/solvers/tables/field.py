@@ -1,0 +1,270 @@
+"""prepare and Field: tables behind the interface that all solvers share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.errors import TwilightError
+from twilight.progress import Progress
+from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.tables.mapping import Mapping, grid
+from twilight.solvers.tables.passes import depths, read
+from twilight.solvers.tables.settings import QUALITIES, TablesSettings
+from twilight.solvers.tables.solve import rayleigh_at, solve, stored
+from twilight.threads import in_slices
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled, species_phase
+
+
+def prepare(
+    medium: Medium,
+    settings: TablesSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """Fill the tables of a medium: for every sun, observer and direction.
+
+    Errors: TwilightError for an observer below the ground, and for a packing that the medium does not allow.
+    """
+    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+
+
+class Field(BareField):
+    """The sky of one medium for any sun, observer and direction, without refraction."""
+
+    def __init__(
+        self,
+        medium: Medium,
+        settings: TablesSettings,
+        observer_altitude_km: float = 0.0,
+        progress: Progress | None = None,
+    ):
+        self.medium, self.settings = medium, settings
+        self.observer_altitude_km = self._checked(observer_altitude_km)
+        proportional = settings.aerosol_packing == "proportional" and medium.has_aerosol
+        if proportional and len(medium.phase_functions) > 1:
+            raise TwilightError(
+                f"solver.aerosol_packing proportional needs a single aerosol phase function; {medium.name or 'the air'}"
+                f" has {len(medium.phase_functions)}"
+            )
+        tell = progress or (lambda doing, share: None)
+        self.scaled = delta_scaled(medium, settings.degree)
+        self.profile = prepare_profile(medium)
+        self.tables = solve(self.scaled, settings, tell)
+        of_ground = self.tables.irradiance_by_event[:, 0, self._sunlit()]
+        whole = of_ground.sum(axis=0)
+        last = np.divide(of_ground[-1], whole, out=np.zeros_like(whole), where=whole > 0.0)
+        # of the sky's irradiance of the ground, with the sun above -6 deg
+        self.convergence = Convergence(settings.max_events, float(np.max(last, initial=0.0)))
+        self.ratio = self._proportion() if proportional else None
+        self._store()
+        tell("tables", 1.0)
+
+    def _sunlit(self) -> np.ndarray:
+        mu_s = np.linspace(-1.0, 1.0, self.tables.mapping.n_e_mu_s)
+        return mu_s > math.sin(math.radians(-6.0))
+
+    def _proportion(self) -> np.ndarray:
+        """(beta_R,red / beta_M,red) (beta_M / beta_R) (W,) at the ground; red is the longest wavelength."""
+        at = self.scaled.medium.at(self.scaled.medium.bottom_km)
+        share = at.aerosol_scattering / at.air_scattering
+        if not share[-1] > 0.0:
+            raise TwilightError("solver.aerosol_packing proportional needs air and aerosol at the ground")
+        return share / share[-1]
+
+    def _store(self) -> None:
+        """C_* = S_R + S_multiple / P_R, and S of each aerosol, as they are kept and interpolated."""
+        tables, s = self.tables, self.settings
+        rayleigh = rayleigh_at(grid(tables.mapping)[3], self.medium.depolarisation)
+        parts = [tables.single[0] + (tables.multiple / rayleigh).astype(np.float32)]
+        if self.ratio is None:
+            parts += list(tables.single[1:])
+        else:
+            parts.append(np.ascontiguousarray(tables.single[1][..., -1:]))
+        if s.storage == "float16":
+            with np.errstate(over="ignore"):
+                parts = [(p * s.storage_scale).astype(np.float16).astype(np.float32) / s.storage_scale for p in parts]
+            if not all(np.all(np.isfinite(part)) for part in parts):
+                raise TwilightError(f"solver.storage_scale is {s.storage_scale:g}; half floats then overflow")
+        # what aerosol scattered once is zero in the shadow: always linear
+        self.logarithmic = [s.interpolation == "logarithmic" and self.settings.max_events > 1]
+        self.logarithmic += [False] * (len(parts) - 1)
+        self.parts = [stored(p.astype(np.float32), log) for p, log in zip(parts, self.logarithmic, strict=True)]
+
+    @property
+    def mapping(self) -> Mapping:
+        return self.tables.mapping
+
+    @property
+    def stored_bytes(self) -> int:
+        """Size of the tables T, E and S at 2 or 4 bytes per number."""
+        size = 2 if self.settings.storage == "float16" else 4
+        return size * (sum(p.size for p in self.parts) + self.tables.depth.size + self.tables.irradiance.size)
+
+    def _checked(self, observer_altitude_km: float) -> float:
+        if not observer_altitude_km >= self.medium.bottom_km or not math.isfinite(observer_altitude_km):
+            raise TwilightError(
+                f"observer.altitude_km is {observer_altitude_km:g}; allowed is {self.medium.bottom_km:g} (the ground) "
+                "and more"
+            )
+        return float(observer_altitude_km)
+
+    def radiance(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Directions may look down: then the Lambertian ground is seen through the air, lit by the sun and the sky.
+        """
+        rays = self._rays(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        out = self.inscattered(rays)
+        out[rays.ground] += self._ground(rays)
+        return out.reshape(*rays.shape, -1)
+
+    def aerial_perspective(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, distance_km, *, observer_altitude_km=None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(transmittance, sun-normalised radiance [sr^-1] scattered in) of the air up to distance_km in each direction,
+        both of the shape of the directions plus (W,).
+
+        Eq. 16: S at the observer minus T times S at the far end.  Beyond the ground or the top it is all there is.
+        Errors: TwilightError for a distance that is not a number of 0 or more.
+        """
+        directions = np.broadcast_arrays(elevation_deg, azimuth_deg, distance_km)
+        elevation, azimuth, distance = (np.asarray(a, dtype=float) for a in directions)
+        if not np.all(distance >= 0.0):
+            raise TwilightError("distance_km must be 0 or more")
+        near = self._rays(sun_elevation_deg, elevation, azimuth, observer_altitude_km)
+        left = np.minimum(np.maximum(distance.ravel() - near.entry_km, 0.0), near.length_km)
+        far = near.moved(self.mapping, left)
+        passed = np.exp(-self._depths(self.tables.profile, near, left))
+        ends = (left >= near.length_km)[:, None]
+        light = self.inscattered(near) - np.where(ends, 0.0, passed * self.inscattered(far))
+        seen = np.exp(-self._depths(self.profile, near, left))
+        shape = (*near.shape, -1)
+        return seen.reshape(shape), np.maximum(light, 0.0).reshape(shape)
+
+    def inscattered(self, rays: Rays) -> np.ndarray:
+        """S (D, W) of rays."""
+        values = []
+        for part, log in zip(self.parts, self.logarithmic, strict=True):
+            out = np.zeros((rays.mu.size, part.shape[-1]))
+            in_slices(
+                lambda a, b, part=part, log=log, out=out: read(  # type: ignore[misc]
+                    self.mapping, part, log, rays.height_km, rays.mu, rays.mu_s, rays.nu, rays.ground,
+                    out, a, b,
+                ),
+                rays.mu.size,
+            )  # fmt: skip
+            values.append(out)
+        if self.ratio is not None:
+            red = values[0][:, -1:]
+            share = np.divide(values[1], red, out=np.zeros_like(red), where=red > 0.0)
+            values[1] = values[0] * share * self.ratio
+        phase = species_phase(self.medium, self.scaled.forward_share, rays.nu)
+        light = np.einsum("dsw,sdw->dw", phase, np.stack(values))
+        return np.where(rays.hits[:, None], light, 0.0)
+
+    def _ground(self, rays: Rays) -> np.ndarray:
+        """Radiance of the ground in view (G, W), for the rays that end on it."""
+        g = rays.ground
+        mu_s = (rays.mu_s * rays.radius_km + rays.length_km * rays.nu)[g] / self.mapping.bottom_km
+        tables = self.tables
+        direct = np.zeros((mu_s.size, self.medium.n_wavelengths))
+        ones = np.full(mu_s.size, self.medium.bottom_km)
+        up = mu_s > 0.0
+        tau = np.zeros((int(up.sum()), direct.shape[1]))
+        depths(tables.profile, tables.jumps, ones[up], mu_s[up], np.full(tau.shape[0], np.inf), 1.0, tau)
+        direct[up] = np.exp(-tau) * mu_s[up, None]
+        nodes = np.linspace(-1.0, 1.0, self.mapping.n_e_mu_s)
+        sky = np.stack([np.interp(mu_s, nodes, column) for column in tables.irradiance[0].T], axis=-1)
+        passed = np.exp(-self._depths(tables.profile, rays, rays.length_km)[g])
+        return passed * self.medium.ground_albedo / np.pi * (direct + sky)
+
+    def _depths(self, profile, rays: Rays, stop_km: np.ndarray) -> np.ndarray:
+        """Optical depths (D, W) up to distances (D,)."""
+        key = np.stack([rays.height_km, rays.mu, stop_km], axis=1)
+        unique, back = np.unique(key, axis=0, return_inverse=True)
+        out = np.zeros((unique.shape[0], self.medium.n_wavelengths))
+        altitude = self.medium.bottom_km + unique[:, 0]
+        depths(profile, self.tables.jumps, altitude, unique[:, 1], unique[:, 2], 1.0, out)
+        return np.where(rays.hits[:, None], out[back.ravel()], 0.0)
+
+    def _rays(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km) -> Rays:
+        if not -90.0 <= sun_elevation_deg <= 90.0:
+            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        elevation, azimuth = np.broadcast_arrays(
+            np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
+        )
+        e, a, sun = np.radians(elevation.ravel()), np.radians(azimuth.ravel()), math.radians(sun_elevation_deg)
+        mu, mu_s = np.sin(e), np.full(e.size, math.sin(sun))
+        nu = np.clip(mu * mu_s + np.cos(e) * math.cos(sun) * np.cos(a), -1.0, 1.0)
+        return Rays.of(self.mapping, altitude - self.medium.bottom_km, mu, mu_s, nu, elevation.shape)
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays (D,) from points inside the air; those from above it begin where they enter, entry_km away.
+
+    height_km above the ground; mu, mu_s, nu; ground: ends there; length_km to that end; hits: whether it meets the air
+    """
+
+    height_km: np.ndarray
+    mu: np.ndarray
+    mu_s: np.ndarray
+    nu: np.ndarray
+    ground: np.ndarray
+    length_km: np.ndarray
+    entry_km: np.ndarray
+    hits: np.ndarray
+    radius_km: np.ndarray
+    shape: tuple[int, ...]
+
+    @staticmethod
+    def of(mapping: Mapping, height_km: float, mu, mu_s, nu, shape) -> Rays:
+        height, top = np.full(mu.size, height_km), mapping.thickness_km
+        entry, hits = np.zeros(mu.size), np.ones(mu.size, dtype=bool)
+        if height_km > top:
+            r = mapping.bottom_km + height_km
+            c = (height_km - top) * (2.0 * mapping.bottom_km + height_km + top)
+            under = (r * mu) ** 2 - c
+            hits = (mu < 0.0) & (under > 0.0)
+            entry = np.where(hits, c / np.maximum(np.sqrt(np.maximum(under, 0.0)) - r * mu, 1e-9), 0.0)
+            at = mapping.bottom_km + top
+            mu = np.where(hits, np.clip((r * mu + entry) / at, -1.0, 0.0), 1.0)
+            mu_s = np.where(hits, np.clip((r * mu_s + entry * nu) / at, -1.0, 1.0), mu_s)
+            height = np.full(mu.size, top)
+        return Rays._inside(mapping, height, mu, mu_s, nu, entry, hits, None, shape)
+
+    @staticmethod
+    def _inside(mapping, height, mu, mu_s, nu, entry, hits, ground, shape) -> Rays:
+        b, r = mapping.bottom_km, mapping.bottom_km + height
+        below = height * (2.0 * b + height)
+        left = mapping.thickness_km - height
+        above = left * (2.0 * r + left)
+        if ground is None:
+            ground = hits & (mu < 0.0) & ((r * mu) ** 2 > below)
+        root = np.sqrt(np.maximum((r * mu) ** 2 - below, 0.0))
+        to_ground = below / np.maximum(root - r * mu, 1e-12)
+        to_top = np.sqrt((r * mu) ** 2 + above) - r * mu
+        length = np.where(hits, np.where(ground, to_ground, to_top), 0.0)
+        return Rays(height, mu, mu_s, nu, ground, length, entry, hits, r, shape)
+
+    def moved(self, mapping: Mapping, distance_km: np.ndarray) -> Rays:
+        """The same rays from points farther along them; what they end on stays."""
+        r = self.radius_km
+        change = distance_km * (2.0 * r * self.mu + distance_km)
+        there = np.sqrt(r * r + change)
+        height = np.clip(self.height_km + change / (there + r), 0.0, mapping.thickness_km)
+        there = mapping.bottom_km + height
+        mu = np.clip((r * self.mu + distance_km) / there, -1.0, 1.0)
+        mu_s = np.clip((r * self.mu_s + distance_km * self.nu) / there, -1.0, 1.0)
+        return Rays._inside(
+            mapping, height, mu, mu_s, self.nu, self.entry_km, self.hits, self.ground, self.shape
+        )  # fmt: skip

@@ -1,0 +1,91 @@
+"""Interpolation in the tables."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from twilight.solvers.tables.mapping import (
+    height_texel,
+    irradiance_texels,
+    meets_ground,
+    sun_texel,
+    transmittance_texels,
+    view_texel,
+)
+
+DARK = np.float32(1e-30)
+"""What a texel without light holds where logarithms are interpolated."""
+
+
+@njit(cache=True, inline="always")
+def _split(position, count):
+    i = min(int(position), count - 2)
+    return i, position - i
+
+
+@njit(cache=True)
+def optical_depth_to_top(mapping, depth, height_km, mu, out):
+    """Optical depth (W,) to the top of a ray that does not meet the ground, into out; bilinear.
+
+    depth (r, mu, W): -ln T at the texels; the logarithm is what stays finite in dense air.
+    """
+    x, y = transmittance_texels(mapping, height_km, mu)
+    i, f = _split(x, mapping.n_t_r)
+    j, g = _split(y, mapping.n_t_mu)
+    a, b, c, d = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    for w in range(out.size):
+        out[w] = a * depth[i, j, w] + b * depth[i, j + 1, w] + c * depth[i + 1, j, w] + d * depth[i + 1, j + 1, w]
+
+
+@njit(cache=True)
+def sunlight(mapping, depth, height_km, mu_s, out):
+    """Transmittance (W,) to the sun; 0 in the shadow of the Earth.  Returns whether the sun is up."""
+    if meets_ground(mapping, height_km, mu_s):
+        out[:] = 0.0
+        return False
+    optical_depth_to_top(mapping, depth, height_km, mu_s, out)
+    for w in range(out.size):
+        out[w] = math.exp(-out[w])
+    return True
+
+
+@njit(cache=True)
+def irradiance(mapping, table, height_km, mu_s, out):
+    """E (W,) of the sky alone, bilinear; table (r, mu_s, W)."""
+    x, y = irradiance_texels(mapping, height_km, mu_s)
+    i, f = _split(x, mapping.n_e_r)
+    j, g = _split(y, mapping.n_e_mu_s)
+    a, b, c, d = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    for w in range(out.size):
+        out[w] = a * table[i, j, w] + b * table[i, j + 1, w] + c * table[i + 1, j, w] + d * table[i + 1, j + 1, w]
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def scattering(mapping, table, logarithmic, height_km, mu, mu_s, nu, ground, out):
+    """S (W,) of one table (r, mu_s, nu, mu, W), from 16 texels; what they hold is logarithms or not."""
+    i, f = _split(height_texel(mapping, height_km), mapping.n_r)
+    j, g = _split(sun_texel(mapping, mu_s), mapping.n_mu_s)
+    k, h = _split(0.5 * (1.0 + min(1.0, max(-1.0, nu))) * (mapping.n_nu - 1), mapping.n_nu)
+    half = mapping.n_mu // 2
+    position = view_texel(mapping, height_km, mu, ground)
+    first = 0 if ground else half
+    m = min(first + int(position - first), first + half - 2)
+    t = np.float32(position - m)
+    one = np.float32(1.0)
+    out[:] = 0.0
+    for corner in range(8):
+        weight = np.float32(
+            (f if corner & 4 else 1.0 - f) * (g if corner & 2 else 1.0 - g) * (h if corner & 1 else 1.0 - h)
+        )
+        if weight == np.float32(0.0):
+            continue
+        near = table[i + (corner >> 2), j + ((corner >> 1) & 1), k + (corner & 1)]
+        low, high = weight * (one - t), weight * t
+        for w in range(out.size):
+            out[w] += low * near[m, w] + high * near[m + 1, w]
+    if logarithmic:
+        for w in range(out.size):
+            out[w] = math.exp(out[w])

@@ -1,0 +1,111 @@
+"""What a user can set of the tables solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from twilight.errors import TwilightError
+
+
+@dataclass(frozen=True)
+class TablesSettings:
+    """Sizes and mappings of the tables, and how they are filled and kept.
+
+    mapping: from (r, mu, mu_s, nu) to texels: bruneton2008 (sec. 4 of the paper; it ends with the sun at -11.5 deg) or
+        bruneton2017 (of his later code; it ends at lowest_sun_deg)
+    lowest_sun_deg: of the mapping bruneton2017; below it tables hold their last texel
+    scattering_r, scattering_mu, scattering_mu_s, scattering_nu: texels of S
+    transmittance_r, transmittance_mu: texels of T; irradiance_r, irradiance_mu_s: of E (mapped as in the 2017 code; the
+        paper gives their sizes alone)
+    interpolation: between texels of S: linear, as on a graphics card, or logarithmic (what was scattered once, which is
+        zero in the shadow, is linear)
+    aerosol_packing: separate keeps light that aerosol scattered once at every wavelength; proportional keeps it at the
+        longest one and takes the others from the rest in proportion (sec. 4); this needs a single aerosol phase
+        function
+    storage: float32, or float16 with storage_scale multiplied first
+    max_events: most scattering events of a path of light (5 orders in the paper)
+    degree, polar_directions, azimuth_directions: of the integral over incident light: Legendre degree of the phase
+        functions (delta-scaled beyond), directions per hemisphere, and over half a turn
+    step_density: of the points along the rays
+    """
+
+    mapping: Literal["bruneton2008", "bruneton2017"] = "bruneton2017"
+    lowest_sun_deg: float = -30.0
+    scattering_r: int = 32
+    scattering_mu: int = 64
+    scattering_mu_s: int = 64
+    scattering_nu: int = 12
+    transmittance_r: int = 64
+    transmittance_mu: int = 256
+    irradiance_r: int = 16
+    irradiance_mu_s: int = 128
+    interpolation: Literal["linear", "logarithmic"] = "logarithmic"
+    aerosol_packing: Literal["separate", "proportional"] = "separate"
+    storage: Literal["float32", "float16"] = "float32"
+    storage_scale: float = 1.0
+    max_events: int = 8
+    degree: int = 12
+    polar_directions: int = 12
+    azimuth_directions: int = 16
+    step_density: float = 1.0
+
+    def __post_init__(self):
+        ranges = {
+            "lowest_sun_deg": (-89.0, -1.0),
+            "scattering_r": (4, 256),
+            "scattering_mu": (8, 1024),
+            "scattering_mu_s": (4, 1024),
+            "scattering_nu": (2, 256),
+            "transmittance_r": (4, 1024),
+            "transmittance_mu": (8, 4096),
+            "irradiance_r": (2, 256),
+            "irradiance_mu_s": (4, 4096),
+            "storage_scale": (1e-6, 1e9),
+            "max_events": (1, 100),
+            "degree": (2, 32),
+            "polar_directions": (2, 64),
+            "azimuth_directions": (3, 128),
+            "step_density": (0.2, 10.0),
+        }
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if not low <= value <= high:
+                raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
+        if self.scattering_mu % 2:
+            raise TwilightError(f"solver.scattering_mu is {self.scattering_mu}; it must be even: half looks down")
+        if self.storage == "float32" and self.storage_scale != 1.0:
+            raise TwilightError(f"solver.storage_scale is {self.storage_scale:g}; float32 takes only 1")
+        if self.degree >= self.azimuth_directions:
+            raise TwilightError(
+                f"solver.degree is {self.degree}; azimuth_directions, {self.azimuth_directions}, is more"
+            )
+
+
+_BRUNETON_2008 = TablesSettings(
+    mapping="bruneton2008",
+    scattering_r=32,
+    scattering_mu=128,
+    scattering_mu_s=32,
+    scattering_nu=8,
+    irradiance_mu_s=64,
+    interpolation="linear",
+    max_events=5,
+)
+
+QUALITIES: dict[str, TablesSettings] = {
+    "draft": TablesSettings(
+        scattering_r=20,
+        scattering_mu=64,
+        scattering_mu_s=40,
+        scattering_nu=10,
+        degree=8,
+        polar_directions=8,
+        azimuth_directions=10,
+        max_events=6,
+        step_density=0.7,
+    ),
+    "standard": TablesSettings(),
+    "bruneton2008": _BRUNETON_2008,
+    "bruneton2017": replace(_BRUNETON_2008, mapping="bruneton2017"),
+}

@@ -1,0 +1,174 @@
+"""Algorithm 4.1: the tables of a medium, order by order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twilight.progress import Progress
+from twilight.solvers.tables.lookup import DARK
+from twilight.solvers.tables.mapping import KINDS, Mapping, grid
+from twilight.solvers.tables.passes import (
+    fill_depth,
+    fill_irradiance,
+    fill_scattering,
+    fill_single,
+    fill_source,
+)
+from twilight.solvers.tables.settings import TablesSettings
+from twilight.solvers.tables.steps import jump_altitudes
+from twilight.threads import in_slices
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All that is precomputed.
+
+    depth (r, mu, W): -ln T; irradiance (r, mu_s, W): E of the sky, sun-normalised, without direct sunlight
+    single (1 + K, r, mu_s, nu, mu, W): S of light scattered once by air and by each aerosol, without phase functions
+    multiple (r, mu_s, nu, mu, W): S of light scattered more often [sr^-1]; irradiance_by_event (events, r, mu_s, W)
+    """
+
+    mapping: Mapping
+    profile: Any
+    jumps: np.ndarray
+    depth: np.ndarray
+    irradiance: np.ndarray
+    single: np.ndarray
+    multiple: np.ndarray
+    irradiance_by_event: np.ndarray
+
+
+def make_mapping(settings: TablesSettings, bottom_km: float, thickness_km: float) -> Mapping:
+    """The mapping of these settings for air from a radius of bottom_km up by thickness_km."""
+    s = settings
+    return Mapping(
+        kind=KINDS[s.mapping],
+        bottom_km=bottom_km,
+        thickness_km=thickness_km,
+        mu_s_min=-0.2 if s.mapping == "bruneton2008" else float(np.sin(np.radians(s.lowest_sun_deg))),
+        n_r=s.scattering_r,
+        n_mu=s.scattering_mu,
+        n_mu_s=s.scattering_mu_s,
+        n_nu=s.scattering_nu,
+        n_t_r=s.transmittance_r,
+        n_t_mu=s.transmittance_mu,
+        n_e_r=s.irradiance_r,
+        n_e_mu_s=s.irradiance_mu_s,
+    )
+
+
+def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) -> Tables:
+    """Fill T, then S and E order by order, until max_events."""
+    medium = scaled.medium
+    profile = prepare_profile(medium)
+    jumps = jump_altitudes(profile)
+    mapping = make_mapping(settings, medium.earth_radius_km + medium.bottom_km, medium.top_km - medium.bottom_km)
+    n_w = medium.n_wavelengths
+    heights, view, sun, nus = grid(mapping)
+    depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
+    progress("transmittance", 0.0)
+    in_slices(lambda a, b: fill_depth(profile, jumps, mapping, depth, a, b), mapping.n_t_r)
+    shape = (mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, n_w)
+    single = np.zeros((scaled.moments.shape[0], *shape), np.float32)
+    progress("single scattering", 0.05)
+    fineness = settings.step_density
+    in_slices(
+        lambda a, b: fill_single(
+            profile, jumps, mapping, depth, heights, view, sun, nus, fineness, single, a, b
+        ),
+        mapping.n_r,
+    )  # fmt: skip
+    logarithmic = settings.interpolation == "logarithmic"
+    quadrature = _Quadrature(mapping, heights, view, settings)
+    coefficients = medium.at(medium.bottom_km + heights)
+    aerosol = coefficients.aerosol_scattering[None] * coefficients.aerosol_share
+    sigma = np.ascontiguousarray(np.concatenate([coefficients.air_scattering[None], aerosol]).transpose(1, 0, 2))
+    total = np.zeros(shape, np.float32)
+    by_event = []
+    # zero in the shadow, where logarithms would spoil what is next to it
+    last, last_logarithmic = single, False
+    phases, none = np.ascontiguousarray(scaled.moments), np.zeros((1, 0, n_w))
+    single_moments = phases
+    lit = np.zeros((mapping.n_e_r, mapping.n_e_mu_s, n_w))
+    for event in range(1, settings.max_events + 1):
+        progress(f"scattering event {event}", 0.1 + 0.9 * (event - 1) / settings.max_events)
+        from_sky = np.zeros_like(lit)
+        in_slices(
+            lambda a, b, last=last, log=last_logarithmic, of=single_moments, out=from_sky: fill_irradiance(  # type: ignore[misc]
+                mapping, last, log, of, quadrature.up_mu, quadrature.up_weight, quadrature.azimuth, out, a, b
+            ),
+            mapping.n_e_r,
+        )  # fmt: skip
+        by_event.append(from_sky)
+        if event == settings.max_events:
+            break
+        source = np.zeros(shape, np.float32)
+        in_slices(
+            lambda a, b, last=last, log=last_logarithmic, of=single_moments, lit=lit, first=event == 1, out=source: fill_source(  # type: ignore[misc]  # noqa: E501
+                profile, jumps, mapping, depth, last, log, of, phases, lit, first, medium.ground_albedo,
+                heights, view, sun, nus, quadrature.polar, quadrature.mu, quadrature.weight, quadrature.azimuth,
+                quadrature.view_polar, quadrature.orders, sigma, out, a, b,
+            ),
+            mapping.n_r,
+        )  # fmt: skip
+        source = stored(source, logarithmic)
+        order = np.zeros(shape, np.float32)
+        in_slices(
+            lambda a, b, source=source, out=order: fill_scattering(  # type: ignore[misc]
+                profile, jumps, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, a, b
+            ),
+            mapping.n_r,
+        )
+        total += order
+        last, last_logarithmic, single_moments, lit = stored(order, logarithmic)[None], logarithmic, none, from_sky
+    steps = np.stack(by_event)
+    return Tables(mapping, profile, jumps, depth, steps.sum(axis=0), single, total, steps)
+
+
+def stored(values: np.ndarray, logarithmic: bool) -> np.ndarray:
+    """What is interpolated: the values, or their logarithms."""
+    return np.log(np.maximum(values, DARK)) if logarithmic else values
+
+
+def rayleigh_at(nus: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
+    """Rayleigh phase function (nu, 1, W) at the texels of nu."""
+    return rayleigh_phase_array(nus, depolarisation)[:, None, :]
+
+
+class _Quadrature:
+    """Directions at every height: Gauss-Legendre below and above its horizon, and harmonics at them."""
+
+    def __init__(self, mapping: Mapping, heights: np.ndarray, view: np.ndarray, settings: TablesSettings):
+        x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
+        rho = np.sqrt(heights * (2.0 * mapping.bottom_km + heights))
+        horizon = (-rho / (mapping.bottom_km + heights))[:, None]
+        below, above = 0.5 * (horizon + 1.0), 0.5 * (1.0 - horizon)
+        self.mu = np.concatenate([-1.0 + below * (1.0 + x), horizon + above * (1.0 + x)], axis=1)
+        self.weight = np.concatenate([below * w, above * w], axis=1)
+        self.azimuth = (np.arange(settings.azimuth_directions) + 0.5) * np.pi / settings.azimuth_directions
+        self.up_mu, self.up_weight = 0.5 * (1.0 + x), 0.5 * w
+        self.orders = np.array([(n, m) for m in range(settings.degree + 1) for n in range(m, settings.degree + 1)]).T
+        self.polar = harmonics(self.mu, settings.degree)
+        self.view_polar = harmonics(view, settings.degree)
+
+
+def harmonics(mu: np.ndarray, degree: int) -> np.ndarray:
+    """sqrt((l - m)!/(l + m)!) P_l^m (..., C), for m = 0..degree and within it l = m..degree."""
+    out = []
+    across = np.sqrt(np.maximum(0.0, 1.0 - mu * mu))
+    diagonal = np.ones_like(mu)
+    for m in range(degree + 1):
+        if m:
+            diagonal = diagonal * across * np.sqrt((2 * m - 1) / (2 * m))
+        before, here = np.zeros_like(mu), diagonal
+        for n in range(m, degree + 1):
+            out.append(here)
+            a = (2 * n + 1) / np.sqrt((n + 1) ** 2 - m * m)
+            b = np.sqrt(n * n - m * m) / np.sqrt((n + 1) ** 2 - m * m)
+            before, here = here, a * mu * here - b * before
+    return np.stack(out, axis=-1)

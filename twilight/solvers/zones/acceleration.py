@@ -1,0 +1,251 @@
+"""Thick white air: the field that is its own next order, found in tens of steps where orders would take thousands.
+
+All light beyond order n solves U = K U + s, with s the order n itself and K one event of scattering.  In a cloud of
+optical depth 100 an event loses one part in a thousand of the light, and plain orders U <- K U + s need thousands.
+Two things cut that down:
+
+* A column operator: K for light that is the same all around, between node altitudes of one vertical, as the first two
+  moments m = (mean, vertical flux) and the ground's radiance.  It is summed from the very rays of K, so the two agree
+  where air is thick (synthetic acceleration, Adams & Larsen 2002, consistently discretised).  With r = K U + s - U the
+  step is U <- U + r + C (1 - C)^-1 r.
+* Anderson mixing of the last few steps, for what the columns do not know: light that travels along the terminator.
+
+Each wavelength has its own columns and its own mixture, and stops by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from twilight.solvers.zones.paths import LANES, lanes_of
+from twilight.solvers.zones.solution import Passes
+from twilight.threads import in_slices
+
+HISTORY = 5
+"""Steps that are mixed."""
+LEAST_STEP = 0.2
+"""The mean radiance never falls below this share of what one event makes of the light before."""
+
+
+@njit(cache=True, nogil=True)
+def _column_rows(rays_first, point, ground_weight, polar_weight, rows, begin, end):
+    """Rows of the column operator for node altitudes begin..end: what light that is the same all around sends there.
+
+    polar_weight (Z, R, M): share of each polar angle in each of R results, the mean and the vertical flux for example
+    rows (Z, R, 2 Z' + 1, LANES): from the moments 0 and 1 at the Z' fine altitudes, and from the ground
+    """
+    n_results, n_polar = polar_weight.shape[1:]
+    n_fine = (rows.shape[2] - 1) // 2
+    for z in range(begin, end):
+        for i in range(n_polar):
+            ray = z * n_polar + i
+            for result in range(n_results):
+                share = polar_weight[z, result, i]
+                out = rows[z, result]
+                for w in range(LANES):
+                    out[2 * n_fine, w] += share * ground_weight[ray, w]
+                for k in range(rays_first[ray], rays_first[ray + 1]):
+                    j, f = point.node[k], point.node_share[k]
+                    for moment in range(2):
+                        low, high = out[moment * n_fine + j], out[moment * n_fine + j + 1]
+                        reach = share * point.polar[k, moment]
+                        for w in range(LANES):
+                            sent = reach * point.weight[k, w] * point.chi[k, moment, w]
+                            low[w] += sent * (1.0 - f)
+                            high[w] += sent * f
+
+
+@njit(cache=True, nogil=True)
+def _factor(matrix, swap):
+    """LU factors of a matrix (N, N) in place; the largest entry below goes up, to the row swap[k] from row k."""
+    n = matrix.shape[0]
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        swap[k] = best
+        if best != k:
+            for j in range(n):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] / matrix[k, k]
+            matrix[i, k] = factor
+            for j in range(k + 1, n):
+                matrix[i, j] -= factor * matrix[k, j]
+
+
+@njit(cache=True, nogil=True)
+def _solve(factors, swap, values):
+    """Solve for right-hand sides (N, T) in place."""
+    n, n_columns = values.shape
+    for k in range(n):
+        p = swap[k]
+        if p != k:
+            for t in range(n_columns):
+                values[k, t], values[p, t] = values[p, t], values[k, t]
+        for i in range(k):
+            factor = factors[k, i]
+            for t in range(n_columns):
+                values[k, t] -= factor * values[i, t]
+    for k in range(n - 1, -1, -1):
+        for i in range(k + 1, n):
+            factor = factors[k, i]
+            for t in range(n_columns):
+                values[k, t] -= factor * values[i, t]
+        for t in range(n_columns):
+            values[k, t] /= factors[k, k]
+
+
+class Columns:
+    """(1 - C)^-1 for some lanes of one block, C the column operator of `passes`."""
+
+    def __init__(self, passes: Passes, lanes: np.ndarray) -> None:
+        a, nodes = passes.angles, passes.nodes
+        ground_weight, _ = passes.ground()
+        self.lanes = lanes
+        self.n = nodes.altitude_km.size
+        n, n_fine = self.n, nodes.fine_altitude_km.size
+        # harmonics are sorted by order: those of degree 0 and 1, the same all around, are the first two
+        of_nodes = np.ascontiguousarray(a.analysis[:, :2].sum(axis=3))
+        of_ground = passes.ground_share()[None, None]
+        rows = np.zeros((n, 2, 2 * n_fine + 1, LANES))
+        ground_row = np.zeros((1, 1, 2 * n_fine + 1, LANES))
+        common = (passes.rays.first, passes.points, ground_weight)
+        in_slices(lambda begin, end: _column_rows(*common, of_nodes, rows, begin, end), n)
+        _column_rows(*common, of_ground, ground_row, 0, 1)
+        albedo = lanes_of(passes.medium.ground_albedo, passes.block)
+        # results (2 Z + 1): mean at all altitudes, flux at all altitudes, ground
+        fine = np.concatenate([rows[:, 0], rows[:, 1], ground_row[0] * albedo])
+        column = np.zeros((2 * n + 1, 2 * n + 1, LANES))
+        node, weight = nodes.altitude_rule
+        for moment in range(2):
+            for k in range(n_fine):
+                for j in range(4):
+                    column[:, moment * n + node[k, j]] += weight[k, j] * fine[:, moment * n_fine + k]
+        column[:, -1] = fine[:, -1]
+        self.factors = np.ascontiguousarray(np.eye(2 * n + 1) - column.transpose(2, 0, 1)[lanes])
+        self.swaps = np.zeros((lanes.size, 2 * n + 1), np.int64)
+        in_slices(self._factor, lanes.size)
+
+    def _factor(self, begin: int, end: int) -> None:
+        for k in range(begin, end):
+            _factor(self.factors[k], self.swaps[k])
+
+    def rest(self, moments: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What comes after an order, all events together: (moments (Z, T, 2, L), ground (T, L)) of the rest from the
+        moments (Z, T, 2, L) and the ground (T, L) of an order."""
+        values = np.ascontiguousarray(
+            np.concatenate([moments[:, :, 0], moments[:, :, 1], ground[None]]).transpose(2, 0, 1), dtype=float
+        )
+        before = values.copy()
+
+        def solve(begin: int, end: int) -> None:
+            for k in range(begin, end):
+                _solve(self.factors[k], self.swaps[k], values[k])
+
+        in_slices(solve, self.lanes.size)
+        found = (values - before).transpose(1, 2, 0)
+        return np.stack([found[: self.n], found[self.n : -1]], axis=2), found[-1]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """All light from one order on, of some lanes: moments (Z, T, C, L), ground (T, L); steps that it took, and the
+    largest share of the total that each lane's light may still miss or have too much (L,)."""
+
+    moments: np.ndarray
+    ground: np.ndarray
+    steps: int
+    residual: np.ndarray
+
+
+def all_orders_from(
+    passes: Passes,
+    lanes: np.ndarray,
+    order: tuple[np.ndarray, np.ndarray],
+    mean_before: np.ndarray,
+    faint: float,
+    tolerance: float,
+    max_steps: int,
+    progress: Callable[[int, float], None],
+) -> Rest:
+    """Solve U = K U + s for the light U of an order s and all that follow it.
+
+    order: moments (Z, T, C, LANES) and ground (T, LANES) of s; lanes (L,): those to solve; mean_before (Z, T, LANES):
+    mean radiance of the orders before, which with U makes the total that errors are relative to, above `faint`
+    """
+    columns = Columns(passes, lanes)
+    s, s_ground = (x[..., lanes].astype(float) for x in order)
+    base = mean_before[..., lanes].astype(float)
+    whole, whole_ground = np.zeros(order[0].shape, np.float32), np.zeros(order[1].shape, np.float32)
+
+    def corrected(moments: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        more, more_ground = columns.rest(moments[:, :, :2], ground)
+        moments = moments.copy()
+        moments[:, :, :2] += more
+        return moments, ground + more_ground
+
+    light, light_ground = corrected(s, s_ground)
+    history: list[tuple[np.ndarray, ...]] = []
+    residual = np.ones(lanes.size)
+    open_lanes = np.ones(lanes.size, bool)
+    last = None
+    steps = 0
+    while steps < max_steps and open_lanes.any():
+        whole[..., lanes], whole_ground[..., lanes] = light, light_ground
+        _, moments, ground = passes.analyse(passes.next(whole[:, :, 0], whole, whole_ground))
+        after = moments[..., lanes] + s
+        after_ground = ground[..., lanes] + s_ground
+        change, change_ground = corrected(after - light, after_ground - light_ground)
+        steps += 1
+        total = base + after[:, :, 0]
+        lit = total > faint
+        share = np.where(lit, np.abs(change[:, :, 0]) / np.where(lit, total, 1.0), 0.0)
+        residual = np.where(open_lanes, share.max(axis=(0, 1)), residual)
+        progress(steps, float(residual.max()))
+        weighted = np.where(lit, change[:, :, 0] / np.where(lit, total, 1.0), 0.0)
+        if last is not None:
+            history.append(
+                (light - last[0] + change - last[1], light_ground - last[2] + change_ground - last[3],
+                 weighted - last[4])
+            )  # fmt: skip
+            del history[:-HISTORY]
+        last = (light, change, light_ground, change_ground, weighted)
+        share_of = _mixture([h[2] for h in history], weighted)
+        new, new_ground = light + change, light_ground + change_ground
+        for k, (moved, moved_ground, _) in enumerate(history):
+            new -= share_of[k] * moved
+            new_ground -= share_of[k] * moved_ground
+        finished = open_lanes & (residual < tolerance)
+        # a lane that is done stays as its last step left it
+        least = LEAST_STEP * after[:, :, 0]
+        low = new[:, :, 0] < least
+        new[:, :, 0] = np.where(low, least, new[:, :, 0])
+        new_ground = np.maximum(new_ground, LEAST_STEP * after_ground)
+        light = np.where(open_lanes, new, light)
+        light_ground = np.where(open_lanes, new_ground, light_ground)
+        open_lanes = open_lanes & ~finished
+    return Rest(light.astype(np.float32), light_ground.astype(np.float32), steps, residual)
+
+
+def _mixture(steps: list[np.ndarray], change: np.ndarray) -> np.ndarray:
+    """Factors (H, L) of the steps (Z, T, L) whose sum comes closest to the change (Z, T, L), for each lane."""
+    n, n_lanes = len(steps), change.shape[-1]
+    out = np.zeros((n, n_lanes))
+    if n == 0:
+        return out
+    for w in range(n_lanes):
+        columns = [x[..., w].ravel() for x in steps]
+        target = change[..., w].ravel()
+        # sums of products without a linear algebra library, whose threads might change the last digits
+        gram = np.array([[np.sum(a * b) for b in columns] for a in columns])
+        side = np.array([np.sum(a * target) for a in columns])
+        scale = np.trace(gram)
+        if scale > 0.0:
+            out[:, w] = np.linalg.solve(gram + 1e-9 * scale * np.eye(n), side)
+    return out
