@@ -8,6 +8,8 @@ from typing import Any
 
 import typer
 
+from twilight.errors import TwilightError
+
 
 def option(metavar: str, help: str, *names: str) -> Any:
     return typer.Option(*names, metavar=metavar, help=help)
@@ -27,3 +29,20 @@ def settings_of(texts: Iterable[str] | None) -> tuple[dict[str, Any], dict[str, 
 def file_stem(text: str, otherwise: str) -> str:
     """A text as part of a file's name."""
     return re.sub(r"[^\w.+-]+", "-", text).strip("-.") or otherwise
+
+
+def numbers(text: str, option: str, low: float, high: float) -> list[float]:
+    """Numbers with commas between them, each once; TwilightError for anything else."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise TwilightError(f"{option}: {text} must be numbers with commas between them, e.g. 5,0,-6") from None
+    for value in values:
+        within(value, option, low, high)
+    return list(dict.fromkeys(values))
+
+
+def within(value: float, option: str, low: float, high: float) -> None:
+    """TwilightError for a value of an option that is not between the two."""
+    if not low <= value <= high:
+        raise TwilightError(f"{option}: {value:g} is not allowed; it must be from {low:g} to {high:g}")
