@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import option, settings_of
+from twilight.cli.options import check_polarised, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
@@ -125,7 +125,7 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
 
     for case in cases:
         check_size(case.config)
-        _check_polarised(case.config)
+        check_polarised(case.config)
     check_folder(output or Path("out"))
     counts = [count_suns(case.config) for case in cases]
     total = sum(counts)
@@ -158,24 +158,6 @@ def _render(cases: list[Any], scene: str, output: Path | None) -> None:
     what = ", ".join(file.name for file in files)
     more = f" in {total} folders, and contact-sheet.png" if total > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}", file=sys.stdout)
-
-
-def _check_polarised(config: Any) -> None:
-    """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
-    from twilight import solvers
-    from twilight.config.solver import resolve_solver
-    from twilight.formats import WHERE_POLARISED
-
-    wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
-    if config.output.polariser_deg is not None:
-        wanted.append("output.polariser_deg")
-    name, quality, settings = resolve_solver(config.solver)
-    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
-        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
-        raise TwilightError(
-            f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
-            f"solver.polarisation: true with one of {able}"
-        )
 
 
 def _write(frame: Any, config: Any, folder: Path) -> list[Path]:
