@@ -4,6 +4,8 @@
     python benchmarks/polarisation.py referee    `zones` against `montecarlo` in I, Q and U: polarisation_referee.csv
     python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv
 
+    python benchmarks/polarisation.py stored     the referee's Stokes vectors in clear air that a test of `zones` reads
+
 Names of climates behind limit the table to them.  Errors of the first are those of the scalar solution against the
 polarised one of the same solver, over a texture of half the sky; `zones` at quality standard in all three.
 """
@@ -17,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import results
 
+from twilight.atmosphere.table import medium_from_table
 from twilight.compare.accuracy import colour_spread
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
@@ -108,6 +111,21 @@ def referee(climates) -> None:
     results.write(HERE / "polarisation_referee.csv", columns.split(","), rows)
 
 
+def stored(_climates) -> None:
+    medium = medium_from_table(HERE / "reference" / "pure-air.csv")
+    elevation, azimuth = (g.ravel() for g in np.meshgrid([3.0, 12.0, 35.0, 65.0, 88.0], [20.0, 90.0, 160.0]))
+    judge = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(target_stderr=NOISE))
+    rows = []
+    for sun in (5.0, -4.0, -6.0):
+        answer = judge.stokes_with_error(sun, elevation, azimuth)
+        for d, (e, a) in enumerate(zip(elevation, azimuth, strict=True)):
+            for w, nm in enumerate(medium.wavelength_nm):
+                numbers = (*answer.stokes[d, :, w], *answer.standard_error[d, :, w])
+                rows.append([f"{sun:g}", f"{e:g}", f"{a:g}", f"{nm:g}", *(f"{x:.6g}" for x in numbers)])
+    columns = "sun_elevation_deg,elevation_deg,azimuth_deg,wavelength_nm,i,q,u,i_error,q_error,u_error"
+    results.write(HERE.parent / "tests" / "data" / "stokes_pure_air.csv", columns.split(","), rows)
+
+
 def sky(climates) -> None:
     rows = []
     for climate in climates:
@@ -132,7 +150,7 @@ def sky(climates) -> None:
 
 
 if __name__ == "__main__":
-    tables = {"scalar": scalar, "referee": referee, "sky": sky}
+    tables = {"scalar": scalar, "referee": referee, "sky": sky, "stored": stored}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")
     tables[sys.argv[1]](sys.argv[2:] or CLIMATES)

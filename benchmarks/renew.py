@@ -44,6 +44,15 @@ BENCHMARKS = {
         "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
     ),
     "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
+    "polarisation_scalar": Benchmark(
+        "polarisation.py scalar", "polarisation.csv", "what leaving polarisation out costs"
+    ),
+    "polarisation_referee": Benchmark(
+        "polarisation.py referee", "polarisation_referee.csv", "I, Q, U of `zones` against the referee"
+    ),
+    "polarisation_sky": Benchmark(
+        "polarisation.py sky", "polarisation_sky.csv", "neutral points, polarisation of the zenith"
+    ),
     "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
     "cells_active_shells": Benchmark(
         "cells_active_shells.py", "cells_active_shells.csv", "what active shells cost and save"

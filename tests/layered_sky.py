@@ -125,6 +125,6 @@ def scattered_once(medium: Medium, observer_km: float, elevation_deg: float, azi
     cos_sun = (r0 * np.sin(h) + s * cosine) / r
     total = 0.0
     for i in np.ndindex(s.shape):
-        if source[i] > 1e-9 * source.max():
+        if source[i] > 1e-25 * source.max():
             total += source[i] * np.exp(-depth_to_space(medium, r[i], cos_sun[i]))
     return total

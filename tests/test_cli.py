@@ -21,6 +21,7 @@ from twilight.errors import TwilightError
 from twilight.io.netcdf import read_sky
 from twilight.solvers.base import BareField, Capabilities
 
+SHEETS = {"contact-sheet.png", "series.csv", "series.nc", "skies.jsonl"}
 FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}
 TABLE = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
 TABLE += "aerosol_asymmetry,absorption_per_km,refractivity\n"
@@ -104,8 +105,8 @@ def test_a_render_writes_all_files_and_says_where(plain, table, tmp_path):
     out = tmp_path / "sky"
     result = call("render", table, "--sun-elevation", -4, "--output", out, "--set", "texture={}")
     assert result.exit_code == 0, result.stderr
-    assert {p.name for p in out.iterdir()} == FILES
-    assert str(out) in result.stdout and "cd/m^2" in result.stdout and "lx" in result.stdout
+    assert {p.name for p in out.iterdir()} == FILES | {"skies.jsonl"}
+    assert str(out) in result.stdout and "cd m^-2" in result.stdout and "lx" in result.stdout
     sky = read_sky(out / "sky.h5")
     assert sky.wavelength_nm.tolist() == list(TABLE_NM)
     assert sky.sun_elevation_deg == -4
@@ -140,7 +141,10 @@ def test_every_file_holds_a_configuration_that_renders_the_same_again(plain, tab
     (tmp_path / "t1.csv").write_text(text)
     changed = call("render", again, "--output", second)
     assert changed.exit_code == 2 and "sha256" in changed.stderr
-    assert call("render", table, "--sun-elevation", -4, "--altitude-km", 2, "--output", second).exit_code == 0
+    command = ("render", table, "--sun-elevation", -4, "--altitude-km", 2, "--output", second)
+    refused = call(*command)
+    assert refused.exit_code == 2 and "medium.sha256 is" in refused.stderr and "--overwrite" in refused.stderr
+    assert call(*command, "--overwrite").exit_code == 0
     assert read_sky(second / "sky.h5").provenance["hash"] != record["hash"]
 
 
@@ -151,7 +155,7 @@ def test_many_suns_prepare_once_and_each_frame_has_its_folder(plain, table, tmp_
     assert result.exit_code == 0, result.stderr
     assert len(plain.calls) == 1
     folders = {p.name for p in out.iterdir()}
-    assert folders == {"sun+05.00", "sun+00.00", "sun-05.00", "contact-sheet.png"}
+    assert folders == {"sun+05.00", "sun+00.00", "sun-05.00", "frames", *SHEETS}
     assert all({p.name for p in (out / f).iterdir()} == FILES for f in folders if f.startswith("sun"))
     means = [
         read_sky(out / f / "sky.h5").sun_normalised_radiance.mean() for f in ("sun+05.00", "sun+00.00", "sun-05.00")
@@ -160,13 +164,100 @@ def test_many_suns_prepare_once_and_each_frame_has_its_folder(plain, table, tmp_
     assert read_sky(out / "sun-05.00" / "sky.h5").provenance["configuration"]["sun"]["elevation_deg"] == -5
 
 
+def test_a_series_is_a_table_a_dataset_and_numbered_files(plain, table, tmp_path):
+    import csv
+
+    import xarray
+
+    import twilight.accessor  # noqa: F401 - registers .sky
+
+    out = tmp_path / "evening"
+    result = call("render", table, "--sun-elevation=5,0,-5", "--output", out)
+    assert result.exit_code == 0, result.stderr
+    rows = list(csv.DictReader(open(out / "series.csv")))
+    skies = [read_sky(out / f / "sky.h5") for f in ("sun+05.00", "sun+00.00", "sun-05.00")]
+    assert [float(r["sun_elevation_deg"]) for r in rows] == [5, 0, -5]
+    for row, sky in zip(rows, skies, strict=True):
+        assert float(row["zenith_luminance_cd_per_m2"]) == pytest.approx(sky.luminance_at(90.0))
+        assert float(row["zenith_magnitude_v_per_arcsec2"]) == pytest.approx(sky.magnitude())
+        assert float(row["sky_illuminance_lux"]) == pytest.approx(sky.illuminance_lux())
+    with xarray.open_dataset(out / "series.nc", engine="h5netcdf") as data:
+        assert np.array_equal(data.sun_normalised_radiance[1], skies[1].sun_normalised_radiance)
+        assert data.solar_elevation_angle.values.tolist() == [5, 0, -5]
+        assert np.allclose(data.sky.illuminance_lux(), [s.illuminance_lux() for s in skies])
+    frames = {p.name: p.read_bytes() for p in (out / "frames").iterdir()}
+    assert sorted(frames) == [f"sky.{i:04d}.png" for i in (1, 2, 3)] + [f"sky.rgb.{i:04d}.exr" for i in (1, 2, 3)]
+    assert frames["sky.rgb.0003.exr"] == (out / "sun-05.00" / "sky.rgb.exr").read_bytes()
+    head, first, *_ = result.stdout.splitlines()
+    assert head.split("\t")[1:3] == ["sun [deg]", "zenith [cd m^-2]"]
+    assert all(np.isfinite(float(cell)) for cell in first.split("\t")[1:])
+
+
+def test_an_interrupted_series_goes_on_and_says_what_was_there(plain, table, tmp_path, monkeypatch):
+    looked = []
+    real = PlainField.radiance
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        looked.append(sun_elevation_deg)
+        if looked == [5, 0, -5]:
+            raise KeyboardInterrupt
+        return real(self, sun_elevation_deg, elevation_deg, azimuth_deg)
+
+    monkeypatch.setattr(PlainField, "radiance", radiance)
+    command = ("render", table, "--sun-elevation=5,0,-5", "--output", tmp_path / "out")
+    assert call(*command).exit_code == 130 and looked == [5, 0, -5]
+    again = call(*command)
+    assert again.exit_code == 0 and looked == [5, 0, -5, -5]
+    assert "2 of 3 were there already" in again.stderr and len(again.stdout.splitlines()) == 5
+    assert call(*command).stdout == again.stdout and looked == [5, 0, -5, -5]
+    refused = call(*command, "--set", "ground.albedo=0.5")
+    assert refused.exit_code == 2 and "(ground.albedo is 0.0, asked is 0.5)" in refused.stderr
+    fewer = call("render", table, "--sun-elevation=5,0", "--output", tmp_path / "out")
+    assert fewer.exit_code == 2 and "sun-05.00: holds a sky that is not part of this render" in fewer.stderr
+    assert call("render", table, "--sun-elevation=5,0", "--output", tmp_path / "out", "--overwrite").exit_code == 0
+    assert not (tmp_path / "out" / "sun-05.00").exists() and len(list((tmp_path / "out" / "frames").iterdir())) == 4
+
+
+def test_one_exposure_for_a_series_keeps_the_night_dark(plain, table, tmp_path):
+    from PIL import Image
+
+    def means(*more):
+        out = tmp_path / f"out{len(more)}{more[-1] if more else ''}"
+        result = call("render", table, "--sun-elevation=5,-10", "--output", out, *more)
+        assert result.exit_code == 0, result.stderr
+        assert call("render", table, "--sun-elevation=5,-10", "--output", out, *more).stderr.count("2 of 2 were there")
+        return [np.asarray(Image.open(out / f / "sky.png"))[:40].mean() for f in ("sun+05.00", "sun-10.00")]
+
+    each, series, fixed = means(), means("--exposure", "series"), means("--exposure", "12")
+    assert abs(each[0] - each[1]) < 3
+    assert series[0] == pytest.approx(each[0], abs=3) and series[1] < 0.6 * series[0]
+    assert fixed[1] < fixed[0]
+    wrong = call("render", table, "--exposure", "bright")
+    assert wrong.exit_code == 2 and "--exposure: bright must be" in wrong.stderr
+
+
+def test_a_black_sky_says_why(plain, table, tmp_path):
+    black = ("render", table, "--sun-elevation", "-40", "--output", tmp_path / "out", "--set", "solver.brightness=0")
+    result = call(*black)
+    assert result.exit_code == 0, result.output
+    assert result.stderr.splitlines() == [
+        "twilight: the sky is black in every direction: no sunlight reaches it with the sun at -40 deg; add the night "
+        "sky with night.airglow=1"
+    ]
+
+
+def test_a_sun_that_is_not_given_is_announced(plain, table, tmp_path):
+    assert "no sun is given: it stands at +10 deg" in call("render", table, "--output", tmp_path / "a").stderr
+    assert not call("render", table, "--output", tmp_path / "b", "--sun-elevation", "10").stderr
+
+
 def test_what_is_finished_stays_when_a_later_frame_fails(plain, table, tmp_path):
     out = tmp_path / "evening"
     settings = ["--set", "sun={elevations_deg: [5, 0, -5]}", "--set", "solver.fail_at_deg=0"]
     result = call("render", table, *settings, "--output", out)
     assert result.exit_code == 2
     assert result.stderr.startswith("twilight: plain: a sun at 0")
-    assert {p.name for p in out.iterdir()} == {"sun+05.00"}
+    assert {p.name for p in out.iterdir()} == {"sun+05.00", "skies.jsonl"}
     assert {p.name for p in (out / "sun+05.00").iterdir()} == FILES
 
 
@@ -174,7 +265,7 @@ def test_a_series_of_a_key_has_one_folder_for_each_value(plain, table, tmp_path)
     out = tmp_path / "series"
     result = call("render", table, "--sun-elevation", 3, "--set", "vary={ground.albedo: [0, 0.5]}", "--output", out)
     assert result.exit_code == 0, result.stderr
-    assert {p.name for p in out.iterdir()} == {"albedo=0", "albedo=0.5", "contact-sheet.png"}
+    assert {p.name for p in out.iterdir()} == {"albedo=0", "albedo=0.5", "frames", *SHEETS}
     assert read_sky(out / "albedo=0.5" / "sky.h5").ground_albedo.tolist() == [0.5] * 4
 
 
@@ -191,10 +282,10 @@ def test_many_wavelengths_go_in_blocks_and_give_the_same(plain, table, tmp_path,
 def test_only_the_files_asked_for_are_written(plain, table, tmp_path):
     result = call("render", table, "--only", "png, h5", "--output", tmp_path / "two")
     assert result.exit_code == 0, result.stderr
-    assert {p.name for p in (tmp_path / "two").iterdir()} == {"sky.png", "sky.h5"}
-    assert "wrote sky.png, sky.h5 to" in result.stdout
+    assert {p.name for p in (tmp_path / "two").iterdir()} == {"sky.png", "sky.h5", "skies.jsonl"}
+    assert "wrote sky.h5, sky.png to" in result.stdout
     call("render", table, "--set", "output.files=[h5]", "--output", tmp_path / "one")
-    assert {p.name for p in (tmp_path / "one").iterdir()} == {"sky.h5"}
+    assert {p.name for p in (tmp_path / "one").iterdir()} == {"sky.h5", "skies.jsonl"}
 
 
 @pytest.mark.parametrize(
@@ -245,10 +336,11 @@ def test_options_take_the_place_of_keys(plain, table, tmp_path):
 
 def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(plain, table, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = call("render", "T1.yaml", "--sun-elevation", -4)
-    assert result.exit_code == 0, result.stderr
-    assert (tmp_path / "out" / "T1_sun-04.00" / "sky.h5").is_file()
-    assert "out/T1_sun-04.00" in result.stdout
+    for more, folder in ((), "T1_sun-04.00"), (("--set", "ground.albedo=0.5"), "T1_sun-04.00_albedo=0.5"):
+        result = CliRunner().invoke(app, ["render", "T1.yaml", "--sun-elevation", "-4", *more])
+        assert result.exit_code == 0, result.stderr
+        assert (tmp_path / "out" / folder / "sky.h5").is_file()
+        assert f"to out/{folder}/\n" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -256,8 +348,8 @@ def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(pl
     [
         (["nowhere.yaml"], ["nowhere.yaml", "no such file"]),
         (["continetal-average"], ["did you mean continental-average?"]),
-        (["{table}", "--sun-elevation", "95"], ["--sun-elevation", "sun.elevation_deg", "-90 to 90", "95"]),
-        (["{table}", "--sun-elevation", "nan"], ["--sun-elevation", "sun.elevation_deg"]),
+        (["{table}", "--sun-elevation", "95"], ["--sun-elevation", "-90 to 90", "95"]),
+        (["{table}", "--sun-elevation", "nan"], ["--sun-elevation", "nan"]),
         (["{table}", "--at", "2003-12-08T16:00"], ["--at", "--latitude", "--longitude"]),
         (["{table}", "--latitude", "3"], ["--at"]),
         (["{table}", "--sun-elevation", "3", "--at", "2003-12-08T16:00"], ["--sun-elevation", "--at"]),
@@ -278,7 +370,7 @@ def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(pl
         (["{table}", "--set", "medium.table=t2.csv"], ["--set medium.table", "no file t2.csv"]),
         (["{table}", "--set", "ground.albdo=1"], ["--set ground.albdo", "did you mean albedo?"]),
         (["{table}", "--set", "solver.brightness=much"], ["--set solver.brightness", "a number", "'much'"]),
-        (["{table}", "--set", "wavelengths={list_nm: [300, 400]}"], ["t1.csv", "420"]),
+        (["{table}", "--sun-elevation", "3", "--set", "wavelengths={list_nm: [300, 400]}"], ["t1.csv", "420"]),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(plain, table, tmp_path, arguments, parts):
@@ -371,7 +463,7 @@ def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
         "qualities = {'standard': make_dataclass('Settings', [])()}\n"
         "plain = types.SimpleNamespace(CAPABILITIES=Capabilities(), QUALITIES=qualities)\n"
         "solvers.load = lambda name: plain\n"
-        "def frames(config, progress=None):\n"
+        "def frames(config, progress=None, wanted=None):\n"
         f"    os.kill(os.getpid(), {int(number)})\n"
         "    for _ in range(10**9): pass\n"
         "    yield\n"

@@ -21,7 +21,7 @@ def contact_sheet(pictures: Sequence[tuple[str, Path]], path: Path) -> None:
     Pictures are scaled down together where the sheet would be wider or higher than 6000 pixels.
     Errors: TwilightError when a picture cannot be read or the sheet not be written.
     """
-    from PIL import Image, ImageDraw
+    from PIL import Image, ImageDraw, ImageFont
 
     try:
         images = [Image.open(file).convert("RGB") for _, file in pictures]
@@ -30,18 +30,21 @@ def contact_sheet(pictures: Sequence[tuple[str, Path]], path: Path) -> None:
     width, height = max(i.width for i in images), max(i.height for i in images)
     columns = max(1, round(math.sqrt(len(images) * height / width * 1.6)))
     rows = math.ceil(len(images) / columns)
-    margin, line = 8, 16
+    margin = 8
+    size = max(12, width // 28)  # legible where the sheet is looked at whole
+    line = round(1.5 * size)
     scale = min(
         1.0, MAX_SHEET_PIXELS / (columns * (width + margin)), MAX_SHEET_PIXELS / (rows * (height + line + margin))
     )
     width, height = max(1, int(width * scale)), max(1, int(height * scale))
+    font = ImageFont.load_default(max(10, round(size * scale)))
     sheet = Image.new("RGB", (columns * (width + margin) + margin, rows * (height + line + margin) + margin), "black")
     draw = ImageDraw.Draw(sheet)
     for i, ((label, _), image) in enumerate(zip(pictures, images, strict=True)):
         x = margin + i % columns * (width + margin)
         y = margin + i // columns * (height + line + margin)
         sheet.paste(image.resize((width, height), Image.Resampling.LANCZOS), (x, y))
-        draw.text((x, y + height + 2), label, fill="white")
+        draw.text((x, y + height + 2), label, fill="white", font=font)
     with whole_file(path) as temporary:
         sheet.save(temporary)
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.options import file_stem, numbers, option, settings_of, within
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
@@ -44,11 +44,11 @@ def compare(
     from twilight.config import load_series
 
     chosen, names = settings_of(settings)
-    suns = None if sun_elevation is None else _numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
-    _within(reference_stderr, "--reference-stderr", 1e-4, 0.1)
-    _within(directions, "--directions", 4, 100_000)
-    _within(time_limit, "--time-limit", 1.0, 1e7)
-    _within(repeats, "--repeats", 1, 100)
+    suns = None if sun_elevation is None else numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
+    within(reference_stderr, "--reference-stderr", 1e-4, 0.1)
+    within(directions, "--directions", 4, 100_000)
+    within(time_limit, "--time-limit", 1.0, 1e7)
+    within(repeats, "--repeats", 1, 100)
     cases = load_series(scene, chosen, names)
     if len(cases) > 1:
         raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); compare takes one")
@@ -151,18 +151,3 @@ def _ablate(
     for name, reason in dict.fromkeys((row.name, row.reason) for row in rows if row.reason):
         print(f"{name}: {reason}")
     print(f"wrote ablations.csv to {folder}/")
-
-
-def _numbers(text: str, option: str, low: float, high: float) -> list[float]:
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise TwilightError(f"{option}: {text} must be numbers with commas between them, e.g. 5,0,-6") from None
-    for value in values:
-        _within(value, option, low, high)
-    return list(dict.fromkeys(values))
-
-
-def _within(value: float, option: str, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise TwilightError(f"{option}: {value:g} is not allowed; it must be from {low:g} to {high:g}")

@@ -47,3 +47,20 @@ def check_polarised(config: Any) -> None:
             f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
             f"solver.polarisation: true with one of {able}"
         )
+
+
+def numbers(text: str, option: str, low: float, high: float) -> list[float]:
+    """Numbers with commas between them, each once; TwilightError for anything else."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise TwilightError(f"{option}: {text} must be numbers with commas between them, e.g. 5,0,-6") from None
+    for value in values:
+        within(value, option, low, high)
+    return list(dict.fromkeys(values))
+
+
+def within(value: float, option: str, low: float, high: float) -> None:
+    """TwilightError for a value of an option that is not between the two."""
+    if not low <= value <= high:
+        raise TwilightError(f"{option}: {value:g} is not allowed; it must be from {low:g} to {high:g}")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import check_polarised, option, settings_of
-from twilight.cli.terminal import print_table, progress_bar
+from twilight.cli.options import check_polarised, numbers, option, settings_of
+from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
 
 
@@ -18,7 +17,9 @@ def render(
     scene: Annotated[
         str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate, or file of a configuration.")
     ],
-    sun_elevation: Annotated[float | None, option("DEG", "True elevation of the sun.")] = None,
+    sun_elevation: Annotated[
+        str | None, option("DEG,...", "True elevation of the sun; several with commas between them: -4,-5.")
+    ] = None,
     at: Annotated[str | None, option("TIME", "Date and time, e.g. 2003-12-08T16:30; needs a place.")] = None,
     latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
     longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
@@ -36,14 +37,21 @@ def render(
     target: Annotated[
         str | None, option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
     ] = None,
+    exposure: Annotated[
+        str | None,
+        option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
+    ] = None,
     only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
     polariser: Annotated[
         float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
     ] = None,
     output: Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
+    ] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Only say what the scene leaves out, and why.")] = False,
 ) -> None:
-    """Compute a sky, or a series of them, and write PNG, EXR and HDF5."""
+    """Compute a sky, or a series of them, and write PNG, EXR and HDF5. Goes on where it was interrupted."""
     from twilight.config import load_series
 
     chosen: dict[str, Any] = {}
@@ -59,6 +67,7 @@ def render(
     choose("solver.name", solver, "--solver")
     choose("solver.quality", quality, "--quality")
     choose("output.target", target, "--target")
+    choose(*_exposure(exposure), "--exposure")
     choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
     choose("output.polariser_deg", polariser, "--polariser")
     set_here, called = settings_of(settings)
@@ -73,8 +82,29 @@ def render(
     cases = load_series(scene, chosen, names)
     if plan:
         _print_plans(cases)
-    else:
-        _render(cases, scene, output)
+        return
+    from twilight.cli.render_files import render_files
+    from twilight.config.scene import SunElevation
+
+    for case in cases:
+        check_polarised(case.config)
+    if any("sun" not in case.config.model_fields_set for case in cases):
+        default = SunElevation().elevation_deg
+        print(
+            f"twilight: no sun is given: it stands at {default:+g} deg (--sun-elevation, or --at and a place)",
+            file=sys.stderr,
+        )
+    render_files(cases, scene, chosen, output, overwrite)
+
+
+def _exposure(text: str | None) -> tuple[str, Any]:
+    """The key and the value that --exposure sets."""
+    if text is None or text == "series":
+        return "output.exposure", text
+    try:
+        return "output.exposure_ev100", float(text)
+    except ValueError:
+        raise TwilightError(f"--exposure: {text} must be an exposure value such as 12, or series") from None
 
 
 def _check_solver(cases: list[Any], option: str, solver: str, does: str) -> None:
@@ -88,7 +118,7 @@ def _check_solver(cases: list[Any], option: str, solver: str, does: str) -> None
 
 
 def _sun(
-    elevation: float | None, at: str | None, latitude: float | None, longitude: float | None, zone: str | None
+    elevation: str | None, at: str | None, latitude: float | None, longitude: float | None, zone: str | None
 ) -> tuple[dict[str, Any] | None, str]:
     """The `sun` section that the options describe, None where there are none, and the option to name in errors."""
     place = {"latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
@@ -96,7 +126,8 @@ def _sun(
     if elevation is not None:
         if at is not None or given:
             raise TwilightError("--sun-elevation: takes the place of --at, --latitude, --longitude and --time-zone")
-        return {"elevation_deg": elevation}, "--sun-elevation"
+        suns = numbers(elevation, "--sun-elevation", -90.0, 90.0)
+        return ({"elevation_deg": suns[0]} if len(suns) == 1 else {"elevations_deg": suns}), "--sun-elevation"
     if at is None and not given:
         return None, ""
     if at is None or latitude is None or longitude is None:
@@ -115,84 +146,3 @@ def _print_plans(cases: list[Any]) -> None:
         if not plan.left_out:
             rows.append([name, "nothing", "everything in this scene matters", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
-
-
-def _render(cases: list[Any], scene: str, output: Path | None) -> None:
-    from twilight.engine import check_size, frames
-    from twilight.io.whole import check_folder
-    from twilight.progress import part_of
-    from twilight.scene.suns import count_suns
-
-    for case in cases:
-        check_size(case.config)
-        check_polarised(case.config)
-    check_folder(output or Path("out"))
-    counts = [count_suns(case.config) for case in cases]
-    total = sum(counts)
-    rows: list[list[str]] = []
-    pictures: list[tuple[str, Path]] = []
-    root = output
-    with progress_bar() as progress:
-        done = 0
-        for case, count in zip(cases, counts, strict=True):
-            report = part_of(progress, done / total, count / total, case.name)
-            for frame in frames(case.config, report):
-                if root is None:
-                    root = _default_folder(case.config, scene, total, frame)
-                folder = root.joinpath(*(part for part in (case.name, frame.name if count > 1 else "") if part))
-                files = _write(frame, case.config, folder)
-                label = " ".join(part for part in (case.name, frame.name) if part)
-                pictures += [(label, file) for file in files if file.suffix == ".png"][:1]
-                rows.append(_summary(label, frame.sky))
-            done += count
-    assert root is not None
-    if len(pictures) > 1:
-        from twilight.plotting import contact_sheet
-
-        contact_sheet(pictures, root / "contact-sheet.png")
-    print_table(
-        ["scene", "solver", "set-up + sky", "zenith luminance", "sky illuminance"],
-        rows,
-        right=(2, 3, 4),
-    )
-    what = ", ".join(file.name for file in files)
-    more = f" in {total} folders, and contact-sheet.png" if total > 1 else ""
-    print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}", file=sys.stdout)
-
-
-def _write(frame: Any, config: Any, folder: Path) -> list[Path]:
-    from twilight.io.outputs import write_outputs
-
-    o = config.output
-    return write_outputs(
-        frame.sky,
-        folder,
-        panorama=frame.panorama,
-        files=o.files,
-        polariser_deg=o.polariser_deg,
-        views=o.views,
-        target=o.target,
-        width=config.texture.latlong_width or o.width,
-        spectral_width=o.spectral_width,
-        exposure="auto" if o.exposure_ev100 is None else o.exposure_ev100,
-        tone_mapping=o.tone_mapping,
-        observer=o.colour_observer,
-    )
-
-
-def _default_folder(config: Any, scene: str, total: int, frame: Any) -> Path:
-    name = config.title if total == 1 else (config.name or Path(scene).stem)
-    text = f"{name}_{frame.name}" if total == 1 else name
-    return Path("out") / (re.sub(r"[^\w.+-]+", "-", text).strip("-.") or "sky")
-
-
-def _summary(label: str, sky: Any) -> list[str]:
-    zenith = float(sky.resample([90.0], [0.0]).luminance()[0, 0])
-    record = sky.provenance
-    return [
-        label,
-        f"{record['solver']} ({record['quality']})",
-        f"{record['set_up_time_s']:.1f} + {record['run_time_s'] - record['set_up_time_s']:.1f} s",
-        f"{zenith:.4g} cd/m^2",
-        f"{sky.illuminance_lux():.4g} lx",
-    ]

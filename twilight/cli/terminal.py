@@ -6,6 +6,7 @@ import functools
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +15,9 @@ from typing import Any
 import typer
 
 from twilight.errors import TwilightError, TwilightWarning
-from twilight.progress import Progress, silent
+from twilight.progress import Progress
+
+LINE_EVERY_S = 15.0
 
 
 def sentences(command: Callable[..., None]) -> Callable[..., None]:
@@ -74,12 +77,12 @@ def _leaving_on_sigterm() -> Iterator[None]:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """A bar with the time left on stderr, nothing where stderr is not a terminal.
+    """A bar with the time left on stderr; where that is no terminal, now and then a line.
 
     Gives a function of a few words on what is being done and the share done, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield silent
+        yield _lines()
         return
     from rich import progress as rich_progress
     from rich.console import Console
@@ -92,6 +95,22 @@ def progress_bar() -> Iterator[Progress]:
     with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
         yield lambda doing, share: bar.update(task, completed=share, description=escape(doing))
+
+
+def _lines() -> Progress:
+    """A line on stderr every LINE_EVERY_S seconds, so that a log says what long work is doing."""
+    begin = last = time.monotonic()
+
+    def tell(doing: str, share: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= LINE_EVERY_S:
+            last = now
+            print(
+                f"twilight: {100 * share:3.0f} %, {time_left(share, now - begin)}: {doing}", file=sys.stderr, flush=True
+            )
+
+    return tell
 
 
 def _time_left_column() -> Any:

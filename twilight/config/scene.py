@@ -306,6 +306,9 @@ class Output(Section):
         ge=-60.0,
         le=60.0,
     )
+    exposure: Literal["each", "series"] = key(
+        "each", "where exposure_ev100 is unset: each picture by its own sky, or all of a series by the brightest"
+    )
     tone_mapping: Literal["photographic", "filmic", "gamma"] = key(
         "photographic", "of the pictures: photographic has contrast, filmic is soft, gamma clips"
     )

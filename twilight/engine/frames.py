@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +16,7 @@ from twilight.config.solver import resolve_solver
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 from twilight.grids import texture_centres
 from twilight.io.provenance import configuration_hash
 from twilight.progress import Meter, Progress, silent
@@ -45,16 +46,21 @@ def run(config: Config, progress: Progress | None = None) -> Sky:
     return next(iter(frames(config, progress))).sky
 
 
-def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
+def frames(
+    config: Config, progress: Progress | None = None, *, wanted: Collection[str] | None = None
+) -> Iterator[Frame]:
     """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
 
+    wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  Warns (TwilightWarning) of a black sky.
     As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
     """
     tell = progress or silent
     tell("setting up", 0.0)
     check_size(config)
     started = time.perf_counter()
-    suns = list(suns_of(config))
+    suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
+    if not suns:
+        return
     problem = problem_of(config, [sun.elevation_deg for sun in suns])
     set_up_s = time.perf_counter() - started
     found = [_Found() for _ in suns]
@@ -68,10 +74,28 @@ def frames(config: Config, progress: Progress | None = None) -> Iterator[Frame]:
             meter.looking(b, s)
             found[s].take(block, sun, config)
             if b == len(problem.slices) - 1:
-                yield _frame(config, problem, sun, found[s], set_up_s)
+                frame = _frame(config, problem, sun, found[s], set_up_s)
+                _warn_of_black(config, frame.sky)
+                yield frame
                 found[s] = _Found()
         del block
     tell("done", 1.0)
+
+
+def _warn_of_black(config: Config, sky: Sky) -> None:
+    if sky.normalised_radiance.any():
+        return
+    top_km = config.climate.atmosphere.top_km
+    if config.climate.medium is None and config.observer.altitude_km >= top_km:
+        altitude_km = config.observer.altitude_km
+        why = f"an observer at {altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
+        ask = "take a lower observer.altitude_km"
+    elif config.night is None:
+        why = f"no sunlight reaches it with the sun at {sky.sun_elevation_deg:g} deg"
+        ask = "add the night sky with night.airglow=1"
+    else:
+        why, ask = "there is no light in this air", "see the climate"
+    warnings.warn(f"the sky is black in every direction: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
 class _Phases(Meter):

@@ -12,9 +12,9 @@ from numba import njit
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.solvers.tables.passes import MAX_POINTS, ray_points
+from twilight.solvers.tables.steps import jump_altitudes
 from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 

@@ -57,10 +57,13 @@ def open_folder(root: Path, wanted: Mapping[str, Wanted], code: str, *, overwrit
     try:
         there = {} if overwrite else check_folder_content(root, wanted, code)
         root.mkdir(parents=True, exist_ok=True)
-        with open_journal(root / JOURNAL, "another render") as journal:
-            if overwrite:
-                _clear(root)
-            yield RenderFolder(root, code, there, journal)
+        try:
+            with open_journal(root / JOURNAL, "another render") as journal:
+                if overwrite:
+                    _clear(root)
+                yield RenderFolder(root, code, there, journal)
+        finally:
+            _leave_nothing(root)
     except OSError as error:
         raise TwilightError(f"{error.filename or root}: cannot be written ({error.strerror or error})") from error
 
@@ -136,6 +139,14 @@ def _clear(root: Path) -> None:
     for name in SHEETS:
         (root / name).unlink(missing_ok=True)
     (root / JOURNAL).write_text("", encoding="utf-8")
+
+
+def _leave_nothing(root: Path) -> None:
+    """A render that has finished no sky leaves no folder."""
+    with suppress(OSError):
+        if (root / JOURNAL).stat().st_size == 0:
+            (root / JOURNAL).unlink()
+            root.rmdir()
 
 
 def _configuration(path: Path) -> dict[str, Any] | None:

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.geometry import distance_to_sphere
 from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, Profile, locate
 
@@ -42,6 +43,9 @@ _INSIDE_KM = 1e-9
 
 SHORTEST_KM = 1e-6
 """Optical depth shortens no step to less."""
+
+SIGHT_NM = 550.0
+"""Wavelength whose index bends lines of sight at all of them."""
 
 OUT, GROUND = 0, 1
 
@@ -69,7 +73,7 @@ def new_line(profile):
 
 
 def with_refraction(profile: Profile, medium: Medium) -> Profile:
-    """The same profile, in which rays are bent by the index of `medium` at the middle one of the wavelengths.
+    """The same profile, in which rays are bent by the index of `medium` at SIGHT_NM, whatever its wavelengths are.
 
     Dispersion across the visible moves a line at the horizon by 0.01 deg.  An index that jumps between layers is
     joined by straight pieces between the middles of the layers: a jump would reflect every grazing ray.
@@ -78,7 +82,9 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
     if not medium.has_refraction:
         return profile
     levels = medium.altitude_km
-    index = medium.refractivity[:, medium.n_wavelengths // 2]
+    nearest = int(np.argmin(np.abs(medium.wavelength_nm - SIGHT_NM)))
+    here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], SIGHT_NM]), 288.15, 1013.25)
+    index = medium.refractivity[:, nearest] * (there / here)
     same = np.diff(levels) <= 0
     if np.count_nonzero(~same) > 1 and np.any(same & (np.abs(np.diff(index)) > 1e-3 * index[:-1])):
         thick = ~same

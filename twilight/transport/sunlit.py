@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 
 from twilight.transport.beam import beam_at
+from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
 
 WORTH = 5e-5
@@ -127,14 +128,18 @@ def _add_part(
                         source = 0.0
                         for s in range(share.shape[0]):
                             here = (1.0 - g) * share[s, k, w] + g * share[s, k + 1, w]
-                            source += here * _turned(phases, i, d, s, w, lifted, lowered, floor)
+                            source += here * _turned(beam, phases, i, d, s, w, lifted, lowered, floor)
                         total[i, w] += strength * source
 
 
 @njit(cache=True, inline="always")
-def _turned(phases, stokes, d, s, w, lifted, lowered, floor):
-    """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered by so much [rad]."""
-    value = phases.value[stokes, d, s, w] + lifted * phases.of_sun[stokes, d, s, w]
+def _turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
+    """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered by so much [rad].
+
+    lifted: at the most refracted wavelength of the beam; at the others by as much less as the air refracts less.
+    """
+    own = lifted * (1.0 - beam.pool[beam.layout[AT_DISPERSION] + w])
+    value = phases.value[stokes, d, s, w] + own * phases.of_sun[stokes, d, s, w]
     value += lowered * phases.of_ray[stokes, d, s, w]
     return max(floor, value) if stokes == 0 else value
 
@@ -196,7 +201,9 @@ def scattered_once(beam, rays, share, elevation, directions, phases, floor, grou
                         source = 0.0
                         if light[i, w] > 0.0:
                             for s in range(share.shape[0]):
-                                source += share[s, k, w] * _turned(phases, stokes, d, s, w, lifted, lowered, floor)
+                                source += share[s, k, w] * _turned(
+                                    beam, phases, stokes, d, s, w, lifted, lowered, floor
+                                )
                         parts_of[stokes, i, w] = weight[k, w] * light[i, w] * source
                         out[d, stokes, w] += parts_of[stokes, i, w]
                     total[w] += part[i, w]

@@ -22,6 +22,9 @@ LEVEL_TOLERANCE = 1e-4
 SHELL_TOLERANCE = 2e-4
 LAYER_KM = 0.8
 LAYER_GROWTH = 0.35
+SHARP, STEEPEST_KM = 0.3, 2.0
+"""A layer ends where the logarithm of scattering jumps by SHARP, or changes by as much more than with the scale height
+STEEPEST_KM."""
 N_BINS = 4096
 N_SAMPLING = 1024
 N_SMOOTH = 128
@@ -99,7 +102,7 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
     bins_per_km = N_BINS / (z[-1] - z[0])
     starts = z[0] + np.arange(N_BINS + 1) / bins_per_km
     first, last = shells(z, table[:, :, EXTINCTION], event > 0)
-    start = layers(z, first, last, event > 0)
+    start = layers(z, first, last, event)
     cdf, density = _sampling_tables(medium)
     return Air(
         np.ascontiguousarray(z),
@@ -181,19 +184,28 @@ def shells(altitude_km, extinction, scatters, tolerance: float = SHELL_TOLERANCE
     return np.array(first, dtype=np.int64), np.array(last, dtype=np.int64)
 
 
-def layers(altitude_km, first, last, scatters) -> np.ndarray:
+def layers(altitude_km, first, last, scattering) -> np.ndarray:
     """First shell of every layer, and the number of shells: LAYER_KM thick at the ground and thicker above.
 
-    Like a shell, a layer holds scattering (N, W) throughout or nowhere.
+    Like a shell, a layer holds scattering (N, W) throughout or nowhere.  It ends where scattering jumps or climbs
+    steeply: one point stands for a piece, and must not stand for a thin layer inside that it misses.
     """
     z = altitude_km
+    scatters = scattering > 0
+    size = np.log(np.maximum(scattering, 1e-300))
     pattern = scatters[:-1] | scatters[1:]
     thin = min(LAYER_KM, 0.2 * (z[-1] - z[0]))
     start = [0]
     for k in range(1, first.size):
         a = first[start[-1]]
         width = z[last[k]] - z[a]
-        if width > max(thin, LAYER_GROWTH * (z[a] - z[0])) or np.any(pattern[first[k]] != pattern[a]):
+        sharp = max(
+            np.abs(size[first[k]] - size[last[k - 1]]).max(),
+            np.abs(size[last[k]] - size[first[k]]).max() - (z[last[k]] - z[first[k]]) / STEEPEST_KM,
+            np.abs(size[last[k - 1]] - size[first[k - 1]]).max() - (z[last[k - 1]] - z[first[k - 1]]) / STEEPEST_KM,
+        )
+        too_wide = width > max(thin, LAYER_GROWTH * (z[a] - z[0]))
+        if too_wide or sharp > SHARP or np.any(pattern[first[k]] != pattern[a]):
             start.append(k)
     return np.array([*start, first.size], dtype=np.int64)
 

@@ -30,6 +30,7 @@ class State:
     count: np.ndarray
     sums: np.ndarray
     squares: np.ndarray
+    high: np.ndarray
     limited: int
     chunks_used: np.ndarray
     round_plan: np.ndarray
@@ -53,6 +54,8 @@ def fingerprint(medium, settings, pixels) -> str:
         else:
             digest.update(np.ascontiguousarray(value, dtype=float).tobytes())
     digest.update(repr([(k, v) for k, v in settings.as_dict().items() if k not in FREE_SETTINGS]).encode())
+    # a limit, whichever, makes the first round short
+    digest.update(repr(settings.time_limit_s is None).encode())
     digest.update(pixels.key.tobytes())
     return digest.hexdigest()
 

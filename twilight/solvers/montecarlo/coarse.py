@@ -26,7 +26,6 @@ from twilight.solvers.montecarlo.steering import (
     N_DIRECTIONS,
     Steering,
     altitude_index,
-    altitudes,
     empty_steering,
     source_directions,
     sun_index,
@@ -39,12 +38,17 @@ NEIGHBOUR = 2.0
 """A wavelength starts from the field of the one before if their vertical optical depths differ by less than this."""
 
 
-def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
-    """Steering tables: the linear solution and then some logarithmic sweeps (0: no steering at all)."""
+def solve_steering(air: Air, sun: Sun, sweeps: int = 2, stop: np.ndarray | None = None) -> Steering:
+    """Steering tables: the linear solution and then some logarithmic sweeps (0: no steering at all).
+
+    stop (1,): once it is not 0, what is not solved yet is left as it is, at the cost of noise.
+    """
+    if stop is None:
+        stop = np.zeros(1, dtype=np.uint8)
     steering = empty_steering(air)
     if sweeps == 0:
         return steering
-    z = altitudes(steering)
+    z = steering.altitude_km
     n_sun = steering.cos_sun.size
     n = z.size * n_sun
     depth = air.moment[:, -1, 0]
@@ -57,22 +61,26 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2) -> Steering:
             steering.log_ground[w] = steering.log_ground[w - 1]
             todo = sweeps - 1
         else:
-            _linear(air, sun, steering, w, z)
+            _linear(air, sun, steering, w, z, stop)
         for _ in range(todo):
             radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
-            in_slices(partial(_sweep, air, sun, steering, w, CUTS, z, radiance), n)
+            in_slices(partial(_sweep, air, sun, steering, w, CUTS, z, stop, radiance), n)
+            if stop[0]:
+                return steering
             _store(steering, w, phase, radiance)
     return steering
 
 
-def _linear(air: Air, sun: Sun, steering: Steering, w: int, z: np.ndarray) -> None:
+def _linear(air: Air, sun: Sun, steering: Steering, w: int, z: np.ndarray, stop: np.ndarray) -> None:
     """Mean light at the nodes from the linear system of one wavelength, the same in all directions."""
     n_sun = steering.cos_sun.size
     n = z.size * n_sun
     # unknowns: mean light at the nodes, then diffuse irradiance on the ground
     source = np.zeros(n + n_sun)
     kernel = np.zeros((n + n_sun, n + n_sun))
-    in_slices(partial(_system, air, sun, steering, w, CUTS, z, source, kernel), n)
+    in_slices(partial(_system, air, sun, steering, w, CUTS, z, stop, source, kernel), n)
+    if stop[0]:
+        return
     light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
     floor = math.exp(DARK)
     steering.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun, 1)
@@ -121,8 +129,8 @@ def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ra
 
 
 @njit(cache=True, nogil=True)
-def _system(air, sun, steering, w, cuts, altitude_km, source, kernel, first, end):
-    """S and K of the module's equation; rows of the nodes first..end."""
+def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, first, end):
+    """S and K of the module's equation; rows of the nodes first..end, and no further once stop (1,) is not 0."""
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
@@ -131,6 +139,8 @@ def _system(air, sun, steering, w, cuts, altitude_km, source, kernel, first, end
     to_sun = np.zeros(3)
     stream = np.zeros(1, dtype=np.uint64)
     for node in range(first, end):
+        if stop[0] != 0:
+            break
         i = node // n_sun
         j = node % n_sun
         sz = steering.cos_sun[j]
@@ -179,14 +189,19 @@ def _system(air, sun, steering, w, cuts, altitude_km, source, kernel, first, end
 
 
 @njit(cache=True, nogil=True)
-def _sweep(air, sun, steering, w, cuts, altitude_km, radiance, first, end):
-    """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables."""
+def _sweep(air, sun, steering, w, cuts, altitude_km, stop, radiance, first, end):
+    """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables.
+
+    No further once stop (1,) is not 0.
+    """
     n_sun = steering.cos_sun.size
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.zeros(3)
     stream = np.zeros(1, dtype=np.uint64)
     for node in range(first, end):
+        if stop[0] != 0:
+            break
         i = node // n_sun
         j = node % n_sun
         sz = steering.cos_sun[j]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +29,10 @@ from twilight.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
 BATCH_SAMPLES = 4096
-ADAPTIVE_ROUNDS = 2
+FIRST_SAMPLES = 2
+"""Samples of an arm that are taken whatever the time limit: without them there is no standard error."""
+ADAPTIVE_ROUNDS, LATE_ROUNDS = 2, 6
+"""Rounds in which the arms set each other's counts, and rounds for pixels that still miss the error asked for."""
 
 
 def prepare(
@@ -55,8 +61,25 @@ def prepare(
     sight = prepare_air(medium, 3) if isotropic else air
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
     sun = Sun(beam, prepare_sun_table(air, beam), settings.check_rate)
-    steering = solve_steering(air, sun, settings.steering_sweeps)
+    with _stop_after(settings.time_limit_s) as stop:
+        steering = solve_steering(air, sun, settings.steering_sweeps, stop)
     return Field(medium, settings, air, sight, sun, steering, float(observer_altitude_km), progress)
+
+
+@contextmanager
+def _stop_after(seconds: float | None) -> Iterator[np.ndarray]:
+    """A flag (1,) for kernels that turns from 0 to 1 after so many seconds; None: never."""
+    stop = np.zeros(1, dtype=np.uint8)
+    if seconds is None:
+        yield stop
+        return
+    timer = threading.Timer(max(0.0, seconds), stop.fill, (1,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield stop
+    finally:
+        timer.cancel()
 
 
 @dataclass(frozen=True)
@@ -167,33 +190,58 @@ class _Run:
             state = self.checkpoint.load()
             if state is not None:
                 self.tally.count, self.tally.sums, self.tally.squares = state.count, state.sums, state.squares
+                self.tally.high = state.high
                 self.tally.limited = state.limited
                 self.chunks_used = state.chunks_used
                 self.round_plan = state.round_plan
                 self.skip_rounds, self.skip_batches = state.round_index, state.batch_index
 
     def all_rounds(self) -> bool:
-        settings = self.settings
-        n_rounds = 1 if settings.target_stderr is None else 1 + ADAPTIVE_ROUNDS
-        for index in range(self.skip_rounds, n_rounds):
-            resumed = index == self.skip_rounds and self.skip_batches > 0
-            if resumed:
-                extra = self.round_plan
-            elif settings.target_stderr is None:
-                extra = np.full(self.tally.count.shape, -(-settings.samples // N_ARMS), dtype=np.int64)
-            elif index == 0:
-                extra = np.full(self.tally.count.shape, settings.pilot_samples, dtype=np.int64)
-            else:
-                extra = self.tally.wanted(settings.target_stderr, settings.max_samples) - self.tally.count
-            extra = np.maximum(extra, 0)
-            if not self.one_round(index, n_rounds, extra, self.skip_batches if resumed else 0):
-                return False
+        """Take all samples; False if a limit ended the run before the target."""
+        limit = self.settings.time_limit_s
+        rounds = self._rounds()
+        with _stop_after(None if limit is None else max(0.0, limit - (time.monotonic() - self.started))) as stop:
+            for index in range(self.skip_rounds, len(rounds)):
+                resumed = index == self.skip_rounds and self.skip_batches > 0
+                extra = self.round_plan if resumed else self._extra(rounds[index])
+                if limit is not None and index > 0 and stop[0]:
+                    return False
+                unstoppable = index == 0
+                never = np.zeros_like(stop)
+                done = self.one_round(
+                    index, len(rounds), extra, self.skip_batches if resumed else 0, never if unstoppable else stop
+                )
+                if not done:
+                    return False
+        if self.field.progress:
+            self._report(len(rounds) - 1, len(rounds), 1.0)
         if self.checkpoint:
             self.checkpoint.remove()
-        return True
+        target = self.settings.target_stderr
+        return target is None or bool(np.all(self.tally.relative_error() <= 2.0 * target))
 
-    def one_round(self, index: int, n_rounds: int, extra: np.ndarray, first_batch: int) -> bool:
-        """Take `extra` samples; False if time ran out (never in the first round)."""
+    def _rounds(self) -> list[str]:
+        """What the rounds are for: "first" (with a time limit), "pilot" or "all", "adaptive", "late"."""
+        start = [] if self.settings.time_limit_s is None else ["first"]
+        if self.settings.target_stderr is None:
+            return [*start, "all"]
+        return [*start, "pilot"] + ["adaptive"] * ADAPTIVE_ROUNDS + ["late"] * LATE_ROUNDS
+
+    def _extra(self, purpose: str) -> np.ndarray:
+        """Samples (P, W, 2) that a round adds."""
+        settings, count = self.settings, self.tally.count
+        if purpose == "first":
+            wanted = np.full(count.shape, FIRST_SAMPLES, dtype=np.int64)
+        elif purpose == "all":
+            wanted = np.full(count.shape, -(-settings.samples // N_ARMS), dtype=np.int64)
+        elif purpose == "pilot":
+            wanted = np.full(count.shape, settings.pilot_samples, dtype=np.int64)
+        else:
+            wanted = self.tally.wanted(settings.target_stderr, settings.max_samples, purpose == "late")
+        return np.maximum(wanted - count, 0)
+
+    def one_round(self, index: int, n_rounds: int, extra: np.ndarray, first_batch: int, stop: np.ndarray) -> bool:
+        """Take `extra` samples; False if time ran out, which the flag `stop` (1,) tells."""
         jobs = self._jobs(extra)
         edges = np.concatenate([[0], np.flatnonzero(np.diff(np.cumsum(jobs[4]) // BATCH_SAMPLES)) + 1, [jobs[0].size]])
         edges = np.unique(edges)
@@ -206,22 +254,23 @@ class _Run:
         try:
             for number, b in enumerate(todo):
                 part = [a[edges[b] : edges[b + 1]] for a in jobs]
-                waiting[b] = (part, self._walk(part))
+                sums = self._walk(part, stop)
+                if np.any(sums.samples < part[4]):
+                    # cut short: it counts for the answer, and is taken up whole by who goes on
+                    if self.checkpoint:
+                        self.checkpoint.save(self._state(index, next_batch, extra))
+                    waiting[b] = (part, sums)
+                    for other, rows in waiting.values():
+                        self.tally.add(*other[:3], rows)
+                    return False
+                waiting[b] = (part, sums)
                 while next_batch in waiting:
-                    (pixel, wavelength, arm, _, samples), sums = waiting.pop(next_batch)
-                    self.tally.add(pixel, wavelength, arm, samples, sums)
+                    other, rows = waiting.pop(next_batch)
+                    self.tally.add(*other[:3], rows)
                     next_batch += 1
                 self._report(index, n_rounds, (number + 1) / len(todo))
                 if self.checkpoint:
                     self.checkpoint.save_if_due(self._state(index, next_batch, extra))
-                limit = self.settings.time_limit_s
-                if (
-                    index > 0
-                    and limit is not None
-                    and time.monotonic() - self.started > limit
-                    and number + 1 < len(todo)
-                ):
-                    return False
         except KeyboardInterrupt:
             if self.checkpoint:
                 self.checkpoint.save(self._state(index, next_batch, extra))
@@ -246,18 +295,24 @@ class _Run:
             return [np.zeros(0, dtype=np.int64) for _ in range(5)]
         return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
-    def _walk(self, part) -> Sums:
+    def _walk(self, part, stop: np.ndarray) -> Sums:
         pixel, wavelength, _, chunk, samples = part
         field = self.field
         first = np.zeros((pixel.size, self.n_stokes, N_ORDERS + 1))
-        sums = Sums(first, np.zeros_like(first), np.zeros(pixel.size, dtype=np.int64))
+        sums = Sums(
+            first,
+            np.zeros_like(first),
+            np.zeros((pixel.size, 2)),
+            np.zeros(pixel.size, dtype=np.int64),
+            np.zeros(pixel.size, dtype=np.int64),
+        )
         jobs = Jobs(pixel, wavelength, chunk, samples)
         walk = self.settings.walk(field.medium.has_refraction)
         seed = np.uint64(self.settings.seed)
 
         def work(begin: int, end: int) -> None:
             run_chunks(
-                field.air, field.sight, field.sun, field.steering, walk, seed, self.pixels, jobs, begin, end, sums
+                field.air, field.sight, field.sun, field.steering, walk, seed, self.pixels, jobs, begin, end, sums, stop
             )
 
         in_slices(work, pixel.size)
@@ -268,6 +323,7 @@ class _Run:
             "count": self.tally.count,
             "sums": self.tally.sums,
             "squares": self.tally.squares,
+            "high": self.tally.high,
             "limited": self.tally.limited,
             "chunks_used": self.chunks_used,
             "round_plan": extra,

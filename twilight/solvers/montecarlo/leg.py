@@ -315,6 +315,7 @@ def trace(air, sun, steering, w, ray, to_sun, cuts, stream, leg):
     high = sun.table.high[w]
     low = sun.table.low[w]
     source = steering.log_source[w]
+    places = steering.place_of_root
     nodes = steering.cos_sun
     hint = steering.hint
     pieces = leg.pieces
@@ -468,7 +469,7 @@ def trace(air, sun, steering, w, ray, to_sun, cuts, stream, leg):
                         steered += (
                             weight
                             * scattering
-                            * math.exp(log_source_light(source, nodes, hint, root, mu_sun, up, cos_sun_slope))
+                            * math.exp(log_source_light(source, places, nodes, hint, root, mu_sun, up, cos_sun_slope))
                         )
                     piece = pieces[n]
                     piece[START] = start

@@ -113,10 +113,13 @@ class Jobs(NamedTuple):
 
 class Sums(NamedTuple):
     """Results of J jobs: sums of x and of x^2 over samples, (J, S, N_ORDERS + 1), S = 3 components I, Q, U or 1; x is
-    the light of each order and, last, of all.  limits (J,): samples that met a limit of the walk."""
+    the light of each order and, last, of all.  high (J, 2): sums of x^3 and x^4 for all of I.  samples, limits (J,):
+    samples taken, and those among them that met a limit of the walk."""
 
     first: np.ndarray
     second: np.ndarray
+    high: np.ndarray
+    samples: np.ndarray
     limits: np.ndarray
 
 
@@ -336,7 +339,8 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
 
 @njit(**INNER)
 def add_sample(orders, first, second):
-    """Add the orders (S, N_ORDERS + 1) of one sample, and their squares, to the sums of a job, of the same shape."""
+    """Add the orders (S, N_ORDERS + 1) of one sample, and their squares, to the sums of a job; returns the whole I."""
+    intensity = 0.0
     for m in range(orders.shape[0]):
         total = orders[m, COARSE]
         for n in range(N_ORDERS):
@@ -346,14 +350,18 @@ def add_sample(orders, first, second):
             total += x
         first[m, TOTAL] += total
         second[m, TOTAL] += total * total
+        if m == 0:
+            intensity = total
+    return intensity
 
 
 @njit(cache=True, nogil=True)
-def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums):
+def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums, stop):
     """Run the jobs first_job..end_job of :class:`Jobs` for :class:`Pixels` and fill their rows of :class:`Sums`.
 
     A row depends on its job alone, so neither threads nor the order of jobs change it.  sight_air is the air that
-    single scattering is seen through, the same as `air` unless events are isotropic; seed: an integer.
+    single scattering is seen through, the same as `air` unless events are isotropic; seed: an integer; stop (1,): no
+    sample is begun once it is not 0.
     """
     n_species = air.table.shape[2] - SPECIES
     sight_leg = new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS)
@@ -391,15 +399,20 @@ def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_jo
                     single[2] = sight.sun_u
             if walk.first.bent:
                 at_observer = refractivity_at(air, w, pixels.altitude)
-        if sight.pieces < 0:
-            sums.limits[j] += jobs.samples[j]
         start(stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[j])
         for _ in range(jobs.samples[j]):
+            if stop[0] != 0:
+                break
+            sums.samples[j] += 1
             orders[:] = 0.0
             for m in range(n_stokes):
                 orders[m, 0] = single[m]
-            if sight.pieces >= 0:
+            if sight.pieces < 0:
+                sums.limits[j] += 1
+            else:
                 sums.limits[j] += one_sample(
                     air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders
                 )
-            add_sample(orders, sums.first[j], sums.second[j])
+            total = add_sample(orders, sums.first[j], sums.second[j])
+            sums.high[j, 0] += total * total * total
+            sums.high[j, 1] += total * total * total * total

@@ -22,7 +22,9 @@ class MonteCarloSettings:
     samples: samples per pixel and wavelength when there is no target; one sample is one first leg with `sub_paths`
         continuations.
     max_samples: most samples spent on one pixel and wavelength.
-    time_limit_s: stop after about this long with what there is; None: no limit.
+    time_limit_s: begin no more samples after this time, in one call; `prepare` leaves the coarse field as it is after
+        the same time again.  Two samples of each arm are taken in any case, and a result says whether it is complete.
+        None: no limit.
     max_orders: highest scattering order (a ground reflection counts as one); None: all of them.
     approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3): light scattered once scatters again
         isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third

@@ -145,7 +145,14 @@ def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observ
                 root = math.sqrt(max(0.0, (z - bottom) * per_depth))
                 up = (s + chord.radius * chord.mu) / (air.earth_radius_km + z)
                 light = log_source_light(
-                    steering.log_source[w], steering.cos_sun, steering.hint, root, mu_sun, up, slope
+                    steering.log_source[w],
+                    steering.place_of_root,
+                    steering.cos_sun,
+                    steering.hint,
+                    root,
+                    mu_sun,
+                    up,
+                    slope,
                 )
                 plain += weight * scattering
                 steered += weight * scattering * math.exp(light)

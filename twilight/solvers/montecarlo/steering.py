@@ -12,10 +12,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SPECIES, Air, interpolate
+from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, N_SMOOTH, SPECIES, Air, interpolate
 from twilight.solvers.montecarlo.kernel import INNER
 
 N_ALTITUDES = 20
+N_ROOTS = 1024
+LAYER_FACTOR, LAYER_KM, LAYER_ABOVE_KM, MOST_EDGES = 3.0, 0.5, 3.0, 8
+"""An edge of a layer is where scattering changes by LAYER_FACTOR within LAYER_KM, above LAYER_ABOVE_KM; the strongest
+MOST_EDGES of them get altitudes of the tables on both sides."""
+BESIDE_KM = 0.05
 N_HINTS = 4096
 N_SOURCE_ROWS = 12
 N_SOURCE_AZIMUTHS = 10
@@ -41,6 +46,8 @@ N_DIRECTIONS = (ABOVE_HORIZON_DEG.size - 1) * N_AZIMUTHS
 class Steering(NamedTuple):
     """Tables over A altitudes, Z cosines of the local solar zenith angle, D directions of the local sky.
 
+    altitude_km (A,); place_of_root (N_ROOTS + 1,): place among the altitudes (2.5: between the third and the fourth)
+    over the root of the relative height above the ground, in equal steps.
     log_mean (W, A, Z): logarithm of the mean diffuse radiance [sr^-1]; log_source (W, A, Z, N_SOURCE): logarithm of the
     diffuse light that an event scatters per unit of scattering [sr^-1], over directions in cells uniform in the sine of
     the elevation and in the sine of half the azimuth from the sun; log_ground (W, Z): of the diffuse downward
@@ -56,6 +63,8 @@ class Steering(NamedTuple):
 
     bottom_km: float
     depth_km: float
+    altitude_km: np.ndarray
+    place_of_root: np.ndarray
     cos_sun: np.ndarray
     hint: np.ndarray
     log_mean: np.ndarray
@@ -78,19 +87,24 @@ def empty_steering(air: Air) -> Steering:
     rows = np.sin(np.radians(ABOVE_HORIZON_DEG))
     bottom, depth = float(air.shell_km[0]), float(air.shell_km[-1] - air.shell_km[0])
     ground_radius = air.earth_radius_km + bottom
-    ratio = ground_radius / (ground_radius + depth * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2)
+    altitude = table_altitudes(air)
+    root = np.sqrt((altitude - bottom) / depth)
+    place = np.interp(np.linspace(0.0, 1.0, N_ROOTS + 1), root, np.arange(altitude.size))
+    ratio = ground_radius / (ground_radius + altitude - bottom)
     horizon = -np.sqrt(np.maximum(0.0, 1.0 - ratio**2))[:, None]
     edges = horizon + np.where(rows < 0, 1 + horizon, 1 - horizon) * rows
     middle = np.repeat(0.5 * (edges[:, 1:] + edges[:, :-1]), N_AZIMUTHS, axis=1)
     azimuth = np.tile(0.5 * (AZIMUTH_EDGES_RAD[1:] + AZIMUTH_EDGES_RAD[:-1]), rows.size - 1)
     level = np.sqrt(1 - middle**2)
     centre = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), middle], axis=-1)
-    solid_angle = (np.diff(edges)[:, :, None] * np.diff(AZIMUTH_EDGES_RAD)).reshape(N_ALTITUDES, -1)
-    shape = (n_wavelengths, N_ALTITUDES, cos_sun.size)
+    solid_angle = (np.diff(edges)[:, :, None] * np.diff(AZIMUTH_EDGES_RAD)).reshape(altitude.size, -1)
+    shape = (n_wavelengths, altitude.size, cos_sun.size)
     starts = -1 + 2 * np.arange(N_HINTS) / N_HINTS
     return Steering(
         bottom,
         depth,
+        altitude,
+        place,
         cos_sun,
         np.clip(np.searchsorted(cos_sun, starts, side="right") - 1, 0, cos_sun.size - 2).astype(np.int64),
         np.full(shape, DARK),
@@ -107,17 +121,52 @@ def empty_steering(air: Air) -> Steering:
     )
 
 
-def altitudes(steering: Steering) -> np.ndarray:
-    """Altitudes [km] of the tables: quadratic, dense at the ground."""
-    return steering.bottom_km + steering.depth_km * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2
+def table_altitudes(air: Air) -> np.ndarray:
+    """Altitudes [km] of the tables: quadratic, dense at the ground, and beside the edges of layers."""
+    z = air.level_km
+    bottom, depth = z[0], z[-1] - z[0]
+    plain = bottom + depth * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2
+    scattering = np.log(np.maximum(air.table[:, :, EVENT], 1e-12))
+    # the change over LAYER_KM around each level: from just above the level below to just below the one above
+    lower = np.maximum(np.searchsorted(z, z - 0.5 * LAYER_KM, side="right") - 1, 0)
+    upper = np.minimum(np.searchsorted(z, z + 0.5 * LAYER_KM, side="left"), z.size - 1)
+    step = np.abs(np.diff(scattering, axis=1)).max(axis=0)
+    change = np.abs(scattering[:, upper] - scattering[:, lower]).max(axis=0)
+    change[z[upper] - z[lower] > 4 * LAYER_KM] = 0.0
+    # where levels are far apart, nothing happens between them
+    change[z[upper] - z[lower] > 4 * LAYER_KM] = 0.0
+    change[(z < bottom + LAYER_ABOVE_KM) | (z > z[-1] - 2 * BESIDE_KM)] = 0.0
+    edges: list[float] = []
+    for i in np.argsort(-change, kind="stable"):
+        if change[i] < np.log(LAYER_FACTOR) or len(edges) == MOST_EDGES:
+            break
+        k = lower[i] + int(np.argmax(step[lower[i] : upper[i]]))
+        edge = float(0.5 * (z[k] + z[k + 1]))
+        if all(abs(edge - other) > LAYER_KM for other in edges):
+            edges.append(edge)
+    beside = [edge + side * BESIDE_KM for edge in edges for side in (-1.0, 1.0)]
+    return np.unique(np.concatenate([plain, beside]))
+
+
+@njit(inline="always", **INNER)
+def altitude_place(place_of_root, n_altitudes, root):
+    """(i, fraction) among n altitudes of the tables, from the root of the relative height; see `Steering`."""
+    x = root * N_ROOTS
+    k = min(int(x), N_ROOTS - 1)
+    f = min(1.0, x - k)
+    place = place_of_root[k] * (1.0 - f) + place_of_root[k + 1] * f
+    i = min(int(place), n_altitudes - 2)
+    return i, min(1.0, place - i)
 
 
 @njit(**INNER)
 def altitude_index(steering, z):
     """(i, fraction) of an altitude in the tables."""
-    x = math.sqrt(max(0.0, (z - steering.bottom_km) / steering.depth_km)) * (N_ALTITUDES - 1)
-    i = min(int(x), N_ALTITUDES - 2)
-    return i, min(1.0, x - i)
+    return altitude_place(
+        steering.place_of_root,
+        steering.altitude_km.size,
+        math.sqrt(max(0.0, (z - steering.bottom_km) / steering.depth_km)),
+    )
 
 
 @njit(**INNER)
@@ -139,15 +188,13 @@ def source_directions() -> np.ndarray:
 
 
 @njit(inline="always", **INNER)
-def log_source_light(source, nodes, hint, root, mu_sun, up, cos_to_sun):
+def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_to_sun):
     """Logarithm of the diffuse light scattered at a point towards the viewer per unit of scattering [sr^-1].
 
     source: log_source of one wavelength; root: of the relative altitude; mu_sun, up: cosines to the vertical of the
     sun and of the direction of view; cos_to_sun: cosine between the two.
     """
-    x = root * (N_ALTITUDES - 1)
-    i = min(int(x), N_ALTITUDES - 2)
-    a = min(1.0, x - i)
+    i, a = altitude_place(place_of_root, source.shape[0], root)
     j, b = sun_index(nodes, hint, mu_sun)
     levels = math.sqrt(max(1e-20, (1.0 - up * up) * (1.0 - mu_sun * mu_sun)))
     half = math.sqrt(min(1.0, max(0.0, 0.5 - 0.5 * (cos_to_sun - up * mu_sun) / levels)))

@@ -15,6 +15,16 @@ import numpy as np
 from twilight.solvers.montecarlo.paths import N_ORDERS, TOTAL
 
 N_ARMS = 2
+SKEW_SHARE = 1.75
+"""The mean of n skewed samples strays from the truth, in units of its own estimated error, with the variance
+1 + (2 + 7/4 skewness^2) / n to first order (Edgeworth expansion of Student's t; Hall 1987, Ann. Prob. 15, 920)."""
+UNTRUSTED = 0.5
+"""Relative error of the variance beyond which a standard error is not to be trusted."""
+FEWEST = 8
+GROWTH = 64
+"""Most by which the samples of a pixel grow in one round, so that no pilot with one bright sample asks for millions."""
+MISSED = 1.5
+"""Late rounds go on with pixels whose error is larger than the target by this factor."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +34,8 @@ class MonteCarloResult:
     order_radiance[n]: light with n + 1 events, a reflection by the ground being one; the last entry holds the rest.
     standard_error, order_standard_error: one standard deviation of the means; nan where fewer than 2 samples an arm.
     samples: samples taken. limited: samples that met a safety limit of the walk (0 in any sane medium).
-    complete: False if a time limit ended the run before the target.
+    untrusted (..., W): a few bright samples hold most of the variance, so that the error may be larger than stated.
+    complete: False if a limit of time or samples ended the run before twice the target.
     """
 
     radiance: np.ndarray
@@ -32,13 +43,14 @@ class MonteCarloResult:
     order_radiance: np.ndarray
     order_standard_error: np.ndarray
     samples: np.ndarray
+    untrusted: np.ndarray
     limited: int
     complete: bool
 
 
 @dataclass(frozen=True)
 class StokesResult:
-    """Sun-normalised Stokes vectors [sr^-1] with their noise; arrays (..., 3, W) of I, Q, U, but samples (..., W).
+    """Sun-normalised Stokes vectors I, Q, U [sr^-1] with their noise: arrays (..., 3, W); samples, untrusted (..., W).
 
     The signs are those of :meth:`twilight.solvers.montecarlo.Field.stokes`; the rest is as in `MonteCarloResult`.
     """
@@ -46,23 +58,27 @@ class StokesResult:
     stokes: np.ndarray
     standard_error: np.ndarray
     samples: np.ndarray
+    untrusted: np.ndarray
     limited: int
     complete: bool
 
 
 class Tally:
-    """Running sums: count (P, W, 2); sums, squares (P, W, 2, S, N_ORDERS + 1), the last column being the total."""
+    """Running sums: count (P, W, 2); sums, squares (P, W, 2, S, N_ORDERS + 1), the last column being the total;
+    high (P, W, 2, 2): of the third and fourth power of all of I."""
 
     def __init__(self, n_pixels: int, n_wavelengths: int, n_stokes: int):
         self.count = np.zeros((n_pixels, n_wavelengths, N_ARMS), dtype=np.int64)
         self.sums = np.zeros((n_pixels, n_wavelengths, N_ARMS, n_stokes, N_ORDERS + 1))
         self.squares = np.zeros_like(self.sums)
+        self.high = np.zeros((n_pixels, n_wavelengths, N_ARMS, 2))
         self.limited = 0
 
-    def add(self, pixel, wavelength, arm, samples, sums) -> None:
+    def add(self, pixel, wavelength, arm, sums) -> None:
         """Add rows of jobs, `Sums`, one after the other."""
         where = (pixel, wavelength, arm)
-        np.add.at(self.count, where, samples)
+        np.add.at(self.count, where, sums.samples)
+        np.add.at(self.high, where, sums.high)
         np.add.at(self.sums, where, sums.first)
         np.add.at(self.squares, where, sums.second)
         self.limited += int(sums.limits.sum())
@@ -75,17 +91,50 @@ class Tally:
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = sums / n
             variance = np.maximum(squares / n - mean**2, 0.0) / (n - 1)
+            skewness = self.shape_of_samples()[0].reshape(n.shape)
+            variance *= 1.0 + SKEW_SHARE * skewness**2 / n
         return mean, variance
 
-    def wanted(self, target: float, max_samples: int) -> np.ndarray:
-        """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2)."""
+    def shape_of_samples(self):
+        """Skewness and kurtosis of the samples of I, per arm, each (P, W, 2); 0 and 3 where they do not vary."""
+        n = np.maximum(self.count, 1).astype(float)
+        m1, m2 = self.sums[..., 0, TOTAL] / n, self.squares[..., 0, TOTAL] / n
+        m3, m4 = self.high[..., 0] / n, self.high[..., 1] / n
+        variance = m2 - m1**2
+        varies = variance > 1e-12 * m1**2
+        scale = np.where(varies, variance, 1.0)
+        skewness = np.where(varies, (m3 - 3 * m1 * m2 + 2 * m1**3) / scale**1.5, 0.0)
+        kurtosis = np.where(varies, (m4 - 4 * m1 * m3 + 6 * m1**2 * m2 - 3 * m1**4) / scale**2, 3.0)
+        return skewness, kurtosis
+
+    def untrusted(self) -> np.ndarray:
+        """Where (P, W) the variance itself is known to no better than UNTRUSTED of itself: sqrt((kurtosis - 1) / n).
+
+        And where an arm has fewer than FEWEST samples that vary.
+        """
+        _, kurtosis = self.shape_of_samples()
+        doubt = np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)
+        _, variance = self.moments((0, TOTAL))
+        few = (self.count.min(axis=-1) < FEWEST) & np.any(variance != 0.0, axis=-1)
+        return few | (np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED)
+
+    def wanted(self, target: float, max_samples: int, late: bool) -> np.ndarray:
+        """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2).
+
+        No more than GROWTH times those it has.  late: only pixels whose error is above MISSED times the target go on,
+        and both arms by the larger of the two counts.
+        """
         mean, variance = self.moments((0, TOTAL))
         with np.errstate(invalid="ignore", divide="ignore"):
             # a mean that is not positive yet says nothing of the error asked for: go on with twice as many
             more = np.where(variance > 0, 2.0 * self.count, 0.0)
             n = np.where(mean > 0, variance * self.count / (2.0 * (target * mean) ** 2), more)
-        n = np.nan_to_num(n, nan=0.0, posinf=max_samples)
-        return np.minimum(np.ceil(n), max_samples // N_ARMS).astype(np.int64)[..., ::-1]
+        n = np.nan_to_num(n, nan=0.0, posinf=max_samples)[..., ::-1]
+        if late:
+            missed = self.relative_error() > MISSED * target
+            n = np.where(missed[..., None], np.maximum(n.max(axis=-1, keepdims=True), 1.25 * self.count), 0.0)
+        n = np.minimum(n, GROWTH * self.count)
+        return np.minimum(np.ceil(n), max_samples // N_ARMS).astype(np.int64)
 
     def relative_error(self) -> np.ndarray:
         """Standard error over mean (P, W); 0 for a black pixel, infinite where the mean is not positive yet."""
@@ -110,6 +159,7 @@ class Tally:
             orders_first(mean),
             orders_first(error),
             self.count.sum(axis=-1).reshape(full),
+            self.untrusted().reshape(full),
             self.limited,
             complete,
         )
@@ -124,6 +174,7 @@ class Tally:
             mean.reshape(full),
             error.reshape(full),
             self.count.sum(axis=-1).reshape(*shape, self.count.shape[1]),
+            self.untrusted().reshape(*shape, self.count.shape[1]),
             self.limited,
             complete,
         )

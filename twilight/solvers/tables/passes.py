@@ -25,7 +25,7 @@ from twilight.solvers.tables.mapping import (
     texel_height_km,
     view_cosine,
 )
-from twilight.transport.march import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+from twilight.solvers.tables.steps import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
 
 MAX_POINTS = 2 * (MAX_STEPS + 2)
 

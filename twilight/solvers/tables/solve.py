@@ -18,8 +18,8 @@ from twilight.solvers.tables.passes import (
     fill_source,
 )
 from twilight.solvers.tables.settings import TablesSettings
+from twilight.solvers.tables.steps import jump_altitudes
 from twilight.threads import in_slices
-from twilight.transport.march import jump_altitudes
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
 

@@ -40,8 +40,8 @@ LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
 DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
 """With the sun above the first, zenith angles this far beyond the observer's are enough."""
-SHARP = 1.5
-"""Steps on a line of sight for light scattered once, over those for the rest."""
+SHARP, LEAST_SHARP = 1.5, 2.25
+"""Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
 NIGHT_START_DEG = 60.0
 """With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
@@ -234,7 +234,8 @@ class Field(BareField):
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
         start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
         rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
-        pairs = trace_rays(self.sight_profile, start, cosine, SHARP * self.settings.sight_density, pairs=True)
+        sharp = max(LEAST_SHARP, SHARP * self.settings.sight_density)
+        pairs = trace_rays(self.sight_profile, start, cosine, sharp, pairs=True)
         sorted_elevation = np.radians(e[order])
         out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
         for block, solution in enumerate(self.solutions):

@@ -1,0 +1,220 @@
+"""The work of `twilight render`: compute what is not there, write it, and what a series has once."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twilight.cli.terminal import print_table, progress_bar
+from twilight.errors import TwilightError
+
+LONGEST_NAME = 120
+"""Characters of a folder that is named after its settings."""
+TABLE = (
+    ("scene", None, ""),
+    ("sun [deg]", "sun_elevation_deg", "+.2f"),
+    ("zenith [cd m^-2]", "zenith_luminance_cd_per_m2", ".4g"),
+    ("zenith [V mag arcsec^-2]", "zenith_magnitude_v_per_arcsec2", ".2f"),
+    ("illuminance of the sky [lx]", "sky_illuminance_lux", ".4g"),
+    ("time [s]", "run_time_s", ".1f"),
+)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """One sky of a render: its case, the name of its sun, its subfolder and its label."""
+
+    case: Any
+    sun: str
+    folder: str
+    label: str
+
+
+def render_files(
+    cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
+) -> None:
+    """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
+    from twilight.engine import check_size
+    from twilight.io.folder import JOURNAL, open_folder
+    from twilight.io.whole import check_folder
+
+    for case in cases:
+        check_size(case.config)
+        _check_exposure(case.config)
+    asked, wanted = _asked(cases)
+    root = output or _default_folder(cases, scene, settings, asked)
+    check_folder(root)
+    with open_folder(root, wanted, _code(cases), overwrite=overwrite) as folder, progress_bar() as progress:
+        rows = _compute(cases, asked, wanted, folder, progress)
+        rows = {one.folder: rows[one.folder] for one in asked}
+        one_exposure = [one for one in asked if _by_series(one.case.config)] if len(asked) > 1 else []
+        if one_exposure:
+            _expose_together(one_exposure, wanted, rows, folder, progress)
+        labels = {one.label: rows[one.folder] for one in asked}
+        once, notes = _once(asked, labels, root, progress) if len(asked) > 1 else ([], [])
+    kept = len(folder.there)
+    if kept:
+        print(f"twilight: {kept} of {len(asked)} were there already ({JOURNAL}); --overwrite computes them again",
+              file=sys.stderr)  # fmt: skip
+    cells = [[label, *(_cell(row.get(key), form) for _, key, form in TABLE[1:])] for label, row in labels.items()]
+    print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
+    for note in notes:
+        print(note)
+    what = ", ".join(sorted({file.name for one in asked for file in (root / one.folder).glob("sky.*")}))
+    more = f" in {len(asked)} folders, and {', '.join(once)}" if len(asked) > 1 else ""
+    print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
+
+
+def _cell(value: Any, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _asked(cases: Sequence[Any]) -> tuple[list[_Asked], dict[str, Any]]:
+    """All skies in their order, and what each is, by subfolder."""
+    from twilight.io.folder import Wanted
+    from twilight.io.provenance import configuration_hash
+    from twilight.scene.record import resolved_configuration
+    from twilight.scene.suns import count_suns, suns_of
+
+    asked, wanted = [], {}
+    for case in cases:
+        several = count_suns(case.config) > 1
+        for sun in suns_of(case.config):
+            name = "/".join(part for part in (case.name, sun.name if several else "") if part)
+            label = " ".join(part for part in (case.name, sun.name) if part)
+            if name in wanted:
+                raise TwilightError(f"sun: two suns have the name {sun.name}; they are less than 0.005 deg apart")
+            configuration = resolved_configuration(case.config, sun.section)
+            wanted[name] = Wanted(configuration_hash(configuration), configuration)
+            asked.append(_Asked(case, sun.name, name, label))
+    return asked, wanted
+
+
+def _code(cases: Sequence[Any]) -> str:
+    """A digest of what the skies and their files are made by."""
+    from twilight import solvers
+    from twilight.config.solver import resolve_solver
+    from twilight.digest import code_digest
+
+    names = sorted({resolve_solver(case.config.solver)[0] for case in cases})
+    return code_digest("twilight.engine.frames", "twilight.io.outputs", *(solvers.SOLVERS[name] for name in names))
+
+
+def _check_exposure(config: Any) -> None:
+    lacks = {"png", "h5"} - set(config.output.files or ("png", "h5"))
+    if _by_series(config) and lacks:
+        raise TwilightError(f"output.exposure: series draws its pictures from sky.h5; add {', '.join(sorted(lacks))}")
+
+
+def _by_series(config: Any) -> bool:
+    return config.output.exposure == "series" and config.output.exposure_ev100 is None
+
+
+def _compute(
+    cases: Sequence[Any], asked: Sequence[_Asked], wanted: Mapping[str, Any], folder: Any, progress: Any
+) -> dict[str, dict[str, Any]]:
+    """The figures of all skies by subfolder, computed and written where they are not there."""
+    from twilight.engine import frames
+    from twilight.io.series import figures
+    from twilight.progress import part_of
+
+    rows = dict(folder.there)
+    missing = [one for one in asked if one.folder not in rows]
+    done = 0
+    for case in cases:
+        of_case = {one.sun: one for one in missing if one.case is case}
+        if not of_case:
+            continue
+        report = part_of(progress, done / len(missing), len(of_case) / len(missing), case.name)
+        for frame in frames(case.config, report, wanted=of_case.keys()):
+            one = of_case[frame.name]
+            files = _write(frame, case.config, folder.root / one.folder)
+            rows[one.folder] = figures(frame.sky)
+            folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
+        done += len(of_case)
+    return rows
+
+
+def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None, files: Any = None) -> list[Path]:
+    from twilight.io.outputs import write_outputs
+
+    o = config.output
+    given = o.exposure_ev100 if exposure is None else exposure
+    return write_outputs(
+        frame.sky,
+        folder,
+        panorama=frame.panorama,
+        files=files or o.files,
+        polariser_deg=o.polariser_deg,
+        views=o.views,
+        target=o.target,
+        width=config.texture.latlong_width or o.width,
+        spectral_width=o.spectral_width,
+        exposure="auto" if given is None else given,
+        tone_mapping=o.tone_mapping,
+        observer=o.colour_observer,
+    )
+
+
+def _expose_together(
+    asked: Sequence[_Asked], wanted: Mapping[str, Any], rows: dict[str, Any], folder: Any, progress: Any
+) -> None:
+    """Draw the pictures of a series again with one exposure, that of its brightest sky, from their sky.h5."""
+    from twilight.engine import Frame
+    from twilight.io import read_sky
+    from twilight.io.picture import render_view
+
+    progress("one exposure for all", 1.0)
+    exposures = {}
+    for one in asked:
+        o = one.case.config.output
+        sky = read_sky(folder.root / one.folder / "sky.h5")
+        exposures[one.folder] = render_view(sky, view=o.views[0], width=200, observer=o.colour_observer)[1]
+    brightest = max(exposures.values())
+    for one in asked:
+        path = folder.root / one.folder
+        frame = Frame(one.sun, read_sky(path / "sky.h5"))
+        _write(frame, one.case.config, path, brightest, files=("png",))
+        files = [file for file in sorted(path.glob("sky.*")) if file.is_file()]
+        folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
+
+
+def _once(asked: Sequence[_Asked], labels: Mapping[str, Any], root: Path, progress: Any) -> tuple[list[str], list[str]]:
+    """The files that a series has once; sentences about those that it cannot have."""
+    from twilight.io.series import FRAMES, number_files, write_dataset, write_table
+    from twilight.plotting import contact_sheet
+
+    progress("the series", 1.0)
+    folders = dict(zip(labels, (root / one.folder for one in asked), strict=True))
+    made, notes = ["series.csv"], []
+    write_table(labels, root / "series.csv")
+    if all((folder / "sky.png").is_file() for folder in folders.values()):
+        contact_sheet([(label, folder / "sky.png") for label, folder in folders.items()], root / "contact-sheet.png")
+        made.append("contact-sheet.png")
+    if all((folder / "sky.h5").is_file() for folder in folders.values()):
+        why = write_dataset({label: folder / "sky.h5" for label, folder in folders.items()}, root / "series.nc")
+        made += [] if why else ["series.nc"]
+        notes += [f"no series.nc: {why}"] if why else []
+    if number_files(list(folders.values()), root / FRAMES):
+        made.append(f"{FRAMES}/")
+    return made, notes
+
+
+def _default_folder(cases: Sequence[Any], scene: str, settings: Mapping[str, Any], asked: Sequence[_Asked]) -> Path:
+    """`out/NAME_SUN`, with the settings that make it another sky than NAME's."""
+    from twilight.config.vary import label
+    from twilight.io.provenance import configuration_hash
+
+    config = cases[0].config
+    name = f"{config.title}_{asked[0].sun}" if len(asked) == 1 else (config.name or Path(scene).stem)
+    for key, value in settings.items():
+        if key.split(".")[0] not in ("sun", "output", "vary"):
+            name += f"_{label(key, value)}"
+    name = re.sub(r"[^\w.=+-]+", "-", name).strip("-.") or "sky"
+    if len(name) > LONGEST_NAME:
+        name = f"{name[:LONGEST_NAME]}-{configuration_hash(dict(settings))[:8]}"
+    return Path("out") / name

@@ -1,0 +1,147 @@
+"""What a series has once: a table of its skies, and one dataset with all of them."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight.errors import TwilightError
+from twilight.io.netcdf import read_sky, sky_to_dataset
+from twilight.io.whole import whole_file
+from twilight.reading import MEMORY_SHARE, memory_bytes
+from twilight.sky import Sky
+
+COLUMNS = (
+    "scene",
+    "time",
+    "sun_elevation_deg",
+    "apparent_sun_elevation_deg",
+    "sun_azimuth_deg",
+    "zenith_luminance_cd_per_m2",
+    "zenith_magnitude_v_per_arcsec2",
+    "sky_illuminance_lux",
+    "illuminance_with_sun_lux",
+    "solver",
+    "quality",
+    "set_up_time_s",
+    "run_time_s",
+)
+FRAMES = "frames"
+"""The folder of a series' files by number."""
+
+_EACH = ("sun_normalised_radiance", "luminance", "standard_error", "night_radiance", "direct_irradiance_factor")
+_WHERE = (
+    "solar_elevation_angle",
+    "apparent_solar_elevation_angle",
+    "solar_azimuth_angle",
+    "earth_sun_distance",
+    "time",
+)
+_ONCE = ("solar_irradiance",)
+
+
+def figures(sky: Sky) -> dict[str, Any]:
+    """A sky's row of the table, without its name: numbers, text, and None for what is not known."""
+    zenith = sky.luminance_at(90.0)
+    magnitude = sky.magnitude()
+    record = sky.provenance
+    return {
+        "time": None if sky.time is None else sky.time.isoformat(),
+        "sun_elevation_deg": sky.sun_elevation_deg,
+        "apparent_sun_elevation_deg": sky.apparent_sun_elevation_deg,
+        "sun_azimuth_deg": sky.sun_azimuth_deg,
+        "zenith_luminance_cd_per_m2": zenith,
+        "zenith_magnitude_v_per_arcsec2": magnitude if np.isfinite(magnitude) else None,
+        "sky_illuminance_lux": sky.illuminance_lux(),
+        "illuminance_with_sun_lux": None if sky.direct_irradiance is None else sky.illuminance_lux(direct=True),
+        "solver": record.get("solver"),
+        "quality": record.get("quality"),
+        "set_up_time_s": record.get("set_up_time_s"),
+        "run_time_s": record.get("run_time_s"),
+    }
+
+
+def write_table(rows: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Write `series.csv`, whole or not at all: one row for each sky, by name, with the columns of `COLUMNS`."""
+    with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for name, row in rows.items():
+            writer.writerow([name, *(_cell(row.get(column)) for column in COLUMNS[1:])])
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else f"{value:.8g}" if isinstance(value, float) else str(value)
+
+
+def write_dataset(files: Mapping[str, Path], path: Path) -> str:
+    """Write `series.nc`, whole or not at all: all skies along the dimension `scene`, from their sky.h5.
+
+    Returns why it is not written, empty where it is: skies on different grids, or more than the memory should hold.
+    """
+    import xarray
+
+    total = sum(file.stat().st_size for file in files.values())
+    parts = []
+    for file in files.values():
+        full = sky_to_dataset(read_sky(file))
+        names = [name for name in (*_EACH, *_WHERE, *_ONCE) if name in full.variables]
+        parts.append(full[names].reset_coords([name for name in _WHERE if name in full.coords]))
+        if parts[0].nbytes * len(files) * 3 > MEMORY_SHARE * memory_bytes():
+            return f"the skies ({total / 1e9:.3g} GB compressed) are more than fits into the memory"
+        if not _same_grid(parts[0], parts[-1]):
+            return "the skies have different wavelengths or directions"
+    several = [name for name in (*_EACH, *_WHERE) if all(name in part.variables for part in parts)]
+    scene = xarray.DataArray(list(files), dims="scene", name="scene")
+    made = xarray.concat(
+        [part[several] for part in parts], scene, coords="minimal", compat="override", join="override", data_vars="all"
+    )
+    made = made.set_coords([name for name in _WHERE if name in made.variables])
+    for name in _ONCE:
+        made[name] = parts[0][name]
+    made.attrs = {**full.attrs, "title": f"{len(parts)} skies"}
+    for name in ("configuration", "configuration_hash", "provenance", "run_time_s", "time_iso8601"):
+        made.attrs.pop(name, None)
+    encoding = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _EACH if name in made.variables}
+    with whole_file(path) as temporary:
+        made.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    return ""
+
+
+def _same_grid(a: Any, b: Any) -> bool:
+    return all(np.array_equal(a[name], b[name]) for name in ("wavelength", "elevation", "azimuth"))
+
+
+def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = ("sky.png", "sky.rgb.exr")) -> int:
+    """Give the files of a series numbers in one folder, `sky.0001.png`, as programs want that read image sequences.
+
+    Links to the same data where the file system has them, else copies.  Returns how many; errors: TwilightError.
+    """
+    count = 0
+    try:
+        for old in target.glob("sky.*"):
+            old.unlink()
+        for i, folder in enumerate(folders, start=1):
+            for name in names:
+                if (folder / name).is_file():
+                    target.mkdir(parents=True, exist_ok=True)
+                    stem, _, suffix = name.rpartition(".")
+                    _link(folder / name, target / f"{stem}.{i:04d}.{suffix}")
+                    count += 1
+    except OSError as error:
+        raise TwilightError(f"{target}: cannot be written ({error.strerror or error})") from error
+    return count
+
+
+def _link(source: Path, target: Path) -> None:
+    with suppress(OSError, NotImplementedError):
+        os.link(source, target)
+        return
+    shutil.copyfile(source, target)
