@@ -237,6 +237,7 @@ class _Run:
         elif purpose == "pilot":
             wanted = np.full(count.shape, settings.pilot_samples, dtype=np.int64)
         else:
+            assert settings.target_stderr is not None
             wanted = self.tally.wanted(settings.target_stderr, settings.max_samples, purpose == "late")
         return np.maximum(wanted - count, 0)
 
@@ -261,12 +262,12 @@ class _Run:
                         self.checkpoint.save(self._state(index, next_batch, extra))
                     waiting[b] = (part, sums)
                     for other, rows in waiting.values():
-                        self.tally.add(*other[:3], rows)
+                        self.tally.add(other[0], other[1], other[2], rows)
                     return False
                 waiting[b] = (part, sums)
                 while next_batch in waiting:
                     other, rows = waiting.pop(next_batch)
-                    self.tally.add(*other[:3], rows)
+                    self.tally.add(other[0], other[1], other[2], rows)
                     next_batch += 1
                 self._report(index, n_rounds, (number + 1) / len(todo))
                 if self.checkpoint:
