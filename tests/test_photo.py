@@ -319,6 +319,29 @@ def test_the_command_writes_its_files(scene, tmp_path):
     assert len((out / "suns.csv").read_text().splitlines()) == 3
 
 
+def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scene, tmp_path, monkeypatch):
+    from twilight import engine
+
+    whole = sky()
+    polarised = replace(whole, polarisation=0.5 * np.stack([whole.sun_normalised_radiance] * 2, axis=2))
+    compared = []
+
+    def remembered(photo, simulated, **options):
+        compared.append(simulated)
+        return original(photo, simulated, **options)
+
+    original = comparing.compare
+    monkeypatch.setattr(comparing, "compare", remembered)
+    monkeypatch.setattr(engine, "frames", lambda config, progress: iter([engine.Frame("sun", polarised)]))
+    done = command(
+        *("photo", PANORAMAS / "rooitou_park_256.hdr", "--camera", scene / "camera.yaml", "--config", "pure-air"),
+        *("--resolution", 3, "--polariser", 22.5, "--output", tmp_path / "out"),
+    )
+    assert done.exit_code == 0, done.output
+    ratio = compared[0].sun_normalised_radiance / whole.sun_normalised_radiance
+    assert ratio == pytest.approx(0.5 * (1.0 + np.sqrt(0.5)))
+
+
 @pytest.mark.parametrize(
     "more, words",
     [
@@ -329,6 +352,7 @@ def test_the_command_writes_its_files(scene, tmp_path):
         (["--profile", "none.csv"], "none.csv"),
         (["--mask", "none.png"], "none.png"),
         (["--set", "aerosol.tpye=urban"], "tpye"),
+        (["--polariser", "30"], "output.polariser_deg needs polarised light, and preetham (standard) computes none"),
     ],
 )
 def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):

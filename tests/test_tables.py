@@ -19,7 +19,9 @@ from twilight.solvers.tables.solve import harmonics, make_mapping
 from twilight.transport.scaling import species_phase
 
 SMALL = replace(
-    tables.QUALITIES["draft"],
+    tables.QUALITIES["bruneton2017"],
+    interpolation="logarithmic",
+    step_density=0.7,
     scattering_r=12,
     scattering_mu=32,
     scattering_mu_s=24,

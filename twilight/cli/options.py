@@ -31,6 +31,24 @@ def file_stem(text: str, otherwise: str) -> str:
     return re.sub(r"[^\w.+-]+", "-", text).strip("-.") or otherwise
 
 
+def check_polarised(config: Any) -> None:
+    """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
+    from twilight import solvers
+    from twilight.config.solver import resolve_solver
+    from twilight.formats import WHERE_POLARISED
+
+    wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
+    if config.output.polariser_deg is not None:
+        wanted.append("output.polariser_deg")
+    name, quality, settings = resolve_solver(config.solver)
+    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
+        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
+        raise TwilightError(
+            f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
+            f"solver.polarisation: true with one of {able}"
+        )
+
+
 def numbers(text: str, option: str, low: float, high: float) -> list[float]:
     """Numbers with commas between them, each once; TwilightError for anything else."""
     try:

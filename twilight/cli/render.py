@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import numbers, option, settings_of
+from twilight.cli.options import check_polarised, numbers, option, settings_of
 from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
 
@@ -87,7 +87,7 @@ def render(
     from twilight.config.scene import SunElevation
 
     for case in cases:
-        _check_polarised(case.config)
+        check_polarised(case.config)
     if any("sun" not in case.config.model_fields_set for case in cases):
         default = SunElevation().elevation_deg
         print(
@@ -146,21 +146,3 @@ def _print_plans(cases: list[Any]) -> None:
         if not plan.left_out:
             rows.append([name, "nothing", "everything in this scene matters", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
-
-
-def _check_polarised(config: Any) -> None:
-    """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
-    from twilight import solvers
-    from twilight.config.solver import resolve_solver
-    from twilight.formats import WHERE_POLARISED
-
-    wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
-    if config.output.polariser_deg is not None:
-        wanted.append("output.polariser_deg")
-    name, quality, settings = resolve_solver(config.solver)
-    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
-        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
-        raise TwilightError(
-            f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
-            f"solver.polarisation: true with one of {able}"
-        )

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.options import check_polarised, file_stem, option, settings_of
 from twilight.cli.photograph import (
     Azimuth,
     CameraFile,
@@ -39,6 +39,10 @@ def photo(
     min_elevation: MinElevation = 0.0,
     glare: Glare = 6.0,
     resolution: Resolution = 2.0,
+    polariser: Annotated[
+        float | None,
+        option("DEG", "The photograph was taken through a polariser: its axis from the vertical, clockwise."),
+    ] = None,
     settings: Settings = None,
     output: Folder = None,
 ) -> None:
@@ -64,9 +68,12 @@ def photo(
     )
     chosen["texture"] = {"resolution_deg": resolution}
     names["texture"] = "--resolution"
+    if polariser is not None:
+        chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     cases = load_series(config, chosen, names)
     if len(cases) > 1:
         raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate photo takes one")
+    check_polarised(cases[0].config)
     folder = output or Path("out") / ("photo-" + file_stem(image.stem, "photo"))
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -90,6 +97,8 @@ def _compare(
         bar("looking at the photograph", 0.0)
         for frame in frames(config, part_of(bar, 0.0, 0.9)):
             sky = frame.sky
+            if config.output.polariser_deg is not None:
+                sky = sky.through_polariser(config.output.polariser_deg)
             azimuth, note = _azimuth(photograph, sky, sun_azimuth)
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
