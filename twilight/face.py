@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -149,7 +150,7 @@ def _times(at: Any) -> dict[str, Any]:
         if len(moments) == 1:
             return {"at": moments[0]}
         try:
-            steps = [b - a for a, b in zip(moments[:-1], moments[1:], strict=True)]
+            steps = [b - a for a, b in itertools.pairwise(moments)]
         except TypeError:
             raise TwilightError("at: several times must be datetimes, all with or all without an offset") from None
         if not steps or min(steps) <= timedelta(0) or max(steps) - min(steps) > timedelta(milliseconds=1):
