@@ -1,6 +1,6 @@
 """Error of the zones solver against the committed Monte-Carlo referee, six climates, with run time and memory.
 
-    python benchmarks/zones_error.py                      all qualities and climates whose tables are there
+    python benchmarks/zones_error.py                      draft and standard, all climates whose tables are there
     python benchmarks/zones_error.py standard             one quality
     python benchmarks/zones_error.py standard urban       and one climate
 
@@ -34,6 +34,7 @@ CLIMATES = {
     "pure-air": "pure-air-climate",
     "volcanic-extreme": "volcanic-extreme",
 }
+USUAL = ("draft", "standard")
 HEADER = (
     "climate,quality,sun_elevation_deg,median_percent,p95_percent,max_percent,mean_percent,referee_percent,"
     "excess_percent,set_up_s,peak_mib"
@@ -84,11 +85,11 @@ def main(qualities: list[str], climates: list[str]) -> None:
                 numbers = [f"{row[0]:g}", *(f"{x:.2f}" for x in row[1:]), f"{seconds:.1f}", f"{memory:.0f}"]
                 print(climate, quality, *numbers, sep="\t", flush=True)
                 rows.append([climate, quality, *numbers])
-    if set(qualities) == set(zones.QUALITIES) and set(climates) == set(CLIMATES):
+    if set(qualities) == set(USUAL) and set(climates) == set(CLIMATES):
         results.write(path, HEADER.split(","), rows)
 
 
 if __name__ == "__main__":
     names = [a for a in sys.argv[1:] if a in zones.QUALITIES]
     places = [a for a in sys.argv[1:] if a in CLIMATES]
-    main(names or list(zones.QUALITIES), places or list(CLIMATES))
+    main(names or list(USUAL), places or list(CLIMATES))
