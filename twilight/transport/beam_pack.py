@@ -18,7 +18,7 @@ _HASH = 1024
 
 
 class Segments(NamedTuple):
-    """A coordinate cut into S segments: edges (S + 1,) [km]; size (S,): intervals of each; start (S,): its first node."""
+    """A coordinate cut into S segments: edges (S + 1,) [km]; size (S,): intervals of each; start (S,): first node."""
 
     edges: np.ndarray
     size: np.ndarray

@@ -93,42 +93,41 @@ def layer_above(profile, altitude_km):
     return lo
 
 
+@njit(cache=True, inline="always")
+def index_in(c, f):
+    """n - 1 in a layer and its change dn/df.
+
+    c (N_COLUMNS,): the layer's row of `RayProfile.coefficient`; f: share of the layer below the point.
+    """
+    exponential = c[INDEX + BOTTOM] * math.exp(c[INDEX + LOG_SLOPE] * f)
+    return exponential + c[INDEX + SLOPE] * f, exponential * c[INDEX + LOG_SLOPE] + c[INDEX + SLOPE]
+
+
+@njit(cache=True, inline="always")
+def extinction_in(c, f):
+    """Extinction [km^-1] in a layer; arguments as of `index_in`."""
+    extinction = 0.0
+    for part in range(AIR, N_COLUMNS, 3):
+        if c[part + BOTTOM] > 0.0:
+            extinction += c[part + BOTTOM] * math.exp(c[part + LOG_SLOPE] * f)
+        extinction += c[part + SLOPE] * f
+    return extinction
+
+
 @njit(cache=True)
 def refractivity_at(profile, w, altitude_km):
     """n - 1 at an altitude (on a jump: above it), 0 above the top; below the ground the lowest layer goes on."""
     i = layer_above(profile, altitude_km)
     if i == profile.top_km.size:
         return 0.0
-    return index_at(profile, w, i, altitude_km)[0]
+    bottom = profile.bottom_km[i]
+    return index_in(profile.coefficient[w, i], (altitude_km - bottom) / (profile.top_km[i] - bottom))[0]
 
 
 @njit(cache=True)
 def index_at(profile, w, i, altitude_km):
-    """n - 1 of layer i at an altitude [km], and its change dn/df per thickness of the layer."""
-    bottom = profile.bottom_km[i]
-    f = (altitude_km - bottom) / (profile.top_km[i] - bottom)
+    """n - 1 of layer i at an altitude [km] in it, at its top the value that the medium has there."""
     c = profile.coefficient[w, i]
-    exponential = c[INDEX + BOTTOM] * math.exp(c[INDEX + LOG_SLOPE] * f)
-    return exponential + c[INDEX + SLOPE] * f, exponential * c[INDEX + LOG_SLOPE] + c[INDEX + SLOPE]
-
-
-@njit(cache=True)
-def index_below(profile, w, i, altitude_km):
-    """n - 1 of layer i at an altitude [km]; at its top exactly the value that the layer has there."""
     if altitude_km == profile.top_km[i]:
-        return profile.coefficient[w, i, INDEX_TOP]
-    return index_at(profile, w, i, altitude_km)[0]
-
-
-@njit(cache=True)
-def extinction_at(profile, w, i, altitude_km):
-    """Extinction [km^-1] of layer i at an altitude [km]."""
-    bottom = profile.bottom_km[i]
-    f = (altitude_km - bottom) / (profile.top_km[i] - bottom)
-    c = profile.coefficient[w, i]
-    extinction = 0.0
-    for part in (AIR, GASES, AEROSOL):
-        if c[part + BOTTOM] > 0.0:
-            extinction += c[part + BOTTOM] * math.exp(c[part + LOG_SLOPE] * f)
-        extinction += c[part + SLOPE] * f
-    return extinction
+        return c[INDEX_TOP]
+    return index_in(c, (altitude_km - profile.bottom_km[i]) / (profile.top_km[i] - profile.bottom_km[i]))[0]

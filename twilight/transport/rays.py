@@ -26,9 +26,9 @@ from twilight.transport.ray_profile import (
     BOTTOM,
     INDEX,
     INDEX_TOP,
-    extinction_at,
+    extinction_in,
     index_at,
-    index_below,
+    index_in,
     layer_above,
     refractivity_at,
 )
@@ -94,9 +94,11 @@ def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
     v = sqrt(h) to sqrt(h + end - z), and dr/u = 2 v dv/u.
     """
     bending, tau, length, u_km, _ = path
-    thickness = profile.top_km[i] - profile.bottom_km[i]
+    c = profile.coefficient[w, i]
+    bottom = profile.bottom_km[i]
+    thickness = profile.top_km[i] - bottom
     r = profile.radius_km + z
-    _, change = index_at(profile, w, i, z)
+    _, change = index_in(c, (z - bottom) / thickness)
     h = uu / (2.0 * x * _positive(1.0 + n + r * change / thickness))
     v_start = math.sqrt(h)
     v_end = math.sqrt(h + (end - z))
@@ -108,7 +110,8 @@ def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
         for g in range(first_node, end_node):
             v = v_start + (k + _GAUSS_NODE[g]) * dv
             dz = v * v - h
-            n_here, change = index_at(profile, w, i, z + dz)
+            f = (z + dz - bottom) / thickness
+            n_here, change = index_in(c, f)
             dx = dz * (1.0 + n_here) + (n_here - n) * r
             uu_here = uu + dx * (2.0 * x + dx)
             if uu_here <= 0.0:
@@ -117,7 +120,7 @@ def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
             bending -= change / thickness / (1.0 + n_here) * p * step
             step *= x + dx
             length += step
-            tau += extinction_at(profile, w, i, z + dz) * step
+            tau += extinction_in(c, f) * step
     return Path(bending, tau, length, u_km, True)
 
 
@@ -146,7 +149,7 @@ def outward(profile, w, altitude_km, u_km, stop_km):
     path = Path(0.0, 0.0, 0.0, 0.0, True)
     z = altitude_km
     uu = u_km * u_km
-    n, _ = index_at(profile, w, first, z)
+    n = refractivity_at(profile, w, z)
     x = (profile.radius_km + z) * (1.0 + n)
     p = math.sqrt(max(0.0, x * x - uu))
     for i in range(first, n_layers):
@@ -154,8 +157,8 @@ def outward(profile, w, altitude_km, u_km, stop_km):
         if end <= z:
             break
         r = profile.radius_km + z
-        n_here, _ = index_at(profile, w, i, z)
-        if i > first and n_here != n:
+        n_here = profile.coefficient[w, i, INDEX + BOTTOM] if i > first else n
+        if n_here != n:
             x_here = r * (1.0 + n_here)
             uu_here = uu + r * (n_here - n) * (x_here + x)
             if uu_here <= 0.0:
@@ -169,7 +172,7 @@ def outward(profile, w, altitude_km, u_km, stop_km):
             path = _through_layer(profile, w, i, z, end, n, x, uu, p, path)
             if not path.free:
                 return path
-            n_end = index_below(profile, w, i, end)
+            n_end = index_at(profile, w, i, end)
         dx = (end - z) * (1.0 + n_end) + (n_end - n) * r
         uu += dx * (2.0 * x + dx)
         if uu <= 0.0:
@@ -233,20 +236,21 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
             i -= 1
     last = 0 if below_ground else 1
     while i >= last:
+        c = profile.coefficient[w, i]
         bottom = profile.bottom_km[i]
         thickness = profile.top_km[i] - bottom
         r = profile.radius_km + z
-        n_here = index_below(profile, w, i, z)
+        n_here = index_at(profile, w, i, z)
         missing -= r * (n_a - n_here)
         if missing <= 0.0:
             return z, OUTSIDE
-        n_bottom = profile.coefficient[w, i, INDEX + BOTTOM]
+        n_bottom = c[INDEX + BOTTOM]
         fall = (z - bottom) * (1.0 + n_bottom) + (n_here - n_bottom) * r
         if missing <= fall or i == 0:
             # Newton for x(z) - x(y) = missing inside the layer
             y = max(bottom, z - missing)
             for _ in range(40):
-                n, change = index_at(profile, w, i, y)
+                n, change = index_in(c, (y - bottom) / thickness)
                 residual = (z - y) * (1.0 + n) + (n_here - n) * r - missing
                 slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
                 y_new = y + residual / slope
@@ -273,10 +277,12 @@ def altitude_along(profile, w, altitude_km, u_km):
     missing = u_km * u_km / (p + math.sqrt(p * p + u_km * u_km))
     z = altitude_km
     for i in range(layer_above(profile, z), n_layers):
-        thickness = profile.top_km[i] - profile.bottom_km[i]
-        n_top = profile.coefficient[w, i, INDEX_TOP]
+        c = profile.coefficient[w, i]
+        bottom = profile.bottom_km[i]
+        thickness = profile.top_km[i] - bottom
+        n_top = c[INDEX_TOP]
         r = profile.radius_km + z
-        n_here, _ = index_at(profile, w, i, z)
+        n_here = index_at(profile, w, i, z)
         missing -= r * (n_here - n_a)
         if missing <= 0.0:
             return z
@@ -284,7 +290,7 @@ def altitude_along(profile, w, altitude_km, u_km):
         if missing < rise:
             y = z
             for _ in range(40):
-                n, change = index_at(profile, w, i, y)
+                n, change = index_in(c, (y - bottom) / thickness)
                 residual = (y - z) * (1.0 + n) + (n - n_here) * r - missing
                 slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
                 y_new = min(profile.top_km[i], max(z, y - residual / slope))
