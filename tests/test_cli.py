@@ -30,7 +30,9 @@ TABLE_NM = (420, 500, 580, 660)
 
 @dataclass(frozen=True)
 class PlainSettings:
-    """brightness: of the sky above the horizon towards the sun [sr^-1]; fail_at_deg: a sun that cannot be computed"""
+    """brightness: of the sky above the horizon towards the sun [sr^-1]
+    fail_at_deg: a sun that cannot be computed
+    """
 
     brightness: float = 0.01
     fail_at_deg: float = 99.0
@@ -489,7 +491,7 @@ def test_lists_and_descriptions():
     assert result.exit_code == 0
     assert "saarbruecken-2003-12-08\t31\t" in result.stdout
     assert "humidity\t3\t" in result.stdout and "three-climates\t3\t" in result.stdout
-    for document in ("climate", "config"):
+    for document in ("climate", "configuration"):
         assert json.loads(call("schema", document).stdout)["additionalProperties"] is False
     assert call("schema", "sky").exit_code == 2
 
@@ -498,6 +500,51 @@ def test_solvers_are_listed_with_their_options(plain):
     result = call("solvers")
     assert "plain\tbrightness\t0.01" in result.stdout and "plain (default)\tquality\tstandard, bright" in result.stdout
     assert "cells\tazimuth_cells\t" in result.stdout
+
+
+def test_every_option_of_every_solver_is_explained(plain):
+    from dataclasses import fields
+
+    from twilight.config.solver import explain_options
+
+    for name in [name for name in solvers.SOLVERS if name != "plain"]:
+        settings = type(solvers.load(name).QUALITIES["standard"])
+        why = explain_options(settings)
+        assert set(why) == {f.name for f in fields(settings)}, name
+        assert all(len(text) > 5 and ": " not in text[:3] for text in why.values()), name
+    lines = call("solvers", "zones").stdout.splitlines()
+    assert lines[0] == "option\tdraft\tstandard\treference\twhat it is"
+    assert "polar_directions\t9\t14\t" in lines[2] and lines[2].endswith("\tdirections per hemisphere")
+    assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("solvers", "plain").stdout
+    assert "did you mean zones?" in call("solvers", "zons").stderr
+
+
+def test_suggestions_are_of_the_kind_asked_for():
+    for command, kind, other in (("describe", "climates are", "sweep-haze"), ("sweep", "configurations are", "urban")):
+        refused = call(command, "nowhere")
+        assert refused.exit_code == 2 and kind in refused.stderr
+        assert "did you mean" not in refused.stderr and other not in refused.stderr
+    assert "did you mean sweep-haze?" in call("sweep", "sweep-hase").stderr
+    either = call("render", "nowhere").stderr
+    assert "climates are antarctic" in either and "configurations are compare" in either
+
+
+def test_describe_takes_settings_and_the_shell_completes_names(tmp_path):
+    shown = [
+        call("describe", "pure-air", "--output", tmp_path / "p.png", *more).stdout
+        for more in ((), ("--set", "gases.ozone.column_du=150"))
+    ]
+    ozone = [next(line.split("\t") for line in text.splitlines() if line.startswith("ozone\t")) for text in shown]
+    columns = shown[0].splitlines()[1].split("\t")
+    at = columns.index("550 nm")
+    assert columns[1] == "300 nm" and columns[-1] == "1000 nm"
+    assert float(ozone[1][at]) < 0.6 * float(ozone[0][at])
+    wrong = call("describe", "pure-air", "--set", "gases.ozne=3")
+    assert wrong.exit_code == 2 and "did you mean ozone?" in wrong.stderr
+    from twilight.cli.options import climate_names, scene_names, solver_names
+
+    assert climate_names("urb") == ["urban"] and "sweep-haze" in scene_names("sw") and solver_names("zo") == ["zones"]
+    assert "--show-completion" in call("--help").stdout
 
 
 def test_describe_prints_depths_and_draws_the_profile(table, tmp_path):
