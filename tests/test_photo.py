@@ -16,19 +16,11 @@ from twilight.camera import write_camera
 from twilight.camera.image import write_exr
 from twilight.cli.app import app
 from twilight.errors import TwilightError
-<<<<<<< HEAD
-from twilight.validate import mask as masks
-from twilight.validate import photo as comparing
-from twilight.validate.panorama import make_panorama
-from twilight.validate.photograph import Photograph, read_photograph
-from twilight.validate.sun_azimuth import find_sun_azimuth
-=======
 from twilight.validate.photographs import mask as masks
 from twilight.validate.photographs import photo as comparing
 from twilight.validate.photographs.panorama import make_panorama
-from twilight.validate.photographs.photograph import Photograph
+from twilight.validate.photographs.photograph import Photograph, read_photograph
 from twilight.validate.photographs.sun_azimuth import find_sun_azimuth
->>>>>>> main
 
 PANORAMAS = Path(__file__).parent / "data" / "photos"
 
