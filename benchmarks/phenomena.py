@@ -17,7 +17,7 @@ import results
 
 from twilight import colour
 from twilight.config import load
-from twilight.validate import phenomena as see
+from twilight.validate.phenomena import colours as see
 
 HERE = Path(__file__).parent
 QUALITY = sys.argv[1] if len(sys.argv) > 1 else "draft"

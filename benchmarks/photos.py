@@ -20,11 +20,11 @@ from twilight.camera import read_camera
 from twilight.colour import sky_to_xyz
 from twilight.config import load
 from twilight.engine import run
-from twilight.validate.estimate import estimate, sentences
-from twilight.validate.figure import write_figure
-from twilight.validate.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
-from twilight.validate.photo import OBSERVER, compare
-from twilight.validate.photograph import read_photograph
+from twilight.validate.photographs.estimate import estimate, sentences
+from twilight.validate.photographs.figure import write_figure
+from twilight.validate.photographs.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
+from twilight.validate.photographs.photo import OBSERVER, compare
+from twilight.validate.photographs.photograph import read_photograph
 
 HERE = Path(__file__).parent / "photos"
 DESIGN = Design(tuple(p for p in OTHERS if p.name in ("ozone", "albedo")))

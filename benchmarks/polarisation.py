@@ -24,7 +24,7 @@ from twilight.compare.accuracy import colour_spread
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
-from twilight.validate.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
+from twilight.validate.phenomena.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
 
 HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]

@@ -198,7 +198,6 @@ def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
         (["--sun-elevation", "3"], "--sun-elevation: is for --per-sky"),
         (["pure-air"], "pure-air: has no aerosol"),
         (["--haze", "fog"], "haze: fog is not known"),
-        (["--set", "wavelengths.count=33"], "wavelengths holds 33; the fit takes 32 at most"),
         (["no-such-air"], "no-such-air"),
         (["none.h5", "--per-sky"], "none.h5: no such file"),
         (["none.h5", "--per-sky", "--sun-elevation", "3"], "--sun-elevation: none.h5 is a computed sky"),

@@ -358,6 +358,11 @@ def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(pl
         (["{table}", "--solver", "cels"], ["--solver", "cells"]),
         (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
         (["{table}", "--target", "maya"], ["--target", "output.target", "mitsuba"]),
+        (
+            ["{table}", "--target-stderr", "0.1", "--solver", "cells"],
+            ["--target-stderr: cells", "add --solver montecarlo"],
+        ),
+        (["{table}", "--target-error", "0.1", "--solver", "plain"], ["--target-error: plain", "add --solver zones"]),
         (["{table}", "--set", "albedo"], ["--set albedo", "key=value"]),
         (["{table}", "--set", "solver.name=[plain]"], ["--set solver.name", "not a solver"]),
         (["{table}", "--set", "solver.quality={}"], ["--set solver.quality", "bright"]),

@@ -16,7 +16,7 @@ from twilight.camera.image import read_image, write_exr
 from twilight.camera.response import read_response
 from twilight.compact import CompactSky, CompactSkyError
 from twilight.errors import TwilightError
-from twilight.validate.mask import read_mask_image, read_profile
+from twilight.validate.photographs.mask import read_mask_image, read_profile
 
 CAMERA = """version: 1
 projection: equisolid

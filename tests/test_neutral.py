@@ -10,7 +10,7 @@ import pytest
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.solvers import zones
-from twilight.validate.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
+from twilight.validate.phenomena.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
 
 REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
 

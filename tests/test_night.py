@@ -14,7 +14,7 @@ from twilight.config import load
 from twilight.errors import TwilightError
 from twilight.io.netcdf import read_sky, write_sky
 from twilight.night import NightLevels, Place, light, night_radiance, world
-from twilight.night.air import veil
+from twilight.night.veil import veil
 from twilight.sky import Sky, magnitude_per_square_arcsecond, texture_grid
 
 NM = np.arange(380.0, 721.0, 20.0)

@@ -5,7 +5,7 @@ import pytest
 
 from twilight.colour import uv_of_xy
 from twilight.config import load
-from twilight.validate import phenomena as see
+from twilight.validate.phenomena import colours as see
 
 FEW = [400, 424, 490, 530, 560, 590, 605, 640, 670, 720]
 

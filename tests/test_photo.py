@@ -16,11 +16,11 @@ from twilight.camera import write_camera
 from twilight.camera.image import write_exr
 from twilight.cli.app import app
 from twilight.errors import TwilightError
-from twilight.validate import mask as masks
-from twilight.validate import photo as comparing
-from twilight.validate.panorama import make_panorama
-from twilight.validate.photograph import Photograph
-from twilight.validate.sun_azimuth import find_sun_azimuth
+from twilight.validate.photographs import mask as masks
+from twilight.validate.photographs import photo as comparing
+from twilight.validate.photographs.panorama import make_panorama
+from twilight.validate.photographs.photograph import Photograph
+from twilight.validate.photographs.sun_azimuth import find_sun_azimuth
 
 PANORAMAS = Path(__file__).parent / "data" / "photos"
 
@@ -109,7 +109,7 @@ def test_profile_mask_image_and_saturation():
     assert not mask.valid[rows < edge - 0.3].any() and mask.valid[rows > edge + 0.6].all()
     shown = np.ones((180, 360))
     shown[:, 100:150] = 0.0  # azimuths 280 to 330 of the camera
-    from twilight.validate.panorama import mask_image_on
+    from twilight.validate.photographs.panorama import mask_image_on
 
     image = mask_image_on(panorama, shown, camera)
     world = np.mod(panorama.azimuth_deg + 30.0, 360.0)
@@ -365,7 +365,7 @@ def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):
 
 
 def test_eight_bits_as_linear_light_are_remarked(tmp_path):
-    from twilight.validate.photograph import read_photograph
+    from twilight.validate.photographs.photograph import read_photograph
 
     Image.fromarray(np.full((20, 40, 3), 99, np.uint8)).save(tmp_path / "a.png")
     with pytest.warns(UserWarning, match="srgb"):

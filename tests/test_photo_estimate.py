@@ -16,8 +16,8 @@ from twilight.config import load
 from twilight.engine import run
 from twilight.errors import TwilightError
 from twilight.sky import Sky, texture_grid
-from twilight.validate.estimate import estimate, facts, sentences
-from twilight.validate.library import (
+from twilight.validate.photographs.estimate import estimate, facts, sentences
+from twilight.validate.photographs.library import (
     AEROSOL,
     OTHERS,
     SUN,
@@ -27,8 +27,8 @@ from twilight.validate.library import (
     make_library,
     with_settings,
 )
-from twilight.validate.photo import OBSERVER
-from twilight.validate.photograph import Photograph
+from twilight.validate.photographs.photo import OBSERVER
+from twilight.validate.photographs.photograph import Photograph
 
 HUMIDITY, OZONE, ALBEDO = OTHERS
 TOY_DESIGN = Design((HUMIDITY, OZONE, ALBEDO))
@@ -193,7 +193,7 @@ def test_a_library_is_computed_once(tmp_path, monkeypatch):
     base, design, file = load("continental-average", TINY), Design(()), tmp_path / "skies.npz"
     one = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
     assert one.xyz.shape == (5, 2, 15, 60, 3)
-    import twilight.validate.library as module
+    import twilight.validate.photographs.library as module
 
     def never(*_):
         raise AssertionError("computed again")

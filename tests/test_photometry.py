@@ -11,9 +11,9 @@ from twilight.config import load
 from twilight.errors import TwilightError
 from twilight.sun.ephemeris import sun_position
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.validate import photometry as work
-from twilight.validate import photometry_report as report
-from twilight.validate.references import KOOMEN_SITES, horizontal_illuminance_lux, zenith_luminance_cd_m2
+from twilight.validate.measured import photometry as work
+from twilight.validate.measured import report
+from twilight.validate.measured.references import KOOMEN_SITES, horizontal_illuminance_lux, zenith_luminance_cd_m2
 
 QUIET = {
     "night": {},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import shlex
 import struct
@@ -61,25 +60,19 @@ def test_the_documents_shown_are_valid(text, tmp_path):
     assert load_series(path)
 
 
-def test_the_python_shown_uses_what_exists():
-    text, *_ = blocks("python", README)
-    namespace: dict = {}
-    tree = ast.parse(text)
-    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
-    exec(compile(ast.Module(imports, []), "README", "exec"), namespace)
-    load = next(node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "config")
-    exec(compile(ast.Module([load], []), "README", "exec"), namespace)
-    assert namespace["config"].sun.elevation_deg == -4
-    from twilight.sky import Sky
-
-    for name in re.findall(r"^sky\.(\w+)", text, flags=re.MULTILINE):
-        assert hasattr(Sky, name)
-
-
-def test_the_field_shown_is_solved_saved_and_loaded(monkeypatch, tmp_path):
+def test_the_python_shown_runs(monkeypatch, tmp_path):
+    """All of it, one piece after the other as a reader would, in an empty folder; with README's piece first."""
     monkeypatch.chdir(tmp_path)
     namespace: dict = {}
-    exec(compile(blocks("python", MANUAL)[1], "README", "exec"), namespace)
+    pieces = [*blocks("python", README), *blocks("python", MANUAL)]
+    assert "import twilight\n" in pieces[0] and "twilight.render(" in pieces[0]
+    for number, piece in enumerate(pieces):
+        exec(compile(piece, f"python piece {number}", "exec"), namespace)
+        if number == 0:
+            assert namespace["sky"].sun_elevation_deg == -4
+    magnitudes = [sky.magnitude("V", elevation_deg=90) for sky in namespace["skies"]]
+    assert len(magnitudes) == 3 and magnitudes == sorted(magnitudes)
+    assert [sky.observer_altitude_km for sky in namespace["skies"]] == [0.17] * 3
     brightness = [sky.sum() for sky in namespace["sunset"]]
     assert brightness == sorted(brightness, reverse=True) and brightness[-1] > 0.0
     assert namespace["from_orbit"].min() > 0.0

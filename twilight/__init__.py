@@ -3,6 +3,8 @@
     import twilight
     sky = twilight.render("continental-average", sun_elevation_deg=-4)
     sky.radiance, sky.magnitude("V", elevation_deg=90), sky.illuminance_lux(), sky.plot(), sky.to_xarray()
+    field = twilight.solve("continental-average")
+    field.radiance(-4.0, 20.0, 0.0)  # sun-normalised [sr^-1], for any sun and direction
 
 Names are loaded when they are used: importing the package costs nothing.
 """
@@ -11,7 +13,7 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["Sky", "TwilightError", "TwilightWarning", "__version__", "load", "read_sky", "render"]
+__all__ = ["Sky", "TwilightError", "TwilightWarning", "__version__", "load", "read_sky", "render", "solve"]
 
 _WHERE = {
     "Sky": "twilight.sky",
@@ -20,6 +22,7 @@ _WHERE = {
     "load": "twilight.config",
     "read_sky": "twilight.io",
     "render": "twilight.face",
+    "solve": "twilight.face",
 }
 
 

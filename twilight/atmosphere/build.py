@@ -12,7 +12,7 @@ from twilight.atmosphere.aerosols import AerosolRegion, CacheDir
 from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
 from twilight.atmosphere.medium import Medium, layer_mean
 from twilight.atmosphere.opac import AerosolSpec
-from twilight.atmosphere.profiles import PROFILE_TOP_KM, WHERE_AND_WHEN, Profile, load_profile
+from twilight.atmosphere.profiles import PROFILE_TOP_KM, WHERE_AND_WHEN, AirProfile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
 from twilight.errors import TwilightError
 
@@ -200,7 +200,13 @@ def _levels(profile_km: np.ndarray, regions: list[AerosolRegion], top_km: float)
 
 
 def _gas_absorption(
-    full: Profile, state: Profile, wavelength: np.ndarray, treatment: str, ozone_factor: float, no2: bool, o4: bool
+    full: AirProfile,
+    state: AirProfile,
+    wavelength: np.ndarray,
+    treatment: str,
+    ozone_factor: float,
+    no2: bool,
+    o4: bool,
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Absorption coefficients (L, W) by gas, and the overhead optical depth (W,)."""
     if treatment not in OZONE_TREATMENTS:
@@ -249,7 +255,7 @@ def _aerosol_levels(
     return extinction, scattering, share, tuple(phases)
 
 
-def _refractivity(model: str, state: Profile, wavelength: np.ndarray, co2_ppm: float) -> np.ndarray:
+def _refractivity(model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm: float) -> np.ndarray:
     if model not in REFRACTION_MODELS:
         raise TwilightError(f"refraction: `{model}` is not known; allowed are {', '.join(REFRACTION_MODELS)}")
     if model == "none":

@@ -16,7 +16,7 @@ from importlib import resources
 
 import numpy as np
 
-from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU, Profile
+from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU, AirProfile
 from twilight.errors import TwilightError
 
 OXYGEN_FRACTION = 0.2095
@@ -69,7 +69,7 @@ def cross_section(gas: str, wavelength_nm, temperature_k) -> np.ndarray:
     return np.stack([np.interp(temperature, table_k, column) for column in at_wavelength.T], axis=1)
 
 
-def absorption_per_km(gas: str, profile: Profile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
+def absorption_per_km(gas: str, profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
     """Absorption coefficient [km^-1] of `o3`, `no2` or `o4` in a profile, (Z, W); `factor` multiplies the density."""
     density = {
         "o3": profile.o3_per_cm3 * factor,
@@ -90,7 +90,7 @@ def seasonal_ozone_column_du(day_of_year: float) -> float:
     return 315.0 + 55.0 * math.cos(2.0 * math.pi * (day_of_year - 95.0) / 365.25)
 
 
-def ozone_factor(profile: Profile, column_du: float | None) -> float:
+def ozone_factor(profile: AirProfile, column_du: float | None) -> float:
     """Factor on the ozone densities of a whole profile (0 to 120 km) that gives it the column; 1 for None."""
     if column_du is None:
         return 1.0
@@ -99,7 +99,7 @@ def ozone_factor(profile: Profile, column_du: float | None) -> float:
     return column_du / profile.ozone_column_du
 
 
-def overhead_ozone_optical_depth(profile: Profile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
+def overhead_ozone_optical_depth(profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
     """Vertical optical depth (W,) of all the ozone of a profile, at the temperatures of its altitudes."""
     from twilight.atmosphere.medium import layer_mean
 

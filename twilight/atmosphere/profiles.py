@@ -42,7 +42,7 @@ MOLECULES_PER_CM2_PER_DU = 2.686780e16
 
 
 @dataclass(frozen=True)
-class Profile:
+class AirProfile:
     """State of the air at Z altitudes; all arrays have shape (Z,).
 
     Between two altitudes pressure and number densities go exponentially, temperature linearly.
@@ -57,7 +57,7 @@ class Profile:
     h2o_per_cm3: np.ndarray
     no2_per_cm3: np.ndarray
 
-    def at(self, altitude_km) -> Profile:
+    def at(self, altitude_km) -> AirProfile:
         """The same profile at other altitudes, 0 to 120 km."""
         z = np.atleast_1d(np.asarray(altitude_km, dtype=float))
         if z.size and (np.min(z) < self.altitude_km[0] or np.max(z) > self.altitude_km[-1]):
@@ -69,7 +69,7 @@ class Profile:
         def exponential(a):
             return np.exp(np.interp(z, self.altitude_km, np.log(a)))
 
-        return Profile(
+        return AirProfile(
             self.name,
             z,
             exponential(self.pressure_hpa),
@@ -80,7 +80,7 @@ class Profile:
             exponential(self.no2_per_cm3),
         )
 
-    def above(self, altitude_km: float) -> Profile:
+    def above(self, altitude_km: float) -> AirProfile:
         """The part of the profile from an altitude up."""
         return self.at(np.concatenate([[altitude_km], self.altitude_km[self.altitude_km > altitude_km]]))
 
@@ -117,13 +117,13 @@ def profile_name(name: str) -> str:
 
 
 @lru_cache(maxsize=len(PROFILES))
-def _load(name: str) -> Profile:
+def _load(name: str) -> AirProfile:
     path = resources.files("twilight") / "data" / "atmosphere" / f"afgl_{name}.csv"
     with path.open(encoding="utf-8") as file:
         columns = np.loadtxt(file, delimiter=",", skiprows=1, unpack=True)
-    return Profile(name, *columns)
+    return AirProfile(name, *columns)
 
 
-def load_profile(name: str) -> Profile:
+def load_profile(name: str) -> AirProfile:
     """One of the six AFGL atmospheres on its own 51 altitudes, 0 to 120 km; see ``PROFILES`` for the names."""
     return _load(profile_name(name))

@@ -49,7 +49,7 @@ def open_photograph(
 ) -> Any:
     """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
     from twilight.camera import read_camera
-    from twilight.validate.photograph import read_photograph
+    from twilight.validate.photographs.photograph import read_photograph
 
     if sun_azimuth_deg is not None and not -360.0 <= sun_azimuth_deg <= 360.0:
         raise TwilightError(f"--sun-azimuth: {sun_azimuth_deg:g} must be from -360 to 360 deg")

@@ -28,10 +28,10 @@ def render(
     solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     target_stderr: Annotated[
-        float | None, option("SHARE", "Relative standard error of every pixel, e.g. 0.01; montecarlo only.")
+        float | None, option("SHARE", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
     ] = None,
     target_error: Annotated[
-        float | None, option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01; zones only.")
+        float | None, option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01, where a solver can.")
     ] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     target: Annotated[
@@ -73,12 +73,11 @@ def render(
     set_here, called = settings_of(settings)
     chosen.update(set_here)
     names.update(called)
-    if target_error is not None:
-        _check_solver(load_series(scene, chosen, names), "--target-error", "zones", "refines to a target error")
-        choose("solver.target_error", target_error, "--target-error")
-    if target_stderr is not None:
-        _check_solver(load_series(scene, chosen, names), "--target-stderr", "montecarlo", "stops at a standard error")
-        choose("solver.target_stderr", target_stderr, "--target-stderr")
+    for target_key, share in (("target_error", target_error), ("target_stderr", target_stderr)):
+        if share is not None:
+            target_option = f"--{target_key.replace('_', '-')}"
+            _check_target(load_series(scene, chosen, names), target_option, target_key)
+            choose(f"solver.{target_key}", share, target_option)
     cases = load_series(scene, chosen, names)
     if plan:
         _print_plans(cases)
@@ -107,13 +106,15 @@ def _exposure(text: str | None) -> tuple[str, Any]:
         raise TwilightError(f"--exposure: {text} must be an exposure value such as 12, or series") from None
 
 
-def _check_solver(cases: list[Any], option: str, solver: str, does: str) -> None:
+def _check_target(cases: list[Any], option: str, capability: str) -> None:
+    """TwilightError unless every case's solver declares the capability, which is the name of the setting too."""
     from twilight import solvers
 
-    others = {case.config.solver.get("name", solvers.DEFAULT) for case in cases} - {solver}
+    able = [name for name in solvers.SOLVERS if getattr(solvers.load(name).CAPABILITIES, capability)]
+    others = {case.config.solver.get("name", solvers.DEFAULT) for case in cases} - {*able}
     if others:
         raise TwilightError(
-            f"{option}: only the solver {solver} {does}, not {', '.join(sorted(others))}; add --solver {solver}"
+            f"{option}: {', '.join(sorted(others))} does not take {capability}; add --solver {' or '.join(able)}"
         )
 
 

@@ -94,7 +94,7 @@ def estimate(
 def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
     from twilight.config.aerosol import AerosolType
     from twilight.config.validate import unknown
-    from twilight.validate.library import OTHERS, Design
+    from twilight.validate.photographs.library import OTHERS, Design
 
     known = get_args(AerosolType)
     chosen = [name.strip() for name in types.split(",") if name.strip()]
@@ -154,11 +154,11 @@ def _estimate(
     from twilight.colour import sky_to_xyz
     from twilight.engine import run
     from twilight.progress import part_of
-    from twilight.validate.estimate import estimate as fit
-    from twilight.validate.estimate import facts, sentences
-    from twilight.validate.library import make_library
-    from twilight.validate.photo import OBSERVER
-    from twilight.validate.report import write_json
+    from twilight.validate.photographs.estimate import estimate as fit
+    from twilight.validate.photographs.estimate import facts, sentences
+    from twilight.validate.photographs.library import make_library
+    from twilight.validate.photographs.photo import OBSERVER
+    from twilight.validate.photographs.report import write_json
 
     suns = _suns(config)
     with progress_bar() as bar:
@@ -214,7 +214,7 @@ def _estimate(
 
 def _scene(config: Any, design: Any, values: Any, aerosol_type: str, cell_deg: float) -> Any:
     """The configuration of one climate of the design, and of its sun where that is a parameter."""
-    from twilight.validate.library import SUN, climate_settings, with_settings
+    from twilight.validate.photographs.library import SUN, climate_settings, with_settings
 
     settings = climate_settings(design, values, aerosol_type) | {"texture": {"resolution_deg": cell_deg}}
     if SUN in values:

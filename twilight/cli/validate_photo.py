@@ -86,9 +86,9 @@ def _compare(
     from twilight.engine import frames
     from twilight.progress import part_of
     from twilight.scene.suns import count_suns
-    from twilight.validate import photo as comparing
-    from twilight.validate.figure import summary, write_figure
-    from twilight.validate.report import write_dataset, write_json, write_profiles, write_suns
+    from twilight.validate.photographs import photo as comparing
+    from twilight.validate.photographs.figure import summary, write_figure
+    from twilight.validate.photographs.report import write_dataset, write_json, write_profiles, write_suns
 
     best: Any = None
     rows = []

@@ -31,8 +31,8 @@ def photometry(
     from twilight.config import load
     from twilight.io.whole import check_folder
     from twilight.progress import part_of
-    from twilight.validate import photometry as work
-    from twilight.validate import photometry_report as report
+    from twilight.validate.measured import photometry as work
+    from twilight.validate.measured import report
 
     chosen: dict[str, Any] = {
         "night": {},

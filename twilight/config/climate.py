@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from twilight.config.aerosol import Aerosol, Stratosphere, one_line
 from twilight.config.base import Flag, Integer, Number, Section, key
 
-Profile = Literal[
+AirProfileName = Literal[
     "tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard"
 ]
 CLIMATE_FILES = (
@@ -60,7 +60,7 @@ class Layers(Section):
 class Atmosphere(Section):
     """Pressure, temperature, humidity and gas densities with altitude."""
 
-    profile: Profile = key("midlatitude_summer", "AFGL profile of pressure, temperature, air and gases")
+    profile: AirProfileName = key("midlatitude_summer", "AFGL profile of pressure, temperature, air and gases")
     top_km: Number = key(100.0, "altitude above which there is vacuum", unit="km", ge=10.0, le=120.0)
     layers: Layers = key(Layers, "how the air is cut into layers")
 

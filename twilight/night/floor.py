@@ -10,7 +10,7 @@ from twilight import spectrum
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.night import light
-from twilight.night.air import veil
+from twilight.night.veil import veil
 from twilight.night.world import Place, ecliptic_from_sun, galactic_latitude
 
 
@@ -55,7 +55,7 @@ def night_radiance(
     * Starlight with diffuse galactic light by galactic latitude, with the sun's spectrum.
     * Zodiacal light by ecliptic longitude from the sun and latitude, Leinert et al. 1998.
 
-    Then the scene's own air dims it and scatters some of it in (``night.air.veil``).  Where `place` or the sun's
+    Then the scene's own air dims it and scatters some of it in (``night.veil``).  Where `place` or the sun's
     azimuth is not known, starlight is its mean over the sky and the ecliptic stands at 60 deg to the horizon.
     Validity: brightness to some 20 %; real nights differ by a factor 2, and cities by any factor.
     """

@@ -40,6 +40,8 @@ class Capabilities:
     standard_error: its answer is an estimate; the field is a `StochasticField`
     stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
     finite_segments: the field is a `SegmentField`
+    target_error: the settings have `target_error`, a share that the systematic error is refined to
+    target_stderr: the settings have `target_stderr`, a relative standard error that samples are added for
     field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
@@ -54,6 +56,8 @@ class Capabilities:
     standard_error: bool = False
     stokes: bool = False
     finite_segments: bool = False
+    target_error: bool = False
+    target_stderr: bool = False
     field_file: bool = False
     reads_files: bool = False
     wavelengths_at_once: int = 32

@@ -15,7 +15,7 @@ along the next leg leaves as
     I = P11 I' + P12 Q',   q = P12 I' + P22 Q',   u = P33 U';
     Q = cos(2 phi) q - sin(2 phi) u,   U = sin(2 phi) q + cos(2 phi) u.
 
-Circular polarisation is left out: P34 takes U to V and back in two events, which moves I by less than 1e-4 of itself.
+Circular polarisation is left out: P34 turns U into V, and V acts on Q and U in a further event only.
 """
 
 from __future__ import annotations

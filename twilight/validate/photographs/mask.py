@@ -16,7 +16,7 @@ import numpy as np
 
 from twilight.errors import TwilightError
 from twilight.reading import read_text
-from twilight.validate.panorama import Panorama
+from twilight.validate.photographs.panorama import Panorama
 
 MAX_PROFILE_BYTES = 20_000_000
 EDGE = 0.05

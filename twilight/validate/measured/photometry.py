@@ -20,8 +20,8 @@ from twilight.engine.solve import problem_of
 from twilight.engine.sunbeam import Sunbeam
 from twilight.errors import TwilightError
 from twilight.progress import Progress, part_of, silent
-from twilight.validate import references
-from twilight.validate.references import KOOMEN_SITES, Site
+from twilight.validate.measured import references
+from twilight.validate.measured.references import KOOMEN_SITES, Site
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium

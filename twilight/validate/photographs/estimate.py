@@ -24,8 +24,8 @@ import numpy as np
 
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
-from twilight.validate.library import SUN, Library, Parameter
-from twilight.validate.photo import CHROMATICITY_SCALE, LOG_SCALE, PhotoSky, residual_vector
+from twilight.validate.photographs.library import SUN, Library, Parameter
+from twilight.validate.photographs.photo import CHROMATICITY_SCALE, LOG_SCALE, PhotoSky, residual_vector
 
 CORRELATED_SR = 0.1
 """Solid angle within which errors are alike: a disc of 10 deg radius."""

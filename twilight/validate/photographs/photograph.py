@@ -13,10 +13,10 @@ from twilight.camera.image import Picture, read_image
 from twilight.camera.model import Camera
 from twilight.camera.response import load_response
 from twilight.errors import TwilightError, TwilightWarning
-from twilight.validate import mask as masks
-from twilight.validate.panorama import Panorama, make_panorama, mask_image_on
-from twilight.validate.photo import PhotoSky, photo_sky
-from twilight.validate.sun_azimuth import SunAzimuth, find_sun_azimuth
+from twilight.validate.photographs import mask as masks
+from twilight.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
+from twilight.validate.photographs.photo import PhotoSky, photo_sky
+from twilight.validate.photographs.sun_azimuth import SunAzimuth, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
 """Aimed size of the fine cells on which masks are made."""

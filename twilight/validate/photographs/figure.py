@@ -9,9 +9,9 @@ import numpy as np
 
 from twilight import colour
 from twilight.io.whole import whole_file
-from twilight.validate.mask import Mask
-from twilight.validate.panorama import Panorama
-from twilight.validate.photo import OBSERVER, Comparison, MeridianProfile
+from twilight.validate.photographs.mask import Mask
+from twilight.validate.photographs.panorama import Panorama
+from twilight.validate.photographs.photo import OBSERVER, Comparison, MeridianProfile
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from twilight.io.whole import whole_file
-from twilight.validate.photometry import Level, Point
-from twilight.validate.references import KOOMEN_SITES, horizontal_illuminance_lux
+from twilight.validate.measured.photometry import Level, Point
+from twilight.validate.measured.references import KOOMEN_SITES, horizontal_illuminance_lux
 
 POINT_COLUMNS = (
     "climate",

@@ -20,7 +20,7 @@ import numpy as np
 from twilight import colour, spectrum
 from twilight.errors import TwilightError
 from twilight.sky import Sky
-from twilight.validate.panorama import Panorama
+from twilight.validate.photographs.panorama import Panorama
 
 OBSERVER = "cie1931_2deg"
 LEAST_CLEAR_SHARE = 0.5

@@ -11,7 +11,7 @@ import numpy as np
 
 from twilight import colour
 from twilight.io.whole import whole_file
-from twilight.validate.photo import Comparison
+from twilight.validate.photographs.photo import Comparison
 
 if TYPE_CHECKING:
     import xarray

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.errors import TwilightError
-from twilight.validate.mask import separation_deg
-from twilight.validate.panorama import Panorama
+from twilight.validate.photographs.mask import separation_deg
+from twilight.validate.photographs.panorama import Panorama
 
 LEAST_SHARE = 0.1
 """Share of the clear sky that must have a mirror image for a trial azimuth to count."""

@@ -31,7 +31,7 @@ from twilight.io.whole import whole_file
 from twilight.progress import Progress, silent
 from twilight.reading import first_line, open_npz
 from twilight.sky import Sky, texture_grid
-from twilight.validate.photo import OBSERVER, PhotoSky, seen_as
+from twilight.validate.photographs.photo import OBSERVER, PhotoSky, seen_as
 
 
 @dataclass(frozen=True)

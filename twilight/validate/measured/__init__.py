@@ -1,0 +1,1 @@
+"""Computed light against photometers: illuminance of the ground, luminance of the zenith."""

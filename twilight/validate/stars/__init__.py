@@ -1,0 +1,1 @@
+"""Cameras calibrated from the stars of a night exposure."""
