@@ -1,4 +1,4 @@
-"""Odd air for the tests of energy and reciprocity: each case is a wavelength of its own, so that one solve serves all."""
+"""Odd air for the tests of energy: each case is a wavelength of its own, so that one solve serves all."""
 
 from __future__ import annotations
 
