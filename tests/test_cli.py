@@ -491,6 +491,39 @@ def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):
     assert not plain.calls
 
 
+def test_the_plan_says_what_is_missing_though_it_matters():
+    def rows(*words):
+        result = call("render", "pure-air", "--plan", "--sun-elevation", "5", *words)
+        assert result.exit_code == 0, result.stderr
+        return {cells[1]: cells[2:] for cells in (line.split("\t") for line in result.stdout.splitlines()[1:])}
+
+    clean = rows("--solver", "zones", "--set", "wavelengths={list_nm: [450, 550, 670]}")
+    assert not {"polarisation", "bands of oxygen", "bands of water vapour"} & clean.keys()
+    scalar = rows("--solver", "zones", "--quality", "draft", "--set", "wavelengths={list_nm: [550, 720, 762, 940]}")
+    assert "scalar theory" in scalar["polarisation"][1] and "solver.polarisation: false" in scalar["polarisation"][0]
+    assert scalar["bands of oxygen"][0].endswith("they hold 762 nm")
+    assert scalar["bands of water vapour"][0].endswith("they hold 720, 940 nm")
+    assert rows("--solver", "preetham")["polarisation"] == ["preetham computes radiance alone", "no Q, no U"]
+
+
+def test_the_scalar_error_of_the_plan_is_that_of_the_table():
+    import csv
+    import re
+
+    from twilight.scene.plan import SCALAR_ERROR
+
+    table = Path(__file__).resolve().parents[1] / "benchmarks" / "polarisation.csv"
+    lines = [line for line in table.read_text().splitlines() if not line.startswith("#")]
+    rows = [
+        row for row in csv.DictReader(lines) if row["quantity"] == "440 nm" and float(row["sun_elevation_deg"]) <= 30
+    ]
+    medians, largest = ([float(row[key]) for row in rows] for key in ("median", "largest"))
+    low, high, most = (
+        float(n) for n in re.match(r".*: (\d+) to (\d+) % at 440 nm, up to (\d+) %", SCALAR_ERROR).groups()
+    )
+    assert (low, high, most) == (round(min(medians)), round(max(medians)), round(max(largest)))
+
+
 def test_lists_and_descriptions():
     result = call("configs")
     assert result.exit_code == 0

@@ -142,13 +142,14 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
-    from twilight.scene.plan import make_plan
+    from twilight.scene.plan import make_plan, not_computed
 
     rows = []
     for case in cases:
         plan = make_plan(case.config)
         name = case.name or case.config.title
-        rows += [[name, item.part, item.reason, item.effect] for item in plan.left_out]
-        if not plan.left_out:
-            rows.append([name, "nothing", "everything in this scene matters", ""])
+        left_out = (*plan.left_out, *not_computed(case.config))
+        rows += [[name, item.part, item.reason, item.effect] for item in left_out]
+        if not left_out:
+            rows.append([name, "nothing", "all that this program knows is computed", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
