@@ -20,20 +20,28 @@ def air():
     return climate_medium(load_climate("continental-average"), WAVELENGTH_NM)
 
 
-def test_sunsky_is_a_day_sky_of_the_right_brightness_and_side(air):
-    pytest.importorskip("mitsuba")
+def test_sunsky_sends_the_right_light_to_the_ground_in_blue_and_too_little_in_red(air):
+    """Diffuse irradiance of the ground over that of `zones`, at 450, 550 and 650 nm, sun at 30 deg.
+
+    Measured: 1.03, 0.87, 0.72.  The fitted sky of a turbidity reddens less than continental haze does, so only the
+    blue can be right; each bound is 0.05 on either side.
+    """
     field = solvers.load("sunsky").prepare(air)
-    elevation, azimuth = np.array([30.0, 30.0, 88.0]), np.array([0.0, 180.0, 0.0])
-    sky = field.radiance(30.0, elevation, azimuth)
-    right = solvers.load("zones").prepare(air, solvers.load("zones").QUALITIES["draft"], sun_elevations_deg=[30.0])
-    ratio = sky[1:] / right.radiance(30.0, elevation[1:], azimuth[1:])
-    assert np.all((ratio > 0.6) & (ratio < 1.7)), ratio
+    ours = solvers.load("zones")
+    right = ours.prepare(air, ours.QUALITIES["draft"], sun_elevations_deg=[30.0])
+    node, weight = np.polynomial.legendre.leggauss(8)
+    cosine, azimuth = 0.5 * (node + 1.0), (np.arange(12) + 0.5) * 15.0
+    theirs, truth = (
+        np.einsum("m,maw->w", weight * cosine, f.radiance(30.0, np.degrees(np.arcsin(cosine))[:, None], azimuth))
+        for f in (field, right)
+    )
+    np.testing.assert_allclose(theirs / truth, [1.034, 0.870, 0.717], atol=0.05)
+    sky = field.radiance(30.0, [30.0, 30.0], [0.0, 180.0])
     assert np.all(sky[0] > 1.8 * sky[1])
-    assert np.array_equal(sky[1:2], field.radiance(30.0, [30.0], [180.0]))
+    assert np.array_equal(sky[1:], field.radiance(30.0, [30.0], [180.0]))
 
 
 def test_sunsky_refuses_what_it_cannot_do(air):
-    pytest.importorskip("mitsuba")
     module = solvers.load("sunsky")
     field = module.prepare(air)
     for sun, elevation, words in ((-1.0, 30.0, "sun.elevation_deg is -1"), (30.0, -5.0, "no ground")):
@@ -46,13 +54,12 @@ def test_sunsky_refuses_what_it_cannot_do(air):
 
 
 def test_sasktran2_sees_the_same_day_sky(air):
-    pytest.importorskip("sasktran2")
     module, ours = solvers.load("sasktran2"), solvers.load("zones")
     small = module.Sasktran2Settings(zenith_step_deg=5.0, incoming=110, source_step_km=2.0, multiple_step_km=2.0)
     where = np.array([20.0, 60.0]), np.array([90.0, 180.0])
     sky = module.prepare(air, small).radiance(30.0, *where)
     right = ours.prepare(air, ours.QUALITIES["draft"], sun_elevations_deg=[30.0]).radiance(30.0, *where)
-    assert np.allclose(sky, right, rtol=0.04)
+    np.testing.assert_allclose(sky, right, rtol=0.025)  # measured: up to 2.0 %, of draft and of these coarse steps
     with pytest.raises(TwilightError, match="looks up only"):
         module.prepare(air, small).radiance(30.0, [-3.0], [0.0])
 

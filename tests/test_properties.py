@@ -10,6 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from stability_media import Air, medium_of
 
+from twilight import spectrum
+from twilight.sky import Sky, texture_grid
 from twilight.solvers import cells, zones
 from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.pairs import make_rings, pair_capture, sphere_capture
@@ -158,13 +160,18 @@ def test_null_effects_are_exact(air, sun):
     np.testing.assert_allclose(expected, off, rtol=1e-6, atol=1e-30)
 
 
-def test_radiance_is_linear_in_the_irradiance_of_the_sun():
-    from toy_sky import glow_sky
-
-    near, far = glow_sky(distance_au=0.9), glow_sky(distance_au=1.8 / 2 * 1.2)
-    ratio = (far.distance_au / near.distance_au) ** 2
-    np.testing.assert_allclose(near.radiance, far.radiance * ratio, rtol=1e-12)
-    assert near.illuminance_lux() == pytest.approx(far.illuminance_lux() * ratio, rel=1e-9)
+@pytest.mark.parametrize("name", spectrum.solar_spectra())
+@pytest.mark.parametrize("distance_au", [0.9833, 1.0, 1.0167])
+def test_a_white_sky_is_as_bright_as_the_sun_outside_the_air(name, distance_au):
+    """All the sunlight, spread evenly over the hemisphere (1 / pi of F0 everywhere), lights the ground as the sun in
+    the zenith would: 133.3 klx at 1 au (Darula, Kittler, Gueymard 2005), 1 / distance^2 of that elsewhere."""
+    elevation, azimuth = texture_grid(3.0)
+    wavelength_nm = np.arange(380.0, 781.0, 10.0)
+    even = np.full((elevation.size, azimuth.size, wavelength_nm.size), 1.0 / np.pi)
+    fields = {"sun_elevation_deg": 30.0, "distance_au": distance_au, "solar_spectrum": name}
+    sky = Sky(wavelength_nm, elevation, azimuth, even, **fields)
+    # the five spectra lie between 133.10 and 134.24 klx
+    assert sky.illuminance_lux() == pytest.approx(133.3e3 / distance_au**2, rel=0.008)
 
 
 @pytest.mark.slow

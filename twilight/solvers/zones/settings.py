@@ -12,12 +12,13 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    polar_directions: directions per hemisphere; azimuth_directions: over half a turn; orders of the series in azimuth
-        are fewer than these
-    early_events: scattering events that are followed with these; later ones, whose light is smooth, with
-    late_degree, late_polar_directions, late_azimuth_directions
+    polar_directions: directions per hemisphere
+    azimuth_directions: directions over half a turn; orders of the series in azimuth are fewer than these
+    early_events: scattering events that are followed with these; the light of later ones is smooth
+    late_degree, late_polar_directions, late_azimuth_directions: the same for the events after early_events
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
-    step_density: of the points along the rays between nodes; sight_density: along lines of sight
+    step_density: of the points along the rays between nodes
+    sight_density: of the points along lines of sight
     beam_density: of the nodes of the sunbeam's tables
     max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
         white air is solved all at once, in tens of steps, to 1e-3 or to the tolerance where that is less
