@@ -16,7 +16,8 @@ class ZonesSettings:
         are fewer than these
     early_events: scattering events that are followed with these; later ones, whose light is smooth, with
     late_degree, late_polar_directions, late_azimuth_directions
-    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
+    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; at a zenith_density of 0.3 the
+        sky of a sun at -6 deg is off by up to 13 %, at 0.2, which is refused, that of 20 deg by more than ten times
     step_density: of the points along the rays between nodes; sight_density: along lines of sight
     beam_density: of the nodes of the sunbeam's tables
     max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
@@ -69,7 +70,7 @@ class ZonesSettings:
             "polarisation_degree": (2, 32),
             "late_polarisation_degree": (2, 32),
             "altitude_density": (0.2, 10.0),
-            "zenith_density": (0.2, 10.0),
+            "zenith_density": (0.3, 10.0),
             "step_density": (0.3, 10.0),
             "sight_density": (0.3, 10.0),
             "beam_density": (0.3, 4.0),
