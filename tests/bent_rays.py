@@ -13,14 +13,13 @@ from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.transport.ray_profile import ray_profile, refractivity_at
 from twilight.transport.rays import (
     GROUND,
     OUTSIDE,
     TRAPPED,
     lowest_point,
     outward,
-    ray_profile,
-    refractivity_at,
     sun_ray,
 )
 

@@ -9,7 +9,8 @@ from airs import pure_air
 from scipy.integrate import solve_ivp
 
 from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
-from twilight.transport.rays import OUTSIDE, outward, ray_profile, refractivity_at, sun_ray
+from twilight.transport.ray_profile import ray_profile, refractivity_at
+from twilight.transport.rays import OUTSIDE, outward, sun_ray
 
 RADIUS = 6371.0
 LEVELS = np.linspace(0.0, 100.0, 51)

@@ -19,7 +19,7 @@ from twilight.errors import TwilightError
 from twilight.validate.photographs import mask as masks
 from twilight.validate.photographs import photo as comparing
 from twilight.validate.photographs.panorama import make_panorama
-from twilight.validate.photographs.photograph import Photograph
+from twilight.validate.photographs.photograph import Photograph, read_photograph
 from twilight.validate.photographs.sun_azimuth import find_sun_azimuth
 
 PANORAMAS = Path(__file__).parent / "data" / "photos"
@@ -317,6 +317,27 @@ def test_the_command_writes_its_files(scene, tmp_path):
         weight = data.solid_angle.values
     assert abs(np.nansum(ratio * weight)) / weight.sum() < 1e-5
     assert len((out / "suns.csv").read_text().splitlines()) == 3
+
+
+def test_a_panorama_needs_no_camera(scene, tmp_path):
+    words = ("photo", PANORAMAS / "rooitou_park_256.hdr", "--config", scene / "scene.yaml", "--resolution", 3)
+    done = command(*words, "--output", tmp_path / "without")
+    assert done.exit_code == 0, done.output
+    assert "taken for a panorama of the whole sphere, 256 x 128, north unknown, linear" in done.stderr
+    with_camera = command(*words, "--camera", scene / "camera.yaml", "--output", tmp_path / "with")
+    assert with_camera.exit_code == 0 and "--camera" not in with_camera.stderr
+    figures = [json.loads((tmp_path / d / "figures.json").read_text())["figures"] for d in ("without", "with")]
+    assert figures[0] == figures[1]
+
+
+def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):
+    values = np.full((64, 128, 3), 188, np.uint8)
+    Image.fromarray(values).save(tmp_path / "grey.png")
+    shot = read_photograph(tmp_path / "grey.png", None, cell_deg=3.0)
+    assert shot.camera.response == "srgb" and shot.picture.samples.mean() == pytest.approx(0.503, abs=0.002)
+    Image.fromarray(values[:60]).save(tmp_path / "cut.png")
+    with pytest.raises(TwilightError, match=r"cut.png: is 128 x 60, no panorama .* \(--camera\)"):
+        read_photograph(tmp_path / "cut.png", None, cell_deg=3.0)
 
 
 def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scene, tmp_path, monkeypatch):

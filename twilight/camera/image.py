@@ -64,7 +64,11 @@ def read_image(path: str | Path, response: ResponseFunction | None = None) -> Pi
     linear already.  Formats that hold light itself have none, and a response for them is an error.
     Errors: TwilightError for a missing, damaged, unknown or oversized file, and where an extra is not installed.
     """
-    picture = read_samples(path)
+    return as_light(path, read_samples(path), response)
+
+
+def as_light(path: str | Path, picture: Picture, response: ResponseFunction | None) -> Picture:
+    """Samples as stored as linear light; arguments and errors as `read_image`, `path` names the file in them."""
     if response is None:
         return replace(picture, linear=True)
     if picture.linear:

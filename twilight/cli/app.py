@@ -11,7 +11,6 @@ app = typer.Typer(
     name="twilight",
     help="Spectral radiance of the whole clear sky, from full day to the last light of astronomical twilight.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

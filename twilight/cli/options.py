@@ -15,6 +15,34 @@ def option(metavar: str, help: str, *names: str) -> Any:
     return typer.Option(*names, metavar=metavar, help=help)
 
 
+def climate_names(incomplete: str) -> list[str]:
+    """Names that the shell completes for a climate."""
+    return _starting("climates", incomplete)
+
+
+def config_names(incomplete: str) -> list[str]:
+    """Names that the shell completes for a configuration."""
+    return _starting("configs", incomplete)
+
+
+def scene_names(incomplete: str) -> list[str]:
+    """Names that the shell completes for a scene."""
+    return climate_names(incomplete) + config_names(incomplete)
+
+
+def solver_names(incomplete: str) -> list[str]:
+    """Names that the shell completes for a solver."""
+    from twilight.solvers import SOLVERS
+
+    return [name for name in SOLVERS if name.startswith(incomplete)]
+
+
+def _starting(kind: str, incomplete: str) -> list[str]:
+    from twilight.config.library import shipped
+
+    return [name for name in shipped(kind) if name.startswith(incomplete)]
+
+
 def settings_of(texts: Iterable[str] | None) -> tuple[dict[str, Any], dict[str, str]]:
     """The values of `--set KEY=VALUE` by dotted key, and what to call each in errors.
 

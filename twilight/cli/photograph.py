@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,10 @@ from twilight.cli.options import option
 from twilight.errors import TwilightError
 
 Image = Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")]
-CameraFile = Annotated[Path, option("CAMERA.yaml", "Projection, lens, orientation and response of the camera.")]
+CameraFile = Annotated[
+    Path | None,
+    option("CAMERA.yaml", "Projection, lens, orientation and response; unset: a panorama twice as wide as high."),
+]
 WhiteBalance = Annotated[
     bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
 ]
@@ -37,7 +41,7 @@ Folder = Annotated[Path | None, option("DIR", "Folder for the files; made where 
 
 def open_photograph(
     image: Path,
-    camera: Path,
+    camera: Path | None,
     sun_azimuth_deg: float | None,
     *,
     profile: Path | None,
@@ -53,9 +57,9 @@ def open_photograph(
 
     if sun_azimuth_deg is not None and not -360.0 <= sun_azimuth_deg <= 360.0:
         raise TwilightError(f"--sun-azimuth: {sun_azimuth_deg:g} must be from -360 to 360 deg")
-    return read_photograph(
+    photograph = read_photograph(
         image,
-        read_camera(camera),
+        None if camera is None else read_camera(camera),
         cell_deg=resolution_deg,
         profile=profile,
         mask_image=mask,
@@ -63,3 +67,11 @@ def open_photograph(
         min_elevation_deg=min_elevation_deg,
         glare_deg=glare_deg,
     )
+    if camera is None:
+        taken = photograph.camera
+        print(
+            f"twilight: no --camera: {image.name} is taken for a panorama of the whole sphere, "
+            f"{taken.image.width_px} x {taken.image.height_px}, north unknown, {taken.response}",
+            file=sys.stderr,
+        )
+    return photograph

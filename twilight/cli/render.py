@@ -8,14 +8,17 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import check_polarised, numbers, option, settings_of
+from twilight.cli.options import check_polarised, numbers, option, scene_names, settings_of, solver_names
 from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
 
 
 def render(
     scene: Annotated[
-        str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate, or file of a configuration.")
+        str,
+        typer.Argument(
+            metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate or configuration.", autocompletion=scene_names
+        ),
     ],
     sun_elevation: Annotated[
         str | None, option("DEG,...", "True elevation of the sun; several with commas between them: -4,-5.")
@@ -25,7 +28,9 @@ def render(
     longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
     time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
     altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
-    solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
+    solver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="See `twilight solvers`.", autocompletion=solver_names)
+    ] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     target_stderr: Annotated[
         float | None, option("SHARE", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
@@ -137,13 +142,14 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
-    from twilight.scene.plan import make_plan
+    from twilight.scene.plan import make_plan, not_computed
 
     rows = []
     for case in cases:
         plan = make_plan(case.config)
         name = case.name or case.config.title
-        rows += [[name, item.part, item.reason, item.effect] for item in plan.left_out]
-        if not plan.left_out:
-            rows.append([name, "nothing", "everything in this scene matters", ""])
+        left_out = (*plan.left_out, *not_computed(case.config))
+        rows += [[name, item.part, item.reason, item.effect] for item in left_out]
+        if not left_out:
+            rows.append([name, "nothing", "all that this program knows is computed", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)

@@ -8,11 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.cli.options import climate_names, option, settings_of, solver_names
 from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
 
-DESCRIBED_NM = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 720.0)
-"""Wavelengths of the optical depths that `describe` prints; 550 nm is the one of the profile."""
+DESCRIBED_NM = (300.0, 350.0, 400.0, 450.0, 550.0, 650.0, 800.0, 1000.0)
+"""Wavelengths of the optical depths that `describe` prints, over the whole range; 550 nm is the one of the profile."""
 
 
 def climates() -> None:
@@ -42,35 +43,61 @@ def configs() -> None:
     print_table(["configuration", "frames", "description"], rows, right=(1,))
 
 
-def solvers() -> None:
-    """List the solvers, their qualities and their options with the values at quality `standard`."""
+def solvers(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Explain this solver's options.", autocompletion=solver_names)
+    ] = None,
+) -> None:
+    """List the solvers, their qualities and their options with the values at quality `standard`; or explain one."""
     from dataclasses import asdict
 
+    from twilight.config.solver import explain_options
+    from twilight.config.validate import unknown
     from twilight.solvers import DEFAULT, SOLVERS, load
 
-    rows = []
-    for name in SOLVERS:
-        qualities = load(name).QUALITIES
-        title = f"{name} (default)" if name == DEFAULT else name
-        rows.append([title, "quality", ", ".join(qualities)])
-        rows += [[name, key, str(value)] for key, value in asdict(qualities["standard"]).items()]
-    print_table(["solver", "option", "value"], rows)
+    if name is None:
+        rows = []
+        for one in SOLVERS:
+            qualities = load(one).QUALITIES
+            title = f"{one} (default)" if one == DEFAULT else one
+            rows.append([title, "quality", ", ".join(qualities)])
+            rows += [[one, key, str(value)] for key, value in asdict(qualities["standard"]).items()]
+        print_table(["solver", "option", "value"], rows)
+        return
+    if name not in SOLVERS:
+        raise TwilightError(f"solvers: {name} {unknown(name, SOLVERS, 'solver')}")
+    qualities = load(name).QUALITIES
+    presets = {quality: asdict(settings) for quality, settings in qualities.items()}
+    why = explain_options(type(qualities["standard"]))
+    rows = [
+        [key, *(_shown(preset[key]) for preset in presets.values()), why.get(key, "")] for key in presets["standard"]
+    ]
+    print_table(["option", *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
+
+
+def _shown(value: Any) -> str:
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def schema(
-    document: Annotated[str, typer.Argument(metavar="climate|config", help="Which document.")] = "config",
+    document: Annotated[str, typer.Argument(metavar="climate|configuration", help="Which document.")] = "configuration",
 ) -> None:
     """Print the JSON schema of climates or configurations, for editors."""
     from twilight.config import Climate, Config
 
-    models: dict[str, Any] = {"climate": Climate, "config": Config}
+    models: dict[str, Any] = {"climate": Climate, "configuration": Config, "config": Config}
     if document not in models:
-        raise TwilightError(f"schema: {document} must be climate or config")
+        raise TwilightError(f"schema: {document} must be climate or configuration")
     print(json.dumps(models[document].model_json_schema(), indent=2))
 
 
 def describe(
-    climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.")],
+    climate: Annotated[
+        str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.", autocompletion=climate_names)
+    ],
+    settings: Annotated[
+        list[str] | None, option("KEY=VALUE", "Any key of the climate; may be repeated.", "--set")
+    ] = None,
     output: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the profile; without it, out/NAME_profile.png.")
     ] = None,
@@ -82,7 +109,7 @@ def describe(
     from twilight.scene.describe import facts, optical_depths
     from twilight.scene.medium import climate_medium
 
-    model = load_climate(climate)
+    model = load_climate(climate, *settings_of(settings))
     path = output or Path("out") / f"{model.name}_profile.png"
     if path.suffix.lower() != ".png":
         raise TwilightError(f"--output: {path} must end in .png")

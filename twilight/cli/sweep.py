@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.options import config_names, file_stem, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.errors import TwilightError
 
@@ -17,7 +17,12 @@ LISTED_SCENES = 5
 
 
 def sweep(
-    scene: Annotated[str, typer.Argument(metavar="CONFIG", help="Name or file of a configuration with `vary`.")],
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="CONFIG", help="Name or file of a configuration with `vary`.", autocompletion=config_names
+        ),
+    ],
     scheduler: Annotated[
         str | None, option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786; without it, this machine.")
     ] = None,
@@ -50,7 +55,7 @@ def sweep(
     place = Place(scheduler, batch_system, workers, threads)
     check_installed(place)
     chosen, names = settings_of(settings)
-    series = load_axes(scene, chosen, names)
+    series = load_axes(scene, chosen, names, ("configs",))
     with progress_bar() as bar:
         made = Sweep(series, bar)
     warn_of_slips(made.first)

@@ -33,11 +33,11 @@ MOST_SUNS = 25
 
 def estimate(
     image: Image,
-    camera: CameraFile,
     config: Annotated[
         str,
         option("CLIMATE_OR_CONFIG", "All that is not estimated; with several suns the elevation is, between them."),
     ],
+    camera: CameraFile = None,
     types: Annotated[
         str, option("NAMES", "Aerosol types to try, with commas between.")
     ] = "continental_average,maritime_clean,desert,urban",

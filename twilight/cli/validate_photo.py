@@ -29,8 +29,8 @@ from twilight.errors import TwilightError
 
 def photo(
     image: Image,
-    camera: CameraFile,
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
+    camera: CameraFile = None,
     white_balance: WhiteBalance = False,
     sun_azimuth: Azimuth = None,
     profile: Skyline = None,

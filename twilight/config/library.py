@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from os.path import isdir, isfile
 from pathlib import Path
 
-from twilight.config.validate import unknown
 from twilight.errors import TwilightError
 
 
@@ -21,24 +21,41 @@ def shipped(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def find(target: str | Path, folder: Path = Path(), kinds: tuple[str, ...] = ("climates", "configs")) -> Path:
+NOUNS = {"climates": "climate", "configs": "configuration"}
+
+
+def find(
+    target: str | Path,
+    folder: Path = Path(),
+    kinds: tuple[str, ...] = ("climates", "configs"),
+    asked: tuple[str, ...] | None = None,
+) -> Path:
     """The file that `target` means: a path (relative to `folder`), or the name of something shipped.
 
+    asked: the kinds that an error lists and suggests, where fewer make sense than are found.
     Errors: TwilightError that lists the nearest names when there is no such thing.
     """
+    asked = asked or kinds
+    noun = " or ".join(NOUNS[kind] for kind in asked)
     text = str(target)
     if "\0" in text or not text:
-        raise TwilightError(f"{text!r} is neither a file nor the name of a climate")
+        raise TwilightError(f"{text!r} is neither a file nor the name of a {noun}")
     path = folder / Path(text).expanduser()
     if isfile(path):  # unlike Path.is_file, False for a name that is too long
         return path
     if isdir(path):
-        raise TwilightError(f"{path}: is a folder; give the file of a climate or configuration")
-    names = {name: file for kind in kinds for name, file in shipped(kind).items()}
-    if text in names:
-        return names[text]
+        raise TwilightError(f"{path}: is a folder; give the file of a {noun}")
+    found = next((names[text] for names in map(shipped, kinds) if text in names), None)
+    if found is not None:
+        return found
     if path.suffix in (".yaml", ".yml", ".json") or "/" in text or "\\" in text:
-        raise TwilightError(f"{path}: there is no such file (names without a folder: {', '.join(sorted(names))})")
-    raise TwilightError(
-        f"{text} {unknown(text, names, 'climate' if kinds == ('climates',) else 'climate or configuration')}"
-    )
+        raise TwilightError(f"{path}: there is no such file ({_names(asked)})")
+    suggested = [name for kind in asked for name in shipped(kind)]
+    near = get_close_matches(text, suggested, n=1)
+    hint = f"; did you mean {near[0]}?" if near else ";"
+    raise TwilightError(f"{text} is not a {noun}{hint} {_names(asked)}")
+
+
+def _names(kinds: tuple[str, ...]) -> str:
+    """`climates: a, b; configurations: c`, for errors."""
+    return "; ".join(f"{NOUNS[kind]}s are {', '.join(shipped(kind))}" for kind in kinds)

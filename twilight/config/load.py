@@ -159,20 +159,36 @@ class Series:
 
 
 def load_axes(
-    target: Target, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
+    target: Target,
+    settings: Mapping[str, Any] | None = None,
+    names: Mapping[str, str] | None = None,
+    asked: tuple[str, ...] | None = None,
 ) -> Series:
-    """What `target` describes, with its series not yet multiplied out; arguments and errors as `load_series`."""
-    draft = _read(target)
-    for name, value in (settings or {}).items():
-        draft.set(name, deepcopy(value), (names or {}).get(name, f"setting {name}"), Path())
+    """What `target` describes, with its series not yet multiplied out; arguments and errors as `load_series`.
+
+    asked: the kinds of things whose names an error lists, `climates` or `configs`; None: both.
+    """
+    draft = _read(target, asked)
+    _put(draft, settings, names)
     where = Origins(draft.origins).describe(("vary",))[0]
     vary = draft.data.pop("vary", None)
     return Series(axes_of({} if vary is None else vary, where), where, draft)
 
 
-def load_climate(target: str | Path) -> Climate:
-    """The climate of that name or file, without a sun or an observer."""
-    return _read(target).validated(solver=False).climate
+def load_climate(
+    target: str | Path, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
+) -> Climate:
+    """The climate of that name or file, without a sun or an observer; settings and names as `load_series`."""
+    draft = _read(target, ("climates",))
+    _put(draft, settings, names)
+    draft.data.pop("vary", None)
+    return draft.validated(solver=False).climate
+
+
+def _put(draft: _Draft, settings: Mapping[str, Any] | None, names: Mapping[str, str] | None) -> None:
+    """Dotted keys and values on top of what was read."""
+    for name, value in (settings or {}).items():
+        draft.set(name, deepcopy(value), (names or {}).get(name, f"setting {name}"), Path())
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
@@ -183,11 +199,11 @@ def parse_setting(text: str) -> tuple[str, Any]:
     return name.strip(), parse_yaml(value, f"--set {name.strip()}")
 
 
-def _read(target: Target) -> _Draft:
+def _read(target: Target, asked: tuple[str, ...] | None = None) -> _Draft:
     if isinstance(target, Mapping):
         data, where, folder = deepcopy(dict(target)), "configuration", Path()
     else:
-        path = find(target)
+        path = find(target, asked=asked)
         data, where, folder = read_yaml(path), str(path), path.parent
     only_config = set(Config.model_fields) - set(Climate.model_fields)
     if "climate" in data or (only_config & data.keys() and not _CLIMATE_KEYS & data.keys()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from typing import Any, get_type_hints
@@ -54,6 +55,32 @@ def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
     if solver.CAPABILITIES.reads_files:
         settings = solver.recorded(settings)
     return {"name": name, "quality": quality, **asdict(settings)}
+
+
+def explain_options(settings: type) -> dict[str, str]:
+    """What each option of a solver is for, from the docstring of its settings.
+
+    The docstring says `option, option: what they are`, each such piece on lines of its own; a line that ends with a
+    colon and names no option is a heading.
+    """
+    names = "|".join(sorted((f.name for f in fields(settings)), key=len, reverse=True))
+    start = re.compile(rf"\s*((?:{names})(?:, (?:{names}))*): ?(.*)")
+    found: dict[str, str] = {}
+    current: tuple[str, ...] = ()
+    for line in (settings.__doc__ or "").splitlines():
+        begins = start.fullmatch(line)
+        if begins:
+            current = tuple(begins[1].split(", "))
+            found.update(dict.fromkeys(current, begins[2].strip()))
+        elif not line.strip() or line.rstrip().endswith(":"):
+            current = ()
+        else:
+            found.update({name: f"{found[name]} {line.strip()}".strip() for name in current})
+    yaml = {"None": "null", "True": "true", "False": "false"}
+    return {
+        name: re.sub(r"\b(None|True|False)\b", lambda word: yaml[word[0]], " ".join(text.split())).rstrip(".")
+        for name, text in found.items()
+    }
 
 
 def _error(origins: Origins, key: str, text: str) -> TwilightError:

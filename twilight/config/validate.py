@@ -58,9 +58,9 @@ def validate(model: type[ModelT], data: Any, origins: Origins) -> ModelT:
 
 
 def unknown(name: str, known: Iterable[str], what: str = "key") -> str:
-    """`x is not a key; did you mean y? Allowed are ...`."""
+    """`x is not a key; did you mean y? Allowed are ...`; without the question where nothing is like it."""
     names = [str(k) for k in known]
-    near = get_close_matches(name, names, n=1, cutoff=0.0)
+    near = get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0].rsplit('.', 1)[-1]}?" if near else ";"
     return f"is not a {what}{hint} allowed {'are' if len(names) > 1 else 'is'} {', '.join(sorted(names))}"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +16,7 @@ from twilight.errors import TwilightError
 def check_folder(folder: str | os.PathLike) -> None:
     """Raise TwilightError unless files can be written into ``folder``, or a folder be made there; leaves no trace."""
     folder = Path(folder)
+    _check_name(folder)
     existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), Path())
     try:
         with tempfile.TemporaryDirectory(dir=existing, prefix=".twilight-"):
@@ -22,6 +24,18 @@ def check_folder(folder: str | os.PathLike) -> None:
     except OSError as error:
         reason = f"{existing} is not a folder" if not existing.is_dir() else error.strerror or str(error)
         raise TwilightError(f"{folder}: files cannot be written there: {reason}") from None
+
+
+def _check_name(path: Path) -> None:
+    """Raise TwilightError for a name that is no text, or that the locale has no letters for."""
+    try:
+        str(path).encode("utf-8")
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        raise TwilightError(
+            f"{path}: this name cannot be written in the locale's encoding ({sys.getfilesystemencoding()}); take "
+            "another one, or a locale such as LC_ALL=C.UTF-8"
+        ) from None
 
 
 @contextmanager
@@ -32,6 +46,7 @@ def whole_file(path: str | os.PathLike) -> Iterator[Path]:
     where the folder does not exist or the system refuses to write.
     """
     path = Path(path)
+    _check_name(path)
     if not path.parent.is_dir():
         raise TwilightError(f"{path}: the folder does not exist")
     if path.is_dir():

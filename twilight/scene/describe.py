@@ -31,7 +31,8 @@ def scale_height_km(medium: Medium, part: str) -> float:
 
 def horizontal_refraction_arcmin(medium: Medium) -> np.ndarray:
     """Bending [arcmin], (W,), of a ray that reaches an observer on the ground horizontally; nan where it is trapped."""
-    from twilight.transport.rays import OUTSIDE, ray_profile, sun_ray
+    from twilight.transport.ray_profile import ray_profile
+    from twilight.transport.rays import OUTSIDE, sun_ray
 
     profile = ray_profile(medium)
     bending = np.full(medium.n_wavelengths, np.nan)

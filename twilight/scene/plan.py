@@ -16,6 +16,15 @@ GAS_TOLERANCE = 1e-3
 below this; the radiance then moves by less than this share."""
 
 
+BANDS_NM = {
+    "water vapour": ((586.0, 600.0), (645.0, 660.0), (715.0, 735.0), (810.0, 840.0), (890.0, 990.0)),
+    "oxygen": ((627.0, 632.0), (686.0, 695.0), (759.0, 771.0)),
+}
+"""About where the bands lie between 300 and 1000 nm that are in no climate's air [nm]."""
+SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directions (docs/accuracy.md)"
+"""Lowest and highest median, and largest error, of the table in docs/accuracy.md (benchmarks/polarisation.csv)."""
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """A part that is not computed: why, and by how much the radiance moves at most because of it."""
@@ -67,6 +76,28 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
     if not bends:
         left_out.append(LeftOut("refraction", "the refractive index is 1: rays and sunbeam are straight", "none"))
     return Plan(climate, tuple(left_out))
+
+
+def not_computed(config: Config) -> tuple[LeftOut, ...]:
+    """What matters in this scene and is not computed all the same: polarisation, and bands that the air lacks."""
+    from twilight import solvers
+    from twilight.config.solver import resolve_solver
+
+    found = []
+    name, quality, settings = resolve_solver(config.solver)
+    if not solvers.load(name).CAPABILITIES.stokes:
+        found.append(LeftOut("polarisation", f"{name} computes radiance alone", "no Q, no U"))
+    elif not settings.polarisation:
+        found.append(LeftOut("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
+    wavelength_nm = wavelengths_of(config)
+    if config.climate.medium is None and wavelength_nm is not None:
+        for gas, bands in BANDS_NM.items():
+            inside = [w for w in wavelength_nm if any(low <= w <= high for low, high in bands)]
+            if inside:
+                shown = ", ".join(f"{w:g}" for w in inside[:6]) + (", ..." if len(inside) > 6 else "")
+                reason = f"no climate's air has them; of this scene's wavelengths they hold {shown} nm"
+                found.append(LeftOut(f"bands of {gas}", reason, "skies too bright there; how much is not known"))
+    return tuple(found)
 
 
 def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate:

@@ -37,7 +37,18 @@ from twilight.errors import TwilightError
 from twilight.transport import beam_lookup as lookup
 from twilight.transport import beam_tables
 from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one
-from twilight.transport.rays import RayProfile, lowest_point, ray_profile, refractivity_at
+from twilight.transport.beam_pack import Segments, Tables, pack
+from twilight.transport.ray_profile import (
+    AEROSOL,
+    AIR,
+    BOTTOM,
+    GASES,
+    LOG_SLOPE,
+    RayProfile,
+    ray_profile,
+    refractivity_at,
+)
+from twilight.transport.rays import lowest_point
 
 __all__ = ["Beam", "beam_at", "beam_at_one", "prepare_beam"]
 
@@ -47,7 +58,6 @@ _FAR_KM = 400.0
 """The table of limb rays holds log(E) + log(1 + u/400 km): finite however far behind the limb."""
 _LIMB_PATH_KM = 600.0
 """Optical depth of the limb is about extinction x 600 km (sqrt(2 pi R H))."""
-_HASH = 1024
 
 
 def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarray:
@@ -91,10 +101,10 @@ def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: i
         inside = (profile.top_km > a) & (profile.bottom_km < b)
         share = np.minimum(profile.top_km[inside], b) - np.maximum(profile.bottom_km[inside], a)
         folds = 0.0
-        for part in range(4, 13, 3):
+        for part in (AIR, GASES, AEROSOL):
             # an error of interpolation goes like optical depth x step^4
-            weight = (_LIMB_PATH_KM * profile.coefficient[:, inside, part]) ** 0.25
-            q = np.abs(profile.coefficient[:, inside, part + 1]) / (profile.top_km - profile.bottom_km)[inside]
+            weight = (_LIMB_PATH_KM * profile.coefficient[:, inside, part + BOTTOM]) ** 0.25
+            q = np.abs(profile.coefficient[:, inside, part + LOG_SLOPE]) / (profile.top_km - profile.bottom_km)[inside]
             folds = max(folds, float((np.minimum(weight, 2.0) * q * share).sum(axis=1).max()))
         # a thin layer just above is seen from within its thickness: sqrt(b - z) must resolve that
         above = (edges[s + 2] - b) if s + 2 < edges.size else b - a
@@ -255,75 +265,26 @@ def prepare_beam(
         far,
         log_down,
     )
-    return _pack(
-        scalars=(medium.earth_radius_km, edges[0], medium.top_km, far, limb_x[0], limb_x[-1], edge_chi[0]),
-        flags=(n_w, int(refraction), int(dispersing)),
-        segments=(edges, size, start),
-        limb=(limb_x, limb_size, limb_start),
-        altitude=np.stack([[refractivity_at(profile, reference, z) for z in altitudes], dip], axis=1),
-        guess=guess,
-        up_bending=up_bending,
-        limb_bending=bending[reference],
-        shift=shift,
-        overhead=medium.overhead_absorption_optical_depth,
-        dispersion=1.0 - scale,
-        log_up=log_up,
-        log_down=log_down,
+    return pack(
+        Tables(
+            radius_km=medium.earth_radius_km,
+            ground_km=edges[0],
+            top_km=medium.top_km,
+            far_km=far,
+            edge_rad=edge_chi[0],
+            refracting=refraction,
+            dispersing=dispersing,
+            altitude_segments=Segments(edges, size, start),
+            limb_segments=Segments(limb_x, limb_size, limb_start),
+            refractivity=np.array([refractivity_at(profile, reference, z) for z in altitudes]),
+            edge_dip=dip,
+            guess=guess,
+            up_bending=up_bending,
+            limb_bending=bending[reference],
+            shift_km=shift,
+            overhead=medium.overhead_absorption_optical_depth,
+            dispersion=1.0 - scale,
+            log_up=log_up,
+            log_down=log_down,
+        )
     )
-
-
-def _pack(
-    *,
-    scalars,
-    flags,
-    segments,
-    limb,
-    altitude,
-    guess,
-    up_bending,
-    limb_bending,
-    shift,
-    overhead,
-    dispersion,
-    log_up,
-    log_down,
-) -> Beam:
-    """All tables in one array, their places in another; see :mod:`twilight.transport.beam_lookup`."""
-    index = np.zeros(lookup.N_INDEX, dtype=np.int64)
-    index[[lookup.N_W, lookup.REFRACTING, lookup.DISPERSING]] = flags
-    index[[lookup.N_SEGMENT, lookup.N_LIMB]] = segments[1].size, limb[1].size
-    index[lookup.N_COSINE] = up_bending.shape[1] - 1
-    index[[lookup.N_LIMB_NODE, lookup.N_DISTANCE]] = shift.shape[0], shift.shape[1] - 1
-    index[lookup.N_GUESS] = guess.shape[1] - 1
-    hashes = []
-    bins = []
-    for edges, _, _ in (segments, limb):
-        hashes.append(np.searchsorted(edges[1:-1], np.linspace(edges[0], edges[-1], _HASH + 1), side="right"))
-        span = edges[-1] - edges[0]  # 0 where no ray from space turns inside the air
-        bins.append(_HASH / span if span > 0.0 else 0.0)
-    index[[lookup.AT_SEGMENT_HASH, lookup.AT_LIMB_HASH]] = lookup.N_INDEX, lookup.N_INDEX + _HASH + 1
-    index[lookup.N_HASH] = _HASH
-    pieces = [np.array([*scalars, *bins], dtype=float)]
-    places = (
-        (lookup.AT_SEGMENT, _records(*segments)),
-        (lookup.AT_LIMB, _records(*limb)),
-        (lookup.AT_ALTITUDE, altitude),
-        (lookup.AT_GUESS, guess),
-        (lookup.AT_UP_BENDING, up_bending),
-        (lookup.AT_LIMB_BENDING, limb_bending),
-        (lookup.AT_SHIFT, shift),
-        (lookup.AT_OVERHEAD, overhead),
-        (lookup.AT_DISPERSION, dispersion),
-        (lookup.AT_UP, log_up),
-        (lookup.AT_DOWN, log_down),
-    )
-    at = pieces[0].size
-    for place, table in places:
-        index[place] = at
-        pieces.append(np.asarray(table, dtype=float).ravel())
-        at += pieces[-1].size
-    return Beam(pool=np.concatenate(pieces), layout=np.concatenate([index, *hashes]).astype(np.int64))
-
-
-def _records(edges, size, start) -> np.ndarray:
-    return np.stack([edges[:-1], edges[1:], 1.0 / np.diff(edges), size, start], axis=1)

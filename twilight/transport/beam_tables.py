@@ -10,13 +10,14 @@ import math
 import numpy as np
 from numba import njit
 
+from twilight.transport.ray_profile import refractivity_at
 from twilight.transport.rays import (
+    FAR_KM,
     OUTSIDE,
     TRAPPED,
     altitude_along,
     lowest_point,
     outward,
-    refractivity_at,
     sun_ray,
 )
 
@@ -31,17 +32,17 @@ def up_slope(profile, w, altitude_km, u_km):
     h = 1e-3 * x
     p = math.sqrt(max(0.0, x * x - u_km * u_km))
     if u_km > 0.9 * x:  # near the zenith the bending is proportional to the tangent
-        bending, _, _, _, _ = outward(profile, w, altitude_km, u_km, 1e9)
+        bending, _, _, _, _ = outward(profile, w, altitude_km, u_km, FAR_KM)
         return bending * x * x / (p * u_km) if p > 1e-6 * x else up_slope(profile, w, altitude_km, 0.9999 * x)
     if u_km >= h:
-        a, _, _, _, ok_a = outward(profile, w, altitude_km, u_km - h, 1e9)
-        b, _, _, _, ok_b = outward(profile, w, altitude_km, u_km + h, 1e9)
+        a, _, _, _, ok_a = outward(profile, w, altitude_km, u_km - h, FAR_KM)
+        b, _, _, _, ok_b = outward(profile, w, altitude_km, u_km + h, FAR_KM)
         slope = (b - a) / (2.0 * h)
         if ok_a and ok_b:
             return -p * slope
-    a, _, _, _, ok_a = outward(profile, w, altitude_km, u_km, 1e9)
-    b, _, _, _, ok_b = outward(profile, w, altitude_km, u_km + h, 1e9)
-    c, _, _, _, _ = outward(profile, w, altitude_km, u_km + 2.0 * h, 1e9)
+    a, _, _, _, ok_a = outward(profile, w, altitude_km, u_km, FAR_KM)
+    b, _, _, _, ok_b = outward(profile, w, altitude_km, u_km + h, FAR_KM)
+    c, _, _, _, _ = outward(profile, w, altitude_km, u_km + 2.0 * h, FAR_KM)
     if not (ok_a and ok_b):
         return 0.0
     return -p * (-3.0 * a + 4.0 * b - c) / (2.0 * h)
@@ -51,7 +52,7 @@ def up_slope(profile, w, altitude_km, u_km):
 def full_bending(profile, w, lowest_km):
     """Invariant p [km] and bending [rad] of the whole ray with its lowest point at `lowest_km`, and if it is free."""
     p = (profile.radius_km + lowest_km) * (1.0 + refractivity_at(profile, w, lowest_km))
-    bending, _, _, _, ok = outward(profile, w, lowest_km, 0.0, 1e9)
+    bending, _, _, _, ok = outward(profile, w, lowest_km, 0.0, FAR_KM)
     return p, 2.0 * bending, ok
 
 
@@ -104,18 +105,18 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
     """
     n = 1.0 + refractivity_at(profile, w, altitude_km)
     x = (profile.radius_km + altitude_km) * n
-    bending, tau, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), 1e9)
+    bending, tau, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), FAR_KM)
     if not ok:
         return 0.0, False
     residual = min(0.5 * math.pi, apparent) + bending - chi
     if apparent <= 0.5 * math.pi:
         apparent = max(0.0, apparent - residual / widening)
     u = x * math.cos(apparent)
-    _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), 1e9)
+    _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), FAR_KM)
     if not ok:
         return 0.0, False
     if u < 0.0:
-        _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, 1e9)
+        _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, FAR_KM)
         if not ok:
             return 0.0, False
         tau = 2.0 * level - tau
@@ -133,7 +134,7 @@ def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spre
     """
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, reference, altitude_km))
     apparent = math.atan2(math.sqrt(max(0.0, (x - u_km) * (x + u_km))), u_km)
-    bending, _, _, _, ok = outward(profile, reference, altitude_km, u_km, 1e9)
+    bending, _, _, _, ok = outward(profile, reference, altitude_km, u_km, FAR_KM)
     if not ok:
         return 0.0, 0.0, False
     beta = up_slope(profile, reference, altitude_km, u_km)
@@ -195,7 +196,7 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
                 continue
             u = distances[d]
             z = altitude_along(profile, reference, lowest_km[m], u)
-            up, _, _, _, ok = outward(profile, reference, z, u, 1e9)
+            up, _, _, _, ok = outward(profile, reference, z, u, FAR_KM)
             if not ok:
                 continue
             apparent = math.atan2(p, -u)
@@ -215,7 +216,7 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
     mirror = np.empty(1)
     for w in range(scale.size):
         for m in range(lowest_km.size):
-            half, half_tau, _, _, free = outward(profile, w, lowest_km[m], 0.0, 1e9)
+            half, half_tau, _, _, free = outward(profile, w, lowest_km[m], 0.0, FAR_KM)
             p_own = (profile.radius_km + lowest_km[m]) * (1.0 + refractivity_at(profile, w, lowest_km[m]))
             for d in range(distances.size):
                 log_down[w, m, d] = log_down[w, m - 1, d] if m > 0 else 0.0
@@ -232,7 +233,7 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
                 z = altitude_along(profile, reference, y, u)
                 x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, w, z))
                 u_own = math.sqrt(max(0.0, (x - p_own) * (x + p_own)))
-                up, up_tau, _, _, ok = outward(profile, w, z, u_own, 1e9)
+                up, up_tau, _, _, ok = outward(profile, w, z, u_own, FAR_KM)
                 if not ok:
                     continue
                 apparent = math.atan2(p_own, -u_own)
@@ -256,7 +257,7 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
     from the altitude would decide by rounding whether the ray is free.
     """
     p0 = (profile.radius_km + lowest_free_km) * (1.0 + refractivity_at(profile, reference, lowest_free_km))
-    half, _, _, _, free = outward(profile, reference, lowest_free_km, 0.0, 1e9)
+    half, _, _, _, free = outward(profile, reference, lowest_free_km, 0.0, FAR_KM)
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         u = -math.sqrt(max(0.0, (x - p0) * (x + p0)))

@@ -22,7 +22,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.atmosphere.medium import Medium
+from twilight.transport.ray_profile import (
+    BOTTOM,
+    INDEX,
+    INDEX_TOP,
+    extinction_in,
+    index_at,
+    index_in,
+    layer_above,
+    refractivity_at,
+)
 
 OUTSIDE = 0
 """The ray comes from the open sky."""
@@ -37,216 +46,167 @@ _FEW, _FEW_WEIGHT = np.polynomial.legendre.leggauss(2)
 _GAUSS_NODE = 0.5 * (np.concatenate([_NODE, _FEW]) + 1.0)
 _GAUSS_WEIGHT = 0.5 * np.concatenate([_WEIGHT, _FEW_WEIGHT])
 
-# columns of RayProfile.coefficient: value a at the bottom, logarithmic slope q and linear slope d of a exp(q f) + d f
-_N_TOP, _PARTS = 3, 4
+FAR_KM = 1e9
+"""A `stop_km` in the vacuum beyond all air."""
 
 _SLIVER_KM = 1e-12
 """Part of a layer that is stepped over: over less, rounding decides whether n r grows."""
-_BELOW_GROUND_KM = 5.0
-"""Thickness of a layer below the ground, which only derivatives at the edge of the Earth's shadow look into."""
 
 
-class RayProfile(NamedTuple):
-    """Layers of a medium for the ray kernels: M layers of positive thickness, W wavelengths; layer 0 is underground.
+class Path(NamedTuple):
+    """What a ray collects on its way.
 
-    bottom_km, top_km (M,); panels (M,): quadrature panels of a layer; thin (M,): no coefficient changes by
-    more than a factor 1.35; coefficient (W, M, 13); radius_km of the Earth.
-    Columns: n-1 (value, log slope, linear slope, value at the top), then three columns for each of air, gases, aerosol.
+    bending_rad: by which it turned towards the Earth; optical_depth; length_km; u_km: n r cos i at its end
+    free: it got there; a ray caught in a duct did not, and the rest is what it collected until then, u_km 0
     """
 
-    bottom_km: np.ndarray
-    top_km: np.ndarray
-    panels: np.ndarray
-    thin: np.ndarray
-    coefficient: np.ndarray
-    radius_km: float
-
-
-def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
-    """Layers of `medium` for the kernels; without `refraction` the index is 1 everywhere."""
-    z = medium.altitude_km
-    layer = np.flatnonzero(np.diff(z) > 0)
-    bottom = np.concatenate([[z[0] - _BELOW_GROUND_KM], z[layer]])
-    top = np.concatenate([[z[0]], z[layer + 1]])
-    coefficient = np.zeros((medium.n_wavelengths, layer.size + 1, 13))
-    steepest = np.zeros(layer.size + 1)
-    tables = (
-        medium.refractivity * (1.0 if refraction else 0.0),
-        medium.air_scattering_per_km,
-        medium.absorption_per_km,
-        medium.aerosol_extinction_per_km,
-    )
-    for k, table in enumerate(tables):
-        lo = np.concatenate([table[:1], table[layer]]).T
-        hi = np.concatenate([table[:1], table[layer + 1]]).T
-        if k == 0:  # below the ground the index goes on as it falls over the lowest 2 km, within the bounds of calm air
-            n0, n2 = table[0], np.array([np.interp(z[0] + 2.0, z, column) for column in table.T])
-            fall = np.log(np.where(n2 > 0, n0, 1.0) / np.where(n2 > 0, n2, 1.0)) / 2.0
-            lo[:, 0] = n0 * np.exp(_BELOW_GROUND_KM * np.clip(fall, 0.05, 0.2))
-        exponential = (lo > 0) & (hi > 0)
-        q = np.log(np.where(exponential, hi, 1.0) / np.where(exponential, lo, 1.0))
-        column = 0 if k == 0 else _PARTS + 3 * (k - 1)
-        coefficient[:, :, column] = lo
-        coefficient[:, :, column + 1] = q
-        coefficient[:, :, column + 2] = np.where(exponential, 0.0, hi - lo)
-        if k == 0:
-            coefficient[:, :, _N_TOP] = hi
-        # what cannot reach an optical depth of 1e-6 even along a horizontal path needs no finer panels
-        matters = np.maximum(lo, hi) * 1000.0 > 1e-6
-        steepest = np.maximum(steepest, np.where(matters, np.abs(q), 0.0).max(axis=0))
-    panels = np.clip(np.ceil(np.maximum(steepest / 2.0, (top - bottom) / 10.0)), 1, 64).astype(np.int64)
-    return RayProfile(
-        np.ascontiguousarray(bottom),
-        np.ascontiguousarray(top),
-        panels,
-        (steepest < 0.3) & (panels == 1),
-        coefficient,
-        float(medium.earth_radius_km),
-    )
+    bending_rad: float
+    optical_depth: float
+    length_km: float
+    u_km: float
+    free: bool
 
 
 @njit(cache=True)
-def layer_above(profile, altitude_km):
-    """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground."""
-    lo = 0
-    hi = profile.top_km.size
-    while lo < hi:
-        mid = (lo + hi) // 2
-        if profile.top_km[mid] > altitude_km:
-            hi = mid
-        else:
-            lo = mid + 1
-    return lo
+def _positive(slope):
+    """d(n r)/dr as an estimate of a zero takes it: in a duct, where it is not positive, that of air without index."""
+    return 1.0 if slope < 0.05 else slope
 
 
 @njit(cache=True)
-def refractivity_at(profile, w, altitude_km):
-    """n - 1 at an altitude (on a jump: above it), 0 above the top; below the ground the lowest layer goes on."""
-    i = layer_above(profile, altitude_km)
-    if i == profile.top_km.size:
-        return 0.0
+def _snell(p, x, uu, x_beyond, uu_beyond):
+    """Bending [rad] at a jump of the index, i' - i, for a ray of invariant p [km].
+
+    x [km], uu [km^2]: n r and u^2 on this side; x_beyond, uu_beyond: on the other.
+    sin(i - i') = p (u' - u)/(x x'), with u' - u = (u'^2 - u^2)/(u' + u)
+    """
+    sine = p * (uu_beyond - uu) / ((math.sqrt(uu_beyond) + math.sqrt(uu)) * x * x_beyond)
+    return -math.asin(max(-1.0, min(1.0, sine)))
+
+
+@njit(cache=True, inline="always")
+def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
+    """`path` with what a ray collects in layer i; its u_km is left as it was.
+
+    z, end [km]: altitudes between which the ray is in the layer; n, x [km], uu [km^2]: n - 1, n r and u^2 at z; p [km].
+
+    With v from r - r_s = v^2, r_s = r - h the zero of u^2 as seen from z, h = u^2 / (2 x dx/dr), the ray goes from
+    v = sqrt(h) to sqrt(h + end - z), and dr/u = 2 v dv/u.
+    """
+    bending, tau, length, u_km, _ = path
     c = profile.coefficient[w, i]
-    f = (altitude_km - profile.bottom_km[i]) / (profile.top_km[i] - profile.bottom_km[i])
-    return c[0] * math.exp(c[1] * f) + c[2] * f
+    bottom = profile.bottom_km[i]
+    thickness = profile.top_km[i] - bottom
+    r = profile.radius_km + z
+    _, change = index_in(c, (z - bottom) / thickness)
+    h = uu / (2.0 * x * _positive(1.0 + n + r * change / thickness))
+    v_start = math.sqrt(h)
+    v_end = math.sqrt(h + (end - z))
+    panels = profile.panels[i]
+    dv = (v_end - v_start) / panels
+    few = profile.thin[i] and dv < 0.12 * v_end
+    first_node, end_node = (4, 6) if few else (0, 4)
+    for k in range(panels):
+        for g in range(first_node, end_node):
+            v = v_start + (k + _GAUSS_NODE[g]) * dv
+            dz = v * v - h
+            f = (z + dz - bottom) / thickness
+            n_here, change = index_in(c, f)
+            dx = dz * (1.0 + n_here) + (n_here - n) * r
+            uu_here = uu + dx * (2.0 * x + dx)
+            if uu_here <= 0.0:
+                return Path(bending, tau, length, 0.0, False)
+            step = 2.0 * v * dv * _GAUSS_WEIGHT[g] / math.sqrt(uu_here)  # dr/u
+            bending -= change / thickness / (1.0 + n_here) * p * step
+            step *= x + dx
+            length += step
+            tau += extinction_in(c, f) * step
+    return Path(bending, tau, length, u_km, True)
+
+
+@njit(cache=True)
+def _in_vacuum(profile, altitude_km, uu, stop_km):
+    """u [km] at `stop_km` of a ray that goes straight there from `altitude_km`, where u^2 is `uu` [km^2]."""
+    rise = stop_km - altitude_km
+    return math.sqrt(max(0.0, uu + rise * (2.0 * (profile.radius_km + altitude_km) + rise)))
 
 
 @njit(cache=True)
 def outward(profile, w, altitude_km, u_km, stop_km):
     """Follow a ray up from `altitude_km`, where u = n r cos(zenith angle) >= 0, to `stop_km` or to the vacuum.
 
-    Returns (bending [rad], optical depth, length [km], u at the end, ok); not ok: the ray is trapped.
-    At or above the top the refraction at the top is included.
+    profile: RayProfile; w: index of the wavelength; altitude_km, stop_km (FAR_KM: all the way) [km]; u_km [km].
+    Returns a `Path`.  A stop at or above the top includes the refraction at the top.
+
+    From z to z + dz in a layer x = n r grows by dx = dz (1 + n') + (n' - n) r (n for n - 1 here), and u^2 by
+    dx (2 x + dx); at a jump of the index x grows by r (n' - n).
     """
     n_layers = profile.top_km.size
     first = layer_above(profile, altitude_km)
-    bending = 0.0
-    tau = 0.0
-    length = 0.0
     if first == n_layers:
-        r = profile.radius_km + altitude_km
-        dz = stop_km - altitude_km
-        u_end = math.sqrt(max(0.0, u_km * u_km + dz * (2.0 * r + dz)))
-        return bending, tau, u_end - u_km, u_end, True
+        u_end = _in_vacuum(profile, altitude_km, u_km * u_km, stop_km)
+        return Path(0.0, 0.0, u_end - u_km, u_end, True)
+    path = Path(0.0, 0.0, 0.0, 0.0, True)
     z = altitude_km
     uu = u_km * u_km
-    c = profile.coefficient[w, first]
-    f = (z - profile.bottom_km[first]) / (profile.top_km[first] - profile.bottom_km[first])
-    n_a = c[0] * math.exp(c[1] * f) + c[2] * f
-    x = (profile.radius_km + z) * (1.0 + n_a)
+    n = refractivity_at(profile, w, z)
+    x = (profile.radius_km + z) * (1.0 + n)
     p = math.sqrt(max(0.0, x * x - uu))
     for i in range(first, n_layers):
-        bottom = profile.bottom_km[i]
-        thickness = profile.top_km[i] - bottom
         end = min(profile.top_km[i], stop_km)
         if end <= z:
             break
-        c = profile.coefficient[w, i]
-        f = (z - bottom) / thickness
-        e = c[0] * math.exp(c[1] * f)
-        n_here = e + c[2] * f
         r = profile.radius_km + z
-        if i > first:
-            if n_here != n_a:  # a jump of the index: Snell's law
-                x_here = r * (1.0 + n_here)
-                step = r * (n_here - n_a)
-                uu_here = uu + step * (x_here + x)
-                if uu_here <= 0.0:
-                    return bending, tau, length, 0.0, False
-                bending -= math.asin(
-                    max(-1.0, min(1.0, p * (uu_here - uu) / ((math.sqrt(uu_here) + math.sqrt(uu)) * x * x_here)))
-                )
-                uu = uu_here
-                x = x_here
-            n_a = n_here
-        slope = 1.0 + n_a + r * (e * c[1] + c[2]) / thickness
-        if slope < 0.05:
-            slope = 1.0
-        if end - z < _SLIVER_KM:  # a lowest point within rounding of a level: n r cannot be told apart here
-            n = c[_N_TOP] if end == profile.top_km[i] else n_a
-            dx = (end - z) * (1.0 + n) + (n - n_a) * r
-            uu = max(0.0, uu + dx * (2.0 * x + dx))
-            x += dx
-            n_a = n
-            z = end
-            continue
-        h = uu / (2.0 * x * slope)
-        v_a = math.sqrt(h)
-        v_b = math.sqrt(h + (end - z))
-        m = profile.panels[i]
-        dv = (v_b - v_a) / m
-        first_node = 0
-        end_node = 4
-        if profile.thin[i] and dv < 0.12 * v_b:
-            first_node = 4
-            end_node = 6
-        for k in range(m):
-            for g in range(first_node, end_node):
-                v = v_a + (k + _GAUSS_NODE[g]) * dv
-                dz = v * v - h
-                f = (z + dz - bottom) / thickness
-                e = c[0] * math.exp(c[1] * f)
-                n = e + c[2] * f
-                dx = dz * (1.0 + n) + (n - n_a) * r
-                uu_here = uu + dx * (2.0 * x + dx)
-                if uu_here <= 0.0:
-                    return bending, tau, length, 0.0, False
-                step = 2.0 * v * dv * _GAUSS_WEIGHT[g] / math.sqrt(uu_here)
-                bending -= (e * c[1] + c[2]) / thickness / (1.0 + n) * p * step
-                step *= x + dx
-                length += step
-                extinction = 0.0
-                for part in range(4, 13, 3):
-                    if c[part] > 0.0:
-                        extinction += c[part] * math.exp(c[part + 1] * f)
-                    extinction += c[part + 2] * f
-                tau += extinction * step
-        f = (end - bottom) / thickness
-        n = c[_N_TOP] if end == profile.top_km[i] else c[0] * math.exp(c[1] * f) + c[2] * f
-        dx = (end - z) * (1.0 + n) + (n - n_a) * r
-        uu = uu + dx * (2.0 * x + dx)
-        if uu <= 0.0:
-            return bending, tau, length, 0.0, False
-        x += dx
-        n_a = n
-        z = end
-    top = profile.top_km[n_layers - 1]
-    if stop_km >= top:
-        if n_a != 0.0:
-            r = profile.radius_km + top
-            uu_here = uu - r * n_a * (r + x)
+        n_here = profile.coefficient[w, i, INDEX + BOTTOM] if i > first else n
+        if n_here != n:
+            x_here = r * (1.0 + n_here)
+            uu_here = uu + r * (n_here - n) * (x_here + x)
             if uu_here <= 0.0:
-                return bending, tau, length, 0.0, False
-            bending += math.asin(
-                max(-1.0, min(1.0, p * (uu - uu_here) / ((math.sqrt(uu_here) + math.sqrt(uu)) * x * r)))
-            )
-            uu = uu_here
-        if stop_km > top and stop_km < 1e9:
-            r = profile.radius_km + top
-            dz = stop_km - top
-            before = math.sqrt(uu)
-            uu += dz * (2.0 * r + dz)
-            length += math.sqrt(uu) - before
-    return bending, tau, length, math.sqrt(uu), True
+                return _trapped(path)
+            path = _turned(path, _snell(p, x, uu, x_here, uu_here))
+            uu, x, n = uu_here, x_here, n_here
+        sliver = end - z < _SLIVER_KM  # a lowest point within rounding of a level: n r cannot be told apart here
+        if sliver:
+            n_end = profile.coefficient[w, i, INDEX_TOP] if end == profile.top_km[i] else n
+        else:
+            path = _through_layer(profile, w, i, z, end, n, x, uu, p, path)
+            if not path.free:
+                return path
+            n_end = index_at(profile, w, i, end)
+        dx = (end - z) * (1.0 + n_end) + (n_end - n) * r
+        uu += dx * (2.0 * x + dx)
+        if uu <= 0.0:
+            if not sliver:
+                return _trapped(path)
+            uu = 0.0
+        x, n, z = x + dx, n_end, end
+    top = profile.top_km[n_layers - 1]
+    if stop_km >= top and n != 0.0:
+        r = profile.radius_km + top
+        uu_here = uu - r * n * (r + x)
+        if uu_here <= 0.0:
+            return _trapped(path)
+        path = _turned(path, _snell(p, x, uu, r, uu_here))
+        uu = uu_here
+    u = math.sqrt(uu)
+    length = path.length_km
+    if stop_km > top and stop_km < FAR_KM:
+        u_end = _in_vacuum(profile, top, uu, stop_km)
+        length += u_end - u
+        u = u_end
+    return Path(path.bending_rad, path.optical_depth, length, u, True)
+
+
+@njit(cache=True)
+def _turned(path, angle_rad):
+    """The path with `angle_rad` more of bending."""
+    return Path(path.bending_rad + angle_rad, path.optical_depth, path.length_km, path.u_km, path.free)
+
+
+@njit(cache=True)
+def _trapped(path):
+    """The path of a ray that ends in a duct."""
+    return Path(path.bending_rad, path.optical_depth, path.length_km, 0.0, False)
 
 
 @njit(cache=True)
@@ -280,24 +240,19 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
         bottom = profile.bottom_km[i]
         thickness = profile.top_km[i] - bottom
         r = profile.radius_km + z
-        f = (z - bottom) / thickness
-        n_here = c[_N_TOP] if z == profile.top_km[i] else c[0] * math.exp(c[1] * f) + c[2] * f
+        n_here = index_at(profile, w, i, z)
         missing -= r * (n_a - n_here)
         if missing <= 0.0:
             return z, OUTSIDE
-        n_bottom = c[0]
+        n_bottom = c[INDEX + BOTTOM]
         fall = (z - bottom) * (1.0 + n_bottom) + (n_here - n_bottom) * r
         if missing <= fall or i == 0:
             # Newton for x(z) - x(y) = missing inside the layer
             y = max(bottom, z - missing)
             for _ in range(40):
-                f = (y - bottom) / thickness
-                e = c[0] * math.exp(c[1] * f)
-                n = e + c[2] * f
+                n, change = index_in(c, (y - bottom) / thickness)
                 residual = (z - y) * (1.0 + n) + (n_here - n) * r - missing
-                slope = 1.0 + n + (profile.radius_km + y) * (e * c[1] + c[2]) / thickness
-                if slope < 0.05:
-                    slope = 1.0
+                slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
                 y_new = y + residual / slope
                 y_new = min(z, max(bottom, y_new))
                 if abs(y_new - y) < 1e-13:
@@ -325,23 +280,19 @@ def altitude_along(profile, w, altitude_km, u_km):
         c = profile.coefficient[w, i]
         bottom = profile.bottom_km[i]
         thickness = profile.top_km[i] - bottom
+        n_top = c[INDEX_TOP]
         r = profile.radius_km + z
-        f = (z - bottom) / thickness
-        n_here = c[0] * math.exp(c[1] * f) + c[2] * f
+        n_here = index_at(profile, w, i, z)
         missing -= r * (n_here - n_a)
         if missing <= 0.0:
             return z
-        rise = (profile.top_km[i] - z) * (1.0 + c[_N_TOP]) + (c[_N_TOP] - n_here) * r
+        rise = (profile.top_km[i] - z) * (1.0 + n_top) + (n_top - n_here) * r
         if missing < rise:
             y = z
             for _ in range(40):
-                f = (y - bottom) / thickness
-                e = c[0] * math.exp(c[1] * f)
-                n = e + c[2] * f
+                n, change = index_in(c, (y - bottom) / thickness)
                 residual = (y - z) * (1.0 + n) + (n - n_here) * r - missing
-                slope = 1.0 + n + (profile.radius_km + y) * (e * c[1] + c[2]) / thickness
-                if slope < 0.05:
-                    slope = 1.0
+                slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
                 y_new = min(profile.top_km[i], max(z, y - residual / slope))
                 if abs(y_new - y) < 1e-13:
                     y = y_new
@@ -349,7 +300,7 @@ def altitude_along(profile, w, altitude_km, u_km):
                 y = y_new
             return y
         missing -= rise
-        n_a = c[_N_TOP]
+        n_a = n_top
         z = profile.top_km[i]
     missing += (profile.radius_km + z) * n_a
     return z + max(0.0, missing)
@@ -360,11 +311,11 @@ def sun_ray(profile, w, altitude_km, u_km, below_ground):
     """Bending [rad] and optical depth of the ray that arrives at `altitude_km` from the apparent direction with
     n r cos i = `u_km` (negative: from below the horizontal), and its status OUTSIDE, GROUND or TRAPPED."""
     if u_km >= 0.0:
-        bending, tau, _, _, ok = outward(profile, w, altitude_km, u_km, 1e9)
+        bending, tau, _, _, ok = outward(profile, w, altitude_km, u_km, FAR_KM)
         return bending, tau, (OUTSIDE if ok else TRAPPED)
     lowest, status = lowest_point(profile, w, altitude_km, -u_km, below_ground)
     if status != OUTSIDE:
         return 0.0, 0.0, status
-    bending, tau, _, _, ok = outward(profile, w, lowest, 0.0, 1e9)
+    bending, tau, _, _, ok = outward(profile, w, lowest, 0.0, FAR_KM)
     near, near_tau, _, _, near_ok = outward(profile, w, lowest, 0.0, altitude_km)
     return bending + near, tau + near_tau, (OUTSIDE if ok and near_ok else TRAPPED)

@@ -37,7 +37,9 @@ class CieSettings:
     """sky_type: 1 to 15 of ISO 15469 (1 and 5 overcast, 7 to 10 partly cloudy, 11 to 15 clear; 12 is the clear sky that
         Preetham 1999 quotes as eq. 1), or 16, the traditional overcast sky
     zenith_luminance_cd_per_m2: null: by the sun and, for types 7 to 15, the turbidity
-    turbidity, outside: as in the preetham solver, for types 7 to 15
+    turbidity: at 550 nm, for types 7 to 15; null: that of the medium
+    outside: for types 7 to 15, 'nearest' takes the nearest turbidity that Preetham's coefficients cover where the
+        medium's is not, and warns; 'refuse' does not
     spectrum: 'daylight' of one colour temperature everywhere, or 'flat', constant in wavelength
     colour_temperature_k: 4000 to 25000; null: 6500 for overcast skies, Preetham's zenith for the others
     """

@@ -36,7 +36,8 @@ class CellsSettings:
 
     Exact mode:
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    polar_directions: directions per hemisphere; azimuth_directions: around
+    polar_directions: directions per hemisphere
+    azimuth_directions: directions around
     azimuth_nodes: azimuths of the points, a multiple of azimuth_directions
     node_density: of the points in altitude and radius, 1 is standard
     """

@@ -29,15 +29,29 @@ class MonteCarloSettings:
     approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3): light scattered once scatters again
         isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third
         Legendre moment.
-    refraction, spreading: bend the direct beam; let bending thin it out.
+    refraction: bend the direct beam.
+    spreading: let bending thin the beam out.
     bent_lines_of_sight: directions asked for are apparent ones, and every leg of a path follows the refracted ray.  It
         needs `refraction` (without it lines are straight).
     polarisation: carry Stokes vectors (I, Q, U) from event to event; False: scalar theory, which is off by up to
         10-20 % in single directions of blue twilight.  "isotropic_after_first" is scalar theory in any case.
-    seed: any integer; chunk_samples: samples per random stream; both change the noise.
+    seed: any integer; changes the noise.
+    chunk_samples: samples per random stream; changes the noise.
     pilot_samples: samples of each of two arms from which the other arm's count is set.
-    The steering settings are explained in :class:`twilight.solvers.montecarlo.paths.Walk`; steering_sweeps: passes of
-        the coarse field (0: none at all), check_rate: share of the rough look-ups of the sun that are corrected.
+
+    Steering:
+    sub_paths: stratified continuations of one first leg.
+    steering_sweeps: passes of the coarse field (0: none at all).
+    steered_fraction: share of the events whose place on the leg is drawn with the coarse field.
+    table_fraction: share of the candidate directions that are drawn from the coarse field's light.
+    candidates: directions of which one is taken.
+    roulette: a path whose expected contribution falls below this share of a continuation's of the first leg may end;
+        0 switches that and splitting off.
+    continuation: paths that go on from a later leg that is worth one continuation of the first.
+    coarse_control: replace the light beyond each leg by the coarse field's and sample the difference.
+    first_length_km, first_depth: most length [km] and most optical depth of the pieces that the first leg is cut into.
+    later_length_km, later_depth: most length [km] and most optical depth of the pieces of later legs.
+    check_rate: share of the rough look-ups of the sun that are corrected.
     """
 
     target_stderr: float | None = 0.01

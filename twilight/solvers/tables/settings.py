@@ -16,17 +16,18 @@ class TablesSettings:
         bruneton2017 (of his later code; it ends at lowest_sun_deg)
     lowest_sun_deg: of the mapping bruneton2017; below it tables hold their last texel
     scattering_r, scattering_mu, scattering_mu_s, scattering_nu: texels of S
-    transmittance_r, transmittance_mu: texels of T; irradiance_r, irradiance_mu_s: of E (mapped as in the 2017 code; the
-        paper gives their sizes alone)
+    transmittance_r, transmittance_mu: texels of T
+    irradiance_r, irradiance_mu_s: texels of E (both mapped as in the 2017 code; the paper gives sizes alone)
     interpolation: between texels of S: linear, as on a graphics card, or logarithmic (what was scattered once, which is
         zero in the shadow, is linear)
     aerosol_packing: separate keeps light that aerosol scattered once at every wavelength; proportional keeps it at the
         longest one and takes the others from the rest in proportion (sec. 4); this needs a single aerosol phase
         function
-    storage: float32, or float16 with storage_scale multiplied first
+    storage: of the texels of S and E: float32, or float16
+    storage_scale: factor on the texels before they become float16
     max_events: most scattering events of a path of light (5 orders in the paper)
-    degree, polar_directions, azimuth_directions: of the integral over incident light: Legendre degree of the phase
-        functions (delta-scaled beyond), directions per hemisphere, and over half a turn
+    degree: of the Legendre series of the phase functions in the integral over incident light (delta-scaled beyond)
+    polar_directions, azimuth_directions: of that integral, per hemisphere and over half a turn
     step_density: of the points along the rays
     """
 

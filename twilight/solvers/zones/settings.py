@@ -12,13 +12,14 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    polar_directions: directions per hemisphere; azimuth_directions: over half a turn; orders of the series in azimuth
-        are fewer than these
-    early_events: scattering events that are followed with these; later ones, whose light is smooth, with
-    late_degree, late_polar_directions, late_azimuth_directions
-    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; at a zenith_density of 0.3 the
-        sky of a sun at -6 deg is off by up to 13 %, at 0.2, which is refused, that of 20 deg by more than ten times
-    step_density: of the points along the rays between nodes; sight_density: along lines of sight
+    polar_directions: directions per hemisphere
+    azimuth_directions: directions over half a turn; orders of the series in azimuth are fewer than these
+    early_events: scattering events that are followed with these; the light of later ones is smooth
+    late_degree, late_polar_directions, late_azimuth_directions: the same for the events after early_events
+    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky
+        of a sun at -6 deg is off by up to 13 %
+    step_density: of the points along the rays between nodes
+    sight_density: of the points along lines of sight
     beam_density: of the nodes of the sunbeam's tables
     max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
         white air is solved all at once, in tens of steps, to 1e-3 or to the tolerance where that is less

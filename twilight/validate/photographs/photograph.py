@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight.camera.image import Picture, read_image
-from twilight.camera.model import Camera
+from twilight.camera.image import Picture, as_light, read_image, read_samples
+from twilight.camera.model import Camera, ImageSize, Orientation
 from twilight.camera.response import load_response
 from twilight.errors import TwilightError, TwilightWarning
 from twilight.validate.photographs import mask as masks
@@ -85,7 +85,7 @@ class Photograph:
 
 def read_photograph(
     path: str | Path,
-    camera: Camera,
+    camera: Camera | None,
     *,
     cell_deg: float = 2.0,
     profile: str | Path | None = None,
@@ -96,6 +96,8 @@ def read_photograph(
 ) -> Photograph:
     """Read a photograph, undo the camera's response, and read the files of its mask.
 
+    camera: None for a latitude-longitude panorama of the whole sphere, whose north is unknown; samples of whole numbers
+    are then sRGB.
     Errors: TwilightError for any file that is missing or wrong, and for options that cannot be.
     """
     if not 0.25 <= cell_deg <= 10.0:
@@ -106,7 +108,12 @@ def read_photograph(
         raise TwilightError(f"min_elevation: {min_elevation_deg:g} deg must be from 0 to below 90 deg")
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
-    picture = read_image(path, load_response(camera.response))
+    if camera is None:
+        samples = read_samples(path)
+        camera = _panorama(path, samples)
+        picture = as_light(path, samples, load_response(camera.response))
+    else:
+        picture = read_image(path, load_response(camera.response))
     if picture.bits == 8 and camera.response == "linear":
         warnings.warn(
             f"{path}: its 8 bits are taken for linear light, as response in the camera's file says; most are srgb",
@@ -114,3 +121,18 @@ def read_photograph(
             stacklevel=2,
         )
     return Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg)
+
+
+def _panorama(path: str | Path, picture: Picture) -> Camera:
+    height, width = picture.samples.shape[:2]
+    if width != 2 * height:
+        raise TwilightError(
+            f"{path}: is {width} x {height}, no panorama of the whole sphere, which is twice as wide as high; give its "
+            "camera (--camera)"
+        )
+    return Camera(
+        projection="latitude_longitude",
+        image=ImageSize(width_px=width, height_px=height),
+        orientation=Orientation(azimuth_deg=None),
+        response="linear" if picture.linear else "srgb",
+    )

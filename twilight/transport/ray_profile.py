@@ -1,0 +1,133 @@
+"""The air as rays of light meet it: layers in which every coefficient is an exponential, as the medium has them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.atmosphere.medium import Medium
+
+BOTTOM, LOG_SLOPE, SLOPE = range(3)
+"""Columns of a coefficient in a layer: a, q and d of a exp(q f) + d f, f the share of the layer below the point."""
+INDEX, INDEX_TOP, AIR, GASES, AEROSOL, N_COLUMNS = 0, 3, 4, 7, 10, 13
+"""Columns of `RayProfile.coefficient` where n - 1, its value at the top, and each part of the extinction begin."""
+
+_BELOW_GROUND_KM = 5.0
+"""Thickness of a layer below the ground, which only derivatives at the edge of the Earth's shadow look into."""
+
+
+class RayProfile(NamedTuple):
+    """Layers of a medium for the ray kernels: M layers of positive thickness, W wavelengths; layer 0 is underground.
+
+    bottom_km, top_km (M,); panels (M,): quadrature panels of a layer; thin (M,): no coefficient changes by
+    more than a factor 1.35; radius_km of the Earth.
+    coefficient (W, M, N_COLUMNS): from INDEX on n - 1 (BOTTOM, LOG_SLOPE, SLOPE) and at INDEX_TOP its value at the top;
+    from AIR, GASES and AEROSOL on their extinctions (BOTTOM, LOG_SLOPE, SLOPE) [km^-1].
+    """
+
+    bottom_km: np.ndarray
+    top_km: np.ndarray
+    panels: np.ndarray
+    thin: np.ndarray
+    coefficient: np.ndarray
+    radius_km: float
+
+
+def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
+    """Layers of `medium` for the kernels; without `refraction` the index is 1 everywhere."""
+    z = medium.altitude_km
+    layer = np.flatnonzero(np.diff(z) > 0)
+    bottom = np.concatenate([[z[0] - _BELOW_GROUND_KM], z[layer]])
+    top = np.concatenate([[z[0]], z[layer + 1]])
+    coefficient = np.zeros((medium.n_wavelengths, layer.size + 1, N_COLUMNS))
+    steepest = np.zeros(layer.size + 1)
+    tables = (
+        medium.refractivity * (1.0 if refraction else 0.0),
+        medium.air_scattering_per_km,
+        medium.absorption_per_km,
+        medium.aerosol_extinction_per_km,
+    )
+    for first, table in zip((INDEX, AIR, GASES, AEROSOL), tables, strict=True):
+        lo = np.concatenate([table[:1], table[layer]]).T
+        hi = np.concatenate([table[:1], table[layer + 1]]).T
+        if first == INDEX:
+            # below the ground the index goes on as it falls over the lowest 2 km, within the bounds of calm air
+            n0, n2 = table[0], np.array([np.interp(z[0] + 2.0, z, column) for column in table.T])
+            fall = np.log(np.where(n2 > 0, n0, 1.0) / np.where(n2 > 0, n2, 1.0)) / 2.0
+            lo[:, 0] = n0 * np.exp(_BELOW_GROUND_KM * np.clip(fall, 0.05, 0.2))
+        exponential = (lo > 0) & (hi > 0)
+        q = np.log(np.where(exponential, hi, 1.0) / np.where(exponential, lo, 1.0))
+        coefficient[:, :, first + BOTTOM] = lo
+        coefficient[:, :, first + LOG_SLOPE] = q
+        coefficient[:, :, first + SLOPE] = np.where(exponential, 0.0, hi - lo)
+        if first == INDEX:
+            coefficient[:, :, INDEX_TOP] = hi
+        # what cannot reach an optical depth of 1e-6 even along a horizontal path needs no finer panels
+        matters = np.maximum(lo, hi) * 1000.0 > 1e-6
+        steepest = np.maximum(steepest, np.where(matters, np.abs(q), 0.0).max(axis=0))
+    panels = np.clip(np.ceil(np.maximum(steepest / 2.0, (top - bottom) / 10.0)), 1, 64).astype(np.int64)
+    return RayProfile(
+        np.ascontiguousarray(bottom),
+        np.ascontiguousarray(top),
+        panels,
+        (steepest < 0.3) & (panels == 1),
+        coefficient,
+        float(medium.earth_radius_km),
+    )
+
+
+@njit(cache=True)
+def layer_above(profile, altitude_km):
+    """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground."""
+    lo = 0
+    hi = profile.top_km.size
+    while lo < hi:
+        mid = (lo + hi) // 2
+        if profile.top_km[mid] > altitude_km:
+            hi = mid
+        else:
+            lo = mid + 1
+    return lo
+
+
+@njit(cache=True, inline="always")
+def index_in(c, f):
+    """n - 1 in a layer and its change dn/df.
+
+    c (N_COLUMNS,): the layer's row of `RayProfile.coefficient`; f: share of the layer below the point.
+    """
+    exponential = c[INDEX + BOTTOM] * math.exp(c[INDEX + LOG_SLOPE] * f)
+    return exponential + c[INDEX + SLOPE] * f, exponential * c[INDEX + LOG_SLOPE] + c[INDEX + SLOPE]
+
+
+@njit(cache=True, inline="always")
+def extinction_in(c, f):
+    """Extinction [km^-1] in a layer; arguments as of `index_in`."""
+    extinction = 0.0
+    for part in range(AIR, N_COLUMNS, 3):
+        if c[part + BOTTOM] > 0.0:
+            extinction += c[part + BOTTOM] * math.exp(c[part + LOG_SLOPE] * f)
+        extinction += c[part + SLOPE] * f
+    return extinction
+
+
+@njit(cache=True)
+def refractivity_at(profile, w, altitude_km):
+    """n - 1 at an altitude (on a jump: above it), 0 above the top; below the ground the lowest layer goes on."""
+    i = layer_above(profile, altitude_km)
+    if i == profile.top_km.size:
+        return 0.0
+    bottom = profile.bottom_km[i]
+    return index_in(profile.coefficient[w, i], (altitude_km - bottom) / (profile.top_km[i] - bottom))[0]
+
+
+@njit(cache=True)
+def index_at(profile, w, i, altitude_km):
+    """n - 1 of layer i at an altitude [km] in it, at its top the value that the medium has there."""
+    c = profile.coefficient[w, i]
+    if altitude_km == profile.top_km[i]:
+        return c[INDEX_TOP]
+    return index_in(c, (altitude_km - profile.bottom_km[i]) / (profile.top_km[i] - profile.bottom_km[i]))[0]
