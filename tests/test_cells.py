@@ -5,6 +5,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
+from energy_media import ODD, odd_medium
 from scipy.integrate import quad
 
 from twilight.atmosphere.medium import Medium
@@ -265,9 +266,20 @@ def test_refraction_brightens_twilight():
 # --- exact mode ---
 
 
-def test_uniform_light_in_a_white_box_stays_uniform():
+WHITE = ("white air over a white ground", "a white layer over a white ground")
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        lambda: air(albedo=1.0, ground=1.0, refractivity=0.0),
+        lambda: odd_medium(*(ODD[name] for name in WHITE), refractivity=0.0),
+    ],
+    ids=["exponential", "a layer with edges"],
+)
+def test_uniform_light_in_a_white_box_stays_uniform(medium):
     """Conservative air over a ground as bright as the light in it: whatever ends on the ground sees 1 everywhere."""
-    field = cells.prepare(air(albedo=1.0, ground=1.0, refractivity=0.0), COARSE)
+    field = cells.prepare(medium(), COARSE)
     o = field.exact.ordinates
     shape = (o.synthesis.shape[0], o.nodes.altitude_km.size, o.n_azimuth, 2)
     out = np.zeros(shape, np.float32)

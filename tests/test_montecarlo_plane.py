@@ -111,6 +111,7 @@ def test_conservative_slab_over_white_ground_returns_all_light():
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_closed_sphere_keeps_its_energy():
     # a small planet in conservative air over white ground: light that leaves = light that comes in, F0 pi R_top^2
     medium = replace(slab(0.7, 1.0, None, ground=1.0), earth_radius_km=20.0)

@@ -192,6 +192,7 @@ def test_progress_tells_the_present_error(field):
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_isotropic_after_first_keeps_single_scattering_and_changes_the_rest():
     plain = MonteCarloSettings(target_stderr=0.01, refraction=False)
     thin = hazy_earth(ground=0.0)

@@ -62,6 +62,7 @@ def test_radiance_is_positive_and_left_is_right(lanes, sun):
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 @FEW
 @given(airs, st.floats(5.0, 80.0))
 def test_more_absorber_is_never_brighter(air, sun):
@@ -116,6 +117,7 @@ def test_a_thicker_cell_captures_more_of_its_own_light(depth, factor):
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 @settings(max_examples=20, **COMMON)
 @given(airs.filter(lambda a: a.air > 0.01), st.integers(0, 2**31))
 def test_the_transfer_between_cells_is_reciprocal(air, seed):
@@ -146,6 +148,7 @@ def test_the_transfer_between_cells_is_reciprocal(air, seed):
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 @FEW
 @given(airs, suns)
 def test_null_effects_are_exact(air, sun):

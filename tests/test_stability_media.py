@@ -290,7 +290,8 @@ def test_one_wavelength_and_a_thousand():
     airs = [Air(air=0.3 * (0.3 + i / 1000) ** -4 * 0.01, aerosol=0.1) for i in range(1000)]
     medium = medium_of(*airs, levels_km=[0.0, 2.0, 10.0, 30.0, 60.0])
     tiny = replace(
-        ZONES, altitude_density=0.2, zenith_density=0.2, polar_directions=3, azimuth_directions=5, max_events=2,
+        ZONES, altitude_density=0.2, zenith_density=0.3, polar_directions=3, azimuth_directions=5,
+        late_azimuth_directions=5, max_events=2,
         late_polar_directions=3, sight_density=0.3, step_density=0.3,
     )  # fmt: skip
     many = look("zones", medium.select(slice(0, 1000, 25)), (20.0,), settings=tiny)
@@ -305,7 +306,7 @@ def test_one_wavelength_and_a_thousand():
 def test_a_thousand_wavelengths_at_once():
     airs = [Air(air=0.003 * (0.3 + i / 1000) ** -4, aerosol=0.1) for i in range(1000)]
     medium = medium_of(*airs, levels_km=[0.0, 2.0, 10.0, 30.0, 60.0])
-    tiny = replace(ZONES, altitude_density=0.2, zenith_density=0.2, max_events=3, sight_density=0.3, step_density=0.3)
+    tiny = replace(ZONES, altitude_density=0.2, zenith_density=0.3, max_events=3, sight_density=0.3, step_density=0.3)
     assert_sane(look("zones", medium, (20.0, -6.0), settings=tiny), "1000 wavelengths", brightest(0.7))
 
 
@@ -326,7 +327,17 @@ def test_one_thread_and_two_are_bit_identical(name):
     assert np.array_equal(one, two)
 
 
+def test_the_coarsest_nodes_that_are_allowed_still_make_the_sky():
+    """Against draft: 0.5 % by day and 13 % at -6 deg were measured; with a zenith_density of 0.2 it was a factor 33."""
+    medium = medium_of(Air(air=0.37, aerosol=0.1), levels_km=[0.0, 2.0, 10.0, 30.0, 60.0])
+    plain = replace(DRAFT, max_events=3)
+    coarsest = replace(plain, altitude_density=0.2, zenith_density=0.3, step_density=0.3, sight_density=0.3)
+    sky, coarse = (look("zones", medium, (20.0, -6.0), settings=s) for s in (plain, coarsest))
+    np.testing.assert_allclose(coarse[0], sky[0], rtol=0.02)
+    np.testing.assert_allclose(coarse[1], sky[1], rtol=0.2)
+
+
 def test_settings_are_numbers_in_their_range():
-    for key, value in (("degree", 1), ("zenith_density", 0.0), ("tolerance", -1.0), ("step_density", float("nan"))):
+    for key, value in (("degree", 1), ("zenith_density", 0.29), ("tolerance", -1.0), ("step_density", float("nan"))):
         with pytest.raises(TwilightError, match=key):
             ZonesSettings(**{key: value})

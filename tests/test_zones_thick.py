@@ -55,6 +55,7 @@ def test_how_many_events_are_wanted_is_kept():
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_white_fog_over_snow_closely():
     field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["standard"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
@@ -63,6 +64,7 @@ def test_white_fog_over_snow_closely():
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_a_cloud_of_depth_100_over_snow_converges():
     field = zones.prepare(cloud(100.0), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3

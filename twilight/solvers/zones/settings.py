@@ -16,7 +16,8 @@ class ZonesSettings:
     azimuth_directions: directions over half a turn; orders of the series in azimuth are fewer than these
     early_events: scattering events that are followed with these; the light of later ones is smooth
     late_degree, late_polar_directions, late_azimuth_directions: the same for the events after early_events
-    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle
+    altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky
+        of a sun at -6 deg is off by up to 13 %
     step_density: of the points along the rays between nodes
     sight_density: of the points along lines of sight
     beam_density: of the nodes of the sunbeam's tables
@@ -70,7 +71,7 @@ class ZonesSettings:
             "polarisation_degree": (2, 32),
             "late_polarisation_degree": (2, 32),
             "altitude_density": (0.2, 10.0),
-            "zenith_density": (0.2, 10.0),
+            "zenith_density": (0.3, 10.0),
             "step_density": (0.3, 10.0),
             "sight_density": (0.3, 10.0),
             "beam_density": (0.3, 4.0),
