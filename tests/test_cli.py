@@ -461,8 +461,9 @@ def test_an_interrupt_leaves_with_130_and_no_half_files(plain, table, tmp_path, 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
     program = (
-        "import os, sys\n"
+        "import os, signal, sys\n"
         "import types\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background job ignores\n"
         "from twilight import engine, solvers\n"
         "from twilight.solvers.base import Capabilities\n"
         "from twilight.cli.app import app\n"

@@ -13,7 +13,7 @@ from typing import Any
 
 from twilight.config.climate import Climate, climate_files
 from twilight.config.document import parse_yaml, read_yaml
-from twilight.config.library import find
+from twilight.config.library import find, shipped
 from twilight.config.scene import Config
 from twilight.config.slips import warn_of_slips
 from twilight.config.solver import resolve_solver
@@ -84,6 +84,8 @@ class _Draft:
 
     def validated(self, *, solver: bool = True) -> Config:
         origins = Origins(self.origins, frozenset(self.hidden))
+        if isinstance(self.data.get("climate"), dict):
+            _find_shipped_files(self.data["climate"])
         config = validate(Config, self.data, origins)
         for section, place, name, _ in climate_files(config.climate.model_dump()):
             if not isfile(section[name]):
@@ -95,6 +97,16 @@ class _Draft:
 
 
 Target = str | Path | Mapping[str, Any]
+
+
+def _find_shipped_files(climate: dict[str, Any]) -> None:
+    """A record names the files of its climate without their folder: those that come with the program are found again."""
+    for section, _, name, _ in climate_files(climate):
+        here = section[name]
+        if isinstance(here, str) and Path(here).name == here and not isfile(here):
+            folder = next(iter(shipped("climates").values())).parent
+            if isfile(folder / here):
+                section[name] = str(folder / here)
 
 
 def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:
