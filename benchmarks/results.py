@@ -9,6 +9,7 @@ line without one names the columns.
 from __future__ import annotations
 
 import csv
+import os
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
@@ -26,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def heading(command: str = "") -> str:
     """The first line of a table.  command: what makes it, this script with its arguments when not given."""
     if not command:
-        arguments = [a if " " not in a else repr(a) for a in sys.argv[1:]]
+        arguments = [os.path.relpath(a, ROOT) if os.path.isabs(a) else a for a in sys.argv[1:]]
         command = " ".join(["python benchmarks/" + Path(sys.argv[0]).name, *arguments])
     return f"# twilight {__version__}, {_commit()}: {command}"
 

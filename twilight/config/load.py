@@ -100,7 +100,7 @@ Target = str | Path | Mapping[str, Any]
 
 
 def _find_shipped_files(climate: dict[str, Any]) -> None:
-    """A record names the files of its climate without their folder: those that come with the program are found again."""
+    """Find the files that a record names without their folder, where they come with the program."""
     for section, _, name, _ in climate_files(climate):
         here = section[name]
         if isinstance(here, str) and Path(here).name == here and not isfile(here):
