@@ -86,9 +86,7 @@ def _perspective(frame: Frame) -> np.ndarray:
 def _fisheye(frame: Frame) -> np.ndarray:
     x, y = frame.centres
     radius = np.hypot(x, y)
-    theta = lenses.ideal_angle(
-        "equidistant", np.where(radius <= 1.0, radius, np.nan) * np.radians(0.5 * frame.field_deg)
-    )
+    theta = np.where(radius <= 1.0, radius, np.nan) * np.radians(0.5 * frame.field_deg)
     scale = np.sin(theta) / np.maximum(radius, 1e-300)
     return np.stack([scale * x, np.cos(theta), scale * y], axis=-1)
 
