@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from twilight.camera import Camera
-from twilight.camera.orientation import direction
-from twilight.camera.views import KINDS, cube_face, view_directions, view_rays
 from twilight.errors import TwilightError
+from twilight.orientation import direction
+from twilight.views import KINDS, cube_face, view_directions, view_rays
 
 POINTING = {"azimuth_deg": 73.0, "elevation_deg": -21.0, "roll_deg": 14.0}
 

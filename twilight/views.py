@@ -1,6 +1,6 @@
 """Views: the direction of every pixel of a picture, by the name of its projection.
 
-A view has its own axes, right, forward and up, turned by where it points (`twilight.camera.orientation.camera_axes`);
+A view has its own axes, right, forward and up, turned by where it points (`twilight.orientation.camera_axes`);
 azimuths count clockwise from whatever the caller means by 0, for pictures of the sky from the sun.  A new kind of view
 is one function that gives directions in its own axes for a `Frame`, and its line in `KINDS`: the configuration, the
 command line and the pictures ask this registry.
@@ -28,9 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.camera import projection as lenses
-from twilight.camera.orientation import azimuth_elevation, camera_axes
 from twilight.errors import TwilightError
+from twilight.orientation import azimuth_elevation, camera_axes
 
 WHOLE = (-90.0, 90.0)
 """The band from the nadir to the zenith [deg]."""
@@ -87,9 +86,7 @@ def _perspective(frame: Frame) -> np.ndarray:
 def _fisheye(frame: Frame) -> np.ndarray:
     x, y = frame.centres
     radius = np.hypot(x, y)
-    theta = lenses.ideal_angle(
-        "equidistant", np.where(radius <= 1.0, radius, np.nan) * np.radians(0.5 * frame.field_deg)
-    )
+    theta = np.where(radius <= 1.0, radius, np.nan) * np.radians(0.5 * frame.field_deg)
     scale = np.sin(theta) / np.maximum(radius, 1e-300)
     return np.stack([scale * x, np.cos(theta), scale * y], axis=-1)
 
