@@ -31,7 +31,7 @@ class Channels:
         self.wavelength_nm = np.asarray(wavelength_nm, float)
         self.solar_irradiance = spectrum.solar_irradiance(self.wavelength_nm, solar_spectrum)
         nothing = np.zeros((1, 1, self.wavelength_nm.size))
-        self._sky = Sky(self.wavelength_nm, [45.0], [0.0], nothing, 0.0, solar_spectrum=solar_spectrum)
+        self._sky = Sky(self.wavelength_nm, np.array([45.0]), np.zeros(1), nothing, 0.0, solar_spectrum=solar_spectrum)
         sun = spectrum.solar_at_visible(solar_spectrum)
         self._rods = SCOTOPIC_EFFICACY_LM_PER_W * scotopic_efficiency() * sun
 

@@ -20,10 +20,14 @@ def sky_elevations(horizon_deg: float) -> np.ndarray:
     return horizon_deg + (90.0 - horizon_deg) * np.linspace(0.0, 1.0, NODES) ** 2
 
 
-def sunbeam(solved: Solved, channels: Channels, altitude_km: float, horizon_deg: float) -> tuple[np.ndarray, np.ndarray]:
+def sunbeam(
+    solved: Solved, channels: Channels, altitude_km: float, horizon_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
     """By the apparent elevation of a point of the sun's disc: how far it is lifted [deg] (N,), and what the whole disc
     would give there at normal incidence, X, Y, Z and scotopic [lx], (N, 4)."""
-    true = np.concatenate([np.arange(horizon_deg - 1.5, horizon_deg + 2.0, 0.01), np.arange(horizon_deg + 2.0, 90.0, 0.1)])
+    true = np.concatenate(
+        [np.arange(horizon_deg - 1.5, horizon_deg + 2.0, 0.01), np.arange(horizon_deg + 2.0, 90.0, 0.1)]
+    )
     true = np.append(true, 90.0)
     found = [solved.direct(float(e), altitude_km) for e in true]
     seen = np.array([one.irradiance.any() for one in found])
@@ -37,9 +41,7 @@ def sunbeam(solved: Solved, channels: Channels, altitude_km: float, horizon_deg:
     return lifted, np.exp(light)
 
 
-def night(
-    medium: Medium, channels: Channels, altitude_km: float, horizon_deg: float
-) -> tuple[np.ndarray, np.ndarray]:
+def night(medium: Medium, channels: Channels, altitude_km: float, horizon_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """The night's light at usual brightness, as `night.night_radiance` has it, taken apart.
 
     By elevation and for the ground, (5, N, W) and (3, W) [W m^-2 nm^-1 sr^-1]: airglow; starlight of 1 S10 that comes
@@ -67,8 +69,8 @@ def night(
     return rows, ground
 
 
-def zodiacal_table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ecliptic longitude from the sun (N,) and latitude (M,) [deg], and the light there at 500 nm (N, M)."""
-    longitude, latitude = np.linspace(0.0, 180.0, 73), np.linspace(0.0, 90.0, 37)
-    grid = np.meshgrid(longitude, latitude, indexing="ij")
-    return longitude, latitude, light.zodiacal_500nm(*grid)
+def zodiacal_table() -> np.ndarray:
+    """Zodiacal light at 500 nm [W m^-2 nm^-1 sr^-1], (73, 37): by ecliptic longitude from the sun, 0 to 180 deg, and
+    latitude, 0 to 90 deg, every 2.5 deg."""
+    grid = np.meshgrid(np.linspace(0.0, 180.0, 73), np.linspace(0.0, 90.0, 37), indexing="ij")
+    return light.zodiacal_500nm(*grid)

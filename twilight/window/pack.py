@@ -31,7 +31,9 @@ class Pack:
         step = max(high - low, 1e-9) / LEVELS
         whole = np.rint((logs - low) / step).astype(np.int64)
         change = np.diff(whole, axis=-1, prepend=0) % 65536
-        self._add(name, values.shape, (change >> 8).astype(np.uint8).tobytes() + (change & 255).astype(np.uint8).tobytes())
+        self._add(
+            name, values.shape, (change >> 8).astype(np.uint8).tobytes() + (change & 255).astype(np.uint8).tobytes()
+        )
         self.arrays[name] |= {"kind": "log16", "low": low, "step": step}
 
     def numbers(self, name: str, values: np.ndarray) -> None:

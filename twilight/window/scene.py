@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.engine import Solved
+from twilight.engine import Problem, Solved
 from twilight.errors import TwilightError
 from twilight.export import own
 from twilight.export.values import Source
@@ -53,7 +53,7 @@ def view_fields(
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
     tell, sizes = progress or silent, sizes or tables.Sizes()
     names = names or [solved.medium.name or f"field {i + 1}" for i, solved in enumerate(fields)]
-    altitudes = tuple(float(z) for z in altitudes_km) if altitudes_km else (fields[0].problem.altitude_km,)
+    altitudes = check_altitudes(fields[0].problem, altitudes_km, names[0])
     pack = Pack(_about("field", names, scenes or names, start or {}))
     pack.header |= {
         "altitude_km": list(altitudes),
@@ -63,7 +63,8 @@ def view_fields(
         "azimuth_power": own.AZIMUTH_POWER,
     }
     for k, solved in enumerate(fields):
-        _check(solved, altitudes, names[k])
+        check_altitudes(solved.problem, altitudes, names[k])
+        _check_suns(solved, names[k])
         channels = Channels(solved.medium.wavelength_nm, solar_spectrum)
         source = Source(solved, solved.medium, bool(getattr(solved.problem.settings, "refraction", False)))
         share = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
@@ -83,8 +84,7 @@ def view_fields(
             for name, values in (("night", night), ("night_ground", ground)):
                 pack.numbers(f"{name}{k}_{i}", channels.of(values / channels.solar_irradiance))
                 pack.numbers(f"{name}_spectrum{k}_{i}", values)
-    longitude, latitude, zodiacal = lines.zodiacal_table()
-    pack.numbers("zodiacal", np.log(zodiacal))
+    pack.numbers("zodiacal", np.log(lines.zodiacal_table()))
     pack.numbers("stars", _stars())
     return View(pack, f"{' and '.join(names)}: sky")
 
@@ -131,22 +131,31 @@ def _facts(channels: Channels) -> dict[str, Any]:
     }
 
 
-def _check(solved: Solved, altitudes: tuple[float, ...], name: str) -> None:
-    able, medium = solved.problem.capabilities, solved.medium
-    if not (able.every_sun and able.below_horizon and able.looks_down):
+def check_altitudes(problem: Problem, altitudes_km: Sequence[float] | None, name: str) -> tuple[float, ...]:
+    """The altitudes of the observer [km] that a page will have, None: the one of the problem.
+
+    Errors: TwilightError for a solver that cannot show every sun and direction, and an altitude it does not reach.
+    """
+    able, medium = problem.capabilities, problem.medium
+    if not (able.every_sun and able.below_horizon and able.looks_down) or able.standard_error:
         raise TwilightError(f"{name}: its solver has no sky for every sun and direction; zones has")
+    altitudes = (problem.altitude_km,) if altitudes_km is None else tuple(float(z) for z in altitudes_km)
     if len(altitudes) > 1 and not able.every_observer:
         raise TwilightError(f"{name}: its solver serves one altitude of the observer, not {len(altitudes)}; zones does")
     if list(altitudes) != sorted(set(altitudes)):
-        raise TwilightError("altitudes: must increase")
+        raise TwilightError(f"altitudes: {', '.join(f'{z:g}' for z in altitudes)} km must increase")
     low, high = medium.bottom_km, medium.top_km
     for z in altitudes:
         if not low <= z <= high:
             raise TwilightError(f"altitudes: {z:g} km is not allowed, {low:g} (the ground) to {high:g} km (the top) is")
-    lowest = float(getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))[0])
-    highest = float(getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))[1])
-    if lowest > own.LOWEST_SUN_DEG or highest < 90.0:
-        raise TwilightError(f"{name}: its field was solved for suns from {lowest:g} to {highest:g} deg, not for all")
+    return altitudes
+
+
+def _check_suns(solved: Solved, name: str) -> None:
+    """Raise TwilightError for a field that was not solved for all suns."""
+    low, high = getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))
+    if low > own.LOWEST_SUN_DEG or high < 90.0:
+        raise TwilightError(f"{name}: its field was solved for suns from {low:g} to {high:g} deg, not for all")
 
 
 def _stars() -> np.ndarray:

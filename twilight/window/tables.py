@@ -3,9 +3,9 @@
     light = exp(sky) + P(scattering angle) exp(aureole)        X, Y, Z and scotopic luminance [cd m^-2] at 1 au
 
 The axes are those of the layout `twilight` (`twilight.export.own`), with one more row, beyond the zenith, so that a
-cubic through it has no kink there.  P is the phase function of the column's aerosol in each channel.  aureole holds what
-aerosol scattered once, and a share of the rest, so that its logarithm does not fall without end in the shadow.  A
-coarser table holds the field at its wavelengths.
+cubic through it has no kink there.  P is the phase function of the column's aerosol in each channel.  aureole holds
+what aerosol scattered once, and a share of the rest, so that its logarithm does not fall without end in the shadow.
+A coarser table holds the field at its wavelengths.
 """
 
 from __future__ import annotations
@@ -112,4 +112,3 @@ def _once_scattered(source: Source, channels: Channels, altitude: float, row, az
 def _scattering_cosine(elevation: np.ndarray, azimuth: np.ndarray, suns: np.ndarray) -> np.ndarray:
     e, a, s = np.radians(elevation), np.radians(azimuth), np.radians(suns)[:, None, None]
     return np.sin(s) * np.sin(e) + np.cos(s) * np.cos(e) * np.cos(a)
-
