@@ -61,6 +61,9 @@ void main() {
   vec3 c = RGB * light.xyz;
   if (uEye) c = mesopic(c, light.y, light.w);
   c = intoGamut(c * uExposed) + texelFetch(uStars, at, 0).rgb;
+  // from 4 to 12 stops above white everything goes to white: the sun's disc is not duller than what is round it
+  float most = max(c.r, max(c.g, c.b));
+  c = mix(c, vec3(most), smoothstep(4.0, 12.0, log2(max(most, 1e-6))));
   vec3 noise = vec3(hash(gl_FragCoord.xy + uSeed), hash(gl_FragCoord.xy + uSeed + 71.7), hash(gl_FragCoord.xy + uSeed + 151.3))
              + vec3(hash(gl_FragCoord.xy + uSeed + 211.1), hash(gl_FragCoord.xy + uSeed + 293.9), hash(gl_FragCoord.xy + uSeed + 367.7)) - 1.0;
   shown = vec4(srgb(photographic(c)) + noise / 255.0, 1.0);
