@@ -58,12 +58,21 @@ class Tables:
 
 
 def fill(
-    source: Source, channels: Channels, altitudes_km: tuple[float, ...], sizes: Sizes, progress: Progress
+    source: Source,
+    channels: Channels,
+    altitudes_km: tuple[float, ...],
+    sizes: Sizes,
+    progress: Progress,
+    suns_deg: np.ndarray | None = None,
 ) -> Tables:
-    """The tables of a field, seen from altitudes above sea level."""
-    suns, azimuths = own.sun_nodes(sizes.suns), own.azimuth_nodes(sizes.azimuths)
+    """The tables of a field, seen from altitudes above sea level.
+
+    suns_deg: some of the suns alone, in the order of `own.sun_nodes(sizes.suns)`, from an even one; None: all.
+    """
+    suns = own.sun_nodes(sizes.suns) if suns_deg is None else suns_deg
+    azimuths = own.azimuth_nodes(sizes.azimuths)
     rows = sizes.ground + sizes.sky + 1
-    shape = (CHANNELS, len(altitudes_km), sizes.suns, rows, sizes.azimuths)
+    shape = (CHANNELS, len(altitudes_km), suns.size, rows, sizes.azimuths)
     sky = np.empty(shape)
     aureole = None if source.phase is None else np.empty(shape)
     phase = None if source.phase is None else channels.of(source.phase) / channels.of(np.ones_like(source.phase))
@@ -77,7 +86,7 @@ def fill(
         over = elevation > 90.0
         azimuth = np.where(over, 180.0 - azimuth, azimuth)
         elevation = np.where(over, 180.0 - elevation, elevation)
-        spectra = np.empty((sizes.suns, *elevation.shape, channels.wavelength_nm.size))
+        spectra = np.empty((suns.size, *elevation.shape, channels.wavelength_nm.size))
         for j, sun in enumerate(suns):
             spectra[j] = source.radiance(altitude, float(sun), elevation, azimuth)
             progress(f"{altitude:g} km", (i + 0.9 * (j + 1) / suns.size) / len(altitudes_km))
