@@ -14,6 +14,7 @@ from twilight.config.scene import Config, Wavelengths
 from twilight.errors import TwilightError
 
 if TYPE_CHECKING:
+    from twilight.atmosphere.bands import Bands
     from twilight.atmosphere.medium import Medium
     from twilight.atmosphere.opac import AerosolSpec
     from twilight.atmosphere.own import OwnAerosol
@@ -61,6 +62,24 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         co2_ppm=climate.refraction.co2_ppm,
         ground_albedo=ground_albedo(climate.ground, wavelength_nm),
         name=climate.name,
+    )
+
+
+def climate_bands(climate: Climate, medium: Medium) -> Bands | None:
+    """The bands of water vapour and oxygen in a medium of the climate; None where it has none at its wavelengths."""
+    from twilight.atmosphere import bands
+
+    if climate.medium is not None:
+        return None
+    column_mm = climate.gases.water_vapour.column_mm
+    wanted = {bands.WATER_VAPOUR: column_mm != 0.0, bands.OXYGEN: climate.gases.oxygen}
+    layers = climate.atmosphere.layers
+    return bands.make_bands(
+        medium,
+        climate.atmosphere.profile,
+        tuple(gas for gas, absorbs in wanted.items() if absorbs),
+        column_mm,
+        layers=layers.equal_air_mass is not None or layers.boundaries_km is not None,
     )
 
 
