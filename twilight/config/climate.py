@@ -98,7 +98,7 @@ class Ozone(Section):
 
 
 class WaterVapour(Section):
-    """Water vapour: how much absorbs in its bands (590, 650, 690, 720, 820, 940 nm)."""
+    """Water vapour: how much absorbs in its bands (590, 690, 720, 820, 940 nm)."""
 
     column_mm: Number | None = key(
         None,
