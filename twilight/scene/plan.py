@@ -19,8 +19,8 @@ below this; the radiance then moves by less than this share."""
 BANDS_LUMINANCE, BANDS_RADIANCE = 3e-3, 3e-3
 """Bands of a gas are left out of the placed wavelengths, which stand for luminance and colour, where they move
 luminance by less than the first; of other wavelengths where they move the radiance of none by more than the second."""
-BANDS_MASSES = {"luminance": 10.0, "radiance": 40.0}
-"""Vertical columns that light crosses on its way: about the most of a sun above the horizon, and of any."""
+LOW_SUN_MASS, LONGEST_MASS = 10.0, 40.0
+"""Vertical columns that light crosses on its way: of a low sun, and about the most of any."""
 WITHOUT_DATA_NM = (627.0, 632.0)
 """The band of oxygen at 629 nm, which the source of the others leaves out."""
 SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directions (docs/accuracy.md)"
@@ -111,6 +111,8 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, left_out: l
     from twilight.spectrum import VISIBLE_NM, colour_matching_functions
 
     placed = tuple(wavelength_nm) == PLACED_NM
+    eye = colour_matching_functions("cie1931_2deg")[:, 1]
+    eye = eye / eye.sum()
     column_mm = climate.gases.water_vapour.column_mm
     profile = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
     changes = {
@@ -121,22 +123,26 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, left_out: l
     for gas in bands.GASES:
         if not wanted[gas]:
             continue
-        kind = "luminance" if placed else "radiance"
         amount = bands.amounts(gas, profile, wavelength_nm, column_mm)
-        taken = 1.0 - bands.transmission(gas, BANDS_MASSES[kind] * amount)
-        if placed:
-            eye = colour_matching_functions("cie1931_2deg")[:, 1]
-            moved = float(np.sum(eye * np.interp(VISIBLE_NM, wavelength_nm, taken)) / np.sum(eye))
-            reason = f"they move luminance by {moved:.1e} at most at the wavelengths that are placed for it"
-        else:
-            moved = float(taken.max())
-            reason = f"no wavelength of this scene lies in them: they take {moved:.1e} at most"
-        if moved < (BANDS_LUMINANCE if placed else BANDS_RADIANCE):
-            inside = ", ".join(
-                f"{w:g} nm {100 * t:.0f} %" for w, t in zip(wavelength_nm, taken, strict=True) if t > 0.01
+        most = float(np.max(1.0 - bands.transmission(gas, LONGEST_MASS * amount)))
+        seen = 1.0 - bands.transmission(gas, LOW_SUN_MASS * amount)
+        moved = float(np.sum(eye * np.interp(VISIBLE_NM, wavelength_nm, seen)))
+        why = ""
+        if most < BANDS_RADIANCE:
+            why, effect = (
+                "no wavelength of this scene lies in them",
+                f"below {BANDS_RADIANCE:g}" if most > 0.0 else "none",
             )
-            effect = f"luminance below {BANDS_LUMINANCE:g}" if placed else f"below {BANDS_RADIANCE:g}"
-            left_out.append(LeftOut(f"bands of {gas}", reason, effect + (f"; radiance at {inside}" if inside else "")))
+        elif placed and moved < BANDS_LUMINANCE:
+            everywhere = 1.0 - bands.transmission(
+                gas, LOW_SUN_MASS * bands.amounts(gas, profile, VISIBLE_NM, column_mm)
+            )
+            inside = [f"{w:g} nm by {100 * t:.0f} %" for w, t in zip(wavelength_nm, seen, strict=True) if t > 0.01]
+            why = f"at the wavelengths that are placed between them they move luminance by {moved:.1e}"
+            whole = f"luminance by {100 * float(np.sum(eye * everywhere)):.1f} %"
+            effect = f"over {LOW_SUN_MASS:g} vertical columns: {', '.join([whole, *inside])}"
+        if why:
+            left_out.append(LeftOut(f"bands of {gas}", why, effect))
             climate = climate.model_copy(update={"gases": climate.gases.model_copy(update=changes[gas])})
     return climate
 
