@@ -151,10 +151,10 @@ class Field(BareField):
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
         lowest, highest = self._suns_seen_from(observer_altitude_km)
         if self.solutions and not lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9:
-            for_suns = f"for {lowest:g} to {highest:g} deg" if lowest <= highest else "for lower observers"
+            solved_for = f"{lowest:g} to {highest:g} deg" if lowest <= highest + 1e-9 else "lower observers"
             raise TwilightError(
-                f"sun.elevation_deg is {sun_elevation_deg:g} and the observer at {observer_altitude_km:g} km; the field "
-                f"was solved {for_suns}"
+                f"sun.elevation_deg is {sun_elevation_deg:g} and the observer at {observer_altitude_km:g} km; "
+                f"the field was solved for {solved_for}"
             )
 
     def _checked(self, observer_altitude_km: float) -> float:
