@@ -45,6 +45,7 @@ BRIGHT_ZENITH_DEG = 85.0
 SHARP, LEAST_SHARP = 1.5, 2.25
 """Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
 
+
 def reach_deg(medium: Medium, observer_altitude_km: float) -> float:
     """How far around the Earth from an observer [deg] the field is needed.
 
