@@ -13,6 +13,7 @@ import numpy as np
 from twilight import __version__
 from twilight.config.scene import Config, SunAt
 from twilight.config.solver import resolve_solver
+from twilight.engine.disc import make_disc
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
@@ -151,6 +152,9 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
         "longitude_deg": place.longitude_deg if place else None,
         "time": sun.time,
         "solar_spectrum": config.solar_spectrum,
+        "disc": make_disc(problem.medium, sun.elevation_deg, config.observer.altitude_km, sun.distance_au)
+        if config.sun.disc
+        else None,
         "provenance": _provenance(config, problem, sun, found, set_up_s),
     }
 
