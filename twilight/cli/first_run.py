@@ -18,7 +18,7 @@ def compiles_first(package: str) -> bool:
             found = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
             kernels += [one for one in found if one.py_func.__module__ == name and one.stats.cache_path]
     for kernel in kernels:
-        if any(Path(kernel.stats.cache_path).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
+        if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
             return False
     return bool(kernels)
 

@@ -143,14 +143,14 @@ def close_up(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> tuple[np.ndar
     elevation = (middle - offset)[:, None]
     azimuth = offset[None, :] / np.cos(np.radians(middle))
     xyz = colour.sky_to_xyz(sky, observer=observer)
-    lowest = max(float(sky.elevation_edges_deg[0]), -_dip_deg(sky))
+    lowest = max(float(sky.elevation_edges_deg[0]), -dip_deg(sky))
     picture = sky.smooth(xyz, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
-    picture[elevation[:, 0] < -_dip_deg(sky)] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
+    picture[elevation[:, 0] < -dip_deg(sky)] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
     add_to_picture(sky, picture, elevation, azimuth, observer, points=2)
     return picture, float(middle)
 
 
-def _dip_deg(sky: Sky) -> float:
+def dip_deg(sky: Sky) -> float:
     """Dip of the horizon [deg] of a smooth Earth without refraction."""
     from twilight.conventions import EARTH_RADIUS_KM
 

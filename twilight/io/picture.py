@@ -10,7 +10,7 @@ import numpy as np
 
 from twilight import colour
 from twilight.errors import TwilightError
-from twilight.io.disc import add_to_picture
+from twilight.io.disc import add_to_picture, dip_deg
 from twilight.io.eight_bit import to_bytes
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
@@ -29,6 +29,8 @@ WIDE_HORIZON = 0.86
 """Where the horizon lies, as a share of the height from above."""
 WIDE_EXPOSURE_STEPS = -0.3
 """Stops that the wide picture is given less (or more, negative) light than the meter says."""
+WIDE_DIP_DEG = 3.0
+"""A horizon that dips by more is kept at this height of the wide picture."""
 GROUND_SEEN_UP_TO_KM = 0.1
 """Observers no higher above the sphere see its ground from 0 deg down: the dip of the horizon is 0.3 deg at most."""
 
@@ -88,23 +90,27 @@ def render_view(
 
     The colours of the sky's grid are interpolated smoothly (``Sky.smooth``), then exposed and tone mapped.  ``auto``
     exposes the wide picture for the part of the sky that it shows, the others for the whole sky
-    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground; for an
-    observer high above it, whose horizon dips, the picture ends at 0 deg.
+    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground.  Seen from
+    high up, where the sky's rows go below the horizontal, it shows the horizon that dips and the ground through the
+    air, and looks down by what the horizon dips beyond 3 deg; a sky that ends at 0 deg ends the picture there.
     """
     elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
     check_options(exposure, tone_mapping, observer)
-    if view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
+    lower = float(sky.elevation_edges_deg[0])
+    if view == "wide" and lower < 0.0:
+        elevation = np.maximum(elevation - max(0.0, dip_deg(sky) - WIDE_DIP_DEG), -90.0)
+    elif view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
         elevation = elevation[elevation[:, 0] > 0.0]
     xyz = colour.sky_to_xyz(sky, observer=observer)
-    picture = sky.smooth(xyz, np.maximum(elevation, 0.0), azimuth)
+    picture = sky.smooth(xyz, np.maximum(elevation, lower), azimuth)
     if exposure != "auto":
         ev100 = float(exposure)
     elif view == "wide":
-        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > 0.0, :, 1]) + WIDE_EXPOSURE_STEPS
+        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > min(lower, 0.0), :, 1]) + WIDE_EXPOSURE_STEPS
     else:
         ev100 = sky_exposure_ev100(sky, observer)
     if view == "wide":
-        picture[elevation[:, 0] <= 0.0] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
+        picture[elevation[:, 0] <= lower] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
     add_to_picture(sky, picture, elevation, azimuth, observer)
     picture = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, tone_mapping)
     if view == "fisheye":

@@ -53,3 +53,16 @@ class Sights:
             true[:, k] = elevation_deg - np.where(free, np.degrees(angle), 0.0)
             passed[:, k] = np.where(free, share, 0.0)
         return true, passed
+
+
+def horizon_dip_deg(medium: Medium, altitude_km: float) -> float:
+    """How far below the horizontal the refracted ray leaves that touches the ground [deg], in the middle wavelength.
+
+    Bouguer's invariant n r cos(elevation) is the same at the ground and at the observer.
+    """
+    bottom, z = medium.bottom_km, max(altitude_km, medium.bottom_km)
+    w = medium.n_wavelengths // 2
+    profile = ray_profile(medium)
+    touching = (profile.radius_km + bottom) * (1.0 + refractivity_at(profile, w, bottom))
+    here = (profile.radius_km + z) * (1.0 + refractivity_at(profile, w, z))
+    return float(np.degrees(np.arccos(min(1.0, touching / here))))
