@@ -115,7 +115,7 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, left_out: l
     eye = eye / eye.sum()
     column_mm = climate.gases.water_vapour.column_mm
     profile = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
-    changes = {
+    changes: dict[str, dict[str, object]] = {
         bands.WATER_VAPOUR: {"water_vapour": climate.gases.water_vapour.model_copy(update={"column_mm": 0.0})},
         bands.OXYGEN: {"oxygen": False},
     }
