@@ -13,6 +13,7 @@ from twilight.atmosphere.bands import OXYGEN, WATER_VAPOUR, Bands
 from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.config import load
 from twilight.engine import problem_of
+from twilight.engine.disc import make_disc
 from twilight.engine.sunbeam import Sunbeam
 from twilight.errors import TwilightError
 from twilight.scene.plan import _limb_optical_depth, make_plan
@@ -147,6 +148,15 @@ def test_the_sunbeam_of_the_engine_follows_the_source(nm, gas):
         mass = np.trapezoid(density / np.sqrt(1.0 - horizontal**2), z) / np.trapezoid(density, z)
         found = with_bands(sun) / without(sun)
         assert found == pytest.approx(float(bands.transmission(gas, mass * amount)), rel=DIRECT_ERROR)
+
+
+def test_the_suns_disc_has_the_bands_too():
+    made = [zones_draft(scene([550.0, 762.5], **more), None) for more in ({}, NO_BANDS)]
+    wet, dry = (make_disc(p.medium, 8.0, 0.0, bands=p.bands).transmittance for p in made)
+    lit = dry[:, 1] > 0.0
+    beam = direct_of(scene([762.5]))(8.0) / direct_of(scene([762.5], **NO_BANDS))(8.0)
+    assert np.median(wet[lit, 1] / dry[lit, 1]) == pytest.approx(beam, rel=0.01)  # over half a degree
+    np.testing.assert_allclose(wet[lit, 0], dry[lit, 0], rtol=1e-9)
 
 
 class GreyField(BareField):

@@ -340,7 +340,7 @@ class Solved:
     ) -> Disc:
         """The sun's disc as an observer sees it: `twilight.disc.Disc`."""
         altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
-        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au)
+        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au, self.problem.bands)
 
     def sky(
         self,
