@@ -89,9 +89,6 @@ class Sasktran2Settings:
 QUALITIES: dict[str, Sasktran2Settings] = {
     "draft": Sasktran2Settings(zenith_step_deg=1.0, incoming=110),
     "standard": Sasktran2Settings(),
-    "reference": Sasktran2Settings(
-        multiple_step_km=0.5, source_step_km=0.5, source_growth=0.2, zenith_step_deg=0.25, outgoing=302, streams=32
-    ),
 }
 
 
