@@ -209,7 +209,9 @@ def test_every_control_does_what_it_says(pages):
             assert changed(), name
         page.fill("#date", "2026-09-20")
         assert changed()
+        page.select_option("#exposure", "camera")
         page.select_option("#mode", "clock")
+        shown()
         assert page.is_hidden("#sun") and page.is_visible("#latitude")
         for name, value in (("latitude", "60"), ("longitude", "20"), ("zone", "2")):
             page.fill(f"#{name}", value)
@@ -225,6 +227,9 @@ def test_every_control_does_what_it_says(pages):
         assert page.evaluate("document.getElementById('overlay').toDataURL()") != before
         page.click("#to-sun")
         assert state("azimuth") == pytest.approx(page.evaluate("twilight.theSun().azimuth"))
+        slide("hours", 12.0)
+        page.click("#to-sun")
+        page.select_option("#exposure", "manual")
         slide("ev", 17.0)
         shown()
         page.click("#disc")
