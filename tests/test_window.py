@@ -135,7 +135,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
             turn = (found["azimuth"] - moment.azimuth_deg + 180.0) % 360.0 - 180.0
             assert found["elevation"] == pytest.approx(moment.elevation_deg, abs=0.01)
             assert abs(turn) * math.cos(math.radians(moment.elevation_deg)) < 0.01
-            assert found["distance"] == pytest.approx(moment.distance_au, abs=2e-5)
+            assert found["distance"] == pytest.approx(moment.distance_au, abs=6e-5)
         dark = light_of(page, {**state, **ALL_SKY, "night": False})[::-1][keep]
         light = light_of(page, {**state, "night": True})[::-1][keep]
         assert errors == []
@@ -215,7 +215,7 @@ def test_every_control_does_what_it_says(pages):
         assert page.is_hidden("#sun") and page.is_visible("#latitude")
         for name, value in (("latitude", "60"), ("longitude", "20"), ("zone", "2")):
             page.fill(f"#{name}", value)
-            assert changed() and state(name) == float(value)
+            assert changed() and state(name) == float(value), (name, page.inner_text("#status"))
         slide("hours", 17.5)
         assert changed()
         page.click("#run")
@@ -256,7 +256,7 @@ def test_every_control_does_what_it_says(pages):
         elevation = state("elevation")
         page.mouse.move(300, 300)
         page.mouse.down()
-        page.mouse.move(300, 360, steps=3)
+        page.mouse.move(300, 240, steps=3)
         page.mouse.up()
         assert state("elevation") != elevation
         page.mouse.move(round(420 * state("split")), 300)
