@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from twilight.atmosphere.stratosphere import StratosphereSpec
 
 
+USUAL_WIND_M_S = 5.0
+"""Wind over water where the climate gives none."""
+
+
 def wavelengths_of(config: Config) -> np.ndarray | None:
     """The wavelengths [nm] of a render, (W,); None for a tabulated medium that is to keep its own."""
     if config.wavelengths is None and config.climate.medium is not None:
@@ -34,7 +38,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     Errors: TwilightError for what the data do not cover, and for a table that is not what its SHA-256 says.
     """
     if climate.medium is not None:
-        return _tabulated(climate, climate.medium, wavelength_nm)
+        return _with_ground(_tabulated(climate, climate.medium, wavelength_nm), climate.ground)
     assert wavelength_nm is not None
     from twilight.atmosphere.build import build_medium
     from twilight.atmosphere.layers import Boundaries, EqualAirMass
@@ -44,7 +48,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
     elif climate.atmosphere.layers.boundaries_km is not None:
         layers = Boundaries(climate.atmosphere.layers.boundaries_km)
-    return build_medium(
+    medium = build_medium(
         wavelength_nm,
         profile=climate.atmosphere.profile,
         top_km=climate.atmosphere.top_km,
@@ -59,9 +63,9 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         stratosphere=stratosphere_spec(climate),
         refraction=climate.refraction.model,
         co2_ppm=climate.refraction.co2_ppm,
-        ground_albedo=ground_albedo(climate.ground, wavelength_nm),
         name=climate.name,
     )
+    return _with_ground(medium, climate.ground)
 
 
 def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
@@ -152,14 +156,12 @@ def name_by_content(climate: dict[str, Any]) -> None:
 
 
 def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarray | None) -> Medium:
-    from dataclasses import replace
-
     from twilight.atmosphere.table import medium_from_table
 
     check_sha256(table.table, table.sha256, "medium.sha256")
     if table.phase_function is not None:
         check_sha256(table.phase_function, table.phase_function_sha256, "medium.phase_function_sha256")
-    medium = medium_from_table(
+    return medium_from_table(
         table.table,
         depolarisation=table.depolarisation,
         wavelength_nm=wavelength_nm,
@@ -168,4 +170,16 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
         earth_radius_km=table.earth_radius_km,
         name=climate.name,
     )
-    return replace(medium, ground_albedo=ground_albedo(climate.ground, medium.wavelength_nm))
+
+
+def _with_ground(medium: Medium, ground: Ground) -> Medium:
+    """The medium over the climate's land or water."""
+    from dataclasses import replace
+
+    from twilight.water import mean_square_slope
+
+    slope = 0.0
+    if ground.kind == "water":
+        slope = mean_square_slope(USUAL_WIND_M_S if ground.wind_speed_m_s is None else ground.wind_speed_m_s)
+    albedo = ground_albedo(ground, medium.wavelength_nm)
+    return replace(medium, ground_albedo=albedo, water_mean_square_slope=slope)
