@@ -30,9 +30,9 @@ N_CELL = 5
 
 
 class Surface(NamedTuple):
-    """index (W,) and mean square slope slope2 of the water, see :mod:`twilight.water`; slope2 is 0 for land."""
+    """refractive_index (W,) and mean square slope slope2 of the water, see :mod:`twilight.water`; slope2 is 0 for land."""
 
-    index: np.ndarray
+    refractive_index: np.ndarray
     slope2: float
 
 
@@ -235,7 +235,16 @@ def add_sunlit_water(turning, place, beams, transmittance, surface, low, high, s
                 cosine = math.cos(min(math.pi, max(0.0, azimuth + width * ((m + 0.5) / N_CELL - 0.5))))
                 for n in range(N_CELL):
                     mu_out = low + (high - low) * (n + 0.5) / N_CELL
-                    add_mirrored(mu_in, mu_out, cosine, surface.index, surface.slope2, light, transmittance, sums[t, a])
+                    add_mirrored(
+                        mu_in,
+                        mu_out,
+                        cosine,
+                        surface.refractive_index,
+                        surface.slope2,
+                        light,
+                        transmittance,
+                        sums[t, a],
+                    )
 
 
 def cells(cosine: np.ndarray, n_polar: int) -> tuple[np.ndarray, np.ndarray]:
@@ -272,4 +281,6 @@ def view_sunlit_water(beam, rays, directions, surface, ground_km, out, begin, en
             bending = beam_at(beam, ground_km, up, light)
             mu_in = math.cos(max(0.0, math.acos(up) - bending))
             c = min(1.0, max(-1.0, ahead / max(math.sqrt(1.0 - up * up), 1e-9)))
-            add_mirrored(mu_in, mu_out, c, surface.index, surface.slope2, light, rays.ground_weight[r], out[d])
+            add_mirrored(
+                mu_in, mu_out, c, surface.refractive_index, surface.slope2, light, rays.ground_weight[r], out[d]
+            )
