@@ -72,7 +72,7 @@ def albedo(mu_in: float, index: float, slope2: float) -> float:
 
 
 def test_energy():
-    for wind, most_lost in ((1.0, 0.03), (14.0, 0.18)):
+    for wind, most_lost in ((1.0, 0.05), (14.0, 0.10)):
         slope2 = water.mean_square_slope(wind)
         for mu_in in (1.0, 0.5, 0.2):
             # a perfect mirror reflects all but what meets a second facet
@@ -143,14 +143,14 @@ AZIMUTH = np.array([20.0, 20.0, 70.0, 20.0, 20.0, 110.0])
 @pytest.mark.parametrize("sun", [40.0, 8.0, -3.0])
 def test_both_solvers_see_the_same_sea(sun):
     air = sea(0.2, 5.0, 0.02)
-    exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.0).stokes_with_error(sun, ELEVATION, AZIMUTH)
-    quick = zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=True), observer_altitude_km=1.0)
+    exact = montecarlo.prepare(air, FIXED, observer_altitude_km=0.5).stokes_with_error(sun, ELEVATION, AZIMUTH)
+    quick = zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=True), observer_altitude_km=0.5)
     ours, right, noise = quick.stokes(sun, ELEVATION, AZIMUTH), exact.stokes, exact.standard_error / exact.stokes[:, :1]
     assert noise.max() < 0.02
     error = np.abs(ours - right) / right[:, :1]
     assert np.all(error < 0.03 + 3.0 * noise), error[..., 0]
     # and water is seen to polarise: without it these directions are those of a black ground
-    land = zones.prepare(replace(air, water_mean_square_slope=0.0), quick.settings, observer_altitude_km=1.0)
+    land = zones.prepare(replace(air, water_mean_square_slope=0.0), quick.settings, observer_altitude_km=0.5)
     assert np.any(np.abs(land.stokes(sun, ELEVATION, AZIMUTH) - right)[:4] / right[:4, :1] > 0.1)
 
 

@@ -30,7 +30,7 @@ N_CELL = 5
 
 
 class Surface(NamedTuple):
-    """refractive_index (W,) and mean square slope slope2 of the water, see :mod:`twilight.water`; slope2 is 0 for land."""
+    """refractive_index (W,) and mean square slope slope2 of water, see :mod:`twilight.water`; slope2 is 0 for land."""
 
     refractive_index: np.ndarray
     slope2: float
