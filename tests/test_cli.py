@@ -437,7 +437,7 @@ def test_time_left_is_at_the_mean_speed():
 
     assert time_left(0.25, 1200.0) == "1:00:00 left"
     assert time_left(0.5, 65.0) == "0:01:05 left"
-    assert time_left(0.0, 5.0) == "-:--:-- left"
+    assert time_left(0.09, 5.0) == "-:--:-- left"
 
 
 def test_an_interrupt_during_imports_gives_no_traceback(tmp_path):
