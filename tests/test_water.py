@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from montecarlo_media import slab
+from montecarlo_media import hazy_earth, slab
 
 from twilight import solvers, water
 from twilight.config.load import load_climate
@@ -142,15 +142,15 @@ AZIMUTH = np.array([20.0, 20.0, 70.0, 20.0, 20.0, 110.0])
 
 @pytest.mark.parametrize("sun", [40.0, 8.0, -3.0])
 def test_both_solvers_see_the_same_sea(sun):
-    air = sea(0.2, 5.0, 0.02)
-    exact = montecarlo.prepare(air, FIXED, observer_altitude_km=0.5).stokes_with_error(sun, ELEVATION, AZIMUTH)
-    quick = zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=True), observer_altitude_km=0.5)
+    air = replace(hazy_earth(ground=0.02), water_mean_square_slope=WIND_5)
+    exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.5).stokes_with_error(sun, ELEVATION, AZIMUTH)
+    quick = zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=True), observer_altitude_km=1.5)
     ours, right, noise = quick.stokes(sun, ELEVATION, AZIMUTH), exact.stokes, exact.standard_error / exact.stokes[:, :1]
-    assert noise.max() < 0.02
+    assert noise.max() < 0.04
     error = np.abs(ours - right) / right[:, :1]
     assert np.all(error < 0.03 + 3.0 * noise), error[..., 0]
     # and water is seen to polarise: without it these directions are those of a black ground
-    land = zones.prepare(replace(air, water_mean_square_slope=0.0), quick.settings, observer_altitude_km=0.5)
+    land = zones.prepare(replace(air, water_mean_square_slope=0.0), quick.settings, observer_altitude_km=1.5)
     assert np.any(np.abs(land.stokes(sun, ELEVATION, AZIMUTH) - right)[:4] / right[:4, :1] > 0.1)
 
 
