@@ -140,7 +140,7 @@ ELEVATION = np.array([-70.0, -40.0, -20.0, -8.0, 10.0, 50.0])
 AZIMUTH = np.array([20.0, 20.0, 70.0, 20.0, 20.0, 110.0])
 
 
-@pytest.mark.parametrize("sun", [40.0, 8.0, -3.0])
+@pytest.mark.parametrize("sun", [pytest.param(40.0, marks=pytest.mark.slow), 8.0, -3.0])
 def test_both_solvers_see_the_same_sea(sun):
     air = replace(hazy_earth(ground=0.02), water_mean_square_slope=WIND_5)
     exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.5).stokes_with_error(sun, ELEVATION, AZIMUTH)
