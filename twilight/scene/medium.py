@@ -14,6 +14,7 @@ from twilight.config.scene import Config, Wavelengths
 from twilight.errors import TwilightError
 
 if TYPE_CHECKING:
+    from twilight.atmosphere.bands import Bands
     from twilight.atmosphere.medium import Medium
     from twilight.atmosphere.opac import AerosolSpec
     from twilight.atmosphere.own import OwnAerosol
@@ -40,8 +41,12 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     if climate.medium is not None:
         return _with_ground(_tabulated(climate, climate.medium, wavelength_nm), climate.ground)
     assert wavelength_nm is not None
+    from dataclasses import replace
+
+    from twilight.atmosphere.bands import water_column_mm
     from twilight.atmosphere.build import build_medium
     from twilight.atmosphere.layers import Boundaries, EqualAirMass
+    from twilight.atmosphere.profiles import WHERE_AND_WHEN, load_profile
 
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
@@ -65,7 +70,32 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         co2_ppm=climate.refraction.co2_ppm,
         name=climate.name,
     )
+    column_mm = climate.gases.water_vapour.column_mm
+    source = "as asked for"
+    if column_mm is None:
+        full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
+        column_mm, source = water_column_mm(full), f"AFGL 1986, {WHERE_AND_WHEN[full.name]}"
+    water = {"water_vapour_column_mm": column_mm, "water_vapour_source": source}
+    medium = replace(medium, notes={**medium.notes, **water})
     return _with_ground(medium, climate.ground)
+
+
+def climate_bands(climate: Climate, medium: Medium) -> Bands | None:
+    """The bands of water vapour and oxygen in a medium of the climate; None where it has none at its wavelengths."""
+    from twilight.atmosphere import bands
+
+    if climate.medium is not None:
+        return None
+    column_mm = climate.gases.water_vapour.column_mm
+    wanted = {bands.WATER_VAPOUR: column_mm != 0.0, bands.OXYGEN: climate.gases.oxygen}
+    layers = climate.atmosphere.layers
+    return bands.make_bands(
+        medium,
+        climate.atmosphere.profile,
+        tuple(gas for gas, absorbs in wanted.items() if absorbs),
+        column_mm,
+        layers=layers.equal_air_mass is not None or layers.boundaries_km is not None,
+    )
 
 
 def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
