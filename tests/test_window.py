@@ -159,7 +159,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 
 def test_every_control_does_what_it_says(pages):
-    with open_page(pages.two, 420, 600, accept_downloads=True) as (page, errors):
+    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.35) as (page, errors):
         page.evaluate("document.getElementById('panel').hidden = false")
 
         def state(key):
