@@ -69,7 +69,7 @@ def test_its_light_is_that_of_the_beam_while_air_changes_little_over_it(air, sun
     (("us_standard", -0.283, 27.1), ("midlatitude_winter", -0.366, 25.9), ("subarctic_winter", -0.469, 24.2)),
 )
 def test_a_sun_that_stands_on_the_horizon_is_flattened_by_five_to_eight_minutes_of_arc(profile, sun, high):
-    """Where it is 32.0' wide; the Nautical Almanac's refractions of its two limbs at 10 C, 34.5' and 28.9', give 26.4'."""
+    """Where it is 32.0' wide; the Nautical Almanac's 34.5' and 28.9' for its two limbs at 10 C make it 26.4'."""
     disc = make_disc(climate_medium(load("pure-air", {"atmosphere.profile": profile}).climate, [550.0]), sun, 0.0)
     lower, upper = disc.edges_deg()
     assert 60 * (upper - lower) == pytest.approx(high, abs=0.1) and lower < 0.004
