@@ -13,6 +13,7 @@ import numpy as np
 from twilight import __version__
 from twilight.config.scene import Config, SunAt
 from twilight.config.solver import resolve_solver
+from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
@@ -61,7 +62,7 @@ def frames(
     suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
     if not suns:
         return
-    problem = problem_of(config, [sun.elevation_deg for sun in suns])
+    problem = problem_of(config, [sun.elevation_deg for sun in suns], kept=kept_fields())
     set_up_s = time.perf_counter() - started
     found = [_Found() for _ in suns]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
@@ -124,6 +125,7 @@ class _Found:
     seconds: float = 0.0
     convergence: dict[str, Any] = field(default_factory=dict)
     facts: dict[str, float] = field(default_factory=dict)
+    from_disk: bool = True
 
     def take(self, block: Block, sun: SunPosition, config: Config) -> None:
         begin = time.perf_counter()
@@ -133,6 +135,7 @@ class _Found:
             self.panorama.append(block.texture(sun.elevation_deg, *grid))
         self.direct.append(block.direct(sun.elevation_deg))
         self.facts.update(block.field.facts)
+        self.from_disk &= block.from_disk
         converged = block.field.convergence
         if converged is not None:  # the worst block of wavelengths
             for key, here in vars(converged).items():
@@ -185,6 +188,8 @@ def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Foun
         "quality": quality,
         "left_out": [item.part for item in problem.left_out],
     }
+    if found.from_disk:
+        record["field_from_disk"] = True  # its run time leaves out solving it
     if found.convergence:
         record["convergence"] = found.convergence
     if found.facts:

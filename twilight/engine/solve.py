@@ -9,6 +9,8 @@ that 1000 need no more memory than one block; a `Block` is one of them, solved. 
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -20,6 +22,7 @@ from twilight import solvers
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.engine.kept import KeptFields, kept_fields
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.errors import TwilightError
 from twilight.grids import half_of
@@ -70,6 +73,7 @@ class Problem:
     observer_altitude_km: where directions are seen from unless a question says otherwise; None: from the ground.
     sun_elevations_deg: all the suns that will be asked for [deg]; None: any.
     title: what to call it in errors; left_out: what the plan of its scene left out of the medium.
+    kept: where solved fields are taken from and left for the next time; None: every field is solved here.
     """
 
     medium: Medium
@@ -79,6 +83,7 @@ class Problem:
     sun_elevations_deg: tuple[float, ...] | None = None
     title: str = ""
     left_out: tuple[LeftOut, ...] = ()
+    kept: KeptFields | None = None
 
     def __post_init__(self) -> None:
         if len(self.slices) > 1 and self.capabilities.field_file and self.settings.field_file:
@@ -124,7 +129,7 @@ class Block:
     """A block of wavelengths, solved.
 
     wavelengths: its place in those of the problem; medium: at these wavelengths; field: the solver's own, of the
-    observer who was asked for last.
+    observer who was asked for last; from_disk: whether that was read, not solved.
     """
 
     def __init__(self, problem: Problem, wavelengths: slice, medium: Medium, progress: Progress):
@@ -133,15 +138,35 @@ class Block:
         self.sunbeam = Sunbeam(medium)
         self._progress = progress
         self._altitude_km = problem.altitude_km
+        self.from_disk = False
         self.field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
         prepare: Any = self.problem.solver.prepare
         known = self.problem.sun_elevations_deg
         more = {"sun_elevations_deg": list(known)} if known is not None and self.capabilities.takes_suns else {}
-        return prepare(
-            self.medium, self.problem.settings, observer_altitude_km=altitude_km, progress=self._progress, **more
+
+        def solved(settings: Any) -> Field:
+            return prepare(self.medium, settings, observer_altitude_km=altitude_km, progress=self._progress, **more)
+
+        settings, kept = self.problem.settings, self.problem.kept
+        if kept is None or not self.capabilities.field_file or settings.field_file:
+            return solved(settings)
+        path = kept.path(
+            self.problem.solver.__name__, settings, self.medium, more.get("sun_elevations_deg"), altitude_km
         )
+        if path.exists():
+            try:
+                os.utime(path)
+                read = solved(replace(settings, field_file=str(path)))
+                self.from_disk = True
+                return read
+            except (OSError, TwilightError):  # damaged, or removed meanwhile
+                with contextlib.suppress(OSError):
+                    path.unlink()
+        made = solved(settings)
+        kept.keep(path, made)
+        return made
 
     def answer(
         self,
@@ -324,11 +349,12 @@ def problem_of(
     *,
     wavelength_nm: np.ndarray | None = None,
     by: tuple[Solver, Any] | None = None,
+    kept: KeptFields | None = None,
 ) -> Problem:
     """The problem of a configuration's scene: its climate without what its plan leaves out, its solver, its observer.
 
     sun_elevations_deg: all the suns that will be asked for, None: any.  wavelength_nm: in place of the scene's own.
-    by: (solver, settings) in place of the configuration's.
+    by: (solver, settings) in place of the configuration's.  kept: as of `Problem`.
     Errors: TwilightError for whatever in the configuration cannot be computed.
     """
     if by is None:
@@ -342,6 +368,7 @@ def problem_of(
         None if sun_elevations_deg is None else tuple(sun_elevations_deg),
         config.title,
         plan.left_out,
+        kept,
     )
 
 
@@ -349,4 +376,4 @@ def solve(
     config: Config, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None
 ) -> Solved:
     """Solve a configuration's scene, for the suns that will be asked for or for any (None), and hold it."""
-    return problem_of(config, sun_elevations_deg).solve(progress)
+    return problem_of(config, sun_elevations_deg, kept=kept_fields()).solve(progress)

@@ -171,6 +171,8 @@ class SegmentField(Field, Protocol):
 class Solver(Protocol):
     """The module of a solver."""
 
+    __name__: str
+
     @property
     def CAPABILITIES(self) -> Capabilities: ...
 
