@@ -27,7 +27,7 @@ def test_time_left_is_at_the_mean_speed():
 
     assert time_left(0.25, 1200.0) == "1:00:00 left"
     assert time_left(0.5, 65.0) == "0:01:05 left"
-    assert time_left(0.0, 5.0) == "-:--:-- left"
+    assert time_left(0.09, 5.0) == "-:--:-- left"
 
 
 def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):

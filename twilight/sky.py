@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
+<<<<<<< HEAD
 from twilight import interpolation, spectrum
+=======
+from twilight import spectrum
+from twilight.disc import Disc
+>>>>>>> main
 from twilight.errors import TwilightError
 from twilight.grids import texture_centres
 
@@ -65,6 +70,7 @@ class Sky:
     solar_spectrum: one of ``spectrum.solar_spectra()``.
     night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light), mean over each
         wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun: it is no part of sun_normalised_radiance.
+    disc: of the sun, where it was asked for; a layer of its own, never part of a radiance here.
     provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
 
     Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``, plus the night.
@@ -90,6 +96,7 @@ class Sky:
     night_radiance: np.ndarray | None = None
     polarisation: np.ndarray | None = None
     polarisation_error: np.ndarray | None = None
+    disc: Disc | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):
@@ -134,6 +141,8 @@ class Sky:
         if not self.distance_au > 0:
             raise TwilightError(f"sky: distance_au {self.distance_au} must be positive")
         spectrum.solar_spectrum(self.solar_spectrum)
+        if self.disc is not None and not np.array_equal(self.disc.wavelength_nm, wavelength):
+            raise TwilightError("sky: disc must have the wavelengths of the sky")
 
     # What a person sees -----------------------------------------------------------------------------------------
 
@@ -255,6 +264,7 @@ class Sky:
             polarisation_error=None,
             night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
             direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
+            disc=None if self.disc is None else replace(self.disc, transmittance=0.5 * self.disc.transmittance),
         )
 
     def sample_polarised_share(self, elevation_deg, azimuth_deg) -> np.ndarray:
@@ -315,7 +325,7 @@ class Sky:
     def _with(self, values: np.ndarray) -> Sky:
         """Values (E, A, W) >= 0 in the place of the radiance, and nothing else on the grid."""
         empty: dict[str, Any] = dict.fromkeys(
-            ("standard_error", "night_radiance", "polarisation", "polarisation_error")
+            ("standard_error", "night_radiance", "polarisation", "polarisation_error", "disc")
         )
         return replace(self, sun_normalised_radiance=values, **empty)
 
@@ -324,8 +334,51 @@ class Sky:
         return self.resample(*latlong_grid(width, self.sun_azimuth_deg))
 
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+<<<<<<< HEAD
         """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K): `interpolation.smooth`."""
         return interpolation.smooth(self.elevation_deg, self.azimuth_deg, values, elevation_deg, azimuth_deg)
+=======
+        """Interpolate values (E, A, K) >= 0 on this sky's grid smoothly to broadcast directions, (..., K).
+
+        For pictures: a local cubic of the logarithm in both angles (``spectrum.hermite_matrix``), continued across the
+        zenith, wrapped in azimuth, continued below the first row by at most half a row.  Reproduces the grid.  Where
+        any value is 0 the logarithm does not exist and all is interpolated as ``sample`` does.  Elevations (n, 1) with
+        azimuths (1, m), the rows and columns of a picture, are fastest.
+        """
+        values, k = np.asarray(values), np.shape(values)[2]
+        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
+        shape = np.broadcast_shapes(elevation.shape, azimuth.shape)
+        if not (values > 0).all():
+            stand_in = replace(
+                self,
+                wavelength_nm=500.0 + np.arange(k),
+                sun_normalised_radiance=values,
+                standard_error=None,
+                night_radiance=None,
+                direct_irradiance=None,
+                ground_albedo=None,
+                polarisation=None,
+                polarisation_error=None,
+                disc=None,
+            )
+            return stand_in.sample(elevation, azimuth)
+        rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))
+        elevation = np.maximum(elevation, 0.5 * (rows[0] + self.elevation_deg[0]))
+        azimuth = self.azimuth_deg[0] + np.mod(azimuth - self.azimuth_deg[0], 360.0)
+        if elevation.ndim == azimuth.ndim == 2 and elevation.shape[1] == azimuth.shape[0] == 1:
+            along = spectrum.hermite_matrix(rows, elevation[:, 0]) @ table.reshape(rows.size, -1)
+            along = np.moveaxis(along.reshape(-1, columns.size, k), 1, 0).reshape(columns.size, -1)
+            both = (spectrum.hermite_matrix(columns, azimuth[0]) @ along).reshape(azimuth.size, -1, k)
+            return np.exp(np.swapaxes(both, 0, 1)).astype(values.dtype, copy=False)
+        elevation, azimuth = (x.ravel() for x in np.broadcast_arrays(elevation, azimuth))
+        row, row_weight = spectrum.hermite_weights(rows, elevation)
+        column, column_weight = spectrum.hermite_weights(columns, azimuth)
+        out = np.zeros((elevation.size, k))
+        for i in range(4):
+            for j in range(4):
+                out += (row_weight[:, i] * column_weight[:, j])[:, None] * table[row[:, i], column[:, j]]
+        return np.exp(out).astype(values.dtype, copy=False).reshape(*shape, k)
+>>>>>>> main
 
     # Integrals --------------------------------------------------------------------------------------------------
 

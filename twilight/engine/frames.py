@@ -13,6 +13,8 @@ import numpy as np
 from twilight import __version__
 from twilight.config.scene import Config, SunAt
 from twilight.config.solver import resolve_solver
+from twilight.engine.directions import texture_rows
+from twilight.engine.disc import make_disc
 from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
@@ -24,6 +26,7 @@ from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
 from twilight.sky import Sky, latlong_grid
+from twilight.transport.apparent import horizon_dip_deg
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ class _Found:
 
     def take(self, block: Block, sun: SunPosition, config: Config) -> None:
         begin = time.perf_counter()
-        self.texture.append(block.texture(sun.elevation_deg, *texture_centres(config.texture.shape)))
+        self.texture.append(block.texture(sun.elevation_deg, *_grid(config, block.problem)))
         if config.texture.latlong_width is not None:
             grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
             self.panorama.append(block.texture(sun.elevation_deg, *grid))
@@ -154,6 +157,9 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
         "longitude_deg": place.longitude_deg if place else None,
         "time": sun.time,
         "solar_spectrum": config.solar_spectrum,
+        "disc": make_disc(problem.medium, sun.elevation_deg, config.observer.altitude_km, sun.distance_au)
+        if config.sun.disc
+        else None,
         "provenance": _provenance(config, problem, sun, found, set_up_s),
     }
 
@@ -165,13 +171,29 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
             direct,
             sun.elevation_deg,
             config.observer.altitude_km,
-            night_radiance=_night(config, problem, sun, *grid),
+            night_radiance=_night(config, problem, sun, *grid)
+            if grid[0][0] >= 0.0
+            else _night_above(config, problem, sun, *grid),
             **about,
         )
 
     width = config.texture.latlong_width
     panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
-    return Frame(sun.name, sky(found.texture, texture_centres(config.texture.shape)), panorama)
+    return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama)
+
+
+def _grid(config: Config, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    return texture_rows(config, problem), texture_centres(config.texture.shape)[1]
+
+
+def _night_above(
+    config: Config, problem: Problem, sun: SunPosition, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
+) -> np.ndarray | None:
+    """The night of rows that go below the horizontal: as at 0 deg down to the horizon, nothing below it."""
+    above = _night(config, problem, sun, np.maximum(elevation_deg, 0.0), azimuth_deg)
+    if above is not None:
+        above[elevation_deg < -horizon_dip_deg(problem.medium, config.observer.altitude_km)] = 0.0
+    return above
 
 
 def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Found, set_up_s: float) -> dict[str, Any]:

@@ -22,6 +22,8 @@ from twilight import solvers
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.disc import Disc
+from twilight.engine.disc import make_disc
 from twilight.engine.kept import KeptFields, kept_fields
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.errors import TwilightError
@@ -300,6 +302,13 @@ class Solved:
         """The sun's direct light at an observer."""
         found = [block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks]
         return Direct(np.concatenate([one.irradiance for one in found]), found[-1].bending_deg)
+
+    def disc(
+        self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0
+    ) -> Disc:
+        """The sun's disc as an observer sees it: `twilight.disc.Disc`."""
+        altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
+        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au)
 
     def sky(
         self,

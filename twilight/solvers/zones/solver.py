@@ -35,14 +35,14 @@ def prepare(
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
     observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
-    above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: by day the night side is
-    then left out, by night the noon.  `progress(doing, share)` is called now and then.
+    above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: only the zones
+    that they see are then solved.  `progress(doing, share)` is called now and then.
 
     Errors: TwilightError for an observer below the ground and for a field file that cannot be written.
     Warns where target_error is not reached, and where max_events end the solution before tolerance does.
     """
     settings = settings or QUALITIES["standard"]
-    needed = zenith_range(sun_elevations_deg if observer_altitude_km <= 0.3 * medium.top_km else None)
+    needed = zenith_range(medium, sun_elevations_deg, observer_altitude_km)
     if settings.field_file:
         stored = stored_hash(settings.field_file)
         for extent in (needed, (0.0, LAST_ZENITH_DEG)):
