@@ -8,12 +8,8 @@ from typing import Any
 
 import numpy as np
 
-<<<<<<< HEAD
 from twilight import interpolation, spectrum
-=======
-from twilight import spectrum
 from twilight.disc import Disc
->>>>>>> main
 from twilight.errors import TwilightError
 from twilight.grids import texture_centres
 
@@ -334,51 +330,8 @@ class Sky:
         return self.resample(*latlong_grid(width, self.sun_azimuth_deg))
 
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-<<<<<<< HEAD
         """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K): `interpolation.smooth`."""
         return interpolation.smooth(self.elevation_deg, self.azimuth_deg, values, elevation_deg, azimuth_deg)
-=======
-        """Interpolate values (E, A, K) >= 0 on this sky's grid smoothly to broadcast directions, (..., K).
-
-        For pictures: a local cubic of the logarithm in both angles (``spectrum.hermite_matrix``), continued across the
-        zenith, wrapped in azimuth, continued below the first row by at most half a row.  Reproduces the grid.  Where
-        any value is 0 the logarithm does not exist and all is interpolated as ``sample`` does.  Elevations (n, 1) with
-        azimuths (1, m), the rows and columns of a picture, are fastest.
-        """
-        values, k = np.asarray(values), np.shape(values)[2]
-        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
-        shape = np.broadcast_shapes(elevation.shape, azimuth.shape)
-        if not (values > 0).all():
-            stand_in = replace(
-                self,
-                wavelength_nm=500.0 + np.arange(k),
-                sun_normalised_radiance=values,
-                standard_error=None,
-                night_radiance=None,
-                direct_irradiance=None,
-                ground_albedo=None,
-                polarisation=None,
-                polarisation_error=None,
-                disc=None,
-            )
-            return stand_in.sample(elevation, azimuth)
-        rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))
-        elevation = np.maximum(elevation, 0.5 * (rows[0] + self.elevation_deg[0]))
-        azimuth = self.azimuth_deg[0] + np.mod(azimuth - self.azimuth_deg[0], 360.0)
-        if elevation.ndim == azimuth.ndim == 2 and elevation.shape[1] == azimuth.shape[0] == 1:
-            along = spectrum.hermite_matrix(rows, elevation[:, 0]) @ table.reshape(rows.size, -1)
-            along = np.moveaxis(along.reshape(-1, columns.size, k), 1, 0).reshape(columns.size, -1)
-            both = (spectrum.hermite_matrix(columns, azimuth[0]) @ along).reshape(azimuth.size, -1, k)
-            return np.exp(np.swapaxes(both, 0, 1)).astype(values.dtype, copy=False)
-        elevation, azimuth = (x.ravel() for x in np.broadcast_arrays(elevation, azimuth))
-        row, row_weight = spectrum.hermite_weights(rows, elevation)
-        column, column_weight = spectrum.hermite_weights(columns, azimuth)
-        out = np.zeros((elevation.size, k))
-        for i in range(4):
-            for j in range(4):
-                out += (row_weight[:, i] * column_weight[:, j])[:, None] * table[row[:, i], column[:, j]]
-        return np.exp(out).astype(values.dtype, copy=False).reshape(*shape, k)
->>>>>>> main
 
     # Integrals --------------------------------------------------------------------------------------------------
 
