@@ -8,6 +8,7 @@ from pathlib import Path
 import iprt
 import numpy as np
 import pytest
+from hazy_zones import AZIMUTH, ELEVATION, REFERENCE, SMALL
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.errors import TwilightError
@@ -16,18 +17,7 @@ from twilight.solvers import zones
 from twilight.solvers.zones.grid import even_harmonics, make_angles
 from twilight.solvers.zones.polarised import pattern_orders, patterns, rotated, wigner_d
 
-REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
 STRAIGHT = replace(zones.QUALITIES["standard"], refraction=False, bent_lines_of_sight=False, bent_paths=False)
-SMALL = replace(
-    zones.QUALITIES["draft"],
-    altitude_density=0.35,
-    zenith_density=0.4,
-    polar_directions=4,
-    beam_density=0.4,
-    polarisation=True,
-    polarisation_degree=6,
-)
-ELEVATION, AZIMUTH = (g.ravel() for g in np.meshgrid([2.0, 15.0, 50.0, 85.0], [0.0, 45.0, 120.0, 180.0]))
 
 
 def frame(cosine, azimuth):
