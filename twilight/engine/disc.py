@@ -10,6 +10,7 @@ from twilight.disc import SOLAR_RADIUS_DEG, Disc
 from twilight.transport.apparent import Sights
 
 if TYPE_CHECKING:
+    from twilight.atmosphere.bands import Bands
     from twilight.atmosphere.medium import Medium
 
 ROW_DEG = 1.0 / 1200.0
@@ -19,11 +20,17 @@ _LIFTED_DEG = 5.0
 """No air of a climate lifts the sun by more."""
 
 
-def make_disc(medium: Medium, sun_elevation_deg: float, altitude_km: float, distance_au: float = 1.0) -> Disc:
+def make_disc(
+    medium: Medium,
+    sun_elevation_deg: float,
+    altitude_km: float,
+    distance_au: float = 1.0,
+    bands: Bands | None = None,
+) -> Disc:
     """The disc of a sun at a true elevation [deg], seen from an altitude [km], at the wavelengths of a medium.
 
-    All images count: where layers of air bend several lines of sight to
-    one point of the disc it is seen several times.
+    bands: of gases, which take from its light too.  All images count: where layers of air bend several lines of sight
+    to one point of the disc it is seen several times.
     """
     sights = Sights(medium)
     radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
@@ -40,7 +47,11 @@ def make_disc(medium: Medium, sun_elevation_deg: float, altitude_km: float, dist
         first, last = sun_elevation_deg, sun_elevation_deg + 2 * ROW_DEG
     count = int(np.ceil((last - first) / ROW_DEG))
     rows = np.minimum(first + (np.arange(count) + 0.5) * ROW_DEG, 90.0)
-    true, passed = sights.follow(altitude_km, rows, np.arange(medium.n_wavelengths))
+    if bands is None:
+        true, passed = sights.follow(altitude_km, rows, np.arange(medium.n_wavelengths))
+    else:
+        true, passed = Sights(bands.expand(medium)).follow(altitude_km, rows, np.arange(bands.place.size))
+        true, passed = true[:, np.unique(bands.place, return_index=True)[1]], bands.summed(passed)
     if not hits.any():
         passed[:] = 0.0
     return Disc(medium.wavelength_nm, rows, true, passed, float(sun_elevation_deg), radius)

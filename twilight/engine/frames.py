@@ -157,7 +157,9 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
         "longitude_deg": place.longitude_deg if place else None,
         "time": sun.time,
         "solar_spectrum": config.solar_spectrum,
-        "disc": make_disc(problem.medium, sun.elevation_deg, config.observer.altitude_km, sun.distance_au)
+        "disc": make_disc(
+            problem.medium, sun.elevation_deg, config.observer.altitude_km, sun.distance_au, problem.bands
+        )
         if config.sun.disc
         else None,
         "provenance": _provenance(config, problem, sun, found, set_up_s),
