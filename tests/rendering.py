@@ -16,7 +16,7 @@ from twilight.errors import TwilightError
 from twilight.solvers.base import BareField, Capabilities
 
 SHEETS = {"contact-sheet.png", "series.csv", "series.nc", "skies.jsonl"}
-FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}
+FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"}
 TABLE = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
 TABLE += "aerosol_asymmetry,absorption_per_km,refractivity\n"
 TABLE_NM = (420, 500, 580, 660)

@@ -125,7 +125,7 @@ def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
         "from twilight.cli.app import app\n"
         "from dataclasses import make_dataclass\n"
         "qualities = {'standard': make_dataclass('Settings', [])()}\n"
-        "plain = types.SimpleNamespace(CAPABILITIES=Capabilities(), QUALITIES=qualities)\n"
+        "plain = types.SimpleNamespace(__name__='plain', CAPABILITIES=Capabilities(), QUALITIES=qualities)\n"
         "solvers.load = lambda name: plain\n"
         "def frames(config, progress=None, wanted=None):\n"
         f"    os.kill(os.getpid(), {int(number)})\n"
