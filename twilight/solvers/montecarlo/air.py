@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.solvers.montecarlo.kernel import INNER
+from twilight.water import refractive_index
 
 LEVEL_TOLERANCE = 1e-4
 SHELL_TOLERANCE = 2e-4
@@ -48,6 +49,7 @@ class Air(NamedTuple):
         lowest shell of a layer.
     sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant stand-ins for the phase functions, to draw from.
     smooth (W, C, N_SMOOTH): phase functions blurred by SMOOTHING_RAD, over the cosine.
+    water_index (W,), water_slope: refractive index and mean square slope of a water surface; slope 0: there is none.
     """
 
     level_km: np.ndarray
@@ -74,6 +76,8 @@ class Air(NamedTuple):
     sample_density: np.ndarray
     smooth: np.ndarray
     ground_albedo: np.ndarray
+    water_index: np.ndarray
+    water_slope: float
     isotropic_events: bool
     earth_radius_km: float
 
@@ -111,7 +115,7 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         np.ascontiguousarray(1.0 / np.where(np.diff(z) > 0, np.diff(z), 1.0)),
         np.ascontiguousarray(table),
         moments(z, table[:, :, EXTINCTION]),
-        joined_refractivity(medium, z),
+        np.ascontiguousarray(with_joined_refractivity(medium).at(z).refractivity.T),
         np.ascontiguousarray(np.append(z[first], z[-1])),
         first,
         last,
@@ -129,6 +133,8 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         density,
         _smooth_tables(medium),
         arrays.ground_albedo,
+        np.ascontiguousarray(refractive_index(medium.wavelength_nm)),
+        float(medium.water_mean_square_slope),
         forward_moment == 1,
         float(medium.earth_radius_km),
     )
@@ -208,22 +214,6 @@ def layers(altitude_km, first, last, scattering) -> np.ndarray:
         if too_wide or sharp > SHARP or np.any(pattern[first[k]] != pattern[a]):
             start.append(k)
     return np.array([*start, first.size], dtype=np.int64)
-
-
-def joined_refractivity(medium: Medium, altitude_km) -> np.ndarray:
-    """n - 1, (W, N): exponential between the levels of the medium, a jump of the index joined at the mean of its sides.
-
-    At a jump all rays close to the horizontal would be reflected, which is a property of layers and not of air.
-    """
-    z, place = np.unique(medium.altitude_km, return_inverse=True)
-    count = np.bincount(place)
-    out = []
-    for column in medium.refractivity.T:
-        mean = np.bincount(place, column) / count
-        floor = 1e-6 * max(float(mean.max()), 1e-300)
-        joined = np.exp(np.interp(altitude_km, z, np.log(np.maximum(mean, floor))))
-        out.append(joined if mean.max() > 0 else np.zeros_like(joined))
-    return np.ascontiguousarray(out)
 
 
 def moments(altitude_km, extinction) -> np.ndarray:
