@@ -31,13 +31,13 @@ def sample(
     chunk = max(1, _CHUNK_VALUES // (4 * n_w))
     for start in range(0, elevation.size, chunk):
         part = slice(start, start + chunk)
-        place = _place(rows, column_deg, elevation[part], azimuth[part], -0.5)
-        result = _mix(logarithm, *place)
+        low, high, left, right, u, v = _place(rows, column_deg, elevation[part], azimuth[part], -0.5)
+        result = _mix(logarithm, low, high, left, right, u, v)
         exact = np.isfinite(result)
         result = np.exp(result)
         if not exact.all():
             # A neighbour is 0: linear there (held, not continued, below the first row).
-            linear = _mix(values, *place[:4], np.maximum(place[4], 0.0), place[5])
+            linear = _mix(values, low, high, left, right, np.maximum(u, 0.0), v)
             result = np.where(exact, result, linear)
         out[part] = result
     return out.reshape(*shape, n_w)
