@@ -17,7 +17,7 @@ from twilight.io import read_latlong_exr, read_sky, read_spectral_exr
 pytestmark = pytest.mark.slow
 
 SUNS = [40, 35, 30, 25, 20, 15, 10, 5]
-FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}
+FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"}
 SCENE = f"""\
 version: 1
 climate: {{version: 1, name: test, refraction: {{model: none}}}}

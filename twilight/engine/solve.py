@@ -364,6 +364,14 @@ class Solved:
         direct = self.direct(sun_elevation_deg, altitude)
         return sky_of(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
 
+    def view(self, **options: Any) -> Any:
+        """The field in a browser, for any sun and direction: a `twilight.window.View`, which a notebook shows and
+        `save(path)` writes as HTML; options as `twilight.window.view_fields`.  Takes a minute or more.
+        """
+        from twilight.window import view_field
+
+        return view_field(self, **options)
+
 
 def sky_of(
     medium: Medium,
