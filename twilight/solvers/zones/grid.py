@@ -206,7 +206,8 @@ def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, densit
         while rough[-1] < b:
             rough.append(rough[-1] + (LOWEST_STEP_KM + STEP_GROWTH * (rough[-1] - bottom_km)) / density)
         # the same grading, stretched to end at b
-        out.extend(a + (np.array(rough[1:]) - a) * (b - a) / (rough[-1] - a))
+        out.extend(a + (np.array(rough[1:-1]) - a) * (b - a) / (rough[-1] - a))
+        out.append(b)  # to the last digit: `cubic_refinement` finds it by its value
     return np.array(out)
 
 
