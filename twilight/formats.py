@@ -12,9 +12,13 @@ FORMATS: dict[str, str] = {
     "spectral": "twilight.io.environment_files:write_spectral",
     "h5": "twilight.io.netcdf:write_h5",
     "polarisation": "twilight.io.polarisation:write",
+    "sun": "twilight.io.sun:write_sun",
+    "disc": "twilight.io.disc:write_picture",
 }
 WHERE_POLARISED = ("polarisation",)
 """Files that are written by themselves for polarised skies alone."""
+WHERE_DISC = ("disc",)
+"""Files that are written by themselves for skies that know the sun's disc."""
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:

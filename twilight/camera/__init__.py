@@ -2,7 +2,7 @@
 
 from twilight.camera.document import read_camera, write_camera
 from twilight.camera.model import Camera, ImageSize, Lens, Orientation
-from twilight.camera.orientation import azimuth_elevation, camera_axes, direction, orientation_angles
+from twilight.orientation import azimuth_elevation, camera_axes, direction, orientation_angles
 
 __all__ = [
     "Camera",

@@ -19,8 +19,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from twilight.camera import projection as lenses
-from twilight.camera.orientation import azimuth_elevation, camera_axes
 from twilight.config.base import Flag, Integer, Number, Section, key
+from twilight.orientation import azimuth_elevation, camera_axes
 
 Projection = Literal["equidistant", "equisolid", "stereographic", "orthographic", "perspective", "latitude_longitude"]
 LARGEST_PIXELS = 100_000

@@ -35,6 +35,8 @@ Moment = Annotated[datetime, BeforeValidator(_moment)]
 Zone = Annotated[str | None, AfterValidator(_zone)]
 Elevation = Annotated[Number, Field(ge=-90.0, le=90.0)]
 
+DISC = "whether the sun's disc is computed too, as a layer of its own beside the sky"
+
 
 class SunElevation(Section):
     """A sun at a given elevation."""
@@ -43,6 +45,7 @@ class SunElevation(Section):
         10.0, "true (unrefracted) elevation of the disc's centre above the observer's horizontal", unit="deg"
     )
     distance_au: Number = key(1.0, "distance to the sun", unit="au", ge=0.9, le=1.1)
+    disc: Flag = key(False, DISC)
 
 
 class SunElevations(Section):
@@ -52,6 +55,7 @@ class SunElevations(Section):
         (10.0,), "true elevations, one frame each", unit="deg", min_length=1, max_length=10000
     )
     distance_au: Number = key(1.0, "distance to the sun", unit="au", ge=0.9, le=1.1)
+    disc: Flag = key(False, DISC)
 
 
 class _Place(Section):
@@ -62,6 +66,7 @@ class _Place(Section):
         description="geographic longitude, east positive", json_schema_extra={"unit": "deg"}
     )
     time_zone: Zone = key(None, "for times without an offset, e.g. Europe/Berlin")
+    disc: Flag = key(False, DISC)
 
     def aware(self, moment: datetime) -> datetime:
         """The moment with its offset or, lacking one, in `time_zone`."""
@@ -290,6 +295,7 @@ class Output(Section):
     target: Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"] = key(
         "openexr", "whose environment map sky.rgb.exr is"
     )
+    disc: Flag = key(False, "whether the sun's disc is in the environment maps; it needs sun.disc")
     width: Integer = key(1024, "of sky.rgb.exr, unless texture.latlong_width sets it", unit="pixel", ge=8, le=16384)
     spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
     views: tuple[Literal["wide", "panorama", "fisheye"], ...] = key(
@@ -369,6 +375,14 @@ class Config(Section):
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
                 f"{ground_km:g} km); both count from sea level"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _has_the_disc(self) -> Config:
+        if self.output.disc and not self.sun.disc:
+            raise ValueError("output.disc needs the sun's disc: set sun.disc to true")
+        if "disc" in (self.output.files or ()) and not self.sun.disc:
+            raise ValueError("output.files: disc needs the sun's disc: set sun.disc to true")
         return self
 
     @property

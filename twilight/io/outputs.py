@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.errors import TwilightError
-from twilight.formats import FORMATS, WHERE_POLARISED, check_names
+from twilight.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, check_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
 from twilight.io.rendered import Options, Rendered
@@ -26,10 +26,10 @@ def write_outputs(
 ) -> list[Path]:
     """Write files of a sky into ``folder`` (made if it is not there) and return their paths.
 
-    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the picture of the polarisation where
-    the sky has none.  ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes
-    into the RGB EXR pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5``
-    always holds ``sky``.  ``views``, ``options``: ``io.rendered.Options``.
+    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the pictures of the polarisation and
+    of the disc where the sky has none.  ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width,
+    sun_azimuth_deg)`` goes into the RGB EXR pixel by pixel); the pictures and environment maps are made from it where
+    it is given, ``sky.h5`` always holds ``sky``.  ``views``, ``options``: ``io.rendered.Options``.
     Each file is whole or absent.  Raises TwilightError for an unknown option or where the folder cannot be written.
     """
     folder = Path(folder)
@@ -39,6 +39,8 @@ def write_outputs(
         raise TwilightError(f"files: {error}") from None
     if files is None and sky.polarisation is None:
         chosen = tuple(name for name in chosen if name not in WHERE_POLARISED)
+    if files is None and sky.disc is None:
+        chosen = tuple(name for name in chosen if name not in WHERE_DISC)
     o = Options(views=tuple(views), **options)
     check_options(o.exposure, o.tone_mapping, o.observer)
     for view in views:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from twilight import colour
 from twilight.errors import TwilightError
+from twilight.io.disc import add_to_picture, dip_deg
+from twilight.io.eight_bit import to_bytes
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
@@ -26,6 +29,8 @@ WIDE_HORIZON = 0.86
 """Where the horizon lies, as a share of the height from above."""
 WIDE_EXPOSURE_STEPS = -0.3
 """Stops that the wide picture is given less (or more, negative) light than the meter says."""
+WIDE_DIP_DEG = 3.0
+"""A horizon that dips by more is kept at this height of the wide picture."""
 GROUND_SEEN_UP_TO_KM = 0.1
 """Observers no higher above the sphere see its ground from 0 deg down: the dip of the horizon is 0.3 deg at most."""
 
@@ -85,23 +90,28 @@ def render_view(
 
     The colours of the sky's grid are interpolated smoothly (``Sky.smooth``), then exposed and tone mapped.  ``auto``
     exposes the wide picture for the part of the sky that it shows, the others for the whole sky
-    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground; for an
-    observer high above it, whose horizon dips, the picture ends at 0 deg.
+    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground.  Seen from
+    high up, where the sky's rows go below the horizontal, it shows the horizon that dips and the ground through the
+    air, and looks down by what the horizon dips beyond 3 deg; a sky that ends at 0 deg ends the picture there.
     """
     elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
     check_options(exposure, tone_mapping, observer)
-    if view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
+    lower = float(sky.elevation_edges_deg[0])
+    if view == "wide" and lower < 0.0:
+        elevation = np.maximum(elevation - max(0.0, dip_deg(sky) - WIDE_DIP_DEG), -90.0)
+    elif view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
         elevation = elevation[elevation[:, 0] > 0.0]
     xyz = colour.sky_to_xyz(sky, observer=observer)
-    picture = sky.smooth(xyz, np.maximum(elevation, 0.0), azimuth)
+    picture = sky.smooth(xyz, np.maximum(elevation, lower), azimuth)
     if exposure != "auto":
         ev100 = float(exposure)
     elif view == "wide":
-        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > 0.0, :, 1]) + WIDE_EXPOSURE_STEPS
+        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > min(lower, 0.0), :, 1]) + WIDE_EXPOSURE_STEPS
     else:
         ev100 = sky_exposure_ev100(sky, observer)
     if view == "wide":
-        picture[elevation[:, 0] <= 0.0] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
+        picture[elevation[:, 0] <= lower] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
+    add_to_picture(sky, picture, elevation, azimuth, observer)
     picture = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, tone_mapping)
     if view == "fisheye":
         picture[elevation < 0] = np.nan
@@ -129,17 +139,6 @@ def _write_label(pixels: np.ndarray, text: str) -> np.ndarray:
     return np.asarray(image)
 
 
-def _to_bytes(picture: np.ndarray) -> np.ndarray:
-    """8 bits with an ordered dither of half a step, so that the smooth sky shows no bands.
-
-    The pattern is interleaved gradient noise (Jimenez 2014, Next generation post processing in Call of Duty): fixed,
-    so equal skies give equal files.
-    """
-    y, x = np.indices(picture.shape[:2])
-    noise = np.mod(52.9829189 * np.mod(0.06711056 * x + 0.00583715 * y, 1.0), 1.0)
-    return np.clip(np.floor(picture * 255.0 + noise[..., None]), 0, 255).astype(np.uint8)
-
-
 def write_png(
     sky: Sky,
     path: str | Path,
@@ -158,16 +157,30 @@ def write_png(
     sequence can be given the same.  Tone mapping: ``colour.tone_map``.  ``label`` writes sun, climate and zenith
     luminance into the lower left corner (``label_of``).  Raises TwilightError for unknown options.
     """
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
     picture, ev100 = render_view(
         sky, view=view, width=width, exposure=exposure, tone_mapping=tone_mapping, observer=observer
     )
+    facts = {
+        "view": view,
+        "exposure_ev100": f"{ev100:.6g}",
+        "tone_mapping": tone_mapping,
+        "colour": colour.colour_note(sky, observer),
+    }
+    return save_png(picture, path, sky, facts, label_of(sky) if label else "")
+
+
+def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str], label: str = "") -> Path:
+    """Write display values 0..1 (height, width, 3), NaN transparent, as 8 bit sRGB PNG, whole or not at all.
+
+    facts: text chunks, beside those of the sky's provenance; label: written into the lower left corner.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
     outside = np.isnan(picture[..., 0])
-    pixels = _to_bytes(np.nan_to_num(picture))
+    pixels = to_bytes(picture)
     if label:
-        pixels = _write_label(pixels, label_of(sky))
+        pixels = _write_label(pixels, label)
     if outside.any():
         pixels = np.dstack([pixels, np.where(outside, 0, 255).astype(np.uint8)])
     info = PngInfo()
@@ -175,10 +188,7 @@ def write_png(
     texts = {
         "Software": "twilight",
         "sun_elevation_deg": f"{sky.sun_elevation_deg:g}",
-        "view": view,
-        "exposure_ev100": f"{ev100:.6g}",
-        "tone_mapping": tone_mapping,
-        "colour": colour.colour_note(sky, observer),
+        **facts,
         **{name: str(value) for name, value in provenance_fields(sky.provenance).items()},
     }
     for name, value in texts.items():

@@ -16,7 +16,8 @@ class Options:
 
     views: of the pictures (``io.picture``); target, width, spectral_width: of the environment maps
     (``io.environment``); exposure, tone_mapping, observer: of the pictures and colours; polariser_deg: axis of a
-    polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none.
+    polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none; disc:
+    whether the sun's disc is in the environment maps.
     """
 
     views: tuple[str, ...]
@@ -27,6 +28,7 @@ class Options:
     tone_mapping: str = colour.DEFAULT_TONE_MAPPING
     observer: str = colour.DEFAULT_OBSERVER
     polariser_deg: float | None = None
+    disc: bool = False
 
 
 @dataclass(frozen=True)

@@ -222,7 +222,9 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         return np.array([np.interp(z, levels, column) for column in profile.extinction.T])
 
     step = np.diff(levels)[:, None]
-    through = np.insert(np.cumsum(0.5 * step * (profile.extinction[1:] + profile.extinction[:-1]), axis=0), 0, 0, axis=0)
+    through = np.insert(
+        np.cumsum(0.5 * step * (profile.extinction[1:] + profile.extinction[:-1]), axis=0), 0, 0, axis=0
+    )
     out = np.asarray(altitude_km, dtype=float)
     for _ in range(MOST_HALVINGS):
         step = np.diff(out)
@@ -234,7 +236,9 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
         above = np.array([np.interp(middle, levels, column[-1] - column) for column in through.T])
         deep = np.minimum(above, through[-1][:, None] - above)
-        coarse = (depth > THICKEST * (1.0 + DEEPER * deep) / density) | ((bend > MOST_BEND / density**2) & (depth > THIN / density))
+        coarse = (depth > THICKEST * (1.0 + DEEPER * deep) / density) | (
+            (bend > MOST_BEND / density**2) & (depth > THIN / density)
+        )
         if not coarse.any(axis=0).any():
             break
         out = np.sort(np.append(out, middle[coarse.any(axis=0)]))

@@ -14,8 +14,8 @@ import numpy as np
 
 from twilight.camera.image import Picture
 from twilight.camera.model import Camera
-from twilight.camera.orientation import direction
 from twilight.errors import TwilightError
+from twilight.orientation import direction
 
 MARGIN_DEG = 6.0
 """How far below the horizon the rows reach, so that the edge of the ground can be seen as one."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from twilight.camera.model import Camera
-from twilight.camera.orientation import orientation_angles
 from twilight.errors import TwilightError
+from twilight.orientation import orientation_angles
 from twilight.validate.stars.catalogue import Stars, blended
 from twilight.validate.stars.coordinates import Place, equatorial, horizontal
 from twilight.validate.stars.detect import Sources, detect

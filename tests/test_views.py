@@ -1,0 +1,100 @@
+"""Directions of pictures: closed forms, solid angles, and agreement with the camera model."""
+
+import numpy as np
+import pytest
+
+from twilight.camera import Camera
+from twilight.errors import TwilightError
+from twilight.orientation import direction
+from twilight.views import KINDS, cube_face, view_directions, view_rays
+
+POINTING = {"azimuth_deg": 73.0, "elevation_deg": -21.0, "roll_deg": 14.0}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_rays_are_unit_vectors_and_give_back_their_angles(name):
+    rays = view_rays(name, 32)
+    elevation, azimuth = view_directions(name, 32)
+    inside = np.isfinite(rays[..., 0])
+    assert inside.mean() > 0.4
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1)[inside], 1.0, atol=1e-12)
+    np.testing.assert_allclose(direction(azimuth, elevation)[inside], rays[inside], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "projection"), [("perspective", "perspective"), ("fisheye", "equidistant")])
+def test_as_the_camera_model(name, projection):
+    camera = Camera.model_validate(
+        {
+            "projection": projection,
+            "image": {"width_px": 24, "height_px": 24},
+            "lens": {"field_of_view_deg": 80.0},
+            "orientation": POINTING,
+        }
+    )
+    expected = camera.directions(camera.pixel_centres())
+    found = view_rays(name, 24, 24, field_of_view_deg=80.0, **POINTING)
+    inside = np.isfinite(found[..., 0])
+    np.testing.assert_allclose(found[inside], expected[inside], atol=1e-12)
+    assert inside.all() == (name == "perspective")
+
+
+def test_latlong_as_the_camera_model():
+    camera = Camera.model_validate(
+        {
+            "projection": "latitude_longitude",
+            "image": {"width_px": 24, "height_px": 12},
+            "orientation": POINTING,
+        }
+    )
+    np.testing.assert_allclose(
+        view_rays("latlong", 24, **POINTING), camera.directions(camera.pixel_centres()), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", ["latlong", "octahedral", "cube"])
+def test_whole_spheres_hold_every_direction_once(name):
+    # neighbours span the solid angle of a pixel; all of them together are the sphere
+    rays = view_rays(name, 96)
+    a, b, c, d = rays[:-1, :-1], rays[:-1, 1:], rays[1:, :-1], rays[1:, 1:]
+    area = 0.5 * np.linalg.norm(np.cross(d - a, c - b), axis=-1)
+    total = np.nansum(area) * 96 * (96 / KINDS[name].aspect) / area.size
+    if name == "cube":
+        total = 6 * 96 / 4 * 96 / 4 * np.nanmean(area)
+    assert total == pytest.approx(4 * np.pi, rel=0.03)
+    seen = rays[np.isfinite(rays[..., 0])]
+    for target in direction(np.array([0.0, 90.0, 200.0, 10.0, 300.0]), np.array([0.0, 30.0, -40.0, 89.0, -89.0])):
+        assert (seen @ target).max() > np.cos(np.radians(4.5))
+
+
+def test_the_fisheye_has_azimuth_0_below_and_90_to_the_right():
+    elevation, azimuth = view_directions("fisheye", 100)
+    assert azimuth[95, 50] == pytest.approx(0.0, abs=1.5) or azimuth[95, 50] > 358.5
+    assert azimuth[50, 95] == pytest.approx(90.0, abs=1.5)
+    assert elevation[50, 50] > 88.0 and np.isnan(elevation[0, 0])
+
+
+def test_faces_of_the_cube_join():
+    front, up, right, down = (cube_face(face, 64) for face in ("front", "up", "right", "down"))
+    step = 2.0 / 64
+    assert np.abs(front[0] - up[-1]).max() < 1.5 * step
+    assert np.abs(front[:, -1] - right[:, 0]).max() < 1.5 * step
+    assert np.abs(front[-1] - down[0]).max() < 1.5 * step
+
+
+def test_wrong_views_are_one_sentence():
+    with pytest.raises(TwilightError, match="choose one of perspective"):
+        view_rays("mercator", 10)
+    with pytest.raises(TwilightError, match="2 times as wide as high"):
+        view_rays("latlong", 20, 20)
+    with pytest.raises(TwilightError, match="above 0 to 170 is"):
+        view_rays("perspective", 20, field_of_view_deg=180.0)
+    with pytest.raises(TwilightError, match="is level"):
+        view_rays("panorama", 40, elevation_deg=5.0)
+
+
+def test_a_strip_along_the_limb_has_rows_of_one_elevation():
+    elevation, azimuth = view_directions("limb", 36, 5, azimuth_deg=10.0, band_deg=(-25.0, -15.0))
+    np.testing.assert_allclose(elevation, np.broadcast_to([[-16.0], [-18.0], [-20.0], [-22.0], [-24.0]], (5, 36)))
+    np.testing.assert_allclose(azimuth[0], np.mod(10.0 - 175.0 + 10.0 * np.arange(36), 360.0))
+    with pytest.raises(TwilightError, match="must rise"):
+        view_rays("limb", 36, 5, band_deg=(5.0, 5.0))
