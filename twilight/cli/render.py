@@ -46,6 +46,10 @@ def render(
         str | None,
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
     ] = None,
+    tone: Annotated[
+        str | None,
+        option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera)."),
+    ] = None,
     only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
     polariser: Annotated[
         float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
@@ -78,6 +82,7 @@ def render(
     choose(*_exposure(exposure), "--exposure")
     choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
     choose("output.polariser_deg", polariser, "--polariser")
+    choose("output.tone_mapping", tone, "--tone")
     if disc:
         choose("sun.disc", True, "--disc")
         choose("output.disc", True, "--disc")

@@ -277,6 +277,26 @@ def _files(value: tuple[str, ...] | None) -> tuple[str, ...] | None:
     return value if value is None else check_names(value)
 
 
+class EyeTone(Section):
+    """Who looks, where the pictures are as an eye sees."""
+
+    adapted_cd_per_m2: Number | None = key(
+        None, "luminance that the eye is adapted to; unset: to the picture", unit="cd m-2", ge=1e-6, le=1e5
+    )
+    acuity: Flag = key(True, "whether fine details are lost at low light")
+
+
+class CameraTone(Section):
+    """The camera, where the pictures are photographs."""
+
+    iso: Number = key(100.0, "sensitivity", unit="1", ge=25.0, le=1e6)
+    seconds: Number | None = key(None, "exposure time; unset: by the meter, 1/8000 to 30 s", unit="s", gt=0.0, le=1e5)
+    f_number: Number = key(4.0, "focal length over aperture", unit="1", ge=0.5, le=64.0)
+    white_balance_k: Number = key(5500.0, "colour temperature of the light that is white", unit="K", ge=1500, le=25000)
+    sensor: Literal["nikon_5100", "sigma_sd_merrill"] = key("nikon_5100", "whose spectral response")
+    noise: Flag = key(True, "noise of photons and of reading")
+
+
 class Output(Section):
     """How the pictures look and which program they are for; the radiance in the files does not depend on it."""
 
@@ -315,9 +335,13 @@ class Output(Section):
     exposure: Literal["each", "series"] = key(
         "each", "where exposure_ev100 is unset: each picture by its own sky, or all of a series by the brightest"
     )
-    tone_mapping: Literal["photographic", "filmic", "gamma"] = key(
-        "photographic", "of the pictures: photographic has contrast, filmic is soft, gamma clips"
+    tone_mapping: Literal["photographic", "filmic", "gamma", "eye", "camera"] = key(
+        "photographic",
+        "of the pictures: photographic has contrast, filmic is soft, gamma clips, eye sees as a person does at low "
+        "light, camera takes a photograph",
     )
+    eye: EyeTone = key(EyeTone, "of tone_mapping eye")
+    camera: CameraTone = key(CameraTone, "of tone_mapping camera")
     colour_observer: Literal["cie1964_10deg", "cie1931_2deg"] = key("cie1964_10deg", "standard observer of all colours")
 
     @model_validator(mode="after")

@@ -11,6 +11,7 @@ from twilight.disc import Disc
 from twilight.io.environment import ground_factor, pixel_of, pixel_solid_angle
 from twilight.io.rendered import Options, Rendered
 from twilight.sky import Sky
+from twilight.tone import Film, Light, Shot, film_of
 
 COLOUR_STEP_NM = 10.0
 """Every wavelength has an edge of the disc of its own: colours need more of them than the sky."""
@@ -93,10 +94,10 @@ def add_to_picture(
     picture: np.ndarray,
     elevation_deg: np.ndarray,
     azimuth_deg: np.ndarray,
-    observer: str,
+    film: Film,
     points: int = 8,
 ) -> None:
-    """Add the disc to a picture (height, width, 3) of XYZ whose pixel centres look in directions relative to the sun.
+    """Add the disc to a picture (height, width, K) of a film's channels, whose pixels look in directions from the sun.
 
     elevation_deg, azimuth_deg: broadcast to (height, width).  Each pixel holds the mean of points x points.
     """
@@ -120,7 +121,7 @@ def add_to_picture(
     for start in range(0, e.shape[0], 512):
         part = slice(start, start + 512)
         light = disc.radiance(e[part], a[part]).mean(axis=(1, 2))
-        picture[where[0][part], where[1][part]] += _xyz(sky, disc, light, observer)
+        picture[where[0][part], where[1][part]] += film.see(light, disc.wavelength_nm, light_of(sky))
 
 
 def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,8 +131,13 @@ def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.n
     return np.gradient(elevation, axis=0), turn
 
 
-def close_up(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> tuple[np.ndarray, float]:
-    """XYZ [cd m^-2] of a square of 0.8 deg around the disc (pixels, pixels, 3), and the elevation of its middle [deg].
+def light_of(sky: Sky) -> Light:
+    """What the spectra of a sky are multiplied by."""
+    return Light(sky.solar_spectrum, sky.distance_au)
+
+
+def close_up(sky: Sky, film: Film) -> tuple[np.ndarray, float]:
+    """A film's channels of a square of 0.8 deg around the disc (pixels, pixels, K), and its middle's elevation [deg].
 
     The sky is that of the disc's surroundings, and below the horizon the ground; without a disc in sight the square
     stands on the horizon.
@@ -142,11 +148,11 @@ def close_up(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> tuple[np.ndar
     offset = ((np.arange(CLOSE_UP_PIXELS) + 0.5) / CLOSE_UP_PIXELS - 0.5) * CLOSE_UP_DEG
     elevation = (middle - offset)[:, None]
     azimuth = offset[None, :] / np.cos(np.radians(middle))
-    xyz = colour.sky_to_xyz(sky, observer=observer)
+    seen = film.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
     lowest = max(float(sky.elevation_edges_deg[0]), -dip_deg(sky))
-    picture = sky.smooth(xyz, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
-    picture[elevation[:, 0] < -dip_deg(sky)] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
-    add_to_picture(sky, picture, elevation, azimuth, observer, points=2)
+    picture = sky.smooth(seen, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
+    picture[elevation[:, 0] < -dip_deg(sky)] = film.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
+    add_to_picture(sky, picture, elevation, azimuth, film, points=2)
     return picture, float(middle)
 
 
@@ -165,12 +171,13 @@ def write_picture(rendered: Rendered, folder: Path, options: Options) -> list[Pa
     sky = rendered.seen
     if sky.disc is None:
         raise TwilightError("output.files: disc needs sun.disc: true")
-    picture, middle = close_up(sky, options.observer)
+    film = film_of(options.tone_mapping, options.observer, options.tone_settings)
+    picture, middle = close_up(sky, film)
     luminance = picture[..., 1]
     bright = luminance[luminance > 0.02 * luminance.max()]
     key = float(np.exp(np.log(bright).mean())) if bright.size else 1e-6
     ev100 = float(np.log2(key / (3.0 * colour.GREY_LUMINANCE_AT_EV100_0)))
-    display = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, options.tone_mapping)
+    display, _ = film.develop(picture, Shot(ev100, CLOSE_UP_DEG / CLOSE_UP_PIXELS))
     facts = {
         "field_deg": f"{CLOSE_UP_DEG:g}",
         "middle_elevation_deg": f"{middle:.6g}",
