@@ -24,9 +24,9 @@ LOW_DEGREE = 2
 MOST_BEND, THICKEST, THIN, MOST_HALVINGS = 0.15, 0.12, 1e-3, 14
 """From one altitude to the next the logarithm of the extinction may bend by the first, and the vertical optical depth
 may reach the second; a bend does not matter where the optical depth is below the third."""
-DEEPER = 0.3
-"""The optical depth between altitudes may grow by this per optical depth that is above and below: far from its edges
-light in thick air changes as slowly as it is far from them."""
+EDGE, DEEPER = 3.0, 0.3
+"""The optical depth between altitudes may grow by the second per optical depth that there is above and below beyond the
+first: far from its edges light in thick air changes as slowly as it is far from them."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         depth = step * (low + 4.0 * mid + high) / 6.0
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
         above = np.array([np.interp(middle, levels, column[-1] - column) for column in through.T])
-        deep = np.minimum(above, through[-1][:, None] - above)
+        deep = np.maximum(0.0, np.minimum(above, through[-1][:, None] - above) - EDGE)
         coarse = (depth > THICKEST * (1.0 + DEEPER * deep) / density) | (
             (bend > MOST_BEND / density**2) & (depth > THIN / density)
         )
