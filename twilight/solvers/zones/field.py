@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -179,7 +179,11 @@ class Field(BareField):
         late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
         # made where there is thick white air only
         polar = max(s.late_polar_directions, THICK_PER_DEGREE * s.late_degree)
-        thick = cache(lambda: self._stage(polar, s.late_azimuth_directions, s.late_degree, late_patterns))
+        thick_stage = cache(lambda: self._stage(polar, s.late_azimuth_directions, s.late_degree, late_patterns))
+
+        def thick(block: int) -> Passes:
+            return thick_stage()(block)
+
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         slow = self._reduced_depth() > SLOW_DEPTH
@@ -190,7 +194,7 @@ class Field(BareField):
 
             self.solutions.append(
                 solve_orders(
-                    early(block), late(block), lambda block=block: thick()(block), lanes_of(slow, block) > 0.0,
+                    early(block), late(block), partial(thick, block), lanes_of(slow, block) > 0.0,
                     s.early_events, sunlight, s.max_events, s.tolerance, report,
                 )
             )  # fmt: skip
