@@ -50,7 +50,8 @@ def solve_orders(
     kept = np.arange(order.shape[2])
     events, residual = 1, np.ones(LANES)
     open_lanes, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
-    slow = slow & (max_events > FEW_EVENTS)
+    all_at_once = max_events > FEW_EVENTS and early.water is None
+    slow = slow & all_at_once
     previous = None
     while events + 1 < max_events and open_lanes.any():
         passes = early if events < early_events else late
@@ -79,22 +80,21 @@ def solve_orders(
             total[:, :, kept] += order * rest[:, :, None]
             total_ground += ground * rest[0]
             open_lanes &= ~done
-            if events == SETTLED and max_events > FEW_EVENTS:
+            if events == SETTLED and all_at_once:
                 stiff = open_lanes & (slow | (_decay(mean, before) > STIFF_DECAY))
                 open_lanes &= ~stiff
     if stiff.any():
         lanes = np.flatnonzero(stiff)
-        all_at_once, all_ground, steps, missing = _stiff_lanes(
+        whole, whole_ground, steps, missing = _stiff_lanes(
             early.conserving(), thick().conserving(), early_events, lanes, sunlight, max_events, tolerance,
             lambda n, r: progress(events + n, r),
         )  # fmt: skip
-        total[..., lanes], total_ground[..., lanes] = all_at_once, all_ground
+        total[..., lanes], total_ground[..., lanes] = whole, whole_ground
         residual[lanes] = missing
         events += steps
     nodes = early.nodes
     log_mean, relative = nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    log_ground = nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
-    return Solution(log_mean, relative, log_ground, events + 1, float(residual.max()))
+    return Solution(log_mean, relative, *early.ground_light(total_ground), events + 1, float(residual.max()))
 
 
 def _stiff_lanes(early, late, early_events, lanes, sunlight, max_events, tolerance, progress):
