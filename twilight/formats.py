@@ -12,9 +12,12 @@ FORMATS: dict[str, str] = {
     "spectral": "twilight.io.environment_files:write_spectral",
     "h5": "twilight.io.netcdf:write_h5",
     "polarisation": "twilight.io.polarisation:write",
+    "view": "twilight.io.view:write_view",
 }
 WHERE_POLARISED = ("polarisation",)
 """Files that are written by themselves for polarised skies alone."""
+WITH_VIEW = ("h5", "view")
+"""Files that are written by themselves where the observer has a view, and nothing else is."""
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:

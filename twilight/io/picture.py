@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -158,16 +159,30 @@ def write_png(
     sequence can be given the same.  Tone mapping: ``colour.tone_map``.  ``label`` writes sun, climate and zenith
     luminance into the lower left corner (``label_of``).  Raises TwilightError for unknown options.
     """
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
     picture, ev100 = render_view(
         sky, view=view, width=width, exposure=exposure, tone_mapping=tone_mapping, observer=observer
     )
+    facts = {
+        "view": view,
+        "exposure_ev100": f"{ev100:.6g}",
+        "tone_mapping": tone_mapping,
+        "colour": colour.colour_note(sky, observer),
+    }
+    return save_png(picture, path, sky, facts, label_of(sky) if label else "")
+
+
+def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str], label: str = "") -> Path:
+    """Write display values 0..1 (H, W, 3), NaN for transparent, of a sky as 8 bit sRGB PNG, whole or not at all.
+
+    facts: what else is said in the text chunks beside the sun and the provenance; label: into the lower left corner.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
     outside = np.isnan(picture[..., 0])
     pixels = _to_bytes(np.nan_to_num(picture))
     if label:
-        pixels = _write_label(pixels, label_of(sky))
+        pixels = _write_label(pixels, label)
     if outside.any():
         pixels = np.dstack([pixels, np.where(outside, 0, 255).astype(np.uint8)])
     info = PngInfo()
@@ -175,10 +190,7 @@ def write_png(
     texts = {
         "Software": "twilight",
         "sun_elevation_deg": f"{sky.sun_elevation_deg:g}",
-        "view": view,
-        "exposure_ev100": f"{ev100:.6g}",
-        "tone_mapping": tone_mapping,
-        "colour": colour.colour_note(sky, observer),
+        **facts,
         **{name: str(value) for name, value in provenance_fields(sky.provenance).items()},
     }
     for name, value in texts.items():

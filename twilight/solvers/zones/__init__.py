@@ -6,7 +6,13 @@ from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
 
 CAPABILITIES = Capabilities(
-    takes_suns=True, every_sun=True, every_observer=True, stokes=True, target_error=True, field_file=True
+    finite_segments=True,
+    takes_suns=True,
+    every_sun=True,
+    every_observer=True,
+    stokes=True,
+    target_error=True,
+    field_file=True,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]

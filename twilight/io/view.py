@@ -1,0 +1,43 @@
+"""``sky.view.png`` and ``sky.view.exr``: a picture of the observer's view, with the ground and space in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from twilight import colour
+from twilight.io.exr import write_picture_exr
+from twilight.io.picture import save_png
+from twilight.io.rendered import Options, Rendered, Seen
+
+DARKEST_SHARE = 1e-3
+"""Pixels darker than this share of the brightest 0.5 % count as space and not for the exposure."""
+
+
+def view_exposure_ev100(seen: Seen, luminance: np.ndarray) -> float:
+    """The exposure value of ``exposure="auto"`` for a view: of what is lit in it, without the sun's disc."""
+    keep = np.isfinite(luminance) & (luminance > 0.0)
+    if seen.sun is not None:
+        keep &= seen.sun == 0.0
+    light = luminance[keep]
+    if light.size:
+        light = light[light >= DARKEST_SHARE * np.quantile(light, 0.995)]
+    return colour.auto_exposure_ev100(light)
+
+
+def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
+    """``sky.view.png``, tone mapped, and ``sky.view.exr``, linear Rec. 709 in cd/m^2 (alpha 0 outside the view)."""
+    seen = rendered.view
+    assert seen is not None
+    xyz = colour.sky_to_xyz(rendered.sky, np.nan_to_num(seen.radiance), options.observer)
+    inside = np.isfinite(seen.radiance[..., 0])
+    linear = colour.xyz_to_linear_rgb(xyz)
+    auto = options.exposure == "auto"
+    ev100 = view_exposure_ev100(seen, np.where(inside, xyz[..., 1], np.nan)) if auto else float(options.exposure)
+    picture = colour.tone_map(linear, ev100, options.tone_mapping)
+    facts = {"view": seen.kind, "exposure_ev100": f"{ev100:.6g}", "tone_mapping": options.tone_mapping}
+    return [
+        save_png(np.where(inside[..., None], picture, np.nan), folder / "sky.view.png", rendered.sky, facts),
+        write_picture_exr(linear, inside, folder / "sky.view.exr", rendered.sky, options.observer),
+    ]
