@@ -1,6 +1,6 @@
 """Aerial perspective: light that a segment of air scatters in, and its transmittance, against Monte-Carlo.
 
-    python benchmarks/segments.py [--solvers zones,tables] [--samples 20000]
+    python benchmarks/segments.py [--solvers zones,tables] [--wavelengths 550] [--samples 20000]
 
 Writes benchmarks/segments.csv: for each solver, sun and distance the largest and the median difference over directions
 and wavelengths, in percent of the radiance scale (the largest sky radiance of the wavelength in the same directions),
@@ -21,7 +21,6 @@ from twilight.solvers import load
 from twilight.solvers.montecarlo import MonteCarloSettings
 
 OUT = Path(__file__).with_name("segments.csv")
-WAVELENGTH_NM = np.array([440.0, 550.0, 680.0])
 SUNS_DEG = (30.0, 10.0, 2.0, -2.0, -6.0)
 DISTANCES_KM = (0.1, 1.0, 10.0, 50.0, 300.0)
 DIRECTIONS = ((0.2, 30.0), (0.2, 150.0), (2.0, 80.0), (10.0, 40.0), (40.0, 120.0))
@@ -42,9 +41,10 @@ def main() -> None:
     parser.add_argument("--climate", default="continental-average")
     parser.add_argument("--solvers", default="zones,tables")
     parser.add_argument("--quality", default="standard")
+    parser.add_argument("--wavelengths", default="550")
     parser.add_argument("--samples", type=int, default=20000)
     args = parser.parse_args()
-    medium = climate_medium(load_climate(args.climate), WAVELENGTH_NM)
+    medium = climate_medium(load_climate(args.climate), np.array([float(w) for w in args.wavelengths.split(",")]))
     referee = load("montecarlo")
     truth = {}
     for altitude, directions in PLACES:
@@ -87,7 +87,7 @@ def main() -> None:
                 )
                 print(*rows[-1], flush=True)
     columns = "solver,sun_deg,distance_km,median_percent,p95_percent,largest_percent,referee_percent,transmittance_off"
-    note = f"{args.climate}, {args.quality}, 440, 550 and 680 nm; referee with {args.samples} samples a pixel"
+    note = f"{args.climate}, {args.quality}, {args.wavelengths} nm; referee with {args.samples} samples a pixel"
     write(OUT, columns.split(","), rows, notes=[note, "percent of the largest radiance of the sky in the directions"])
 
 

@@ -5,7 +5,7 @@ import pytest
 from airs import turbid
 
 from twilight.errors import TwilightError
-from twilight.solvers import montecarlo, tables, zones
+from twilight.solvers import montecarlo, zones
 from twilight.solvers.montecarlo import MonteCarloSettings
 
 ELEVATION = np.array([0.5, 5.0, 40.0, -4.0])[:, None]
@@ -61,13 +61,3 @@ def test_zones_against_the_referee(air, field, sun):
     np.testing.assert_allclose(passed, seen, atol=2e-3)
     # draft: 2 % of the scale, and four standard errors of a short run
     assert (np.abs(light - found.radiance) < 0.02 * scale + 4.0 * found.standard_error).all()
-
-
-def test_tables_against_zones(air, field):
-    """By day; without refraction on both sides it would be closer still."""
-    made = tables.prepare(air, tables.QUALITIES["standard"])
-    light, passed = ask(field, 20.0, DISTANCE)
-    other, seen = ask(made, 20.0, DISTANCE)
-    scale = light.max()
-    np.testing.assert_allclose(seen, passed, atol=5e-3)
-    assert np.abs(other - light).max() < 0.05 * scale

@@ -33,9 +33,9 @@ def wall(distance_km: float, altitude_km: float) -> Heights:
 @pytest.mark.parametrize("elevation_deg", [-2.0, -10.0, -60.0])
 def test_lines_end_on_a_plateau_where_the_sphere_is(elevation_deg):
     e, a, out = np.radians([elevation_deg]), np.array([0.7]), np.empty(1)
-    first_hits(flat(1.0), RADIUS, 3.0, e, a, 400.0, out, 0, 1)
+    first_hits(flat(1.0), RADIUS, 0.0, 3.0, e, a, 400.0, out, 0, 1)
     assert out[0] == pytest.approx(distance_to_sphere(3.0, math.sin(e[0]), 1.0, RADIUS), rel=1e-5)
-    first_hits(flat(1.0), RADIUS, 3.0, -e, a, 400.0, out, 0, 1)
+    first_hits(flat(1.0), RADIUS, 0.0, 3.0, -e, a, 400.0, out, 0, 1)
     assert np.isinf(out[0])
 
 

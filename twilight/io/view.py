@@ -11,6 +11,8 @@ from twilight.io.exr import write_picture_exr
 from twilight.io.picture import save_png
 from twilight.io.rendered import Options, Rendered, Seen
 
+WHITE_FROM = 50.0
+"""Exposed luminance (1: white) from which the sun's disc is shown white."""
 DARKEST_SHARE = 1e-3
 """Pixels darker than this share of the brightest 0.5 % count as space and not for the exposure."""
 
@@ -26,6 +28,14 @@ def view_exposure_ev100(seen: Seen, luminance: np.ndarray) -> float:
     return colour.auto_exposure_ev100(light)
 
 
+def _burnt_out(picture: np.ndarray, share: np.ndarray, luminance: np.ndarray, ev100: float) -> np.ndarray:
+    """The picture with a white sun where its disc is far brighter than white: tone curves keep its colour for ever."""
+    middle = float(colour.expose(np.ones(1), ev100)[0]) * luminance[share >= 1.0]
+    if not middle.size or np.median(middle) < WHITE_FROM:
+        return picture
+    return picture + share[..., None] * (1.0 - picture)
+
+
 def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.view.png``, tone mapped, and ``sky.view.exr``, linear Rec. 709 in cd/m^2 (alpha 0 outside the view)."""
     seen = rendered.view
@@ -36,6 +46,8 @@ def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]
     auto = options.exposure == "auto"
     ev100 = view_exposure_ev100(seen, np.where(inside, xyz[..., 1], np.nan)) if auto else float(options.exposure)
     picture = colour.tone_map(linear, ev100, options.tone_mapping)
+    if seen.sun is not None:
+        picture = _burnt_out(picture, seen.sun, xyz[..., 1], ev100)
     facts = {"view": seen.kind, "exposure_ev100": f"{ev100:.6g}", "tone_mapping": options.tone_mapping}
     return [
         save_png(np.where(inside[..., None], picture, np.nan), folder / "sky.view.png", rendered.sky, facts),

@@ -53,8 +53,11 @@ def place_on(start_km, radius_km, sine, cosine, s):
 
 
 @njit(cache=True, nogil=True)
-def first_hits(field, radius_km, start_km, elevation, azimuth, far_km, out, begin, end):
-    """Distance [km] of the ground along lines (D,) [rad], azimuth from the sun to the right; inf: there is none."""
+def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km, out, begin, end):
+    """Distance [km] of the ground along lines (D,) [rad], azimuth from the sun to the right; inf: there is none.
+
+    bottom_km: altitude of the ground beyond the field.
+    """
     finest = 0.5 * min(field.step_x_km, field.step_y_km)
     for d in range(begin, end):
         sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
@@ -66,12 +69,12 @@ def first_hits(field, radius_km, start_km, elevation, azimuth, far_km, out, begi
             z, along = place_on(start_km, radius_km, sine, cosine, s)
             if z > field.highest_km and sine >= 0.0:
                 break
-            if height_at(field, along * right, along * ahead) > z:
+            if max(bottom_km, height_at(field, along * right, along * ahead)) > z:
                 low, high = before, s
                 for _ in range(24):
                     middle = 0.5 * (low + high)
                     z, along = place_on(start_km, radius_km, sine, cosine, middle)
-                    if height_at(field, along * right, along * ahead) > z:
+                    if max(bottom_km, height_at(field, along * right, along * ahead)) > z:
                         high = middle
                     else:
                         low = middle
@@ -86,9 +89,16 @@ def shadow_over(field, radius_km, x, y, sun):
     slope = math.tan(sun + y / radius_km)
     finest = SHADOW_STEP * min(field.step_x_km, field.step_y_km)
     highest = -1e9
-    t = finest
-    # beyond this the light is above every mountain; it may dip under the horizontal first
-    last = radius_km * (-slope + math.sqrt(slope * slope + 2.0 * max(field.highest_km + 20.0, 0.0) / radius_km))
+    rows, columns = field.altitude_km.shape
+    across, up = field.step_x_km * (columns - 1), field.step_y_km * (rows - 1)
+    # the field's circle around its middle, in the axes of the sun
+    reach = 0.5 * math.sqrt(across * across + up * up)
+    u, v = field.low_x_km + 0.5 * across, field.low_y_km + 0.5 * up
+    middle_x, middle_y = field.cos_turn * u + field.sin_turn * v, -field.sin_turn * u + field.cos_turn * v
+    if abs(x - middle_x) > reach:
+        return highest
+    t = max(finest, middle_y - reach - y)
+    last = middle_y + reach - y
     while t < last:
         z = height_at(field, x, y + t)
         if z > -1e8:
@@ -208,8 +218,8 @@ def dark_parts(
 def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimuth, far_km, direct, about, begin, end):
     """The sun's irradiance of the ground where lines (D,) end, over F0, direct (D, W).
 
-    sun, true_sun [rad]: apparent and true elevation at the observer; about (D, 2): cosine of the slope of the ground,
-    and how far towards the sun it lies [km].
+    sun, true_sun [rad]: apparent and true elevation at the observer; about (D, 3): cosine of the slope of the ground,
+    how far towards the sun it lies [km], and whether it is within the field.
     """
     step = 0.75 * min(field.step_x_km, field.step_y_km)
     light = np.empty(direct.shape[1])
@@ -219,6 +229,7 @@ def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimu
         rise_x, rise_y = slopes(field, x, y, step)
         about[d, 0] = 1.0 / math.sqrt(1.0 + rise_x * rise_x + rise_y * rise_y)
         about[d, 1] = y
+        about[d, 2] = height_at(field, x, y) > -1e8
         local = sun + y / radius_km
         incidence = (math.sin(local) - rise_y * math.cos(local)) * about[d, 0]
         # a cell is no sharper than its size: its own slope does not shade it

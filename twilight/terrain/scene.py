@@ -85,7 +85,10 @@ def add_terrain(
     inside = np.isfinite(elevation_deg)
     e, a = np.radians(elevation_deg[inside]), np.radians(azimuth_deg[inside])
     far = np.empty(e.size)
-    in_slices(lambda i, j: first_hits(heights, radius, place.altitude_km, e, a, FARTHEST_KM, far, i, j), e.size)
+    in_slices(
+        lambda i, j: first_hits(heights, radius, medium.bottom_km, place.altitude_km, e, a, FARTHEST_KM, far, i, j),
+        e.size,
+    )
     sun = np.radians(place.sun_elevation_deg + place.bending_deg)
     light = np.array(sky[inside], dtype=float)
     hit = np.isfinite(far)
@@ -192,7 +195,7 @@ def _between(nodes: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _ground_light(heights, field, medium, beam, place: Place, sun, e, a, far, albedo: float) -> np.ndarray:
     """Radiance (D, W) of the ground where lines end."""
     radius = medium.earth_radius_km
-    direct, about = np.zeros((e.size, medium.n_wavelengths)), np.zeros((e.size, 2))
+    direct, about = np.zeros((e.size, medium.n_wavelengths)), np.zeros((e.size, 3))
     true_sun = float(np.radians(place.sun_elevation_deg))
     in_slices(
         lambda i, j: lit_ground(
@@ -201,7 +204,8 @@ def _ground_light(heights, field, medium, beam, place: Place, sun, e, a, far, al
         e.size,
     )
     sky = _sky_irradiance(field, place, radius, about[:, 1])
-    return albedo / np.pi * (direct + 0.5 * (1.0 + about[:, :1]) * sky)
+    reflects = np.where(about[:, 2:] > 0.0, albedo, medium.ground_albedo)
+    return reflects / np.pi * (direct + 0.5 * (1.0 + about[:, :1]) * sky)
 
 
 def _sky_irradiance(field, place: Place, radius_km: float, ahead_km: np.ndarray) -> np.ndarray:
@@ -226,8 +230,9 @@ def _shadow(heights: Heights, radius_km: float, sun: float) -> Shadow:
     rows, columns = heights.altitude_km.shape
     size = 0.5 * np.hypot(rows * heights.step_y_km, columns * heights.step_x_km)
     middle = heights.low_y_km + 0.5 * (rows - 1) * heights.step_y_km
-    tail = min(FARTHEST_KM, heights.highest_km / max(np.tan(sun), 0.01) + 20.0)
-    centre_x, centre_y = -heights.sin_turn * -middle, heights.cos_turn * middle
+    # over a low sun the Earth falls away under the edge of the shadow, which then leaves the air
+    tail = min(0.5 * FARTHEST_KM, 2.5 * heights.highest_km / max(np.tan(sun), 0.01) + 20.0)
+    centre_x, centre_y = heights.sin_turn * middle, heights.cos_turn * middle
     low_x, high_x = centre_x - size, centre_x + size
     low_y, high_y = centre_y - size - tail, centre_y + size
     step = max(max(high_x - low_x, high_y - low_y) / SHADOW_POINTS, 0.5 * min(heights.step_x_km, heights.step_y_km))
