@@ -164,7 +164,7 @@ def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
         sky, tmp_path / "new" / "folder", panorama=brighter, width=64, spectral_width=32, views=("panorama", "fisheye")
     )
     names = [p.name for p in paths]
-    assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"]
+    assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"]
     assert sorted(names) == sorted(p.name for p in (tmp_path / "new" / "folder").iterdir())
     from twilight import colour
     from twilight.io import read_latlong_exr

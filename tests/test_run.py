@@ -61,21 +61,23 @@ def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, l
 def test_a_gas_that_matters_stays():
     eight = {"wavelengths.count": 8}
     plan = make_plan(load("pure-air", eight))
-    assert plan.climate.gases == load_climate("pure-air").gases
-    assert [item.part for item in plan.left_out] == ["aerosol"]
-    assert make_plan(load("urban", eight)).left_out == ()
+    gases = load_climate("pure-air").gases
+    assert plan.climate.gases == gases.model_copy(update={"oxygen": False})  # no wavelength is in its bands
+    assert [item.part for item in plan.left_out] == ["bands of oxygen", "aerosol"]
+    assert [item.part for item in make_plan(load("urban", eight)).left_out] == ["bands of oxygen"]
     strong = {"gases.ozone.column_du": 3.0, "wavelengths": {"list_nm": [450]}}
     assert "ozone" not in [item.part for item in make_plan(load("pure-air", strong)).left_out]
 
 
 def test_a_straight_beam_is_left_out_only_without_refraction():
     plan = make_plan(load("urban", {"refraction.model": "none", "wavelengths.count": 8}))
-    assert [item.part for item in plan.left_out] == ["refraction"]
+    assert [item.part for item in plan.left_out] == ["bands of oxygen", "refraction"]
     assert not climate_medium(plan.climate, np.array([550.0])).has_refraction
 
 
 def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones_miss():
     once = {"solver.max_events": 1, "solver.quality": "draft", "texture.resolution_deg": 15.0, "sun.elevation_deg": -4}
+    once |= {"gases.oxygen": False, "gases.water_vapour.column_mm": 0}
     light = {}
     for name, more in {"fine": {"count": 69}, "placed": {}, "equidistant": {"count": 8}}.items():
         keys = {f"wavelengths.{key}": value for key, value in more.items()}

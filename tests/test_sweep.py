@@ -260,6 +260,25 @@ def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):
     assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 1
 
 
+def test_a_plan_says_what_is_there_already(toy, client, tmp_path, log):
+    path, out = tmp_path / "scenes.yaml", tmp_path / "a.zarr"
+    vary = {"solver.factor": [1, 2, 3], "sun.elevation_deg": SUNS}
+
+    def plan(wanted):
+        path.write_text(json.dumps({**BASE, "vary": wanted}))
+        return CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--plan"])
+
+    assert "already" not in plan(vary).output and not out.exists()
+    swept(planned(vary), client, out)
+    assert "3 of 3 tasks are there already" in plan(vary).output
+    lines = (out / JOURNAL).read_text().splitlines(keepends=True)
+    (out / JOURNAL).write_text("".join(lines[:2]))
+    assert "2 of 3 tasks are there already" in plan(vary).output
+    assert (out / JOURNAL).read_text() == "".join(lines[:2])
+    other = plan(vary | {"solver.factor": [1, 4]})
+    assert other.exit_code == 2 and "holds another sweep" in other.output
+
+
 # Faults ---------------------------------------------------------------------------------------------------------
 
 

@@ -200,9 +200,9 @@ def test_only_the_zones_that_the_suns_need(hazy, small):
         part = zones.prepare(hazy, SMALL, sun_elevations_deg=[sun])
         assert part.nodes.zenith_rad.size < small.nodes.zenith_rad.size
         np.testing.assert_allclose(
-            part.radiance(sun, ELEVATION, AZIMUTH), small.radiance(sun, ELEVATION, AZIMUTH), rtol=0.01
+            part.radiance(sun, ELEVATION, AZIMUTH), small.radiance(sun, ELEVATION, AZIMUTH), rtol=2e-3
         )
-    with pytest.raises(TwilightError, match=r"sun\.elevation_deg is -10; the field was solved for 25 to 90"):
+    with pytest.raises(TwilightError, match=r"sun.elevation_deg is -10 and .* the field was solved for 25 to 25 deg"):
         zones.prepare(hazy, SMALL, sun_elevations_deg=[25.0]).radiance(-10.0, 10.0, 0.0)
 
 

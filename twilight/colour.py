@@ -107,13 +107,24 @@ def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAU
             kept[observer] = sky_to_xyz(sky, sky.normalised_radiance, observer)
             kept[observer].flags.writeable = False
         return kept[observer]
+    return factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
+
+
+def factor_to_xyz(
+    factor: np.ndarray,
+    wavelength_nm: np.ndarray,
+    solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM,
+    distance_au: float = 1.0,
+    observer: str = DEFAULT_OBSERVER,
+) -> np.ndarray:
+    """XYZ (..., 3) as ``sky_to_xyz`` of sun-normalised spectra (..., W) at any wavelengths."""
     two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
     functions = np.concatenate([spectrum.colour_matching_functions(observer), two_deg], axis=1)
-    sun = spectrum.solar_at_visible(sky.solar_spectrum, sky.distance_au)[:, None]
-    xyzv = spectrum.integrate(factor, sky.wavelength_nm, spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun)
+    sun = spectrum.solar_at_visible(solar_spectrum, distance_au)[:, None]
+    xyzv = spectrum.integrate(factor, wavelength_nm, spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun)
     luminance = np.maximum(xyzv[..., 3:4], 0.0)
     to_xyz = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
-    if not colour_is_defined(sky.wavelength_nm):
+    if not colour_is_defined(wavelength_nm):
         return luminance * (to_xyz @ np.ones(3))
     xyz = np.maximum(xyzv[..., :3] @ (to_xyz @ spectrum.xyz_to_rgb_matrix(observer)).T, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):

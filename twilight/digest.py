@@ -43,13 +43,20 @@ def files_of(*modules: str, without: tuple[str, ...] = ()) -> list[Path]:
         if file is None:
             continue
         found[module] = file
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        waiting += _imported(tree)
-        texts = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
-        folders |= {name for text in texts for name in re.split(r"[./]", text)}
+        imported, named = _read(file)
+        waiting += imported
+        folders |= named
     data = (file for folder in _DATA.iterdir() if folder.name in folders for file in folder.rglob("*"))
     kept = [f for f in (*found.values(), *data) if f.is_file() and "__pycache__" not in f.parts]
     return sorted(kept, key=_name)
+
+
+@functools.cache
+def _read(file: Path) -> tuple[tuple[str, ...], frozenset[str]]:
+    """Modules of twilight that a file imports, and all that may be names of folders in its strings."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    texts = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+    return tuple(_imported(tree)), frozenset(name for text in texts for name in re.split(r"[./]", text))
 
 
 def _name(file: Path) -> str:
@@ -80,5 +87,5 @@ def _imported(tree: ast.AST) -> Iterator[str]:
             yield from (name for name in inside if _file(name) is not None)
             if not all(_file(name) is not None for name in inside):
                 yield node.module
-        else:
+        elif isinstance(node, (ast.stmt, ast.excepthandler, ast.match_case)):
             yield from _imported(node)

@@ -67,7 +67,9 @@ def plot(sky: Sky, projection: str = "wide", ax: Any = None, **options: Any) -> 
 
 
 def _bytes(picture: np.ndarray) -> np.ndarray:
-    return np.round(255.0 * np.nan_to_num(picture, nan=1.0)).astype(np.uint8)
+    from twilight.io.eight_bit import to_bytes
+
+    return to_bytes(np.nan_to_num(picture, nan=1.0))
 
 
 def dataset(sky: Sky) -> Any:

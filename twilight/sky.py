@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from twilight import spectrum
+from twilight.disc import Disc
 from twilight.errors import TwilightError
 from twilight.grids import texture_centres
 
@@ -68,6 +69,7 @@ class Sky:
     solar_spectrum: one of ``spectrum.solar_spectra()``.
     night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light), mean over each
         wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun: it is no part of sun_normalised_radiance.
+    disc: of the sun, where it was asked for; a layer of its own, never part of a radiance here.
     provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
 
     Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``, plus the night.
@@ -93,6 +95,7 @@ class Sky:
     night_radiance: np.ndarray | None = None
     polarisation: np.ndarray | None = None
     polarisation_error: np.ndarray | None = None
+    disc: Disc | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):
@@ -137,6 +140,8 @@ class Sky:
         if not self.distance_au > 0:
             raise TwilightError(f"sky: distance_au {self.distance_au} must be positive")
         spectrum.solar_spectrum(self.solar_spectrum)
+        if self.disc is not None and not np.array_equal(self.disc.wavelength_nm, wavelength):
+            raise TwilightError("sky: disc must have the wavelengths of the sky")
 
     # What a person sees -----------------------------------------------------------------------------------------
 
@@ -258,6 +263,7 @@ class Sky:
             polarisation_error=None,
             night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
             direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
+            disc=None if self.disc is None else replace(self.disc, transmittance=0.5 * self.disc.transmittance),
         )
 
     def sample_polarised_share(self, elevation_deg, azimuth_deg) -> np.ndarray:
@@ -394,7 +400,7 @@ class Sky:
     def _with(self, values: np.ndarray) -> Sky:
         """Values (E, A, W) >= 0 in the place of the radiance, and nothing else on the grid."""
         empty: dict[str, Any] = dict.fromkeys(
-            ("standard_error", "night_radiance", "polarisation", "polarisation_error")
+            ("standard_error", "night_radiance", "polarisation", "polarisation_error", "disc")
         )
         return replace(self, sun_normalised_radiance=values, **empty)
 
@@ -424,6 +430,7 @@ class Sky:
                 ground_albedo=None,
                 polarisation=None,
                 polarisation_error=None,
+                disc=None,
             )
             return stand_in.sample(elevation, azimuth)
         rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))

@@ -58,7 +58,7 @@ def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
 
     Extinction and absorption are averaged over altitude, the albedo with the extinction and the shares of the phase
     functions with the scattering as weight.  Each inner boundary is two levels.  Refractivity has no jumps: it keeps
-    its values at the boundaries and goes exponentially between them.
+    its values at the boundaries and goes smoothly between them.
     """
     z = np.asarray(boundaries_km, dtype=float)
     inner = medium.altitude_km[(medium.altitude_km > z[0]) & (medium.altitude_km < z[-1])]

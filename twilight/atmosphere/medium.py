@@ -1,8 +1,10 @@
 """The optical medium: what every solver gets, and all that it gets.
 
-A medium is a list of levels.  Coefficients go exponentially between two levels (linearly where one end is 0); single
-scattering albedo and the shares of the phase functions go linearly.  Two levels at the same altitude are a jump.
-Outside the levels is vacuum above and the ground below.
+A medium is a list of levels.  The logarithms of the scattering and the refractivity of air go through them as monotone
+cubics with continuous slopes (:mod:`twilight.atmosphere.smooth`): a bend of the index at a level would focus the
+sunbeam below it.  Other coefficients go exponentially between two levels.  Where one end is 0 all go linearly; single
+scattering albedo and the shares of the phase functions always do.  Two levels at the same altitude are a jump, at which
+a new curve begins unless both hold the same value.  Outside the levels is vacuum above and the ground below.
 """
 
 from __future__ import annotations
@@ -14,9 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from twilight.atmosphere.smooth import interpolate_smooth, log_cubics, monotone_cubic
 from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
+
+SMALL_JUMP = 1e-3
+"""Relative jump of the refractivity that is taken as a rounding of the table."""
 
 
 @dataclass(frozen=True)
@@ -135,18 +141,22 @@ class Medium:
         def exponential(a):
             return np.where(inside, interpolate_coefficient(a[i], a[i + 1], f), 0.0)
 
+        def smooth(a):
+            pieces = log_cubics(levels, a)[:, i]
+            return np.where(inside, interpolate_smooth(a[i], a[i + 1], pieces, f), 0.0)
+
         def linear(a):
             return a[i] * (1 - f) + a[i + 1] * f
 
         return Coefficients(
-            air_scattering=exponential(self.air_scattering_per_km),
+            air_scattering=smooth(self.air_scattering_per_km),
             absorption=exponential(self.absorption_per_km),
             aerosol_extinction=exponential(self.aerosol_extinction_per_km),
             aerosol_albedo=linear(self.aerosol_single_scattering_albedo),
             aerosol_share=np.stack([linear(s) for s in self.aerosol_share])
             if len(self.aerosol_share)
             else np.zeros((0, *f.shape[:-1], self.n_wavelengths)),
-            refractivity=exponential(self.refractivity),
+            refractivity=smooth(self.refractivity),
         )
 
     def refined(self, max_thickness_km: float = 0.25, tolerance: float = 1e-4) -> Medium:
@@ -179,6 +189,7 @@ class Medium:
 
     def _on_levels(self, pieces: list[np.ndarray]) -> Medium:
         z = self.altitude_km
+        smooth = {key: log_cubics(z, getattr(self, key)) for key in ("air_scattering_per_km", "refractivity")}
         rows: dict[str, list[np.ndarray]] = {}
         for i, piece in enumerate(pieces):
             lo = max(i - 1, 0)
@@ -188,9 +199,12 @@ class Medium:
                 f = np.zeros((1, 1))
             else:
                 f = ((piece - z[lo]) / dz if dz > 0 else np.ones(piece.size))[:, None]
-            for key in ("air_scattering_per_km", "absorption_per_km", "aerosol_extinction_per_km", "refractivity"):
+            for key in ("absorption_per_km", "aerosol_extinction_per_km"):
                 a = getattr(self, key)
                 rows.setdefault(key, []).append(interpolate_coefficient(a[lo], a[hi], f))
+            for key, cubics in smooth.items():
+                a = getattr(self, key)
+                rows.setdefault(key, []).append(interpolate_smooth(a[lo], a[hi], cubics[:, lo], f))
             a = self.aerosol_single_scattering_albedo
             rows.setdefault("aerosol_single_scattering_albedo", []).append(a[lo] * (1 - f) + a[hi] * f)
             for k, s in enumerate(self.aerosol_share):
@@ -206,7 +220,10 @@ class Medium:
         return replace(self, altitude_km=levels, aerosol_share=share, **made)
 
     def optical_depth(self, part: str = "total") -> np.ndarray:
-        """Vertical optical depth (W,) of `air`, `absorption`, `aerosol` or `total`; exact for the levels' rule."""
+        """Vertical optical depth (W,) of `air`, `absorption`, `aerosol` or `total`; exact for the levels' rule.
+
+        For that of air to 1e-9 by Gauss-Legendre quadrature.
+        """
         parts: dict[str, tuple[np.ndarray, ...]] = {
             "air": (self.air_scattering_per_km,),
             "absorption": (self.absorption_per_km,),
@@ -214,7 +231,13 @@ class Medium:
         }
         parts["total"] = parts["air"] + parts["absorption"] + parts["aerosol"]
         dz = np.diff(self.altitude_km)[:, None]
-        return sum((layer_mean(a[:-1], a[1:]) * dz).sum(axis=0) for a in parts[part])  # type: ignore[return-value]
+        total = np.zeros(self.n_wavelengths)
+        for a in parts[part]:
+            mean = layer_mean(a[:-1], a[1:])
+            if a is self.air_scattering_per_km:
+                mean = smooth_mean(self.altitude_km, a, mean)
+            total = total + (mean * dz).sum(axis=0)
+        return total
 
     def arrays(self) -> MediumArrays:
         """The same as plain contiguous arrays for kernels."""
@@ -291,11 +314,51 @@ class MediumArrays(NamedTuple):
 
 
 def interpolate_coefficient(lower, upper, fraction):
-    """lower^(1-f) upper^f, or linear where one end is 0 (the rule of tabulated media)."""
+    """lower^(1-f) upper^f, or linear where one end is 0 (the rule of what is not air)."""
     positive = (lower > 0) & (upper > 0)
     lo = np.where(positive, lower, 1.0)
     hi = np.where(positive, upper, 1.0)
     return np.where(positive, lo * (hi / lo) ** fraction, lower * (1 - fraction) + upper * fraction)
+
+
+def smooth_mean(altitude_km: np.ndarray, coefficient: np.ndarray, exponential_mean: np.ndarray) -> np.ndarray:
+    """Mean (L - 1, W) over each layer under the rule of `log_cubics`, from that under the exponential one.
+
+    What quadrature adds is the small difference of the two, so that exponential air is exact.
+    """
+    lower, upper = coefficient[:-1], coefficient[1:]
+    piece = log_cubics(altitude_km, coefficient)
+    x, weight = np.polynomial.legendre.leggauss(8)
+    mean = np.array(exponential_mean)
+    for f, g in zip(0.5 * (x + 1.0), 0.5 * weight, strict=True):
+        mean += g * (interpolate_smooth(lower, upper, piece, f) - interpolate_coefficient(lower, upper, f))
+    return mean
+
+
+def with_joined_refractivity(medium: Medium) -> Medium:
+    """The medium with an index without jumps, by which light is bent.
+
+    At a jump all rays close to the horizontal would be reflected or focused, which is a property of layers and not of
+    air. An index that jumps is replaced by the smooth curve through its means at the middles of the layers; below the
+    lowest of them it falls as between the lowest two.
+    """
+    z, n = medium.altitude_km, medium.refractivity
+    thick = np.diff(z) > 0
+    jumps = ~thick[:, None] & (np.abs(np.diff(n, axis=0)) > SMALL_JUMP * n[:-1])
+    levels, place = np.unique(z, return_inverse=True)
+    if not np.any(jumps) or np.count_nonzero(thick) < 2:
+        count = np.bincount(place)
+        joined = [(np.bincount(place, column) / count)[place] for column in n.T]
+        return replace(medium, refractivity=np.stack(joined, axis=1))
+    middle = 0.5 * (z[1:] + z[:-1])[thick]
+    value = 0.5 * (n[1:] + n[:-1])[thick]
+    value = np.log(np.maximum(value, np.maximum(1e-9 * value.max(axis=0), 1e-300)))
+    fall = (value[1] - value[0]) / (middle[1] - middle[0])
+    lowest = value[0] - fall * (middle[0] - z[0])
+    top = np.minimum(value[-1], np.log(np.maximum(n[-1], 1e-9 * n.max(axis=0) + 1e-300)))
+    x, y = np.concatenate([z[:1], middle, z[-1:]]), np.concatenate([[lowest], value, [top]])
+    smooth = [np.exp(monotone_cubic(levels, x, column)) * (column.max() > np.log(1e-200)) for column in y.T]
+    return replace(medium, refractivity=np.stack(smooth, axis=1)[place])
 
 
 def layer_mean(lower, upper):

@@ -11,6 +11,7 @@ from importlib import resources
 
 import numpy as np
 
+from twilight.atmosphere.smooth import monotone_cubic
 from twilight.errors import TwilightError
 
 PROFILES = (
@@ -45,7 +46,9 @@ MOLECULES_PER_CM2_PER_DU = 2.686780e16
 class AirProfile:
     """State of the air at Z altitudes; all arrays have shape (Z,).
 
-    Between two altitudes pressure and number densities go exponentially, temperature linearly.
+    Between two altitudes temperature and the logarithms of pressure and of the densities of air and water vapour are
+    monotone cubics with continuous slopes (:mod:`twilight.atmosphere.smooth`); ozone and nitrogen dioxide go
+    exponentially.
     """
 
     name: str
@@ -69,14 +72,17 @@ class AirProfile:
         def exponential(a):
             return np.exp(np.interp(z, self.altitude_km, np.log(a)))
 
+        def smooth(a):
+            return np.exp(monotone_cubic(z, self.altitude_km, np.log(a)))
+
         return AirProfile(
             self.name,
             z,
-            exponential(self.pressure_hpa),
-            np.interp(z, self.altitude_km, self.temperature_k),
-            exponential(self.air_per_cm3),
+            smooth(self.pressure_hpa),
+            monotone_cubic(z, self.altitude_km, self.temperature_k),
+            smooth(self.air_per_cm3),
             exponential(self.o3_per_cm3),
-            exponential(self.h2o_per_cm3),
+            smooth(self.h2o_per_cm3),
             exponential(self.no2_per_cm3),
         )
 

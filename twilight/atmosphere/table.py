@@ -6,7 +6,8 @@ aerosol_single_scattering_albedo, aerosol_asymmetry, absorption_per_km, refracti
 
 For each wavelength the altitudes must go up (or all go down) and be the same as for the others; an altitude given twice
 is a jump.  The lowest level is the ground, whatever its altitude; above the highest is vacuum.  Between levels
-coefficients and refractivity go exponentially (linearly where one end is 0), albedo linearly, and the aerosol's phase
+coefficients go exponentially (linearly where one end is 0), but the scattering and the refractivity of air through all
+levels up to a jump as smooth curves, monotone cubics of the logarithm; albedo goes linearly, and the aerosol's phase
 function as a linear mixture of the Henyey-Greenstein functions of the two levels.
 """
 

@@ -55,6 +55,8 @@ class Sweep:
         check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
+        if self.first.sun.disc:
+            raise TwilightError(f"{where}: sun.disc: a sweep holds the sky alone; leave this key out")
         if self.first.night is not None:
             raise TwilightError(
                 f"{where}: night: a sweep holds the sun's part of the sky alone; leave this section out"

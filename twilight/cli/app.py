@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import compare, export, fit, render, show, sweep, validate
+from twilight.cli import cache, compare, export, fit, render, show, sweep, validate
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -23,6 +23,7 @@ commands = (
     show.describe,
     show.solvers,
     show.schema,
+    cache.cache,
 )
 for command in commands:
     app.command()(sentences(command))

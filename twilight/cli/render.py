@@ -46,10 +46,17 @@ def render(
         str | None,
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
     ] = None,
+    tone: Annotated[
+        str | None,
+        option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera)."),
+    ] = None,
     only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
     polariser: Annotated[
         float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
     ] = None,
+    disc: Annotated[
+        bool, typer.Option("--disc", help="The sun's disc too: in the pictures, the environment maps and sun.png.")
+    ] = False,
     output: Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
@@ -75,6 +82,10 @@ def render(
     choose(*_exposure(exposure), "--exposure")
     choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
     choose("output.polariser_deg", polariser, "--polariser")
+    choose("output.tone_mapping", tone, "--tone")
+    if disc:
+        choose("sun.disc", True, "--disc")
+        choose("output.disc", True, "--disc")
     set_here, called = settings_of(settings)
     chosen.update(set_here)
     names.update(called)
@@ -87,18 +98,27 @@ def render(
     if plan:
         _print_plans(cases)
         return
+    from twilight.cli.first_run import say_that_it_compiles
     from twilight.cli.render_files import render_files
     from twilight.config.scene import SunElevation
+    from twilight.config.solver import resolve_solver
 
     for case in cases:
         check_polarised(case.config)
-    if any("sun" not in case.config.model_fields_set for case in cases):
+    if any(_has_default_sun(case.config) for case in cases):
         default = SunElevation().elevation_deg
         print(
             f"twilight: no sun is given: it stands at {default:+g} deg (--sun-elevation, or --at and a place)",
             file=sys.stderr,
         )
+    for name in sorted({resolve_solver(case.config.solver)[0] for case in cases}):
+        say_that_it_compiles(name)
     render_files(cases, scene, chosen, output, overwrite)
+
+
+def _has_default_sun(config: Any) -> bool:
+    """Whether nothing says where the sun is."""
+    return "sun" not in config.model_fields_set or not config.sun.model_fields_set - {"disc", "distance_au"}
 
 
 def _exposure(text: str | None) -> tuple[str, Any]:

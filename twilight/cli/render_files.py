@@ -39,7 +39,7 @@ def render_files(
 ) -> None:
     """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
     from twilight.engine import check_size
-    from twilight.io.folder import JOURNAL, open_folder
+    from twilight.io.folder import JOURNAL, files_of_a_sky, open_folder
     from twilight.io.whole import check_folder
 
     for case in cases:
@@ -64,7 +64,7 @@ def render_files(
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
     for note in notes:
         print(note)
-    what = ", ".join(sorted({file.name for one in asked for file in (root / one.folder).glob("sky.*")}))
+    what = ", ".join(sorted({file.name for one in asked for file in files_of_a_sky(root / one.folder)}))
     more = f" in {len(asked)} folders, and {', '.join(once)}" if len(asked) > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
 
@@ -151,6 +151,8 @@ def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None,
         view=frame.view,
         files=files or o.files,
         polariser_deg=o.polariser_deg,
+        disc=o.disc,
+        tone_settings={name: getattr(o, name).model_dump() for name in ("eye", "camera")},
         views=o.views,
         target=o.target,
         width=config.texture.latlong_width or o.width,
@@ -167,6 +169,7 @@ def _expose_together(
     """Draw the pictures of a series again with one exposure, that of its brightest sky, from their sky.h5."""
     from twilight.engine import Frame
     from twilight.io import read_sky
+    from twilight.io.folder import files_of_a_sky
     from twilight.io.picture import render_view
 
     progress("one exposure for all", 1.0)
@@ -180,7 +183,7 @@ def _expose_together(
         path = folder.root / one.folder
         frame = Frame(one.sun, read_sky(path / "sky.h5"))
         _write(frame, one.case.config, path, brightest, files=("png",))
-        files = [file for file in sorted(path.glob("sky.*")) if file.is_file()]
+        files = files_of_a_sky(path)
         folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
 
 

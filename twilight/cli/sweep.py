@@ -107,7 +107,12 @@ def _some(made: Any, scenes: list[tuple[int, ...]]) -> str:
 
 
 def _print_plan(made: Any, path: Path) -> None:
+    from twilight.batch.store import count_finished
+
+    there = count_finished(path, made)
     rows = [[d.name, f"{d.size:,}", "shared field" if d.serves else "own field"] for d in made.dimensions]
     print_table(["dimension", "size", "each value has"], rows, right=(1,))
     print(f"{made.scenes:,} skies of {made.fields:,} fields in {len(made.tasks):,} tasks")
     print(f"up to {made.bytes / 1e9:.3g} GB in {path}")
+    if path.exists():
+        print(f"{there:,} of {len(made.tasks):,} tasks are there already")

@@ -126,8 +126,9 @@ def _time_left_column() -> Any:
 
 
 def time_left(share: float, elapsed_s: float) -> str:
-    """`0:01:05 left` where `share` of the work took `elapsed_s`; nothing can be said before the first percent."""
-    if share < 0.01:
+    """`0:01:05 left` where `share` of the work took `elapsed_s`; nothing can be said before a tenth is done:
+    setting up and, the first time, compiling take long and say nothing of the rest."""
+    if share < 0.1:
         return "-:--:-- left"
     seconds = round(elapsed_s * (1.0 - share) / share)
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d} left"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ class Point:
     """One mark: the error [%] over the directions and wavelengths, and the time of one sky [s].
 
     noise_percent: the part of the error that the reference's own noise would give, already taken out.
+    memory_mib: the most that its process held; nan where it was not measured.
     """
 
     solver: str
@@ -36,6 +37,7 @@ class Point:
     time_s: float
     error_percent: float
     noise_percent: float = 0.0
+    memory_mib: float = math.nan
 
     @property
     def resolved(self) -> bool:
@@ -49,7 +51,15 @@ class Point:
 def points(rows: Iterable[Row]) -> list[Point]:
     """The marks of the rows that hold both an error and a time: 95th percentiles."""
     return [
-        Point(r.rung.solver, r.rung.quality, r.sun_elevation_deg, r.time_s, r.error.p95, r.error.noise_p95)
+        Point(
+            r.rung.solver,
+            r.rung.quality,
+            r.sun_elevation_deg,
+            r.time_s,
+            r.error.p95,
+            r.error.noise_p95,
+            r.timing.peak_mib,
+        )
         for r in rows
         if r.error is not None and r.timing is not None
     ]
@@ -57,7 +67,7 @@ def points(rows: Iterable[Row]) -> list[Point]:
 
 def read_points(path: str | Path, *, processor: bool = False) -> list[Point]:
     """The marks of a `compare.csv`, or of any table with its columns solver, quality, sun_elevation_deg, time_s and
-    p95_percent (and noise_p95_percent); with `processor` their times are processor times, from the column cpu_s.
+    p95_percent (and noise_p95_percent, peak_memory_mib); with `processor` their times are processor times, from cpu_s.
 
     Errors: TwilightError for a file that cannot be read or has other columns.
     """
@@ -75,6 +85,7 @@ def read_points(path: str | Path, *, processor: bool = False) -> list[Point]:
                             float(row[column]),
                             float(row["p95_percent"]),
                             float(row.get("noise_p95_percent") or 0.0),
+                            float(row.get("peak_memory_mib") or "nan"),
                         )
                     )
     except (OSError, KeyError, ValueError) as error:
@@ -129,7 +140,7 @@ def draw(
         _limits(grid[0, 0], marks)
         figure.supxlabel(time_label, fontsize=11)
         figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=11)
-        _heading(figure, solvers, title)
+        _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title)
         try:
             with whole_file(path) as temporary:
                 figure.savefig(temporary, dpi=150)
@@ -181,19 +192,31 @@ def _limits(axes: Any, marks: Sequence[Point]) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def _heading(figure: Any, solvers: Sequence[str], title: str) -> None:
+def _memory(marks: Iterable[Point]) -> str:
+    """The least and the most that the qualities of a solver hold, in words; empty where it is not known."""
+    known = [m.memory_mib / 1024.0 for m in marks if math.isfinite(m.memory_mib)]
+    if not known:
+        return ""
+    low, high = f"{min(known):.1f}", f"{max(known):.1f}"
+    return f" ({low} GiB)" if low == high else f" ({low} to {high} GiB)"
+
+
+def _heading(figure: Any, solvers: Mapping[str, str], title: str) -> None:
+    """The legend: names of the solvers, each with the memory of its process."""
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], linewidth=1.6, label=name)
-        for i, name in enumerate(solvers)
+        Line2D(
+            [], [], color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], linewidth=1.6, label=name + held
+        )
+        for i, (name, held) in enumerate(solvers.items())
     ]
     figure.legend(
         handles=handles,
         title=title or None,
         alignment="left",
         loc="outside upper left",
-        ncols=len(handles),
+        ncols=min(len(handles), 4) if any(solvers.values()) else len(handles),
         frameon=False,
         columnspacing=1.4,
         handletextpad=0.5,

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -176,10 +175,9 @@ def _computed(solved: Solved, sun: float, directions: tuple[np.ndarray, np.ndarr
     """The reference of one sun; what is begun is kept in files beside `file` until it is done."""
     radiance, error = [], []
     for i, block in enumerate(solved.blocks):
-        field: Any = block.field
-        begun = file.with_suffix(f".part{i or ''}.npz")
-        result = field.radiance_with_error(sun, *directions, checkpoint=begun)
-        radiance.append(result.radiance)
-        error.append(np.nan_to_num(result.standard_error, nan=0.0))
+        found = block.answer(sun, *directions, checkpoint=file.with_suffix(f".part{i or ''}.npz"))
+        assert found.standard_error is not None
+        radiance.append(found.radiance)
+        error.append(np.nan_to_num(found.standard_error, nan=0.0))
     nm = solved.medium.wavelength_nm
     return Reference(*directions, nm, np.concatenate(radiance, axis=-1), np.concatenate(error, axis=-1))

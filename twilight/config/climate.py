@@ -97,10 +97,25 @@ class Ozone(Section):
         return self
 
 
+class WaterVapour(Section):
+    """Water vapour: how much absorbs in its bands (590, 690, 720, 820, 940 nm)."""
+
+    column_mm: Number | None = key(
+        None,
+        "precipitable water above the ground; 0: none absorbs; unset: the profile's own (AFGL 1986: tropical 41, "
+        "midlatitude summer 29, winter 9, subarctic summer 21, winter 4, US standard 14)",
+        unit="mm",
+        ge=0.0,
+        le=150.0,
+    )
+
+
 class Gases(Section):
     """Absorbing gases."""
 
     ozone: Ozone = key(Ozone, "ozone")
+    water_vapour: WaterVapour = key(WaterVapour, "water vapour")
+    oxygen: Flag = key(True, "oxygen absorbs in its bands at 688 and 762 nm")
     no2: Flag = key(True, "nitrogen dioxide absorbs")
     o4: Flag = key(True, "oxygen collision pairs (O4) absorb")
 

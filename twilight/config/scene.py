@@ -37,6 +37,8 @@ Moment = Annotated[datetime, BeforeValidator(_moment)]
 Zone = Annotated[str | None, AfterValidator(_zone)]
 Elevation = Annotated[Number, Field(ge=-90.0, le=90.0)]
 
+DISC = "whether the sun's disc is computed too, as a layer of its own beside the sky"
+
 
 class SunElevation(Section):
     """A sun at a given elevation."""
@@ -45,6 +47,7 @@ class SunElevation(Section):
         10.0, "true (unrefracted) elevation of the disc's centre above the observer's horizontal", unit="deg"
     )
     distance_au: Number = key(1.0, "distance to the sun", unit="au", ge=0.9, le=1.1)
+    disc: Flag = key(False, DISC)
 
 
 class SunElevations(Section):
@@ -54,6 +57,7 @@ class SunElevations(Section):
         (10.0,), "true elevations, one frame each", unit="deg", min_length=1, max_length=10000
     )
     distance_au: Number = key(1.0, "distance to the sun", unit="au", ge=0.9, le=1.1)
+    disc: Flag = key(False, DISC)
 
 
 class _Place(Section):
@@ -64,6 +68,7 @@ class _Place(Section):
         description="geographic longitude, east positive", json_schema_extra={"unit": "deg"}
     )
     time_zone: Zone = key(None, "for times without an offset, e.g. Europe/Berlin")
+    disc: Flag = key(False, DISC)
 
     def aware(self, moment: datetime) -> datetime:
         """The moment with its offset or, lacking one, in `time_zone`."""
@@ -277,6 +282,26 @@ def _files(value: tuple[str, ...] | None) -> tuple[str, ...] | None:
     return value if value is None else check_names(value)
 
 
+class EyeTone(Section):
+    """Who looks, where the pictures are as an eye sees."""
+
+    adapted_cd_per_m2: Number | None = key(
+        None, "luminance that the eye is adapted to; unset: to the picture", unit="cd m-2", ge=1e-6, le=1e5
+    )
+    acuity: Flag = key(True, "whether fine details are lost at low light")
+
+
+class CameraTone(Section):
+    """The camera, where the pictures are photographs."""
+
+    iso: Number = key(100.0, "sensitivity", unit="1", ge=25.0, le=1e6)
+    seconds: Number | None = key(None, "exposure time; unset: by the meter, 1/8000 to 30 s", unit="s", gt=0.0, le=1e5)
+    f_number: Number = key(4.0, "focal length over aperture", unit="1", ge=0.5, le=64.0)
+    white_balance_k: Number = key(5500.0, "colour temperature of the light that is white", unit="K", ge=1500, le=25000)
+    sensor: Literal["nikon_5100", "sigma_sd_merrill"] = key("nikon_5100", "whose spectral response")
+    noise: Flag = key(True, "noise of photons and of reading")
+
+
 class Output(Section):
     """How the pictures look and which program they are for; the radiance in the files does not depend on it."""
 
@@ -295,6 +320,7 @@ class Output(Section):
     target: Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"] = key(
         "openexr", "whose environment map sky.rgb.exr is"
     )
+    disc: Flag = key(False, "whether the sun's disc is in the environment maps; it needs sun.disc")
     width: Integer = key(1024, "of sky.rgb.exr, unless texture.latlong_width sets it", unit="pixel", ge=8, le=16384)
     spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
     views: tuple[Literal["wide", "panorama", "fisheye"], ...] = key(
@@ -314,9 +340,13 @@ class Output(Section):
     exposure: Literal["each", "series"] = key(
         "each", "where exposure_ev100 is unset: each picture by its own sky, or all of a series by the brightest"
     )
-    tone_mapping: Literal["photographic", "filmic", "gamma"] = key(
-        "photographic", "of the pictures: photographic has contrast, filmic is soft, gamma clips"
+    tone_mapping: Literal["photographic", "filmic", "gamma", "eye", "camera"] = key(
+        "photographic",
+        "of the pictures: photographic has contrast, filmic is soft, gamma clips, eye sees as a person does at low "
+        "light, camera takes a photograph",
     )
+    eye: EyeTone = key(EyeTone, "of tone_mapping eye")
+    camera: CameraTone = key(CameraTone, "of tone_mapping camera")
     colour_observer: Literal["cie1964_10deg", "cie1931_2deg"] = key("cie1964_10deg", "standard observer of all colours")
 
     @model_validator(mode="after")
@@ -377,6 +407,14 @@ class Config(Section):
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
                 f"{ground_km:g} km); both count from sea level"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _has_the_disc(self) -> Config:
+        if self.output.disc and not self.sun.disc:
+            raise ValueError("output.disc needs the sun's disc: set sun.disc to true")
+        if "disc" in (self.output.files or ()) and not self.sun.disc:
+            raise ValueError("output.files: disc needs the sun's disc: set sun.disc to true")
         return self
 
     @property

@@ -13,6 +13,9 @@ import numpy as np
 from twilight import __version__
 from twilight.config.scene import Config, SunAt
 from twilight.config.solver import resolve_solver
+from twilight.engine.directions import texture_rows
+from twilight.engine.disc import make_disc
+from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
@@ -25,6 +28,7 @@ from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
 from twilight.sky import Sky, latlong_grid
+from twilight.transport.apparent import horizon_dip_deg
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ def frames(
     suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
     if not suns:
         return
-    problem = problem_of(config, [sun.elevation_deg for sun in suns])
+    problem = problem_of(config, [sun.elevation_deg for sun in suns], kept=kept_fields())
     set_up_s = time.perf_counter() - started
     found = [_Found() for _ in suns]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
@@ -131,10 +135,11 @@ class _Found:
     seconds: float = 0.0
     convergence: dict[str, Any] = field(default_factory=dict)
     facts: dict[str, float] = field(default_factory=dict)
+    from_disk: bool = True
 
     def take(self, block: Block, sun: SunPosition, config: Config) -> None:
         begin = time.perf_counter()
-        self.texture.append(block.texture(sun.elevation_deg, *_texture_grid(config)))
+        self.texture.append(block.texture(sun.elevation_deg, *_grid(config, block.problem)))
         if config.observer.view is not None:
             seen = see(block, config.observer.view, sun.elevation_deg)
             if config.terrain is not None:
@@ -145,6 +150,7 @@ class _Found:
             self.panorama.append(block.texture(sun.elevation_deg, *grid))
         self.direct.append(block.direct(sun.elevation_deg))
         self.facts.update(block.field.facts)
+        self.from_disk &= block.from_disk
         converged = block.field.convergence
         if converged is not None:  # the worst block of wavelengths
             for key, here in vars(converged).items():
@@ -163,6 +169,11 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
         "longitude_deg": place.longitude_deg if place else None,
         "time": sun.time,
         "solar_spectrum": config.solar_spectrum,
+        "disc": make_disc(
+            problem.medium, sun.elevation_deg, config.observer.altitude_km, sun.distance_au, problem.bands
+        )
+        if config.sun.disc
+        else None,
         "provenance": _provenance(config, problem, sun, found, set_up_s),
     }
 
@@ -174,7 +185,9 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
             direct,
             sun.elevation_deg,
             config.observer.altitude_km,
-            night_radiance=_night(config, problem, sun, *grid),
+            night_radiance=_night(config, problem, sun, *grid)
+            if grid[0][0] >= 0.0
+            else _night_above(config, problem, sun, *grid),
             **about,
         )
 
@@ -184,16 +197,21 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
     if found.view:
         radiance = np.concatenate([one.radiance for one in found.view], axis=-1)
         view = with_sun(replace(found.view[0], radiance=radiance), direct, sun.elevation_deg)
-    return Frame(sun.name, sky(found.texture, _texture_grid(config)), panorama, view)
+    return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama, view)
 
 
-def _texture_grid(config: Config) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the texture: the sky, or with a view the whole sphere down to the nadir."""
-    rows, columns = config.texture.shape
-    if config.observer.view is None:
-        return texture_centres((rows, columns))
-    elevation, azimuth = texture_centres((rows, columns))
-    return np.concatenate([-elevation[::-1], elevation]), azimuth
+def _grid(config: Config, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    return texture_rows(config, problem), texture_centres(config.texture.shape)[1]
+
+
+def _night_above(
+    config: Config, problem: Problem, sun: SunPosition, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
+) -> np.ndarray | None:
+    """The night of rows that go below the horizontal: as at 0 deg down to the horizon, nothing below it."""
+    above = _night(config, problem, sun, np.maximum(elevation_deg, 0.0), azimuth_deg)
+    if above is not None:
+        above[elevation_deg < -horizon_dip_deg(problem.medium, config.observer.altitude_km)] = 0.0
+    return above
 
 
 def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Found, set_up_s: float) -> dict[str, Any]:
@@ -210,6 +228,8 @@ def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Foun
         "quality": quality,
         "left_out": [item.part for item in problem.left_out],
     }
+    if found.from_disk:
+        record["field_from_disk"] = True  # its run time leaves out solving it
     if found.convergence:
         record["convergence"] = found.convergence
     if found.facts:

@@ -9,22 +9,29 @@ that 1000 need no more memory than one block; a `Block` is one of them, solved. 
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight import solvers
+from twilight.atmosphere.bands import Bands
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.disc import Disc
+from twilight.engine.disc import make_disc
+from twilight.engine.kept import KeptFields, kept_fields
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.errors import TwilightError
 from twilight.grids import half_of
 from twilight.progress import Progress, part_of, silent
-from twilight.scene.medium import climate_medium, wavelengths_of
+from twilight.scene.medium import climate_bands, climate_medium, wavelengths_of
 from twilight.scene.plan import LeftOut, make_plan
 from twilight.sky import Sky
 from twilight.solvers.base import Capabilities, Field, Solver
@@ -62,6 +69,11 @@ def _of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
     return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
 
 
+def _summed(answer: Answer, bands: Bands) -> Answer:
+    """The answer for wavelengths from that for their lanes."""
+    return Answer(*(None if part is None else bands.summed(part) for part in vars(answer).values()))  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class Problem:
     """What is to be solved.
@@ -70,6 +82,8 @@ class Problem:
     observer_altitude_km: where directions are seen from unless a question says otherwise; None: from the ground.
     sun_elevations_deg: all the suns that will be asked for [deg]; None: any.
     title: what to call it in errors; left_out: what the plan of its scene left out of the medium.
+    kept: where solved fields are taken from and left for the next time; None: every field is solved here.
+    bands: of gases, whose lanes are solved in place of the medium's wavelengths and summed.
     """
 
     medium: Medium
@@ -79,6 +93,8 @@ class Problem:
     sun_elevations_deg: tuple[float, ...] | None = None
     title: str = ""
     left_out: tuple[LeftOut, ...] = ()
+    kept: KeptFields | None = None
+    bands: Bands | None = None
 
     def __post_init__(self) -> None:
         if len(self.slices) > 1 and self.capabilities.field_file and self.settings.field_file:
@@ -99,15 +115,30 @@ class Problem:
 
     @property
     def slices(self) -> list[slice]:
-        """The blocks of wavelengths, as places in those of the medium."""
+        """The blocks of wavelengths, as places in those of the medium.
+
+        A block holds as many lanes as the solver takes at once, at least one wavelength.  Wavelengths in a band share
+        no block with others, whose grids would follow the band's darkest lane, unless a file is to hold them all.
+        """
         step, count = self.capabilities.wavelengths_at_once, self.medium.n_wavelengths
-        return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+        if self.bands is None:
+            return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+        lanes = self.bands.lanes
+        apart = not (self.capabilities.field_file and self.settings.field_file)
+        starts, held = [0], int(lanes[0])
+        for w in range(1, count):
+            held += int(lanes[w])
+            if held > step or (apart and (lanes[w] > 1) != (lanes[w - 1] > 1)):
+                starts.append(w)
+                held = int(lanes[w])
+        return [slice(start, stop) for start, stop in zip(starts, [*starts[1:], count], strict=True)]
 
     def block(self, index: int, progress: Progress | None = None) -> Block:
         """Solve one block."""
         part = self.slices[index]
         medium = self.medium if len(self.slices) == 1 else self.medium.select(part)
-        return Block(self, part, medium, progress or silent)
+        bands = None if self.bands is None else self.bands.select(part)
+        return Block(self, part, medium, progress or silent, bands if bands and bands.absorption_per_km.any() else None)
 
     def blocks(self, progress: Progress | None = None) -> Iterator[Block]:
         """Solve the blocks one by one; whoever takes one deletes it before the next, so that one alone is held."""
@@ -123,25 +154,48 @@ class Problem:
 class Block:
     """A block of wavelengths, solved.
 
-    wavelengths: its place in those of the problem; medium: at these wavelengths; field: the solver's own, of the
-    observer who was asked for last.
+    wavelengths: its place in those of the problem; medium: at these wavelengths; bands: their lanes, if there are any;
+    field: the solver's own (of the lanes), of the observer who was asked for last; from_disk: whether it was read.
     """
 
-    def __init__(self, problem: Problem, wavelengths: slice, medium: Medium, progress: Progress):
-        self.problem, self.wavelengths, self.medium = problem, wavelengths, medium
+    def __init__(
+        self, problem: Problem, wavelengths: slice, medium: Medium, progress: Progress, bands: Bands | None = None
+    ):
+        self.problem, self.wavelengths, self.medium, self.bands = problem, wavelengths, medium, bands
         self.capabilities = problem.capabilities
-        self.sunbeam = Sunbeam(medium)
+        self._lanes = medium if bands is None else bands.expand(medium)
+        self.sunbeam = Sunbeam(self._lanes)
         self._progress = progress
         self._altitude_km = problem.altitude_km
+        self.from_disk = False
         self.field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
         prepare: Any = self.problem.solver.prepare
         known = self.problem.sun_elevations_deg
         more = {"sun_elevations_deg": list(known)} if known is not None and self.capabilities.takes_suns else {}
-        return prepare(
-            self.medium, self.problem.settings, observer_altitude_km=altitude_km, progress=self._progress, **more
+
+        def solved(settings: Any) -> Field:
+            return prepare(self._lanes, settings, observer_altitude_km=altitude_km, progress=self._progress, **more)
+
+        settings, kept = self.problem.settings, self.problem.kept
+        if kept is None or not self.capabilities.field_file or settings.field_file:
+            return solved(settings)
+        path = kept.path(
+            self.problem.solver.__name__, settings, self._lanes, more.get("sun_elevations_deg"), altitude_km
         )
+        if path.exists():
+            try:
+                os.utime(path)
+                read = solved(replace(settings, field_file=str(path)))
+                self.from_disk = True
+                return read
+            except (OSError, TwilightError):  # damaged, or removed meanwhile
+                with contextlib.suppress(OSError):
+                    path.unlink()
+        made = solved(settings)
+        kept.keep(path, made)
+        return made
 
     def answer(
         self,
@@ -151,15 +205,19 @@ class Block:
         observer_altitude_km: float | None = None,
         *,
         polarisation: bool = False,
+        checkpoint: Path | None = None,
     ) -> Answer:
         """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
-        polarisation: also Q and U, where the field has them.  A solver whose field belongs to one observer solves anew
-        for another one.
+        polarisation: also Q and U, where the field has them.  checkpoint: where a solver with standard errors keeps
+        what it has begun.  A solver whose field belongs to one observer solves anew for another one.  Standard errors
+        of a wavelength's lanes are added, for their noise may be alike.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
+        if checkpoint is not None and self.capabilities.standard_error:
+            more["checkpoint"] = checkpoint
         polarised = polarisation and made.polarised
         if self.capabilities.standard_error and polarised:
             with_noise = made.stokes_with_error(*directions, **more)
@@ -176,9 +234,9 @@ class Block:
             raise TwilightError("the solver gave radiance that is negative or not a number")
         if found.polarisation is not None and not np.isfinite(found.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found
+        return found if self.bands is None else _summed(found, self.bands)
 
-    def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, float]]:
+    def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and what to tell it."""
         if self.capabilities.every_observer:
             return self.field, {} if altitude_km is None else {"observer_altitude_km": altitude_km}
@@ -218,7 +276,8 @@ class Block:
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
         altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
-        return self.sunbeam.at(sun_elevation_deg, altitude)
+        found = self.sunbeam.at(sun_elevation_deg, altitude)
+        return found if self.bands is None else found._replace(irradiance=self.bands.summed(found.irradiance))
 
 
 @dataclass(frozen=True)
@@ -276,6 +335,13 @@ class Solved:
         found = [block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks]
         return Direct(np.concatenate([one.irradiance for one in found]), found[-1].bending_deg)
 
+    def disc(
+        self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0
+    ) -> Disc:
+        """The sun's disc as an observer sees it: `twilight.disc.Disc`."""
+        altitude = self.problem.altitude_km if observer_altitude_km is None else observer_altitude_km
+        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au, self.problem.bands)
+
     def sky(
         self,
         sun_elevation_deg: float,
@@ -324,24 +390,28 @@ def problem_of(
     *,
     wavelength_nm: np.ndarray | None = None,
     by: tuple[Solver, Any] | None = None,
+    kept: KeptFields | None = None,
 ) -> Problem:
     """The problem of a configuration's scene: its climate without what its plan leaves out, its solver, its observer.
 
     sun_elevations_deg: all the suns that will be asked for, None: any.  wavelength_nm: in place of the scene's own.
-    by: (solver, settings) in place of the configuration's.
+    by: (solver, settings) in place of the configuration's.  kept: as of `Problem`.
     Errors: TwilightError for whatever in the configuration cannot be computed.
     """
     if by is None:
         name, _, settings = resolve_solver(config.solver)
         by = solvers.load(name), settings
     plan = make_plan(config, wavelength_nm)
+    medium = climate_medium(plan.climate, wavelengths_of(config) if wavelength_nm is None else wavelength_nm)
     return Problem(
-        climate_medium(plan.climate, wavelengths_of(config) if wavelength_nm is None else wavelength_nm),
+        medium,
         *by,
         config.observer.altitude_km,
         None if sun_elevations_deg is None else tuple(sun_elevations_deg),
         config.title,
         plan.left_out,
+        kept,
+        None if by[0].CAPABILITIES.formula else climate_bands(plan.climate, medium),
     )
 
 
@@ -349,4 +419,4 @@ def solve(
     config: Config, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None
 ) -> Solved:
     """Solve a configuration's scene, for the suns that will be asked for or for any (None), and hold it."""
-    return problem_of(config, sun_elevations_deg).solve(progress)
+    return problem_of(config, sun_elevations_deg, kept=kept_fields()).solve(progress)

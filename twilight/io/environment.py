@@ -71,6 +71,42 @@ def _octahedral_directions(side: int) -> tuple[np.ndarray, np.ndarray]:
     return np.degrees(np.arcsin(np.clip(z, -1.0, 1.0))), azimuth
 
 
+def pixel_of(
+    target: str, width: int, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the pixel that a direction of the world falls into, for arrays of one shape."""
+    if target == "pbrt":
+        return _octahedral_pixel(width // 2, elevation_deg, azimuth_deg)
+    middle, turn = _LATLONG[target]
+    across = np.mod((np.asarray(azimuth_deg) - middle) / turn + 0.5, 1.0)
+    column = np.minimum((across * width).astype(int), width - 1)
+    row = np.clip(((90.0 - np.asarray(elevation_deg)) / 360.0 * width).astype(int), 0, width // 2 - 1)
+    return row, column
+
+
+def _octahedral_pixel(side: int, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of `_octahedral_directions`."""
+    z = np.sin(np.radians(elevation_deg))
+    r = np.sqrt(1.0 - np.abs(z))
+    angle = np.radians(90.0 - np.asarray(azimuth_deg))
+    x, y = np.cos(angle), np.sin(angle)
+    b = r * 2.0 / np.pi * np.arctan2(np.abs(y), np.abs(x))
+    a = r - b
+    below = z < 0.0
+    a, b = np.where(below, 1.0 - b, a), np.where(below, 1.0 - a, b)
+    place = [np.copysign(b, y), np.copysign(a, x)]
+    row, column = (np.clip(((c + 1.0) / 2.0 * side).astype(int), 0, side - 1) for c in place)
+    return row, column
+
+
+def pixel_solid_angle(target: str, width: int) -> np.ndarray:
+    """Solid angle of every pixel [sr], (height, width'); they sum to 4 pi."""
+    if target == "pbrt":
+        return np.full((width // 2, width // 2), 16.0 * np.pi / width**2)
+    edge = np.sin(np.radians(90.0 - 360.0 * np.arange(width // 2 + 1) / width))
+    return np.repeat((edge[:-1] - edge[1:])[:, None] * 2.0 * np.pi / width, width, axis=1)
+
+
 def ground_factor(sky: Sky) -> np.ndarray:
     """Radiance of the Lambertian ground divided by F0 [sr^-1], (W,): albedo / pi x horizontal irradiance.
 

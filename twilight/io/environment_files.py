@@ -11,7 +11,7 @@ from twilight.io.rgbe import write_hdr
 
 def write_rgb(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.rgb.exr``, and ``sky.rgb.hdr`` for Radiance, whose tools read no EXR."""
-    size = {"target": options.target, "width": options.width, "observer": options.observer}
+    size = {"target": options.target, "width": options.width, "observer": options.observer, "disc": options.disc}
     written = [write_rgb_exr(rendered.seen, folder / "sky.rgb.exr", **size)]  # type: ignore[arg-type]
     if options.target == "radiance":
         written.append(write_hdr(rendered.seen, folder / "sky.rgb.hdr", **size))  # type: ignore[arg-type]
@@ -23,6 +23,11 @@ def write_spectral(rendered: Rendered, folder: Path, options: Options) -> list[P
     path = folder / "sky.spectral.exr"
     return [
         write_spectral_exr(
-            rendered.fine, path, target=options.target, width=options.spectral_width, observer=options.observer
+            rendered.fine,
+            path,
+            target=options.target,
+            width=options.spectral_width,
+            observer=options.observer,
+            disc=options.disc,
         )
     ]

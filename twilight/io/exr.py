@@ -12,6 +12,7 @@ import numpy as np
 
 from twilight import colour, spectrum
 from twilight.errors import TwilightError
+from twilight.io.disc import add_to_map_factor, add_to_map_xyz
 from twilight.io.environment import environment, environment_directions, ground_factor
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.io.whole import whole_file
@@ -37,7 +38,7 @@ class LatLong:
         return float(self.attributes.get("whiteLuminance", 1.0))
 
 
-def _header(sky: Sky, target: str, observer: str) -> dict[str, Any]:
+def _header(sky: Sky, target: str, observer: str, disc: bool = False) -> dict[str, Any]:
     import OpenEXR
 
     header: dict[str, Any] = {
@@ -53,6 +54,7 @@ def _header(sky: Sky, target: str, observer: str) -> dict[str, Any]:
         f"{PREFIX}SunAzimuth": "clockwise from north"
         + ("" if sky.sun_azimuth_deg is not None else "; not known, the sun is put in the north"),
         f"{PREFIX}SolarSpectrum": sky.solar_spectrum,
+        f"{PREFIX}SunDisc": "in the map" if disc and sky.disc is not None else "not in the map",
         "altitude": float(sky.observer_altitude_km * 1000.0),
     }
     if target != "pbrt":
@@ -82,7 +84,7 @@ def _write(path: str | Path, header: dict[str, Any], channels: dict[str, np.ndar
     return Path(path)
 
 
-def environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.ndarray:
+def environment_rgb(sky: Sky, target: str, width: int, observer: str, *, disc: bool = False) -> np.ndarray:
     """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3).
 
     Colours outside the gamut keep their negative values for the target ``openexr``; for a renderer they are moved into
@@ -90,7 +92,10 @@ def environment_rgb(sky: Sky, target: str, width: int, observer: str) -> np.ndar
     """
     xyz = colour.sky_to_xyz(sky, observer=observer)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
-    rgb = colour.xyz_to_linear_rgb(environment(sky, xyz, ground, target, width)) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    picture = environment(sky, xyz, ground, target, width)
+    if disc:
+        add_to_map_xyz(sky, picture, target, width, observer)
+    rgb = colour.xyz_to_linear_rgb(picture) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
     return rgb if target == "openexr" else colour.into_gamut(rgb)
 
 
@@ -101,17 +106,19 @@ def write_rgb_exr(
     target: str = "openexr",
     width: int = 1024,
     observer: str = colour.DEFAULT_OBSERVER,
+    disc: bool = False,
 ) -> Path:
     """Write the environment map as linear Rec. 709 (D65), float32, channels R, G, B and nothing else.
 
     1 stands for 683 cd m^-2 (header ``whiteLuminance``), so that the values are radiances weighted with V(lambda),
     W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values for the target ``openexr``
     and are moved into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).
-    Orientation and width: ``io.environment``.  The lower hemisphere is the Lambertian ground.  The sun's disc is not in
-    the picture.  Raises TwilightError for an unknown target.
+    Orientation and width: ``io.environment``.  The lower hemisphere is the Lambertian ground.  ``disc``: whether the
+    sun's disc (``Sky.disc``) is in it, its light in the pixels that it comes from.  Raises TwilightError for an unknown
+    target.
     """
-    rgb = environment_rgb(sky, target, width, observer)
-    return _write(path, _header(sky, target, observer), {name: rgb[..., i] for i, name in enumerate("RGB")})
+    rgb = environment_rgb(sky, target, width, observer, disc=disc)
+    return _write(path, _header(sky, target, observer, disc), {name: rgb[..., i] for i, name in enumerate("RGB")})
 
 
 def write_picture_exr(luminance: np.ndarray, inside: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
@@ -130,6 +137,7 @@ def write_spectral_exr(
     target: str = "openexr",
     width: int = 256,
     observer: str = colour.DEFAULT_OBSERVER,
+    disc: bool = False,
 ) -> Path:
     """Write the spectral environment map in the layout of Fichet, Pacanowski and Wilkie 2021 (JCGT 10(3)).
 
@@ -138,8 +146,11 @@ def write_spectral_exr(
     one string only; ``twilightRadianceUnits`` states the unit, ``twilightWavelengthBoundsNm`` the bins.
     """
     sun = sky.solar_irradiance
-    spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), target, width) * sun
-    rgb = environment_rgb(sky, target, width, observer)
+    spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), target, width).astype(float)
+    if disc:
+        add_to_map_factor(sky, spectra, target, width)
+    spectra *= sun
+    rgb = environment_rgb(sky, target, width, observer, disc=disc)
     channels = {name: rgb[..., i] for i, name in enumerate("RGB")}
     for i, wavelength in enumerate(sky.wavelength_nm):
         channels[_channel("S0", wavelength)] = spectra[..., i]

@@ -20,7 +20,8 @@ from twilight.io.provenance import differences
 JOURNAL = "skies.jsonl"
 SHEETS = ("contact-sheet.png", "series.csv", "series.nc")
 """What a series has once, made again at its end."""
-OUR_FILES = ("sky.*", *SHEETS)
+OF_A_SKY = ("sky.*", "sun.*")
+"""Names of the files of one sky."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,8 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
         _refuse(root, name, wanted)
     listed = {root / file for line in lines.values() for file in line["files"]} | {root / name for name in SHEETS}
     for name in wanted:
-        for file in sorted((root / name).glob("sky.*")):
-            if file not in listed and file.is_file():
+        for file in files_of_a_sky(root / name):
+            if file not in listed:
                 raise TwilightError(
                     f"{file}: is there already, and {JOURNAL} does not say of which sky; "
                     "give --overwrite or another --output"
@@ -93,6 +94,11 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
         for name, line in lines.items()
         if name in wanted and line["code"] == code and _whole(root, line["files"])
     }
+
+
+def files_of_a_sky(folder: Path) -> list[Path]:
+    """The files in a folder that have the names of a sky's, sorted."""
+    return sorted(file for pattern in OF_A_SKY for file in folder.glob(pattern) if file.is_file())
 
 
 def _refuse(root: Path, name: str, wanted: Mapping[str, Wanted]) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.conventions import STOKES_REFERENCE
+from twilight.disc import Disc
 from twilight.errors import TwilightError
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
@@ -175,6 +176,8 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
                 "units": "1",
             },
         )
+    if sky.disc is not None:
+        variables |= _disc_variables(sky.disc)
     fields = provenance_fields(sky.provenance)
     attributes: dict = {
         "Conventions": CONVENTIONS,
@@ -222,6 +225,33 @@ def _polarisation(sky: Sky) -> dict:
         },
     )
     return found
+
+
+def _disc_variables(disc: Disc) -> dict:
+    """The variables of a sky that knows the sun's disc."""
+    rows = ("disc_elevation", "wavelength")
+    return {
+        "disc_elevation": (
+            "disc_elevation",
+            disc.elevation_deg,
+            {"long_name": "apparent elevation of a line of sight to the sun's disc", "units": "degree"},
+        ),
+        "disc_true_elevation": (
+            rows,
+            disc.true_elevation_deg,
+            {"long_name": "true elevation that the line of sight comes from", "units": "degree"},
+        ),
+        "disc_transmittance": (
+            rows,
+            disc.transmittance,
+            {
+                "long_name": "transmittance of the line of sight times the square of the observer's refractive index",
+                "units": "1",
+                "comment": "0: the line of sight meets the ground or is caught in a duct",
+            },
+        ),
+        "disc_radius": ((), disc.radius_deg, {"long_name": "angular radius above the air", "units": "degree"}),
+    }
 
 
 def write_sky(sky: Sky, path: str | Path) -> Path:
@@ -321,5 +351,20 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         direct_irradiance=array("direct_irradiance_factor"),
         apparent_sun_elevation_deg=scalar("apparent_solar_elevation_angle"),
         solar_spectrum=str(dataset.attrs.get("solar_spectrum", "astm_g173_etr")),
+        disc=_disc(dataset),
         provenance=provenance_from_fields(fields),
+    )
+
+
+def _disc(dataset: xarray.Dataset) -> Disc | None:
+    names = ("disc_elevation", "disc_true_elevation", "disc_transmittance", "disc_radius")
+    if not all(name in dataset.variables for name in names):
+        return None
+    return Disc(
+        dataset["wavelength"].values,
+        dataset["disc_elevation"].values,
+        dataset["disc_true_elevation"].values,
+        dataset["disc_transmittance"].values,
+        float(dataset["solar_elevation_angle"]),
+        float(dataset["disc_radius"]),
     )

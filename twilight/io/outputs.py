@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.errors import TwilightError
-from twilight.formats import FORMATS, WHERE_POLARISED, WITH_VIEW, check_names
+from twilight.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
 from twilight.io.rendered import Options, Rendered, Seen
@@ -27,12 +27,11 @@ def write_outputs(
 ) -> list[Path]:
     """Write files of a sky into ``folder`` (made if it is not there) and return their paths.
 
-    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the picture of the polarisation where
-    the sky has none, and without that of a view where there is none; those of a view alone where there is one.
-    ``view``: what ``engine.view`` saw.  ``panorama`` is the same sky on a finer grid
-    (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR pixel by pixel); the pictures and environment
-    maps are made from it where it is given, ``sky.h5`` always holds ``sky``.
-    ``views``, ``options``: ``io.rendered.Options``.
+    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the pictures of the polarisation, of
+    the disc and of a view where there is none; with ``view`` (what ``engine.view`` saw) those of a view alone.
+    ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR
+    pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5`` always holds
+    ``sky``.  ``views``, ``options``: ``io.rendered.Options``.
     Each file is whole or absent.  Raises TwilightError for an unknown option or where the folder cannot be written.
     """
     folder = Path(folder)
@@ -43,7 +42,9 @@ def write_outputs(
     if files is None and view is not None:
         chosen = WITH_VIEW
     elif files is None:
-        without = ("view", *(WHERE_POLARISED if sky.polarisation is None else ()))
+        without = {"view"}
+        without.update(WHERE_POLARISED if sky.polarisation is None else ())
+        without.update(WHERE_DISC if sky.disc is None else ())
         chosen = tuple(name for name in chosen if name not in without)
     elif "view" in chosen and view is None:
         raise TwilightError("output.files: view needs a view of the observer (observer.view)")

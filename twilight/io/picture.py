@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from twilight import colour
 from twilight.errors import TwilightError
+from twilight.io.disc import add_to_picture, dip_deg, light_of
+from twilight.io.eight_bit import to_bytes
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
 from twilight.sky import Sky
+from twilight.tone import NAMES, Film, Shot, film_of
+from twilight.tone.eye import cone_share
 
 View = Literal["wide", "panorama", "fisheye"]
 VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
@@ -27,6 +32,8 @@ WIDE_HORIZON = 0.86
 """Where the horizon lies, as a share of the height from above."""
 WIDE_EXPOSURE_STEPS = -0.3
 """Stops that the wide picture is given less (or more, negative) light than the meter says."""
+WIDE_DIP_DEG = 3.0
+"""A horizon that dips by more is kept at this height of the wide picture."""
 GROUND_SEEN_UP_TO_KM = 0.1
 """Observers no higher above the sphere see its ground from 0 deg down: the dip of the horizon is 0.3 deg at most."""
 
@@ -70,7 +77,9 @@ def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer
     """Raise TwilightError for an exposure, a tone mapping or an observer that cannot be."""
     if exposure != "auto" and not np.isfinite(float(exposure)):
         raise TwilightError(f"exposure: {exposure} must be 'auto' or a finite exposure value at ISO 100")
-    colour.check_names(tone_mapping, observer)
+    if tone_mapping not in NAMES:
+        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(NAMES)}")
+    colour.check_names(colour.DEFAULT_TONE_MAPPING, observer)
 
 
 def render_view(
@@ -84,29 +93,54 @@ def render_view(
 ) -> tuple[np.ndarray, float]:
     """Display values 0..1 (height, width, 3) and the EV100 used; outside the circle of a fisheye NaN.
 
-    The colours of the sky's grid are interpolated smoothly (``Sky.smooth``), then exposed and tone mapped.  ``auto``
+    What ``develop_view`` does with the film ``tone.film_of(tone_mapping, observer)``.
+    """
+    check_options(exposure, tone_mapping, observer)
+    display, ev100, _ = develop_view(sky, film_of(tone_mapping, observer), view=view, width=width, exposure=exposure)
+    return display, ev100
+
+
+def develop_view(
+    sky: Sky,
+    film: Film,
+    *,
+    view: str = DEFAULT_VIEW,
+    width: int | None = None,
+    exposure: float | Literal["auto"] = "auto",
+) -> tuple[np.ndarray, float, dict[str, float | str]]:
+    """Display values 0..1 (height, width, 3), the EV100 of the meter, and what the film set or found.
+
+    What the film sees of the sky's grid is interpolated smoothly (``Sky.smooth``), then developed.  ``auto``
     exposes the wide picture for the part of the sky that it shows, the others for the whole sky
-    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground; for an
-    observer high above it, whose horizon dips, the picture ends at 0 deg.
+    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground.  Seen from
+    high up, where the sky's rows go below the horizontal, it shows the horizon that dips and the ground through the
+    air, and looks down by what the horizon dips beyond 3 deg; a sky that ends at 0 deg ends the picture there.
     """
     elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
-    check_options(exposure, tone_mapping, observer)
-    if view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
+    lower = float(sky.elevation_edges_deg[0])
+    if view == "wide" and lower < 0.0:
+        elevation = np.maximum(elevation - max(0.0, dip_deg(sky) - WIDE_DIP_DEG), -90.0)
+    elif view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
         elevation = elevation[elevation[:, 0] > 0.0]
-    xyz = colour.sky_to_xyz(sky, observer=observer)
-    picture = sky.smooth(xyz, np.maximum(elevation, 0.0), azimuth)
+    seen = film.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
+    picture = sky.smooth(seen, np.maximum(elevation, lower), azimuth)
     if exposure != "auto":
         ev100 = float(exposure)
     elif view == "wide":
-        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > 0.0, :, 1]) + WIDE_EXPOSURE_STEPS
+        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > min(lower, 0.0), :, 1]) + WIDE_EXPOSURE_STEPS
     else:
-        ev100 = sky_exposure_ev100(sky, observer)
+        weight = np.broadcast_to(sky.solid_angle_sr()[:, None], seen.shape[:2])
+        ev100 = colour.auto_exposure_ev100(seen[..., 1], weight)
     if view == "wide":
-        picture[elevation[:, 0] <= 0.0] = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
-    picture = colour.tone_map(colour.xyz_to_linear_rgb(picture), ev100, tone_mapping)
+        picture[elevation[:, 0] <= lower] = film.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
+    add_to_picture(sky, picture, elevation, azimuth, film)
+    pixel_deg = float(np.abs(np.diff(elevation[:, elevation.shape[1] // 2])).max(initial=0.0))
     if view == "fisheye":
-        picture[elevation < 0] = np.nan
-    return picture, ev100
+        picture[elevation < 0] = 0.0
+    display, facts = film.develop(picture, Shot(ev100, pixel_deg))
+    if view == "fisheye":
+        display[elevation < 0] = np.nan
+    return display, ev100, facts
 
 
 def label_of(sky: Sky) -> str:
@@ -130,17 +164,6 @@ def _write_label(pixels: np.ndarray, text: str) -> np.ndarray:
     return np.asarray(image)
 
 
-def _to_bytes(picture: np.ndarray) -> np.ndarray:
-    """8 bits with an ordered dither of half a step, so that the smooth sky shows no bands.
-
-    The pattern is interleaved gradient noise (Jimenez 2014, Next generation post processing in Call of Duty): fixed,
-    so equal skies give equal files.
-    """
-    y, x = np.indices(picture.shape[:2])
-    noise = np.mod(52.9829189 * np.mod(0.06711056 * x + 0.00583715 * y, 1.0), 1.0)
-    return np.clip(np.floor(picture * 255.0 + noise[..., None]), 0, 255).astype(np.uint8)
-
-
 def write_png(
     sky: Sky,
     path: str | Path,
@@ -151,36 +174,39 @@ def write_png(
     tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
     label: bool = False,
+    tone_settings: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Path:
     """Write a picture of the sky as 8 bit sRGB PNG, whole or not at all; the provenance is in its text chunks.
 
     ``exposure`` is an exposure value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step = a
     factor 2, or ``auto``; the value used is in the text chunk ``exposure_ev100``, so that the other pictures of a
-    sequence can be given the same.  Tone mapping: ``colour.tone_map``.  ``label`` writes sun, climate and zenith
+    sequence can be given the same.  Tone mapping and its settings: ``twilight.tone``, and what a film set or
+    found is in the text chunks.  ``label`` writes sun, climate and zenith
     luminance into the lower left corner (``label_of``).  Raises TwilightError for unknown options.
     """
-    picture, ev100 = render_view(
-        sky, view=view, width=width, exposure=exposure, tone_mapping=tone_mapping, observer=observer
-    )
+    check_options(exposure, tone_mapping, observer)
+    film = film_of(tone_mapping, observer, tone_settings)
+    picture, ev100, found = develop_view(sky, film, view=view, width=width, exposure=exposure)
     facts = {
         "view": view,
         "exposure_ev100": f"{ev100:.6g}",
         "tone_mapping": tone_mapping,
         "colour": colour.colour_note(sky, observer),
+        **{name: value if isinstance(value, str) else f"{value:.6g}" for name, value in found.items()},
     }
     return save_png(picture, path, sky, facts, label_of(sky) if label else "")
 
 
 def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str], label: str = "") -> Path:
-    """Write display values 0..1 (H, W, 3), NaN for transparent, of a sky as 8 bit sRGB PNG, whole or not at all.
+    """Write display values 0..1 (height, width, 3), NaN transparent, as 8 bit sRGB PNG, whole or not at all.
 
-    facts: what else is said in the text chunks beside the sun and the provenance; label: into the lower left corner.
+    facts: text chunks, beside those of the sky's provenance; label: written into the lower left corner.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     outside = np.isnan(picture[..., 0])
-    pixels = _to_bytes(np.nan_to_num(picture))
+    pixels = to_bytes(picture)
     if label:
         pixels = _write_label(pixels, label)
     if outside.any():
@@ -201,8 +227,9 @@ def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str
 
 
 def write_pictures(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
-    """The first of the views as ``sky.png``, others as ``sky.VIEW.png``."""
-    return [
+    """The first of the views as ``sky.png``, others as ``sky.VIEW.png``; ``sky.luminance.json`` beside those that show
+    no luminances (the tones ``eye`` and ``camera``)."""
+    written = [
         write_png(
             rendered.seen,
             folder / (f"sky.{view}.png" if i else "sky.png"),
@@ -211,6 +238,36 @@ def write_pictures(rendered: Rendered, folder: Path, options: Options) -> list[P
             tone_mapping=options.tone_mapping,
             observer=options.observer,
             label=view == "wide",
+            tone_settings=options.tone_settings,
         )
         for i, view in enumerate(options.views)
     ]
+    if options.tone_mapping not in colour.TONE_MAPPINGS:
+        written.append(write_luminances(rendered.seen, folder / "sky.luminance.json", options))
+    return written
+
+
+def write_luminances(sky: Sky, path: Path, options: Options) -> Path:
+    """The luminances behind a picture as JSON, whole or not at all: photopic, scotopic and mesopic (CIE 191:2010)
+    [cd m^-2] at the zenith and at 10 deg towards the sun, across and opposite, and what the tone set or found."""
+    film = film_of(options.tone_mapping, options.observer, options.tone_settings)
+    _, ev100, found = develop_view(sky, film, view=options.views[0], width=400, exposure=options.exposure)
+    eye = film_of("eye", options.observer)
+    seen = eye.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
+    where = {"zenith": (90.0, 0.0), "sun": (10.0, 0.0), "right": (10.0, 90.0), "opposite": (10.0, 180.0)}
+    elevation, azimuth = np.array(list(where.values())).T
+    photopic, scotopic = np.moveaxis(sky.smooth(seen, elevation, azimuth)[..., [1, 3]], -1, 0)
+    _, mesopic = cone_share(photopic, scotopic)
+    facts: dict[str, Any] = {
+        "tone": options.tone_mapping,
+        "exposure_ev100": ev100,
+        **found,
+        "luminance_cd_per_m2": {
+            name: {"photopic": float(photopic[i]), "scotopic": float(scotopic[i]), "mesopic": float(mesopic[i])}
+            for i, name in enumerate(where)
+        },
+        "sky_illuminance_lux": sky.illuminance_lux(),
+    }
+    with whole_file(path) as temporary:
+        Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    return path

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +19,8 @@ class Options:
 
     views: of the pictures (``io.picture``); target, width, spectral_width: of the environment maps
     (``io.environment``); exposure, tone_mapping, observer: of the pictures and colours; polariser_deg: axis of a
-    polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none.
+    polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none; disc:
+    whether the sun's disc is in the environment maps; tone_settings: of the tones `eye` and `camera` (`twilight.tone`).
     """
 
     views: tuple[str, ...]
@@ -29,6 +31,8 @@ class Options:
     tone_mapping: str = colour.DEFAULT_TONE_MAPPING
     observer: str = colour.DEFAULT_OBSERVER
     polariser_deg: float | None = None
+    disc: bool = False
+    tone_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ def write_hdr(
     target: str = "radiance",
     width: int = 1024,
     observer: str = colour.DEFAULT_OBSERVER,
+    disc: bool = False,
 ) -> Path:
     """Write the environment map of ``write_rgb_exr`` in Radiance's RGBE format (8 bit mantissa), whole or not at all.
 
@@ -61,7 +62,7 @@ def write_hdr(
     """
     if not 8 <= width < 32768:
         raise TwilightError(f"width: {width} must be between 8 and 32767 for a Radiance picture")
-    rgb = environment_rgb(sky, target, width, observer)
+    rgb = environment_rgb(sky, target, width, observer, disc=disc)
     rgb = colour.into_gamut(rgb) * (spectrum.LUMINOUS_EFFICACY_LM_PER_W / RADIANCE_EFFICACY_LM_PER_W)
     height = rgb.shape[0]
     fields = {name: str(value).replace("\n", " ") for name, value in provenance_fields(sky.provenance).items()}

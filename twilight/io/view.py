@@ -10,6 +10,7 @@ from twilight import colour
 from twilight.io.exr import write_picture_exr
 from twilight.io.picture import save_png
 from twilight.io.rendered import Options, Rendered, Seen
+from twilight.tone import Light, Shot, film_of
 
 WHITE_FROM = 50.0
 """Exposed luminance (1: white) from which the sun's disc is shown white."""
@@ -40,16 +41,18 @@ def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]
     """``sky.view.png``, tone mapped, and ``sky.view.exr``, linear Rec. 709 in cd/m^2 (alpha 0 outside the view)."""
     seen = rendered.view
     assert seen is not None
-    xyz = colour.sky_to_xyz(rendered.sky, np.nan_to_num(seen.radiance), options.observer)
-    inside = np.isfinite(seen.radiance[..., 0])
-    linear = colour.xyz_to_linear_rgb(xyz)
-    auto = options.exposure == "auto"
-    ev100 = view_exposure_ev100(seen, np.where(inside, xyz[..., 1], np.nan)) if auto else float(options.exposure)
-    picture = colour.tone_map(linear, ev100, options.tone_mapping)
+    sky, film = rendered.sky, film_of(options.tone_mapping, options.observer, options.tone_settings)
+    factor, inside = np.nan_to_num(seen.radiance), np.isfinite(seen.radiance[..., 0])
+    channels = film.see(factor, sky.wavelength_nm, Light(sky.solar_spectrum, sky.distance_au))
+    luminance = np.where(inside, channels[..., 1], np.nan)
+    ev100 = view_exposure_ev100(seen, luminance) if options.exposure == "auto" else float(options.exposure)
+    picture, found = film.develop(channels, Shot(ev100, seen.pitch_deg))
     if seen.sun is not None:
-        picture = _burnt_out(picture, seen.sun, xyz[..., 1], ev100)
+        picture = _burnt_out(picture, seen.sun, channels[..., 1], ev100)
+    linear = colour.sky_to_linear_rgb(sky, factor, options.observer)
     facts = {"view": seen.kind, "exposure_ev100": f"{ev100:.6g}", "tone_mapping": options.tone_mapping}
+    facts.update({name: value if isinstance(value, str) else f"{value:.6g}" for name, value in found.items()})
     return [
-        save_png(np.where(inside[..., None], picture, np.nan), folder / "sky.view.png", rendered.sky, facts),
-        write_picture_exr(linear, inside, folder / "sky.view.exr", rendered.sky, options.observer),
+        save_png(np.where(inside[..., None], picture, np.nan), folder / "sky.view.png", sky, facts),
+        write_picture_exr(linear, inside, folder / "sky.view.exr", sky, options.observer),
     ]

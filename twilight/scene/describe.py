@@ -54,6 +54,9 @@ def facts(medium: Medium) -> list[tuple[str, str]]:
     if "ozone_column_du" in medium.notes:
         column, source = medium.notes["ozone_column_du"], medium.notes["ozone_source"]
         rows.append(("ozone column", f"{column:.0f} DU ({source})" if column > 0.0 else "0 DU"))
+    if "water_vapour_column_mm" in medium.notes:
+        column, source = medium.notes["water_vapour_column_mm"], medium.notes["water_vapour_source"]
+        rows.append(("water vapour column", f"{column:.1f} mm ({source})" if column > 0.0 else "0 mm"))
     for name, bottom, top in medium.notes.get("regions", ()):
         rows.append((f"aerosol: {name}", f"{bottom:g} to {top:g} km"))
     middle = medium.n_wavelengths // 2

@@ -14,6 +14,7 @@ from twilight.config.scene import Config, Wavelengths
 from twilight.errors import TwilightError
 
 if TYPE_CHECKING:
+    from twilight.atmosphere.bands import Bands
     from twilight.atmosphere.medium import Medium
     from twilight.atmosphere.opac import AerosolSpec
     from twilight.atmosphere.own import OwnAerosol
@@ -36,15 +37,19 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     if climate.medium is not None:
         return _tabulated(climate, climate.medium, wavelength_nm)
     assert wavelength_nm is not None
+    from dataclasses import replace
+
+    from twilight.atmosphere.bands import water_column_mm
     from twilight.atmosphere.build import build_medium
     from twilight.atmosphere.layers import Boundaries, EqualAirMass
+    from twilight.atmosphere.profiles import WHERE_AND_WHEN, load_profile
 
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
         layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
     elif climate.atmosphere.layers.boundaries_km is not None:
         layers = Boundaries(climate.atmosphere.layers.boundaries_km)
-    return build_medium(
+    medium = build_medium(
         wavelength_nm,
         profile=climate.atmosphere.profile,
         top_km=climate.atmosphere.top_km,
@@ -61,6 +66,31 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         co2_ppm=climate.refraction.co2_ppm,
         ground_albedo=ground_albedo(climate.ground, wavelength_nm),
         name=climate.name,
+    )
+    column_mm = climate.gases.water_vapour.column_mm
+    source = "as asked for"
+    if column_mm is None:
+        full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
+        column_mm, source = water_column_mm(full), f"AFGL 1986, {WHERE_AND_WHEN[full.name]}"
+    water = {"water_vapour_column_mm": column_mm, "water_vapour_source": source}
+    return replace(medium, notes={**medium.notes, **water})
+
+
+def climate_bands(climate: Climate, medium: Medium) -> Bands | None:
+    """The bands of water vapour and oxygen in a medium of the climate; None where it has none at its wavelengths."""
+    from twilight.atmosphere import bands
+
+    if climate.medium is not None:
+        return None
+    column_mm = climate.gases.water_vapour.column_mm
+    wanted = {bands.WATER_VAPOUR: column_mm != 0.0, bands.OXYGEN: climate.gases.oxygen}
+    layers = climate.atmosphere.layers
+    return bands.make_bands(
+        medium,
+        climate.atmosphere.profile,
+        tuple(gas for gas, absorbs in wanted.items() if absorbs),
+        column_mm,
+        layers=layers.equal_air_mass is not None or layers.boundaries_km is not None,
     )
 
 

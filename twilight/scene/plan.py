@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.config.climate import Climate, Gases
-from twilight.config.scene import Config
+from twilight.config.scene import PLACED_NM, Config
 from twilight.scene.medium import climate_medium, wavelengths_of
 
 GAS_TOLERANCE = 1e-3
@@ -16,11 +16,13 @@ GAS_TOLERANCE = 1e-3
 below this; the radiance then moves by less than this share."""
 
 
-BANDS_NM = {
-    "water vapour": ((586.0, 600.0), (645.0, 660.0), (715.0, 735.0), (810.0, 840.0), (890.0, 990.0)),
-    "oxygen": ((627.0, 632.0), (686.0, 695.0), (759.0, 771.0)),
-}
-"""About where the bands lie between 300 and 1000 nm that are in no climate's air [nm]."""
+BANDS_LUMINANCE, BANDS_RADIANCE = 3e-3, 3e-3
+"""Bands of a gas are left out of the placed wavelengths, which stand for luminance and colour, where they move
+luminance by less than the first; of other wavelengths where they move the radiance of none by more than the second."""
+LOW_SUN_MASS, LONGEST_MASS = 10.0, 40.0
+"""Vertical columns that light crosses on its way: of a low sun, and about the most of any."""
+WITHOUT_DATA_NM = (627.0, 632.0)
+"""The band of oxygen at 629 nm, which the source of the others leaves out."""
 SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directions (docs/accuracy.md)"
 """Lowest and highest median, and largest error, of the table in docs/accuracy.md (benchmarks/polarisation.csv)."""
 
@@ -58,6 +60,7 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
         assert wavelength_nm is not None
         climate = _without_empty_aerosol(climate, left_out)
         climate = _without_weak_gases(climate, wavelength_nm, left_out)
+        climate = _without_weak_bands(climate, wavelength_nm, left_out)
         aerosol = climate.aerosol is not None or climate.stratosphere is not None
         bends = climate.refraction.model != "none"
     else:
@@ -91,13 +94,57 @@ def not_computed(config: Config) -> tuple[LeftOut, ...]:
         found.append(LeftOut("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
     wavelength_nm = wavelengths_of(config)
     if config.climate.medium is None and wavelength_nm is not None:
-        for gas, bands in BANDS_NM.items():
-            inside = [w for w in wavelength_nm if any(low <= w <= high for low, high in bands)]
-            if inside:
-                shown = ", ".join(f"{w:g}" for w in inside[:6]) + (", ..." if len(inside) > 6 else "")
-                reason = f"no climate's air has them; of this scene's wavelengths they hold {shown} nm"
-                found.append(LeftOut(f"bands of {gas}", reason, "skies too bright there; how much is not known"))
+        low, high = WITHOUT_DATA_NM
+        inside = [w for w in wavelength_nm if low <= w <= high]
+        if inside and config.climate.gases.oxygen:
+            shown = ", ".join(f"{w:g}" for w in inside)
+            found.append(
+                LeftOut("oxygen at 629 nm", f"SPCTRL2 has no data for this band, which holds {shown} nm", "not known")
+            )
     return tuple(found)
+
+
+def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, left_out: list[LeftOut]) -> Climate:
+    """Bands in which no wavelength lies, or that do not matter for the luminance of a few placed wavelengths."""
+    from twilight.atmosphere import bands
+    from twilight.atmosphere.profiles import load_profile
+    from twilight.spectrum import VISIBLE_NM, colour_matching_functions
+
+    placed = tuple(wavelength_nm) == PLACED_NM
+    eye = colour_matching_functions("cie1931_2deg")[:, 1]
+    eye = eye / eye.sum()
+    column_mm = climate.gases.water_vapour.column_mm
+    profile = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
+    changes: dict[str, dict[str, object]] = {
+        bands.WATER_VAPOUR: {"water_vapour": climate.gases.water_vapour.model_copy(update={"column_mm": 0.0})},
+        bands.OXYGEN: {"oxygen": False},
+    }
+    wanted = {bands.WATER_VAPOUR: column_mm != 0.0, bands.OXYGEN: climate.gases.oxygen}
+    for gas in bands.GASES:
+        if not wanted[gas]:
+            continue
+        amount = bands.amounts(gas, profile, wavelength_nm, column_mm)
+        most = float(np.max(1.0 - bands.transmission(gas, LONGEST_MASS * amount)))
+        seen = 1.0 - bands.transmission(gas, LOW_SUN_MASS * amount)
+        moved = float(np.sum(eye * np.interp(VISIBLE_NM, wavelength_nm, seen)))
+        why = ""
+        if most < BANDS_RADIANCE:
+            why, effect = (
+                "no wavelength of this scene lies in them",
+                f"below {BANDS_RADIANCE:g}" if most > 0.0 else "none",
+            )
+        elif placed and moved < BANDS_LUMINANCE:
+            everywhere = 1.0 - bands.transmission(
+                gas, LOW_SUN_MASS * bands.amounts(gas, profile, VISIBLE_NM, column_mm)
+            )
+            inside = [f"{w:g} nm by {100 * t:.0f} %" for w, t in zip(wavelength_nm, seen, strict=True) if t > 0.01]
+            why = f"at the wavelengths that are placed between them they move luminance by {moved:.1e}"
+            whole = f"luminance by {100 * float(np.sum(eye * everywhere)):.1f} %"
+            effect = f"over {LOW_SUN_MASS:g} vertical columns: {', '.join([whole, *inside])}"
+        if why:
+            left_out.append(LeftOut(f"bands of {gas}", why, effect))
+            climate = climate.model_copy(update={"gases": climate.gases.model_copy(update=changes[gas])})
+    return climate
 
 
 def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate:

@@ -41,13 +41,13 @@ def suns_of(config: Config) -> Iterator[SunPosition]:
         yield SunPosition(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
-            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au)
+            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
             yield SunPosition(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
     else:
         from twilight.sun.ephemeris import sun_position
 
         for moment in _moments(sun):
-            place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone")}
+            place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
             one_at = SunAt(at=moment, **place)
             at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
             name = moment.strftime("%Y-%m-%dT%H%M%S" if moment.second else "%Y-%m-%dT%H%M")

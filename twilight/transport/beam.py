@@ -27,12 +27,11 @@ like a square root.  Interpolation is cubic and never crosses a jump.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.errors import TwilightError
 from twilight.transport import beam_lookup as lookup
 from twilight.transport import beam_tables
@@ -121,19 +120,6 @@ def _nodes(edges: np.ndarray, profile: RayProfile, per_scale: float, smallest: i
     return size, start[:-1], nodes
 
 
-def _with_joined_refractivity(medium: Medium) -> Medium:
-    z, n = medium.altitude_km, np.array(medium.refractivity)
-    i = 0
-    while i < z.size:
-        j = i
-        while j + 1 < z.size and z[j + 1] == z[i]:
-            j += 1
-        if j > i:
-            n[i : j + 1] = 0.5 * (n[i] + n[j])
-        i = j + 1
-    return replace(medium, refractivity=n)
-
-
 def _limb_edges(edges: np.ndarray, profile: RayProfile, w: int) -> tuple[np.ndarray, np.ndarray]:
     """Edges that a ray from space can have as its lowest point, and n r there: in a duct n r is not below all above."""
     r = profile.radius_km
@@ -188,7 +174,7 @@ def prepare_beam(
     """
     refraction = refraction and medium.has_refraction
     if refraction:
-        medium = _with_joined_refractivity(medium)
+        medium = with_joined_refractivity(medium)
     profile = ray_profile(medium, refraction=refraction)
     n_w = medium.n_wavelengths
     edges = _segments(medium, profile, max_breaks)

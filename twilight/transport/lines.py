@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.geometry import distance_to_sphere
 from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, Profile, locate
@@ -50,6 +50,9 @@ SHORTEST_KM = 1e-6
 SIGHT_NM = 550.0
 """Wavelength whose index bends lines of sight at all of them."""
 
+GRADIENT_KM = 1e-3
+"""Half of the difference of altitude by which the gradient of the index is found."""
+
 OUT, GROUND = 0, 1
 
 
@@ -79,34 +82,26 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
     """The same profile, in which rays are bent by the index of `medium` at SIGHT_NM, whatever its wavelengths are.
 
     Dispersion across the visible moves a line at the horizon by 0.01 deg.  An index that jumps between layers is
-    joined by straight pieces between the middles of the layers: a jump would reflect every grazing ray.
+    joined.
     """
-    z = profile.altitude_km
     if not medium.has_refraction:
         return profile
-    levels = medium.altitude_km
     nearest = int(np.argmin(np.abs(medium.wavelength_nm - SIGHT_NM)))
     here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], SIGHT_NM]), 288.15, 1013.25)
-    index = medium.refractivity[:, nearest] * (there / here)
-    same = np.diff(levels) <= 0
-    if np.count_nonzero(~same) > 1 and np.any(same & (np.abs(np.diff(index)) > 1e-3 * index[:-1])):
-        thick = ~same
-        middle = 0.5 * (levels[1:] + levels[:-1])[thick]
-        value = 0.5 * (index[1:] + index[:-1])[thick]
-        lowest = value[0] * (value[0] / value[1]) ** ((middle[0] - levels[0]) / (middle[1] - middle[0]))
-        levels = np.concatenate([levels[:1], middle, levels[-1:]])
-        index = np.concatenate([[lowest], value, index[-1:]])
-    n = np.exp(np.interp(z, levels, np.log(np.maximum(index, 1e-30))))
-    step = np.diff(z)
-    return profile._replace(gradient_per_km=np.where(step > 0, np.diff(n) / np.where(step > 0, step, 1.0), 0.0))
+    at_sight = with_joined_refractivity(medium.select(slice(nearest, nearest + 1)))
+    z = profile.altitude_km
+    low, high = np.maximum(z - GRADIENT_KM, z[0]), np.minimum(z + GRADIENT_KM, z[-1])
+    refractivity = (there / here) * at_sight.at(np.stack([low, high])).refractivity[:, :, 0]
+    return profile._replace(gradient_per_km=np.diff(np.log1p(refractivity), axis=0)[0] / (high - low))
 
 
 @njit(cache=True, inline="always")
 def _turning(profile, z):
     """Curvature of the Earth under the ray: 1/(R + z) + d ln n/dz, and 1/(R + z)."""
-    i, _ = locate(profile, z)
+    i, f = locate(profile, z)
     flat = 1.0 / (profile.earth_radius_km + z)
-    return flat + profile.gradient_per_km[i], flat
+    gradient = profile.gradient_per_km
+    return flat + gradient[i] * (1.0 - f) + gradient[i + 1] * f, flat
 
 
 @njit(cache=True)

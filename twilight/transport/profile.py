@@ -31,7 +31,7 @@ class Profile(NamedTuple):
     level_of_bin: for each BIN_KM of altitude the last level at or below the bin's start.
     stop_km (S,): altitudes that no step crosses: bottom, top, jumps, and where the air is layered as many as it takes
     break_km: those of them that are jumps or the ends of sudden changes, without the bottom and the top
-    gradient_per_km (N - 1,): d ln n/dz that bends rays, 0 where they are straight
+    gradient_per_km (N,): d ln n/dz that bends rays, 0 where they are straight
     """
 
     altitude_km: np.ndarray
@@ -63,7 +63,7 @@ def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: fl
         level.astype(np.int64),
         stops,
         breaks,
-        np.zeros(z.size - 1),
+        np.zeros(z.size),
         float(medium.earth_radius_km),
     )
 

@@ -1,4 +1,4 @@
-"""The air as rays of light meet it: layers in which every coefficient is an exponential, as the medium has them."""
+"""The air as rays of light meet it: layers with every coefficient in closed form, by the rules of the medium."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.smooth import log_cubics
 
-BOTTOM, LOG_SLOPE, SLOPE = range(3)
-"""Columns of a coefficient in a layer: a, q and d of a exp(q f) + d f, f the share of the layer below the point."""
-INDEX, INDEX_TOP, AIR, GASES, AEROSOL, N_COLUMNS = 0, 3, 4, 7, 10, 13
+BOTTOM, LOG_SLOPE, SLOPE, SQUARE, CUBE = range(5)
+"""Columns of a coefficient in a layer: a, q, d, s and c of a exp(q f + s f^2 + c f^3) + d f, f the share of the layer
+below the point; gases and aerosol have neither s nor c."""
+INDEX, INDEX_TOP, AIR, GASES, AEROSOL, N_COLUMNS = 0, 5, 6, 11, 14, 17
 """Columns of `RayProfile.coefficient` where n - 1, its value at the top, and each part of the extinction begin."""
 
 _BELOW_GROUND_KM = 5.0
@@ -24,8 +26,8 @@ class RayProfile(NamedTuple):
 
     bottom_km, top_km (M,); panels (M,): quadrature panels of a layer; thin (M,): no coefficient changes by
     more than a factor 1.35; radius_km of the Earth.
-    coefficient (W, M, N_COLUMNS): from INDEX on n - 1 (BOTTOM, LOG_SLOPE, SLOPE) and at INDEX_TOP its value at the top;
-    from AIR, GASES and AEROSOL on their extinctions (BOTTOM, LOG_SLOPE, SLOPE) [km^-1].
+    coefficient (W, M, N_COLUMNS): from INDEX on n - 1 (BOTTOM to CUBE) and at INDEX_TOP its value at the top; from AIR
+    (BOTTOM to CUBE), GASES and AEROSOL (BOTTOM to SLOPE) on their extinctions [km^-1].
     """
 
     bottom_km: np.ndarray
@@ -53,16 +55,20 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
     for first, table in zip((INDEX, AIR, GASES, AEROSOL), tables, strict=True):
         lo = np.concatenate([table[:1], table[layer]]).T
         hi = np.concatenate([table[:1], table[layer + 1]]).T
-        if first == INDEX:
-            # below the ground the index goes on as it falls over the lowest 2 km, within the bounds of calm air
-            n0, n2 = table[0], np.array([np.interp(z[0] + 2.0, z, column) for column in table.T])
-            fall = np.log(np.where(n2 > 0, n0, 1.0) / np.where(n2 > 0, n2, 1.0)) / 2.0
-            lo[:, 0] = n0 * np.exp(_BELOW_GROUND_KM * np.clip(fall, 0.05, 0.2))
+        cubic = log_cubics(z, table)[:, layer].transpose(0, 2, 1) if first in (INDEX, AIR) else None
+        if cubic is not None and first == INDEX:
+            # below the ground the index goes on as it falls just above, within the bounds of calm air
+            fall = np.clip(-cubic[0, :, 0] / (top[1] - bottom[1]), 0.05, 0.2)
+            lo[:, 0] = table[0] * np.exp(_BELOW_GROUND_KM * fall)
         exponential = (lo > 0) & (hi > 0)
         q = np.log(np.where(exponential, hi, 1.0) / np.where(exponential, lo, 1.0))
         coefficient[:, :, first + BOTTOM] = lo
         coefficient[:, :, first + LOG_SLOPE] = q
         coefficient[:, :, first + SLOPE] = np.where(exponential, 0.0, hi - lo)
+        if cubic is not None:
+            coefficient[:, 1:, first + LOG_SLOPE] = cubic[0]
+            coefficient[:, 1:, first + SQUARE] = cubic[1]
+            coefficient[:, 1:, first + CUBE] = cubic[2]
         if first == INDEX:
             coefficient[:, :, INDEX_TOP] = hi
         # what cannot reach an optical depth of 1e-6 even along a horizontal path needs no finer panels
@@ -99,15 +105,20 @@ def index_in(c, f):
 
     c (N_COLUMNS,): the layer's row of `RayProfile.coefficient`; f: share of the layer below the point.
     """
-    exponential = c[INDEX + BOTTOM] * math.exp(c[INDEX + LOG_SLOPE] * f)
-    return exponential + c[INDEX + SLOPE] * f, exponential * c[INDEX + LOG_SLOPE] + c[INDEX + SLOPE]
+    q, s, t = c[INDEX + LOG_SLOPE], c[INDEX + SQUARE], c[INDEX + CUBE]
+    exponential = c[INDEX + BOTTOM] * math.exp(f * (q + f * (s + f * t)))
+    change = exponential * (q + f * (2.0 * s + 3.0 * f * t)) + c[INDEX + SLOPE]
+    return exponential + c[INDEX + SLOPE] * f, change
 
 
 @njit(cache=True, inline="always")
 def extinction_in(c, f):
     """Extinction [km^-1] in a layer; arguments as of `index_in`."""
-    extinction = 0.0
-    for part in range(AIR, N_COLUMNS, 3):
+    extinction = c[AIR + SLOPE] * f
+    if c[AIR + BOTTOM] > 0.0:
+        q, s, t = c[AIR + LOG_SLOPE], c[AIR + SQUARE], c[AIR + CUBE]
+        extinction += c[AIR + BOTTOM] * math.exp(f * (q + f * (s + f * t)))
+    for part in (GASES, AEROSOL):
         if c[part + BOTTOM] > 0.0:
             extinction += c[part + BOTTOM] * math.exp(c[part + LOG_SLOPE] * f)
         extinction += c[part + SLOPE] * f

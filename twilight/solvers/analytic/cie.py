@@ -25,7 +25,7 @@ from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.analytic.tables import table
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
-CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS)
+CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 TRADITIONAL_OVERCAST = 16
 WITHOUT_SUN = (*range(1, 7), TRADITIONAL_OVERCAST)

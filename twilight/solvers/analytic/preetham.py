@@ -26,7 +26,11 @@ from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(
-    below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, reads_files=True, finite_segments=True
+    below_horizon=False,
+    wavelengths_at_once=ALL_WAVELENGTHS,
+    formula=True,
+    reads_files=True,
+    finite_segments=True,
 )
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 

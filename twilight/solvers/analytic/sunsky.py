@@ -22,7 +22,7 @@ from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)
 TURBIDITY = (1.0, 10.0)
-CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, package="mitsuba")
+CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True, package="mitsuba")
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 LANES = 4
 """Wavelengths that one call of the emitter takes."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.solvers.montecarlo.kernel import INNER
 
 LEVEL_TOLERANCE = 1e-4
@@ -111,7 +111,7 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         np.ascontiguousarray(1.0 / np.where(np.diff(z) > 0, np.diff(z), 1.0)),
         np.ascontiguousarray(table),
         moments(z, table[:, :, EXTINCTION]),
-        joined_refractivity(medium, z),
+        np.ascontiguousarray(with_joined_refractivity(medium).at(z).refractivity.T),
         np.ascontiguousarray(np.append(z[first], z[-1])),
         first,
         last,
@@ -208,22 +208,6 @@ def layers(altitude_km, first, last, scattering) -> np.ndarray:
         if too_wide or sharp > SHARP or np.any(pattern[first[k]] != pattern[a]):
             start.append(k)
     return np.array([*start, first.size], dtype=np.int64)
-
-
-def joined_refractivity(medium: Medium, altitude_km) -> np.ndarray:
-    """n - 1, (W, N): exponential between the levels of the medium, a jump of the index joined at the mean of its sides.
-
-    At a jump all rays close to the horizontal would be reflected, which is a property of layers and not of air.
-    """
-    z, place = np.unique(medium.altitude_km, return_inverse=True)
-    count = np.bincount(place)
-    out = []
-    for column in medium.refractivity.T:
-        mean = np.bincount(place, column) / count
-        floor = 1e-6 * max(float(mean.max()), 1e-300)
-        joined = np.exp(np.interp(altitude_km, z, np.log(np.maximum(mean, floor))))
-        out.append(joined if mean.max() > 0 else np.zeros_like(joined))
-    return np.ascontiguousarray(out)
 
 
 def moments(altitude_km, extinction) -> np.ndarray:

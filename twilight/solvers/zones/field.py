@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,22 +38,37 @@ from twilight.transport.sunlit import Directions, Phases, scattered_once
 
 LAST_ZENITH_DEG = 132.0
 """Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
-DAY_ONLY_DEG, DAY_MARGIN_DEG = 20.0, 22.0
-"""With the sun above the first, zenith angles this far beyond the observer's are enough."""
+LEAST_OBSERVER_KM, MARGIN_DEG = 12.0, 2.0
+"""A field for known suns serves observers up to this altitude at least, and this far beyond what they see."""
+BRIGHT_ZENITH_DEG = 85.0
+"""Air under a sun of this zenith angle or larger is always part of the field: in deep twilight its light comes far."""
 SHARP, LEAST_SHARP = 1.5, 2.25
 """Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
-NIGHT_START_DEG = 60.0
-"""With the sun below the horizon, smaller solar zenith angles than this cannot be seen from the observer's place."""
 
 
-def zenith_range(sun_elevations_deg) -> tuple[float, float]:
+def reach_deg(medium: Medium, observer_altitude_km: float) -> float:
+    """How far around the Earth from an observer [deg] the field is needed.
+
+    To where the top of the air sinks below the horizon, and a margin.  Light that comes from beyond is scattered below
+    the horizon of all that is seen: leaving it out moves the sky by less than 5e-4, in twilight by less than 1e-4.
+    """
+    ground = medium.earth_radius_km + medium.bottom_km
+
+    def dip_deg(altitude_km: float) -> float:
+        return math.degrees(math.acos(ground / max(ground, medium.earth_radius_km + altitude_km)))
+
+    return dip_deg(medium.top_km) + dip_deg(max(observer_altitude_km, LEAST_OBSERVER_KM)) + MARGIN_DEG
+
+
+def zenith_range(
+    medium: Medium, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
+) -> tuple[float, float]:
     """Solar zenith angles [deg] that a scene with these suns needs; all of them where None is given."""
     if sun_elevations_deg is None:
         return 0.0, LAST_ZENITH_DEG
+    around = reach_deg(medium, observer_altitude_km)
     lowest, highest = float(np.min(sun_elevations_deg)), float(np.max(sun_elevations_deg))
-    last = 90.0 - lowest + DAY_MARGIN_DEG if lowest > DAY_ONLY_DEG else LAST_ZENITH_DEG
-    first = NIGHT_START_DEG if highest < 0.0 else 0.0
-    return first, last
+    return min(max(0.0, 90.0 - highest - around), BRIGHT_ZENITH_DEG), min(LAST_ZENITH_DEG, 90.0 - lowest + around)
 
 
 class Field(BareField):
@@ -123,14 +138,25 @@ class Field(BareField):
 
     @property
     def sun_range_deg(self) -> tuple[float, float]:
-        """Lowest and highest sun elevation [deg] that the field was solved for."""
-        first, last = self.zenith_range_deg
-        lowest = -90.0 if last >= LAST_ZENITH_DEG else 90.0 + DAY_MARGIN_DEG - last
-        return lowest, 90.0 if first <= 0.0 else 0.0
+        """Lowest and highest sun elevation [deg] that the field was solved for, seen from its own observer."""
+        return self._suns_seen_from(self.observer_altitude_km)
 
-    def _covers(self, sun_elevation_deg: float) -> bool:
-        lowest, highest = self.sun_range_deg
-        return lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9
+    def _suns_seen_from(self, observer_altitude_km: float) -> tuple[float, float]:
+        first, last = self.zenith_range_deg
+        around = reach_deg(self.medium, observer_altitude_km)
+        lowest = -90.0 if last >= LAST_ZENITH_DEG else 90.0 + around - last
+        return lowest, 90.0 if first <= 0.0 else 90.0 - around - first
+
+    def _check_sun(self, sun_elevation_deg: float, observer_altitude_km: float) -> None:
+        if not -90.0 <= sun_elevation_deg <= 90.0:
+            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        lowest, highest = self._suns_seen_from(observer_altitude_km)
+        if self.solutions and not lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9:
+            solved_for = f"{lowest:g} to {highest:g} deg" if lowest <= highest + 1e-9 else "lower observers"
+            raise TwilightError(
+                f"sun.elevation_deg is {sun_elevation_deg:g} and the observer at {observer_altitude_km:g} km; "
+                f"the field was solved for {solved_for}"
+            )
 
     def _checked(self, observer_altitude_km: float) -> float:
         if not observer_altitude_km >= self.medium.bottom_km or not math.isfinite(observer_altitude_km):
@@ -263,14 +289,8 @@ class Field(BareField):
     ) -> np.ndarray:
         """The first n_stokes, 1 or 3, of I, Q, U: shape of the directions plus (n_stokes, W); up to distances, without
         the light of the ground, where they are given."""
-        if not -90.0 <= sun_elevation_deg <= 90.0:
-            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
-        if self.solutions and not self._covers(sun_elevation_deg):
-            low, high = self.sun_range_deg
-            raise TwilightError(
-                f"sun.elevation_deg is {sun_elevation_deg:g}; the field was solved for {low:g} to {high:g} deg"
-            )
         altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        self._check_sun(sun_elevation_deg, altitude)
         elevation, azimuth, far = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float),
             np.asarray(azimuth_deg, dtype=float),

@@ -35,30 +35,47 @@ def prepare(
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
     observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
-    above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: by day the night side is
-    then left out, by night the noon.  `progress(doing, share)` is called now and then.
+    above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: only the zones
+    that they see are then solved.  `progress(doing, share)` is called now and then.
 
     Errors: TwilightError for an observer below the ground and for a field file that cannot be written.
     Warns where target_error is not reached, and where max_events end the solution before tolerance does.
     """
     settings = settings or QUALITIES["standard"]
-    needed = zenith_range(sun_elevations_deg if observer_altitude_km <= 0.3 * medium.top_km else None)
+    needed = zenith_range(medium, sun_elevations_deg, observer_altitude_km)
     if settings.field_file:
         stored = stored_hash(settings.field_file)
         for extent in (needed, (0.0, LAST_ZENITH_DEG)):
             if stored is not None and stored == field_hash(medium, settings, extent):
-                return load(settings.field_file, observer_altitude_km=observer_altitude_km)
+                field = load(settings.field_file, observer_altitude_km=observer_altitude_km)
+                _warn(field, settings)
+                return field
     if settings.target_error > 0.0:
         field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
     else:
         field = Field(medium, settings, observer_altitude_km, progress, zenith_range_deg=needed)
+    _warn(field, settings)
+    if settings.field_file:
+        field.save(settings.field_file)
+    return field
+
+
+def _warn(field: Field, settings: ZonesSettings) -> None:
+    """Say what a user should know about a field, solved here or read from a file."""
     convergence = field.convergence
     if convergence and settings.tolerance > 0.0 and convergence.residual >= field.settings.tolerance:
         warnings.warn(
             f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
             TwilightWarning,
-            stacklevel=2,
+            stacklevel=3,
+        )
+    if convergence and convergence.error is not None and convergence.error > settings.target_error:
+        warnings.warn(
+            f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
+            f"{convergence.error:.2g} at 95 % of the directions",
+            TwilightWarning,
+            stacklevel=3,
         )
     depth = float(np.trapezoid(field.profile.scattering, field.profile.altitude_km, axis=0).max())
     if settings.max_events > 1 and depth > THICK:
@@ -66,11 +83,8 @@ def prepare(
             f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: beyond {THICK:g} the "
             "light of the zones solver converges, but may be off by 15 % and more",
             TwilightWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-    if settings.field_file:
-        field.save(settings.field_file)
-    return field
 
 
 def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
@@ -126,13 +140,6 @@ def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_ele
     convergence = field.convergence or Convergence(1, 0.0)
     field.convergence = replace(convergence, error=error)
     field.asked = settings
-    if error > settings.target_error:
-        warnings.warn(
-            f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
-            f"{error:.2g} at 95 % of the directions",
-            TwilightWarning,
-            stacklevel=3,
-        )
     return field
 
 

@@ -102,7 +102,8 @@ class Photometer:
         if ground_altitude_km is not None:
             ground = config.climate.ground.model_copy(update={"altitude_km": ground_altitude_km})
             config = config.model_copy(update={"climate": config.climate.model_copy(update={"ground": ground})})
-        problem = replace(problem_of(config), observer_altitude_km=None)
+        # few wavelengths stand for the visible: 590 nm would count the edge of water vapour's band for 20 nm
+        problem = replace(problem_of(config), observer_altitude_km=None, bands=None)
         able = problem.capabilities
         if not (able.every_sun and able.every_observer):
             name = config.solver.get("name", solvers.DEFAULT)

@@ -5,6 +5,7 @@ Chromaticities are CIE 1931 x, y.  Azimuth 0 is towards the sun, 180 deg the ant
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,8 @@ class Air:
 
     def __init__(self, config: Config):
         self.config = config
-        self.solved = problem_of(config).solve()
+        # few wavelengths stand for the visible: 590 nm would count the edge of water vapour's band for 20 nm
+        self.solved = replace(problem_of(config), bands=None).solve()
         self.medium = self.solved.medium
 
     def xyz(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:

@@ -1,0 +1,309 @@
+"""Bands of water vapour and oxygen: the source's transmissions, the lanes, and what solvers make of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twilight import solvers
+from twilight.atmosphere import bands
+from twilight.atmosphere.bands import OXYGEN, WATER_VAPOUR, Bands
+from twilight.atmosphere.profiles import PROFILES, load_profile
+from twilight.config import load
+from twilight.engine import problem_of
+from twilight.engine.disc import make_disc
+from twilight.engine.sunbeam import Sunbeam
+from twilight.errors import TwilightError
+from twilight.scene.plan import _limb_optical_depth, make_plan
+from twilight.solvers.base import BareField, Capabilities
+
+MASSES = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0])
+WATER_MM = 20.0
+PRESSURE_HPA = 1013.0
+DIRECT_ERROR = 0.02
+ELEVATION_DEG, AZIMUTH_DEG = np.array([4.0, 25.0, 80.0]), np.array([0.0, 120.0, 60.0])
+
+
+def spectrl2(air_mass, water_cm):
+    """pvlib's direct beam over the extraterrestrial one, without ozone and aerosol, (122,), and wavelengths [nm]."""
+    from pvlib.spectrum import spectrl2 as model
+
+    found = model(
+        apparent_zenith=0.0,
+        aoi=0.0,
+        surface_tilt=0.0,
+        ground_albedo=0.0,
+        surface_pressure=100.0 * PRESSURE_HPA,
+        relative_airmass=air_mass,
+        precipitable_water=water_cm,
+        ozone=0.0,
+        aerosol_turbidity_500nm=0.0,
+        dayofyear=100,
+    )
+    return (found["dni"] / found["dni_extra"])[:, 0], found["wavelength"]
+
+
+def pvlib_transmission(air_mass):
+    """Of water vapour and of mixed gases alone, (122,) each."""
+    wet, nm = spectrl2(air_mass, 0.1 * WATER_MM)
+    dry, _ = spectrl2(air_mass, 0.0)
+    um = nm / 1000.0
+    air = np.exp(-air_mass / (um**4 * (115.6406 - 1.3366 / um**2)))
+    return nm, {WATER_VAPOUR: wet / dry, OXYGEN: dry / air}
+
+
+def of_terms(gas, amount, mass):
+    weight, depth = bands.terms(gas, float(amount))
+    return float(np.dot(weight, np.exp(-np.multiply(depth, mass))))
+
+
+def scene(nm, climate="pure-air", **settings):
+    return load(climate, {"wavelengths.list_nm": list(nm), **settings})
+
+
+def zones_draft(config, suns):
+    zones = solvers.load("zones")
+    return problem_of(config, suns, by=(zones, zones.QUALITIES["draft"]))
+
+
+NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}
+
+
+def direct_of(config):
+    """The engine's direct beam at its only wavelength, as a function of the sun's elevation, without a field."""
+    problem = zones_draft(config, None)
+    wide = problem.medium if problem.bands is None else problem.bands.expand(problem.medium)
+    beam = Sunbeam(wide)
+
+    def at(sun):
+        values = beam.at(sun, 0.0).irradiance
+        return float((values if problem.bands is None else problem.bands.summed(values))[0])
+
+    return at
+
+
+@pytest.mark.parametrize("mass", MASSES)
+def test_the_terms_give_the_direct_beam_of_spectrl2(mass):
+    nm, true = pvlib_transmission(mass)
+    inside = (nm >= 300.0) & (nm <= 1000.0)
+    factor = {WATER_VAPOUR: 0.1 * WATER_MM, OXYGEN: 1.0}
+    for gas, transmission in true.items():
+        amount = bands.coefficient(gas, nm[inside]) * factor[gas]
+        found = np.array([of_terms(gas, x, mass) for x in amount])
+        np.testing.assert_allclose(found, transmission[inside], rtol=0.5 * DIRECT_ERROR)
+        assert transmission[inside].min() < (0.6 if gas == WATER_VAPOUR else 0.8)
+
+
+@pytest.mark.parametrize("column_mm", [0.3, 5.0, 50.0, 150.0])
+def test_weights_are_a_mixture_for_every_column_and_the_fit_holds(column_mm):
+    nm = np.arange(580.0, 1001.0, 3.0)
+    for gas, amount in ((WATER_VAPOUR, 0.1 * column_mm), (OXYGEN, 1.0)):
+        for x in bands.coefficient(gas, nm) * amount:
+            weight, depth = map(np.array, bands.terms(gas, float(x)))
+            assert weight.sum() == pytest.approx(1.0, abs=1e-12) and (weight >= 0.0).all() and (depth >= 0.0).all()
+            assert weight.size <= bands.MOST_TERMS
+            for mass in (1.0, 3.0, 10.0):
+                assert of_terms(gas, x, mass) == pytest.approx(bands.transmission(gas, mass * x), rel=DIRECT_ERROR)
+            # longer ways, and shorter ones of an observer in the air: of all the light
+            for mass in (0.1, 40.0):
+                assert of_terms(gas, x, mass) == pytest.approx(float(bands.transmission(gas, mass * x)), abs=0.01)
+
+
+def test_little_of_a_gas_absorbs_after_beer():
+    for gas in bands.GASES:
+        amount = 1e-6 / bands.SATURATION[gas]
+        assert -np.log(bands.transmission(gas, amount)) == pytest.approx(bands.STRENGTH[gas] * amount, rel=1e-5)
+        # enough to see over 40 columns, too little to saturate
+        amount = 3e-3 / bands.SATURATION[gas]
+        if 1.0 - bands.transmission(gas, 40.0 * amount) > bands.WEAK:
+            weight, depth = map(np.array, bands.terms(gas, amount))
+            assert np.dot(weight, depth) == pytest.approx(bands.STRENGTH[gas] * amount, rel=0.1)
+
+
+def test_bands_end_where_the_source_has_none():
+    clear = np.concatenate([np.arange(300.0, 587.9), np.arange(598.1, 680.0), [755.0, 773.0]])
+    assert np.all(bands.coefficient(OXYGEN, clear) == 0.0)
+    assert np.all(bands.coefficient(WATER_VAPOUR, clear[clear < 680.0]) == 0.0)
+    assert bands.coefficient(WATER_VAPOUR, np.array([593.0, 823.7])).tolist() == [0.075, 2.5]
+    assert bands.coefficient(OXYGEN, np.array([690.0, 762.5, 765.0])).tolist() == [0.15, 4.0, pytest.approx(2.175)]
+
+
+@pytest.mark.parametrize(("nm", "gas"), [(762.5, OXYGEN), (820.0, WATER_VAPOUR), (940.0, WATER_VAPOUR)])
+def test_the_sunbeam_of_the_engine_follows_the_source(nm, gas):
+    """At equal amounts: the scaled absorber that the beam crosses, by a quadrature of its own along a straight line."""
+    straight = {"refraction.model": "none"}
+    with_bands = direct_of(scene([nm], **straight))
+    without = direct_of(scene([nm], **straight, **NO_BANDS))
+    profile = load_profile("midlatitude_summer")
+    amount = float(bands.amounts(gas, profile, np.array([nm]), None)[0])
+    _, p, t = next(row for row in reversed(bands.PRESSURE_SCALING[gas]) if row[0] <= nm)
+    z = np.linspace(0.0, 100.0, 40001)
+    air = profile.at(z)
+    density = air.h2o_per_cm3 if gas == WATER_VAPOUR else air.air_per_cm3
+    density = density * air.pressure_hpa**p / air.temperature_k**t
+    for sun in (90.0, 30.0, 10.0, 5.5):
+        horizontal = 6371.0 * np.cos(np.radians(sun)) / (6371.0 + z)
+        mass = np.trapezoid(density / np.sqrt(1.0 - horizontal**2), z) / np.trapezoid(density, z)
+        found = with_bands(sun) / without(sun)
+        assert found == pytest.approx(float(bands.transmission(gas, mass * amount)), rel=DIRECT_ERROR)
+
+
+def test_the_suns_disc_has_the_bands_too():
+    made = [zones_draft(scene([550.0, 762.5], **more), None) for more in ({}, NO_BANDS)]
+    wet, dry = (make_disc(p.medium, 8.0, 0.0, bands=p.bands).transmittance for p in made)
+    lit = dry[:, 1] > 0.0
+    beam = direct_of(scene([762.5]))(8.0) / direct_of(scene([762.5], **NO_BANDS))(8.0)
+    assert np.median(wet[lit, 1] / dry[lit, 1]) == pytest.approx(beam, rel=0.01)  # over half a degree
+    np.testing.assert_allclose(wet[lit, 0], dry[lit, 0], rtol=1e-6)
+
+
+class GreyField(BareField):
+    """Light after one grey way through the absorption."""
+
+    def __init__(self, medium):
+        self.medium = medium
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        e = np.asarray(elevation_deg, dtype=float)
+        return np.exp(-self.medium.optical_depth("absorption")) * (1.0 + e[..., None])
+
+
+class GreySolver:
+    CAPABILITIES = Capabilities(wavelengths_at_once=6)
+
+    def __init__(self):
+        self.asked = []
+
+    def prepare(self, medium, settings=None, *, observer_altitude_km=0.0, progress=None):
+        self.asked.append(medium.wavelength_nm.tolist())
+        return GreyField(medium)
+
+
+def test_lanes_come_back_as_wavelengths_in_blocks_of_their_own():
+    solver = GreySolver()
+    nm = [550.0, 762.5, 820.0, 860.0]
+    problem = replace(problem_of(scene(nm)), solver=solver, settings=None)
+    lanes = problem.bands.lanes
+    assert lanes[0] == 1 and lanes[3] == 1 and 3 <= lanes[1] <= 5 and 3 <= lanes[2] <= 5
+    found = problem.solve().radiance(10.0, [0.0, 1.0], [0.0, 0.0])
+    assert found.shape == (2, 4)
+    assert all(len(part) <= 6 and len(set(part)) == 1 for part in solver.asked)
+    assert [part[0] for part in solver.asked] == nm
+    clear = np.exp(-problem.medium.optical_depth("absorption"))
+    gone = [1.0, 1.0, 1.0, 1.0]
+    for w, gas in ((1, OXYGEN), (2, WATER_VAPOUR)):
+        amount = bands.amounts(gas, load_profile("midlatitude_summer"), np.array([nm[w]]), None)[0]
+        gone[w] = float(bands.transmission(gas, amount))
+    np.testing.assert_allclose(found[0], clear * gone, rtol=0.01)
+    np.testing.assert_allclose(found[1], 2.0 * found[0], rtol=1e-12)
+
+
+def test_bands_that_are_no_mixture_are_refused():
+    with pytest.raises(TwilightError, match="sum to 1"):
+        Bands(np.array([0, 0]), np.array([0.5, 0.6]), np.zeros((2, 2)))
+
+
+def test_the_column_of_a_lane_is_that_of_its_term_in_layers_too():
+    for more in ({}, {"atmosphere.layers.equal_air_mass": 12}, {"ground.altitude_km": 3.0}):
+        problem = problem_of(scene([762.5, 820.0], **more))
+        wide = problem.bands.expand(problem.medium)
+        gained = wide.optical_depth("absorption") - problem.medium.optical_depth("absorption")[problem.bands.place]
+        profile = load_profile("midlatitude_summer").above(more.get("ground.altitude_km", 0.0))
+        expected = []
+        for gas, nm in ((OXYGEN, 762.5), (WATER_VAPOUR, 820.0)):
+            expected += bands.terms(gas, float(bands.amounts(gas, profile, np.array([nm]), None)[0]))[1]
+        np.testing.assert_allclose(gained, expected, rtol=2e-3)
+
+
+def test_columns_of_the_profiles_are_those_that_the_key_names():
+    from twilight.config.climate import WaterVapour
+
+    said = WaterVapour.model_fields["column_mm"].description
+    names = ("tropical", "summer", "winter", "summer", "winter", "standard")
+    order = (
+        "tropical",
+        "midlatitude_summer",
+        "midlatitude_winter",
+        "subarctic_summer",
+        "subarctic_winter",
+        "us_standard",
+    )
+    assert set(order) == set(PROFILES)
+    for name, profile in zip(names, order, strict=True):
+        assert f"{name} {bands.water_column_mm(load_profile(profile)):.0f}" in said
+
+
+def test_more_water_is_darker_and_neighbours_stay_as_they_are():
+    suns = [8.0]
+    found = []
+    for column in (0.0, 5.0, 20.0, 60.0):
+        problem = zones_draft(scene([780.0, 823.7], **{"gases.water_vapour.column_mm": column}), suns)
+        found.append(problem.solve().radiance(8.0, ELEVATION_DEG, AZIMUTH_DEG))
+    light = np.array(found)
+    assert (np.diff(light[:, :, 1], axis=0) < 0.0).all() and (light > 0.0).all()
+    assert (light[-1, :, 1] / light[0, :, 1] < 0.75).all()
+    np.testing.assert_allclose(light[:3, :, 0], np.broadcast_to(light[0, :, 0], light[:3, :, 0].shape), rtol=0.02)
+
+
+def test_the_plan_leaves_out_bands_that_do_not_matter():
+    def parts(config):
+        return {item.part: item for item in make_plan(config).left_out}
+
+    placed = parts(load("continental-average"))
+    assert "they move luminance by 4" in placed["bands of water vapour"].reason
+    assert "720 nm" in placed["bands of water vapour"].effect
+    assert problem_of(load("continental-average", {"wavelengths.list_nm": [400.0, 550.0]})).bands is None
+    between = parts(scene([400.0, 550.0]))
+    assert "no wavelength of this scene lies in them" in between["bands of oxygen"].reason
+    inside = parts(scene([762.0, 823.0]))
+    assert not {"bands of oxygen", "bands of water vapour"} & inside.keys()
+    everything = load("continental-average", {"leave_out": False})
+    assert problem_of(everything).bands.lanes.max() > 2
+    formula = load("continental-average", {"wavelengths.list_nm": [500.0, 720.0]})
+    preetham = solvers.load("preetham")
+    assert problem_of(formula, by=(preetham, preetham.QUALITIES["standard"])).bands is None
+
+
+def test_the_far_ultraviolet_is_finite_behind_a_wall_of_ozone():
+    config = scene([300.0, 305.0, 320.0, 340.0])
+    solved = zones_draft(config, [10.0, -4.0]).solve()
+    medium = solved.medium
+    assert _limb_optical_depth(medium.altitude_km, medium.absorption_per_km) > 100.0
+    for sun in (10.0, -4.0):
+        light = solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
+        assert np.isfinite(light).all() and (light[:, 1:] > 0.0).all()
+        assert (np.diff(light, axis=1) > 0.0).all()  # towards 340 nm more and more
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nm", [762.0, 820.0])
+def test_zones_and_montecarlo_agree_in_a_band(nm):
+    """By day and in twilight, scalar: every lane is an ordinary absorption, so the codes differ as elsewhere."""
+    zones, montecarlo = solvers.load("zones"), solvers.load("montecarlo")
+    config = scene([nm], "continental-average")
+    suns = [30.0, -4.0]
+    by_zones = replace(zones.QUALITIES["standard"], polarisation=False)
+    by_chance = replace(montecarlo.QUALITIES["draft"], target_stderr=0.02)
+    one = problem_of(config, suns, by=(zones, by_zones)).solve()
+    other = problem_of(config, suns, by=(montecarlo, by_chance)).solve()
+    for sun in suns:
+        light = one.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
+        truth = other.radiance_with_error(sun, ELEVATION_DEG, AZIMUTH_DEG)
+        assert (np.abs(light - truth.radiance) < 0.03 * truth.radiance + 3.0 * truth.standard_error).all()
+
+
+@pytest.mark.slow
+def test_energy_in_a_band_is_not_more_than_what_the_lanes_bring():
+    """Black ground under clean air: what reaches it grows with less absorber, and stays below what comes in."""
+    suns = [40.0]
+    elevation, azimuth = np.meshgrid(np.arange(2.5, 90.0, 5.0), np.arange(7.5, 180.0, 15.0), indexing="ij")
+    solid = np.cos(np.radians(elevation)) * np.radians(5.0) * np.radians(15.0) * 2.0
+    totals = []
+    for column in (60.0, 20.0, 0.0):
+        solved = zones_draft(scene([823.7], **{"gases.water_vapour.column_mm": column}), suns).solve()
+        sky = solved.radiance(40.0, elevation, azimuth)[..., 0]
+        flux = np.sum(sky * np.sin(np.radians(elevation)) * solid)
+        totals.append(flux + solved.direct(40.0).irradiance[0] * np.sin(np.radians(40.0)))
+    assert totals[0] < totals[1] < totals[2] < np.sin(np.radians(40.0))

@@ -1,0 +1,34 @@
+"""The rows and columns of a scene's texture: those of the sky, and for a high observer those down to the nadir."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twilight.config.scene import Config
+from twilight.engine.solve import Problem
+from twilight.grids import texture_centres
+from twilight.transport.apparent import horizon_dip_deg
+
+HIGH_FROM_KM = 0.1
+"""Above the ground: from lower down the horizon dips by 0.3 deg at most, and the sky ends at 0 deg."""
+_NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
+"""Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
+
+
+def texture_rows(config: Config, problem: Problem) -> np.ndarray:
+    """Elevations [deg] of the texture's rows: those of the sky, and from high up more, to the horizon and the nadir.
+
+    The latter where the solver serves every observer; they bracket the horizon, whose dip is that of the refracted
+    ray that touches the ground.
+    """
+    rows, _ = texture_centres(config.texture.shape)
+    above_ground_km = config.observer.altitude_km - problem.medium.bottom_km
+    if above_ground_km <= HIGH_FROM_KM or not problem.capabilities.every_observer:
+        return rows
+    dip = horizon_dip_deg(problem.medium, config.observer.altitude_km)
+    upper = np.concatenate([-dip + _NEAR_HORIZON_DEG, [0.0]])
+    upper = upper[(upper <= 0.0) & (upper < rows[0] - 1e-6)]
+    lower = np.append(-dip - _NEAR_HORIZON_DEG, -90.0)
+    lower = lower[lower >= -90.0]
+    found = np.unique(np.concatenate([lower, upper, rows]))
+    return found[np.concatenate([[True], np.diff(found) > 0.02])]

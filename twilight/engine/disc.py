@@ -1,0 +1,57 @@
+"""The sun's disc for an observer: the rows of `twilight.disc.Disc` from the refracted paths of a medium."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twilight.disc import SOLAR_RADIUS_DEG, Disc
+from twilight.transport.apparent import Sights
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.bands import Bands
+    from twilight.atmosphere.medium import Medium
+
+ROW_DEG = 1.0 / 1200.0
+"""Distance of rows: 3 arc seconds, a tenth of what the eye resolves."""
+_SEARCH_DEG = 0.01
+_LIFTED_DEG = 5.0
+"""No air of a climate lifts the sun by more."""
+
+
+def make_disc(
+    medium: Medium,
+    sun_elevation_deg: float,
+    altitude_km: float,
+    distance_au: float = 1.0,
+    bands: Bands | None = None,
+) -> Disc:
+    """The disc of a sun at a true elevation [deg], seen from an altitude [km], at the wavelengths of a medium.
+
+    bands: of gases, which take from its light too.  All images count: where layers of air bend several lines of sight
+    to one point of the disc it is seen several times.
+    """
+    sights = Sights(medium)
+    radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
+    low, high = sun_elevation_deg - radius - 0.1, min(90.0, sun_elevation_deg + radius + _LIFTED_DEG)
+    scan = np.arange(max(low, -90.0), high + _SEARCH_DEG, _SEARCH_DEG)
+    scan = scan[scan <= 90.0]
+    n = medium.refractivity[0]
+    extremes = np.unique([int(np.argmin(n)), int(np.argmax(n))])
+    true, passed = sights.follow(altitude_km, scan, extremes)
+    hits = ((np.abs(true - sun_elevation_deg) < radius + 5 * _SEARCH_DEG) & (passed > 0.0)).any(axis=1)
+    if hits.any():
+        first, last = scan[hits][[0, -1]] + np.array([-2.0, 2.0]) * _SEARCH_DEG
+    else:  # below the horizon: rows that hold nothing
+        first, last = sun_elevation_deg, sun_elevation_deg + 2 * ROW_DEG
+    count = int(np.ceil((last - first) / ROW_DEG))
+    rows = np.minimum(first + (np.arange(count) + 0.5) * ROW_DEG, 90.0)
+    if bands is None:
+        true, passed = sights.follow(altitude_km, rows, np.arange(medium.n_wavelengths))
+    else:
+        true, passed = Sights(bands.expand(medium)).follow(altitude_km, rows, np.arange(bands.place.size))
+        true, passed = true[:, np.unique(bands.place, return_index=True)[1]], bands.summed(passed)
+    if not hits.any():
+        passed[:] = 0.0
+    return Disc(medium.wavelength_nm, rows, true, passed, float(sun_elevation_deg), radius)

@@ -1,0 +1,94 @@
+"""``sun.json``: the sun's own light for renderers, whose environment map has no disc in it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight import colour, spectrum
+from twilight.disc import SOLAR_RADIUS_DEG
+from twilight.io.provenance import provenance_fields
+from twilight.io.rendered import Options, Rendered
+from twilight.io.whole import whole_file
+from twilight.sky import Sky
+
+
+def sun_irradiance_factor(sky: Sky) -> np.ndarray | None:
+    """Irradiance of the sun at the observer, normal to its light, over F0, (W,); None where the sky does not know it.
+
+    Of what is seen of the disc where the sky has it, else of the beam from the disc's centre.
+    """
+    return sky.direct_irradiance if sky.disc is None else sky.disc.irradiance_factor()
+
+
+def sun_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: bool = False) -> dict[str, Any]:
+    """What ``sun.json`` holds, as JSON values; its keys are explained in docs/environment-maps.md.
+
+    Irradiances are normal to the light.  RGB is linear Rec. 709 in W m^-2 as in ``sky.rgb.exr``: times 683.002 it is
+    lux; colours outside the gamut are moved into it, as lamps want it.  in_map: the disc is in the environment map.
+    """
+    factor = sun_irradiance_factor(sky)
+    disc = sky.disc
+    true, azimuth = sky.sun_elevation_deg, sky.sun_azimuth_deg
+    apparent = true if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
+    if disc is not None and disc.is_seen:
+        apparent = disc.centroid_deg()
+    radius = disc.radius_deg if disc else np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / sky.distance_au))
+    facts: dict[str, Any] = {
+        "true_elevation_deg": true,
+        "apparent_elevation_deg": float(apparent),
+        "azimuth_deg": azimuth,
+        "angular_diameter_deg": float(2.0 * radius),
+        "in_environment_map": in_map,
+    }
+    if disc is not None:
+        lower, upper = disc.edges_deg()
+        seen = bool(np.isfinite(lower))
+        facts["lower_edge_deg"], facts["upper_edge_deg"] = (lower, upper) if seen else (None, None)
+    facts["wavelength_nm"] = sky.wavelength_nm.tolist()
+    if factor is None:
+        rgb = None
+        facts["irradiance_W_per_m2_nm"] = facts["irradiance_rgb_W_per_m2"] = facts["illuminance_lux"] = None
+    else:
+        xyz = colour.factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
+        rgb = colour.into_gamut(colour.xyz_to_linear_rgb(xyz)) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+        facts["irradiance_W_per_m2_nm"] = (factor * sky.solar_irradiance).tolist()
+        facts["irradiance_rgb_W_per_m2"] = rgb.tolist()
+        facts["illuminance_lux"] = float(xyz[1])
+    facts["blender"] = _blender(float(apparent), azimuth or 0.0, float(radius), rgb)
+    facts["mitsuba"] = _mitsuba(float(apparent), azimuth or 0.0, rgb)
+    return facts | provenance_fields(sky.provenance)
+
+
+def _blender(elevation_deg: float, azimuth_deg: float, radius_deg: float, rgb: np.ndarray | None) -> dict[str, Any]:
+    """A sun lamp: +Z up, +X east, +Y north; it shines along its own -Z, and strength times colour is W m^-2."""
+    strength = 0.0 if rgb is None else float(rgb.max())
+    return {
+        "rotation_euler_rad": np.radians([90.0 - elevation_deg, 0.0, 180.0 - azimuth_deg]).tolist(),
+        "energy": strength,
+        "color": (rgb / strength).tolist() if rgb is not None and strength > 0.0 else [1.0, 1.0, 1.0],
+        "angle_rad": float(np.radians(2.0 * radius_deg)),
+    }
+
+
+def _mitsuba(elevation_deg: float, azimuth_deg: float, rgb: np.ndarray | None) -> dict[str, Any]:
+    """An emitter ``directional``: +Y up, +Z north, -X east; the direction is that in which light travels."""
+    e, a = np.radians([elevation_deg, azimuth_deg])
+    towards = np.array([-np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)])
+    return {
+        "type": "directional",
+        "direction": (-towards).tolist(),
+        "irradiance": {"type": "rgb", "value": [0.0] * 3 if rgb is None else rgb.tolist()},
+    }
+
+
+def write_sun(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
+    """``sun.json``, whole or not at all."""
+    path = folder / "sun.json"
+    facts = sun_facts(rendered.seen, options.observer, in_map=options.disc)
+    with whole_file(path) as temporary:
+        Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    return [path]
