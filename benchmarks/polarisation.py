@@ -3,11 +3,14 @@
     python benchmarks/polarisation.py scalar     error of scalar theory in I, luminance and colour: polarisation.csv
     python benchmarks/polarisation.py referee    `zones` against `montecarlo` in I, Q and U: polarisation_referee.csv
     python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv
+    python benchmarks/polarisation.py volcano    the same under volcanic stratospheres: polarisation_volcano.csv, and
+                                                 docs/polarisation-volcano.png
 
     python benchmarks/polarisation.py stored     the referee's Stokes vectors in clear air that a test of `zones` reads
 
 Names of climates behind limit the table to them.  Errors of the first are those of the scalar solution against the
-polarised one of the same solver, over a texture of half the sky; `zones` at quality standard in all three.
+polarised one of the same solver, over a texture of half the sky; `zones` at quality standard in all.  The referee's
+Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26 directions.
 """
 
 from __future__ import annotations
@@ -21,19 +24,25 @@ import results
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.compare.accuracy import colour_spread
-from twilight.config.load import load_climate
+from twilight.config.load import load, load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
-from twilight.validate.phenomena.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
+from twilight.validate.phenomena.neutral import neutral_points, zenith_polarisation
 
 HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
-CLIMATES = ("pure-air", "continental-clean", "continental-average", "urban")
+CLIMATES = ("pure-air", "continental-average", "desert", "volcanic-extreme")
+STRATOSPHERES = ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
 EIGHT_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
 THREE_NM = (450.0, 550.0, 650.0)
 SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0)
-REFEREE_SUNS_DEG = (30.0, 5.0, 0.0, -4.0, -6.0, -9.0)
 SKY_SUNS_DEG = (30.0, 20.0, 10.0, 5.0, 2.0, 0.0, -1.0, -2.0, -3.0, -4.0, -5.0, -6.0, -7.0, -8.0)
+VOLCANO_SUNS_DEG = (20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -1.5, -2.0, -3.0, -3.5, -4.0, -4.5, -5.0, -6.0, -7.0, -8.0)
+VOLCANO_NM = (450.0, 550.0, 700.0)
+SKY_COLUMNS = [
+    "climate", "sun_elevation_deg", "wavelength_nm", "babinet_deg", "brewster_deg", "arago_deg", "zenith_degree",
+]  # fmt: skip
+SKY_NOTES = ["Babinet's and Brewster's points from the sun, Arago's from the antisolar point; empty: not above 0.5 deg"]
 NOISE = 2e-3
 """Standard error of I that the referee works to."""
 
@@ -75,40 +84,53 @@ def scalar(climates) -> None:
 
 
 def referee(climates) -> None:
-    elevation, azimuth = (
-        g.ravel() for g in np.meshgrid([3.0, 10.0, 25.0, 50.0, 75.0, 88.0], [15.0, 60.0, 120.0, 165.0])
-    )
     rows = []
     for climate in climates:
-        medium = climate_medium(load_climate(climate), np.array(THREE_NM))
+        file = HERE / "reference" / f"{'pure-air-climate' if climate == 'pure-air' else climate}.csv"
+        if not file.exists():
+            print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
+            continue
+        table = results.read_numbers(file)
+        medium = climate_medium(load_climate(climate), np.unique(table["wavelength_nm"]))
         field = zones.prepare(medium, STANDARD)
-        judge = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(target_stderr=NOISE))
-        for sun in REFEREE_SUNS_DEG:
-            ours, answer = field.stokes(sun, elevation, azimuth), judge.stokes_with_error(sun, elevation, azimuth)
-            right, noise = answer.stokes, answer.standard_error / answer.stokes[:, :1]
-            error = 100.0 * (ours[:, 0] / right[:, 0] - 1.0)
-            degree = degree_of_polarisation(right)
-            off = np.abs(degree_of_polarisation(ours) - degree)
-            turn = 0.5 * np.degrees(np.arctan2(ours[:, 2], ours[:, 1]) - np.arctan2(right[:, 2], right[:, 1]))
-            turn = np.abs((turn + 90.0) % 180.0 - 90.0)
-            for w, nm in enumerate(THREE_NM):
-                polarised = degree[:, w] > 0.05
-                numbers = [
-                    np.median(np.abs(error[:, w])),
-                    np.percentile(np.abs(error[:, w]), 95),
-                    error[:, w].mean(),
-                    100.0 * np.median(noise[:, 0, w]),
-                ]
-                of_degree = [np.median(off[:, w]), np.percentile(off[:, w], 95), np.median(noise[:, 1:, w])]
-                of_angle = [np.median(turn[polarised, w]), np.percentile(turn[polarised, w], 95)]
-                row = [climate, f"{sun:g}", f"{nm:g}", *(f"{x:.3f}" for x in numbers)]
-                rows.append(row + [f"{x:.4f}" for x in of_degree] + [f"{x:.2f}" for x in of_angle])
-                print(*rows[-1], sep="\t", flush=True)
+        for sun in sorted(set(table["sun_elevation_deg"]), reverse=True):
+            some = table[table["sun_elevation_deg"] == sun]
+            place = np.searchsorted(medium.wavelength_nm, some["wavelength_nm"])
+            ours = field.stokes(sun, some["elevation_deg"], some["azimuth_deg"])[np.arange(some.size), :, place]
+            right = np.stack([some["radiance_per_sr"], some["q_per_sr"], some["u_per_sr"]], axis=1)
+            noise = np.stack([some[f"{k}standard_error_per_sr"] for k in ("", "q_", "u_")], axis=1) / right[:, :1]
+            rows.append([climate, f"{sun:g}", *(judged(ours, right, noise))])
+            print(*rows[-1], sep="\t", flush=True)
     columns = (
-        "climate,sun_elevation_deg,wavelength_nm,i_median_percent,i_p95_percent,i_mean_percent,i_noise_percent,"
-        "degree_median,degree_p95,degree_noise,angle_median_deg,angle_p95_deg"
+        "climate,sun_elevation_deg,i_p95_percent,i_noise_percent,i_excess_percent,"
+        "degree_p95,degree_noise,degree_excess,angle_p95_deg,angle_noise_deg,angle_excess_deg"
     )
-    results.write(HERE / "polarisation_referee.csv", columns.split(","), rows)
+    notes = [
+        "all directions and wavelengths of a sun; angles where the degree exceeds 0.05; noise: the referee's, median",
+        "excess: what 95 % of normally distributed errors stay below, of a mean square less the noise",
+    ]
+    results.write(HERE / "polarisation_referee.csv", columns.split(","), rows, notes=notes)
+
+
+def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
+    """Errors of I, degree and angle from Stokes vectors (N, 3); noise (N, 3): the referee's standard errors over I."""
+    degree, found = (np.hypot(s[:, 1], s[:, 2]) / s[:, 0] for s in (right, ours))
+    turn = 0.5 * np.degrees(np.arctan2(ours[:, 2], ours[:, 1]) - np.arctan2(right[:, 2], right[:, 1]))
+    turn = (turn + 90.0) % 180.0 - 90.0
+    # along the vibration the noise is that of the degree, across it that of the angle
+    q, u = np.abs(right[:, 1:].T) / np.maximum(right[:, 0] * degree, 1e-300)
+    of_degree = np.hypot(q * noise[:, 1], u * noise[:, 2])
+    of_angle = np.degrees(0.5 * np.hypot(u * noise[:, 1], q * noise[:, 2]) / np.maximum(degree, 1e-300))
+    polarised = degree > 0.05
+    numbers: list[str] = []
+    for error, own, digits in (
+        (100.0 * (ours[:, 0] / right[:, 0] - 1.0), 100.0 * noise[:, 0], 2),
+        (found - degree, of_degree, 4),
+        (turn[polarised], of_angle[polarised], 2),
+    ):
+        excess = 1.96 * np.sqrt(max(0.0, np.mean(error**2 - own**2)))
+        numbers += [f"{x:.{digits}f}" for x in (np.percentile(np.abs(error), 95), np.median(own), excess)]
+    return numbers
 
 
 def stored(_climates) -> None:
@@ -136,21 +158,54 @@ def sky(climates) -> None:
                 places = ("" if np.isnan(p[w]) else f"{p[w]:.1f}" for p in points)
                 rows.append([climate, f"{sun:g}", f"{nm:g}", *places, f"{zenith[w]:.3f}"])
                 print(*rows[-1], sep="\t", flush=True)
-    columns = [
-        "climate",
-        "sun_elevation_deg",
-        "wavelength_nm",
-        "babinet_deg",
-        "brewster_deg",
-        "arago_deg",
-        "zenith_degree",
-    ]
-    notes = ["Babinet's and Brewster's points from the sun, Arago's from the antisolar point; empty: not above 0.5 deg"]
-    results.write(HERE / "polarisation_sky.csv", columns, rows, notes=notes)
+    results.write(HERE / "polarisation_sky.csv", SKY_COLUMNS, rows, notes=SKY_NOTES)
+
+
+def volcano(_climates) -> None:
+    """Clean air above a high mountain, as at Mauna Loa, under the stratospheres of LOWTRAN."""
+    rows, drawn = [], {}
+    for kind in STRATOSPHERES:
+        config = load("pure-air", {"ground.altitude_km": 3.4, "stratosphere.kind": kind})
+        field = zones.prepare(climate_medium(config.climate, np.array(VOLCANO_NM)), STANDARD)
+        for sun in VOLCANO_SUNS_DEG:
+            points, zenith = neutral_points(field, sun), zenith_polarisation(field, sun)
+            for w, nm in enumerate(VOLCANO_NM):
+                places = [p[w] for p in points]
+                drawn[kind, sun, nm] = (*places, zenith[w])
+                shown = ("" if np.isnan(p) else f"{p:.1f}" for p in places)
+                rows.append([kind, f"{sun:g}", f"{nm:g}", *shown, f"{zenith[w]:.3f}"])
+                print(*rows[-1], sep="\t", flush=True)
+    results.write(HERE / "polarisation_volcano.csv", ["stratosphere", *SKY_COLUMNS[1:]], rows, notes=SKY_NOTES)
+    draw_volcano(drawn)
+
+
+def draw_volcano(drawn: dict) -> None:
+    """Polarisation of the zenith, Arago's and Babinet's points over the sun's elevation at the longest wavelength."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 3, figsize=(15, 4.5), layout="constrained")
+    nm = VOLCANO_NM[-1]
+    for axis, k, title in (
+        (axes[0], 3, "degree of polarisation at the zenith"),
+        (axes[1], 2, "Arago's point from the antisolar point [deg]"),
+        (axes[2], 0, "Babinet's point from the sun [deg]"),
+    ):
+        for kind in STRATOSPHERES:
+            values = [drawn[kind, sun, nm][k] for sun in VOLCANO_SUNS_DEG]
+            axis.plot(VOLCANO_SUNS_DEG, values, ".-", label=kind.replace("_", " "))
+        axis.set(xlabel="sun [deg]", title=f"{title}, {nm:g} nm")
+        axis.invert_xaxis()
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=8)
+    figure.savefig(HERE.parent / "docs" / "polarisation-volcano.png", dpi=100)
+    pyplot.close(figure)
 
 
 if __name__ == "__main__":
-    tables = {"scalar": scalar, "referee": referee, "sky": sky, "stored": stored}
+    tables = {"scalar": scalar, "referee": referee, "sky": sky, "stored": stored, "volcano": volcano}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")
     tables[sys.argv[1]](sys.argv[2:] or CLIMATES)

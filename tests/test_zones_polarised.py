@@ -14,7 +14,8 @@ from twilight.errors import TwilightError
 from twilight.phase import rayleigh_matrix
 from twilight.solvers import zones
 from twilight.solvers.zones.grid import even_harmonics, make_angles
-from twilight.solvers.zones.polarised import pattern_orders, patterns, rotated, wigner_d
+from twilight.solvers.zones.polarised import pattern_orders, patterns, rotated
+from twilight.transport.matrix_moments import wigner_d
 
 REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
 STRAIGHT = replace(zones.QUALITIES["standard"], refraction=False, bent_lines_of_sight=False, bent_paths=False)

@@ -173,6 +173,12 @@ class Sky:
 
         return plot(self, projection, ax, **options)
 
+    def view(self) -> Any:
+        """The sky in a browser: a `twilight.window.View`, which a notebook shows and `save(path)` writes as HTML."""
+        from twilight.window import view_sky
+
+        return view_sky(self)
+
     def to_xarray(self) -> Any:
         """The sky as an `xarray.Dataset`, as in sky.h5, with the accessor `.sky`."""
         from twilight.shown import dataset

@@ -36,9 +36,10 @@ class Medium:
     aerosol_share (K, L, W): share of the aerosol's scattering that follows phase function k, sums to 1 over k
     phase_functions: K of them, each at the W wavelengths
     depolarisation (W,): of the Rayleigh phase function, 0 = 3/(16 pi)(1 + cos^2)
-    ground_albedo (W,): Lambertian
+    ground_albedo (W,): Lambertian; of a water surface that of the light from below it
     overhead_absorption_optical_depth (W,): a filter on the unscattered sunlight above the top, crossed vertically
         whatever the sun's direction (Haber 2005 sec. 4.3); 0 unless a preset asks for it
+    water_mean_square_slope: of a ground that is a water surface (:mod:`twilight.water`); 0: the ground is land
     """
 
     wavelength_nm: np.ndarray
@@ -54,6 +55,7 @@ class Medium:
     ground_albedo: np.ndarray
     overhead_absorption_optical_depth: np.ndarray
     earth_radius_km: float = EARTH_RADIUS_KM
+    water_mean_square_slope: float = 0.0
     name: str = ""
     notes: dict = field(default_factory=dict)
 
@@ -90,6 +92,11 @@ class Medium:
     @property
     def top_km(self) -> float:
         return float(self.altitude_km[-1])
+
+    @property
+    def has_water(self) -> bool:
+        """Whether the ground is a water surface."""
+        return self.water_mean_square_slope > 0.0
 
     @property
     def has_refraction(self) -> bool:

@@ -52,6 +52,8 @@ def tables(
     folder = output or Path("out") / f"{model.name}-{layout}"
     check_new(folder)
     medium = climate_medium(model, np.array(RGB_NM[::-1]))
+    if medium.has_water:
+        raise TwilightError(f"{climate}: ground.kind is water; the tables of real-time renderers know land alone")
     _, _, settings = resolve_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
     facts: dict[str, Any] = {
         "program": f"twilight {__version__}",

@@ -69,6 +69,13 @@ def _of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
     return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
 
 
+def check_ground(medium: Medium, solver: Solver) -> None:
+    """TwilightError where the ground is water and the solver knows land alone."""
+    if medium.has_water and not solver.CAPABILITIES.water:
+        name = solver.__name__.rsplit(".", 1)[-1]  # type: ignore[attr-defined]
+        raise TwilightError(f"ground.kind: water cannot be seen by the solver {name}; zones and montecarlo can")
+
+
 def _summed(answer: Answer, bands: Bands) -> Answer:
     """The answer for wavelengths from that for their lanes."""
     return Answer(*(None if part is None else bands.summed(part) for part in vars(answer).values()))  # type: ignore[arg-type]
@@ -97,6 +104,7 @@ class Problem:
     bands: Bands | None = None
 
     def __post_init__(self) -> None:
+        check_ground(self.medium, self.solver)
         if len(self.slices) > 1 and self.capabilities.field_file and self.settings.field_file:
             raise TwilightError(
                 f"solver.field_file: holds the field of up to {self.capabilities.wavelengths_at_once} wavelengths, and "
@@ -355,6 +363,14 @@ class Solved:
         answer = joined([b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks])
         direct = self.direct(sun_elevation_deg, altitude)
         return sky_of(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
+
+    def view(self, **options: Any) -> Any:
+        """The field in a browser, for any sun and direction: a `twilight.window.View`, which a notebook shows and
+        `save(path)` writes as HTML; options as `twilight.window.view_fields`.  Takes a minute or more.
+        """
+        from twilight.window import view_field
+
+        return view_field(self, **options)
 
 
 def sky_of(

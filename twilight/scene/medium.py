@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from twilight.atmosphere.stratosphere import StratosphereSpec
 
 
+USUAL_WIND_M_S = 5.0
+"""Wind over water where the climate gives none."""
+
+
 def wavelengths_of(config: Config) -> np.ndarray | None:
     """The wavelengths [nm] of a render, (W,); None for a tabulated medium that is to keep its own."""
     if config.wavelengths is None and config.climate.medium is not None:
@@ -35,7 +39,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     Errors: TwilightError for what the data do not cover, and for a table that is not what its SHA-256 says.
     """
     if climate.medium is not None:
-        return _tabulated(climate, climate.medium, wavelength_nm)
+        return _with_ground(_tabulated(climate, climate.medium, wavelength_nm), climate.ground)
     assert wavelength_nm is not None
     from dataclasses import replace
 
@@ -64,7 +68,6 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         stratosphere=stratosphere_spec(climate),
         refraction=climate.refraction.model,
         co2_ppm=climate.refraction.co2_ppm,
-        ground_albedo=ground_albedo(climate.ground, wavelength_nm),
         name=climate.name,
     )
     column_mm = climate.gases.water_vapour.column_mm
@@ -73,7 +76,8 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
         column_mm, source = water_column_mm(full), f"AFGL 1986, {WHERE_AND_WHEN[full.name]}"
     water = {"water_vapour_column_mm": column_mm, "water_vapour_source": source}
-    return replace(medium, notes={**medium.notes, **water})
+    medium = replace(medium, notes={**medium.notes, **water})
+    return _with_ground(medium, climate.ground)
 
 
 def climate_bands(climate: Climate, medium: Medium) -> Bands | None:
@@ -182,14 +186,12 @@ def name_by_content(climate: dict[str, Any]) -> None:
 
 
 def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarray | None) -> Medium:
-    from dataclasses import replace
-
     from twilight.atmosphere.table import medium_from_table
 
     check_sha256(table.table, table.sha256, "medium.sha256")
     if table.phase_function is not None:
         check_sha256(table.phase_function, table.phase_function_sha256, "medium.phase_function_sha256")
-    medium = medium_from_table(
+    return medium_from_table(
         table.table,
         depolarisation=table.depolarisation,
         wavelength_nm=wavelength_nm,
@@ -198,4 +200,16 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
         earth_radius_km=table.earth_radius_km,
         name=climate.name,
     )
-    return replace(medium, ground_albedo=ground_albedo(climate.ground, medium.wavelength_nm))
+
+
+def _with_ground(medium: Medium, ground: Ground) -> Medium:
+    """The medium over the climate's land or water."""
+    from dataclasses import replace
+
+    from twilight.water import mean_square_slope
+
+    slope = 0.0
+    if ground.kind == "water":
+        slope = mean_square_slope(USUAL_WIND_M_S if ground.wind_speed_m_s is None else ground.wind_speed_m_s)
+    albedo = ground_albedo(ground, medium.wavelength_nm)
+    return replace(medium, ground_albedo=albedo, water_mean_square_slope=slope)

@@ -39,6 +39,7 @@ class Capabilities:
     looks_down: directions may be below the horizon
     standard_error: its answer is an estimate; the field is a `StochasticField`
     stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
+    water: it takes a medium whose ground is a water surface (`Medium.has_water`)
     finite_segments: the field is a `SegmentField`
     target_error: the settings have `target_error`, a share that the systematic error is refined to
     target_stderr: the settings have `target_stderr`, a relative standard error that samples are added for
@@ -56,6 +57,7 @@ class Capabilities:
     looks_down: bool = True
     standard_error: bool = False
     stokes: bool = False
+    water: bool = False
     finite_segments: bool = False
     target_error: bool = False
     target_stderr: bool = False

@@ -27,9 +27,10 @@ from twilight.errors import TwilightError
 from twilight.extras import missing
 from twilight.progress import Progress
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
+from twilight.transport.matrix_moments import matrix_moments
 
 JUMP_KM = 1e-3
-CAPABILITIES = Capabilities(looks_down=False, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
+CAPABILITIES = Capabilities(looks_down=False, stokes=True, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
 
@@ -48,6 +49,7 @@ class Sasktran2Settings:
     moments: terms of the phase function in single scattering
     tolerance: relative residual at which the iteration stops
     threads: that it uses; 0: all there are
+    polarisation: three Stokes parameters, at several times the cost
     """
 
     single_step_km: float = 0.02
@@ -63,6 +65,7 @@ class Sasktran2Settings:
     moments: int = 513
     tolerance: float = 1e-4
     threads: int = 0
+    polarisation: bool = False
 
     def __post_init__(self):
         ranges = {
@@ -126,6 +129,23 @@ class Field(BareField):
 
         Errors: TwilightError for directions below the horizontal and for what sasktran2 itself refuses.
         """
+        return self._look(sun_elevation_deg, elevation_deg, azimuth_deg)[..., 0, :]
+
+    @property
+    def polarised(self) -> bool:
+        """Whether it computes three Stokes parameters."""
+        return self.settings.polarisation
+
+    def stokes(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised I, Q, U [sr^-1], shape of the directions plus (3, W), in the signs of `twilight.conventions`.
+
+        Errors: as `radiance`, and TwilightError where solver.polarisation is false.
+        """
+        if not self.settings.polarisation:
+            raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
+        return self._look(sun_elevation_deg, elevation_deg, azimuth_deg)
+
+    def _look(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         if np.any(elevation < 0.0):
             raise TwilightError("the sasktran2 solver looks up only: elevations must not be below 0 deg")
@@ -134,7 +154,7 @@ class Field(BareField):
             parts = [_engine(self.medium, self.settings, rays, self.observer_altitude_km, single=s) for s in (1, 0)]
         except (RuntimeError, ValueError) as error:
             raise TwilightError(f"sasktran2: {error}") from None
-        return (parts[0] + parts[1]).reshape(*elevation.shape, -1)
+        return (parts[0] + parts[1]).reshape(*elevation.shape, *parts[0].shape[1:])
 
 
 def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:
@@ -166,26 +186,38 @@ def source_altitudes(medium: Medium, start_km: float, growth: float) -> np.ndarr
     return medium.bottom_km + 0.5 * (edges[1:] + edges[:-1])
 
 
-def optics(medium: Medium, altitude_km: np.ndarray, n_moments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def optics(
+    medium: Medium, altitude_km: np.ndarray, n_moments: int, polarised: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Extinction [m^-1], single scattering albedo (L, W) and (2l+1) chi_l (n_moments, L, W) at the altitudes.
 
-    On a jump the mean of both sides, which keeps the column; elsewhere both sides are the same.
+    polarised: the moments are (4 n_moments, L, W), of every degree those of P11, P22, P33 and P12 in turn.  On a jump
+    the mean of both sides, which keeps the column; elsewhere both sides are the same.
     """
-    order = np.arange(n_moments)
-    air = np.zeros((n_moments, medium.n_wavelengths))
-    air[0] = 1.0
-    air[2] = (1.0 - medium.depolarisation) / (2.0 + medium.depolarisation)
-    aerosols = [(2 * order + 1)[:, None] * p.legendre_moments(n_moments - 1).T for p in medium.phase_functions]
+    each = 4 if polarised else 1
+    share = 2.0 * np.arange(n_moments)[:, None] + 1.0
+    species = np.zeros((1 + len(medium.phase_functions), each * n_moments, medium.n_wavelengths))
+    species[0, 0] = 1.0
+    species[0, 2 * each] = (1.0 - medium.depolarisation) / (2.0 + medium.depolarisation)
+    for k, phase in enumerate(medium.phase_functions):
+        species[1 + k, ::each] = share * phase.legendre_moments(n_moments - 1).T
+    if polarised:
+        whole = np.zeros((len(medium.phase_functions), medium.n_wavelengths))
+        matrix = matrix_moments(medium, whole, n_moments - 1)
+        # sasktran2 counts P12 with the other sign
+        for k, part in ((1, matrix.even), (2, matrix.odd), (3, -matrix.b)):
+            species[:, k::4] = share * part
+    air, aerosols = species[0], species[1:]
     shape = (altitude_km.size, medium.n_wavelengths)
-    extinction, scattering, moments = np.zeros(shape), np.zeros(shape), np.zeros((n_moments, *shape))
+    extinction, scattering, moments = np.zeros(shape), np.zeros(shape), np.zeros((each * n_moments, *shape))
     thin = 1e-9
     for z in (altitude_km - thin, altitude_km + thin):
         at = medium.at(np.clip(z, medium.bottom_km, medium.top_km))
         extinction = extinction + 0.5 * at.extinction
         scattering = scattering + 0.5 * (at.air_scattering + at.aerosol_scattering)
         moments = moments + 0.5 * at.air_scattering * air[:, None, :]
-        for share, aerosol in zip(at.aerosol_share, aerosols, strict=True):
-            moments = moments + 0.5 * at.aerosol_scattering * share * aerosol[:, None, :]
+        for part, aerosol in zip(at.aerosol_share, aerosols, strict=True):
+            moments = moments + 0.5 * at.aerosol_scattering * part * aerosol[:, None, :]
     return extinction / 1000.0, scattering / extinction, moments / scattering
 
 
@@ -202,7 +234,7 @@ def _zenith_count(medium: Medium, step_deg: float, rays: list[np.ndarray]) -> in
 def _engine(
     medium: Medium, s: Sasktran2Settings, rays: list[np.ndarray], altitude_km: float, *, single: int
 ) -> np.ndarray:
-    """Radiance (rays, W) of single or of multiple scattering."""
+    """I, or I, Q and U where polarised, (rays, 1 or 3, W), of single or of multiple scattering."""
     import sasktran2 as sk
 
     config = sk.Config()
@@ -222,7 +254,7 @@ def _engine(
     config.successive_orders_altitude_grid_m = 1000.0 * sources
     grid = (s.single_step_km, s.single_growth) if single else (s.multiple_step_km, s.multiple_growth)
     three = not single and grid[1] > 0.0
-    config.num_stokes = 3 if three else 1
+    config.num_stokes = 3 if three or s.polarisation else 1
     z = levels(medium, *grid)
     sun, elevation, azimuth = rays
     reference = 90.0 - 0.5 * (sun.min() + sun.max())
@@ -243,11 +275,13 @@ def _engine(
             )
         )
     atmosphere = sk.Atmosphere(geometry, config, wavelengths_nm=medium.wavelength_nm, calculate_derivatives=False)
-    extinction, albedo, moments = optics(medium, z, config.num_singlescatter_moments)
-    if three:
+    extinction, albedo, moments = optics(medium, z, config.num_singlescatter_moments, s.polarisation)
+    if three and not s.polarisation:
         scalar, moments = moments, np.zeros((4 * moments.shape[0], *moments.shape[1:]))
         moments[::4] = scalar
     atmosphere["air"] = sk.constituent.Manual(extinction, albedo, moments)
     atmosphere["ground"] = sk.constituent.LambertianSurface(medium.ground_albedo.copy(), medium.wavelength_nm.copy())
     answer = sk.Engine(config, geometry, viewing).calculate_radiance(atmosphere)
-    return answer["radiance"].values[:, : sun.size, 0].T
+    found = answer["radiance"].values[:, : sun.size, : 3 if s.polarisation else 1].transpose(1, 2, 0)
+    # its azimuths grow to the other side
+    return found * np.array([1.0, 1.0, -1.0])[: found.shape[1], None]

@@ -18,7 +18,7 @@ class Rays(NamedTuple):
 
     first (R + 1,): where the points of each ray start; place (P, 4), weight (P, W): as in `Line`
     ground_weight (R, W): transmittance to the ground, 0 for rays that miss it; ground_angle_rad (R,): geocentric angle
-    of its place from the start.
+    of its place from the start; ground_cosine (R,): of the ray's zenith angle there, below 0.
     passed (R, W): transmittance to the end of each ray, whatever it ends on.
     """
 
@@ -27,6 +27,7 @@ class Rays(NamedTuple):
     weight: np.ndarray
     ground_weight: np.ndarray
     ground_angle_rad: np.ndarray
+    ground_cosine: np.ndarray
     passed: np.ndarray
 
 
@@ -43,6 +44,7 @@ def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, b
         rays.place[at : at + n] = line.place[:n]
         rays.weight[at : at + n] = line.weight[:n]
         rays.ground_angle_rad[r] = line.end[0]
+        rays.ground_cosine[r] = line.end[1]
         for w in range(line.transmittance.size):
             rays.passed[r, w] = line.transmittance[w]
             rays.ground_weight[r, w] = line.transmittance[w] if status == GROUND else 0.0
@@ -68,9 +70,14 @@ def trace_rays(
 
     def trace(n_points: int, store: bool) -> Rays:
         rays = Rays(
-            first, np.empty((n_points, 4)), np.empty((n_points, n_w)), np.zeros((n_rays, n_w)), np.zeros(n_rays),
+            first,
+            np.empty((n_points, 4)),
+            np.empty((n_points, n_w)),
+            np.zeros((n_rays, n_w)),
+            np.zeros(n_rays),
+            np.zeros(n_rays),
             np.ones((n_rays, n_w)),
-        )  # fmt: skip
+        )
         in_slices(
             lambda begin, end: _trace(profile, altitude_km, cosine, far, fineness, pairs, store, rays, begin, end),
             n_rays,

@@ -17,6 +17,7 @@ from numba import njit
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.solvers.montecarlo.kernel import INNER
+from twilight.water import refractive_index
 
 LEVEL_TOLERANCE = 1e-4
 SHELL_TOLERANCE = 2e-4
@@ -48,6 +49,7 @@ class Air(NamedTuple):
         lowest shell of a layer.
     sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant stand-ins for the phase functions, to draw from.
     smooth (W, C, N_SMOOTH): phase functions blurred by SMOOTHING_RAD, over the cosine.
+    water_index (W,), water_slope: refractive index and mean square slope of a water surface; slope 0: there is none.
     """
 
     level_km: np.ndarray
@@ -74,6 +76,8 @@ class Air(NamedTuple):
     sample_density: np.ndarray
     smooth: np.ndarray
     ground_albedo: np.ndarray
+    water_index: np.ndarray
+    water_slope: float
     isotropic_events: bool
     earth_radius_km: float
 
@@ -129,6 +133,8 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         density,
         _smooth_tables(medium),
         arrays.ground_albedo,
+        np.ascontiguousarray(refractive_index(medium.wavelength_nm)),
+        float(medium.water_mean_square_slope),
         forward_moment == 1,
         float(medium.earth_radius_km),
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
+from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import LEG_PIECES, LENGTH, PLAIN, START, Cuts, Sun, new_leg, trace
 from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, altitude_at
@@ -177,13 +178,14 @@ def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, firs
                         kernel[node, column] += mean * weight * share_of_node
                         if i == 0:
                             kernel[n_nodes + j, column] += down * weight * share_of_node
-            if found.ground >= 0.0 and air.ground_albedo[w] > 0.0:
+            share_of_ground = ground_share(air, w, max(0.0, -up))
+            if found.ground >= 0.0 and share_of_ground > 0.0:
                 s = found.ground
                 cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (
                     air.earth_radius_km + altitude_km[0]
                 )
                 ja, ga = sun_index(steering.cos_sun, steering.hint, min(1.0, max(-1.0, cos_sun)))
-                reflected = mean * found.transmittance * air.ground_albedo[w] / math.pi
+                reflected = mean * found.transmittance * share_of_ground / math.pi
                 kernel[node, n_nodes + ja] += reflected * (1.0 - ga)
                 kernel[node, n_nodes + ja + 1] += reflected * ga
 

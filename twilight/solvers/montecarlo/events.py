@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, N_SMOOTH, SPECIES, interpolate, locate
+from twilight.solvers.montecarlo.ground import draw_ground, ground_density, ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import DEPTH, FIRST, LAST, LENGTH, PLAIN, START, STEERED, depth_inside
 from twilight.solvers.montecarlo.matrix import (
@@ -282,7 +283,7 @@ def draw_direction(air, steering, w, event, horizon, from_table, total, number, 
             trial[m] = cos_psi * frame[0, m] + sin_psi * frame[1, m] + up * frame[2, m]
         return cell
     if event[ON_GROUND] > 0.0:
-        turn(frame[2, 0], frame[2, 1], frame[2, 2], math.sqrt(a), 2.0 * math.pi * b, trial)
+        draw_ground(air, frame, event[HEADING:ACROSS], a, b, stream, trial)
     else:
         cosine = draw_cosine(air, w, int(event[LEVEL]), event[FRACTION], a, stream)
         turn(event[HEADING], event[HEADING + 1], event[HEADING + 2], cosine, 2.0 * math.pi * b, trial)
@@ -297,7 +298,7 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
     """Draw the next leg's direction into work.new; returns (p / probability density, light expected from there).
 
     Candidates have the density table_fraction x (tabulated light x blurred phase function) + the rest x (phase
-    function, or the cosine law on the ground).  Of n_candidates one is taken in proportion to g / density, where g is
+    function, or `draw_ground`).  Of n_candidates one is taken in proportion to g / density, where g is
     the exact phase function x (interpolated light + a share of its mean), times what the path's matrix makes of
     unpolarised light from there, and counts mean(g / density) / g instead of 1 / density (importance resampling,
     Talbot, Cline & Egbert 2005): unbiased whatever the tables say.
@@ -311,7 +312,9 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
     z = event[ALTITUDE]
     d = event[HEADING:ACROSS]
     e = event[ACROSS:MATRIX]
-    vector = polarised and not on_ground
+    water = air.water_slope > 0.0
+    mu_out = -(frame[2, 0] * d[0] + frame[2, 1] * d[1] + frame[2, 2] * d[2])
+    vector = polarised and (not on_ground or water)
     horizon = horizon_sine(steering, z)
     total = 0.0
     floor = 1.0
@@ -342,18 +345,22 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
                 share -= work.cumulative[cell - 1]
             density = from_table * share / total / cell_solid_angle(steering, horizon, cell)
         favour = 1.0
+        cosine = min(1.0, max(-1.0, d[0] * trial[0] + d[1] * trial[1] + d[2] * trial[2]))
+        p12 = 0.0
         if on_ground:
             up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
-            p = max(0.0, up) / math.pi
-            density += (1.0 - from_table) * p
+            q = ground_density(air, up, mu_out, cosine)
+            # a Lambertian ground's albedo is in the weight already
+            p = q
+            if water:
+                p, p12, _, _ = ground_matrix(air, w, up, mu_out, cosine)
         else:
-            cosine = min(1.0, max(-1.0, d[0] * trial[0] + d[1] * trial[1] + d[2] * trial[2]))
             p, q, p12 = mixed_phase(air, w, i, f, cosine)
-            density += (1.0 - from_table) * q
-            if vector and p > 0.0:
-                along, across = components(e, d, trial[0], trial[1], trial[2])
-                c2, s2 = double_angle(along, across)
-                favour = max(LEAST_VECTOR, 1.0 + (event[MATRIX + 1] * c2 + event[MATRIX + 2] * s2) * p12 / p)
+        density += (1.0 - from_table) * q
+        if vector and p > 0.0:
+            along, across = components(e, d, trial[0], trial[1], trial[2])
+            c2, s2 = double_angle(along, across)
+            favour = max(LEAST_VECTOR, 1.0 + (event[MATRIX + 1] * c2 + event[MATRIX + 2] * s2) * p12 / p)
         if p <= 0.0 or density <= 0.0:
             continue
         if n_candidates == 1:
@@ -389,11 +396,21 @@ def begin_leg(air, w, event, polarised, work):
     e = event[ACROSS:MATRIX]
     direction = new[3:6]
     next_reference(d, e, direction, new[6:9])
-    if not polarised or event[ON_GROUND] > 0.0:
+    on_ground = event[ON_GROUND] > 0.0
+    if not polarised or (on_ground and air.water_slope <= 0.0):
         depolarise(work.matrix, event[MATRIX:WEIGHT])
         return 1.0
     cosine = min(1.0, max(-1.0, d[0] * direction[0] + d[1] * direction[1] + d[2] * direction[2]))
-    m12, m22, m33 = mixed_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
+    if on_ground:
+        up = work.frame[2]
+        mu_in = up[0] * direction[0] + up[1] * direction[1] + up[2] * direction[2]
+        mu_out = -(up[0] * d[0] + up[1] * d[1] + up[2] * d[2])
+        p11, m12, m22, m33 = ground_matrix(air, w, mu_in, mu_out, cosine)
+        if p11 <= 0.0:
+            return 0.0
+        m12, m22, m33 = m12 / p11, m22 / p11, m33 / p11
+    else:
+        m12, m22, m33 = mixed_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
     a, b = components(e, d, direction[0], direction[1], direction[2])
     cos_2phi, sin_2phi = double_angle(a, b)
     return scatter(event[MATRIX:WEIGHT], cos_2phi, sin_2phi, m12, m22, m33, work.matrix)

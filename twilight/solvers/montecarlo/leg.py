@@ -32,6 +32,7 @@ from twilight.solvers.montecarlo.air import (
     locate_level,
     weighted_depth,
 )
+from twilight.solvers.montecarlo.ground import ground_matrix, ground_share
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.lines import (
     CHORD_COLUMNS,
@@ -105,10 +106,10 @@ class Leg(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a leg brings: the number of its pieces, or -1 if there was no room; its last chord; I, Q, U of sunlight
-    scattered once in the air [sr^-1]; sunlight from the ground [sr^-1]; distance to the ground from the start of the
-    last chord [km], or -1; transmittance of the whole leg; and the coarse field's estimate of the light scattered again
-    at the ground [sr^-1]."""
+    """What a leg brings: the number of its pieces, or -1 if there was no room; its last chord; I of sunlight scattered
+    once in the air, Q and U of that and of the ground's [sr^-1]; I of the ground's; distance to the ground from the
+    start of the last chord [km], or -1; transmittance of the whole leg; and the coarse field's estimate of the light
+    scattered again at the ground [sr^-1]."""
 
     pieces: int
     chord: int
@@ -227,13 +228,26 @@ def sunlight(air, beam, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
 
 
 @njit(**INNER)
-def ground_sunlight(air, beam, w, mu_sun):
-    """Sunlight on the ground: irradiance / F0 on the horizontal."""
+def ground_sunlight(air, beam, w, x, y, z, mu_sun, chord, to_sun, polarised):
+    """(I, Q, U) [sr^-1] of sunlight that the ground at a point (x, y, z) [km] sends back along a chord (9,).
+
+    mu_sun: cosine of the true sun's zenith angle there.
+    """
     irradiance, bending = beam_at_one(beam, air.shell_km[0], mu_sun, w)
     if irradiance <= 0.0:
-        return 0.0
-    apparent = math.acos(min(1.0, max(-1.0, mu_sun))) - bending
-    return irradiance * max(0.0, math.cos(apparent))
+        return 0.0, 0.0, 0.0
+    d = chord[DIRECTION:REFERENCE]
+    sx, sy, sz = lifted_sun(x, y, z, to_sun, mu_sun, bending)
+    r = math.sqrt(x * x + y * y + z * z)
+    # the sun stands higher by its bending
+    mu_in = math.cos(math.acos(min(1.0, max(-1.0, mu_sun))) - bending)
+    mu_out = -(x * d[0] + y * d[1] + z * d[2]) / r
+    p11, p12, _, _ = ground_matrix(air, w, mu_in, mu_out, d[0] * sx + d[1] * sy + d[2] * sz)
+    if not polarised or p12 == 0.0:
+        return irradiance * p11, 0.0, 0.0
+    a, b = components(chord[REFERENCE:CHORD_COLUMNS], d, sx, sy, sz)
+    cos_2phi, sin_2phi = double_angle(a, b)
+    return irradiance * p11, irradiance * p12 * cos_2phi, irradiance * p12 * sin_2phi
 
 
 @njit(**INNER)
@@ -260,18 +274,27 @@ def fill_phases(air, w, ray, to_sun, polarised, phases):
 
 
 @njit(**INNER)
-def land(air, sun, steering, w, chord, distance, factor, n, last_chord, to_sun, sun_i, sun_q, sun_u):
-    """`Found` for a leg that meets the ground at a distance [km] of a chord (9,), `factor` being its transmittance."""
-    mu_sun = 0.0
-    for m in range(3):
-        mu_sun += (chord[ORIGIN + m] + distance * chord[DIRECTION + m]) * to_sun[m]
-    mu_sun = min(1.0, max(-1.0, mu_sun / (air.earth_radius_km + air.shell_km[0])))
-    reflected = factor * air.ground_albedo[w] / math.pi
+def land(air, sun, steering, w, chord, distance, factor, n, last_chord, to_sun, polarised, light):
+    """`Found` for a leg that meets the ground at a distance [km] of a chord (9,), `factor` being its transmittance.
+
+    light: I, Q, U of sunlight scattered on the way [sr^-1].
+    """
+    sun_i, sun_q, sun_u = light
+    x = chord[ORIGIN] + distance * chord[DIRECTION]
+    y = chord[ORIGIN + 1] + distance * chord[DIRECTION + 1]
+    z = chord[ORIGIN + 2] + distance * chord[DIRECTION + 2]
+    radius = air.earth_radius_km + air.shell_km[0]
+    mu_sun = min(1.0, max(-1.0, (x * to_sun[0] + y * to_sun[1] + z * to_sun[2]) / radius))
+    down = -(x * chord[DIRECTION] + y * chord[DIRECTION + 1] + z * chord[DIRECTION + 2]) / radius
+    share = factor * ground_share(air, w, down)
     direct = 0.0
     diffuse = 0.0
-    if reflected > 0.0:
-        direct = reflected * ground_sunlight(air, sun.beam, w, mu_sun)
-        diffuse = reflected * math.exp(log_ground_light(steering, w, mu_sun))
+    if share > 0.0:
+        of_i, of_q, of_u = ground_sunlight(air, sun.beam, w, x, y, z, mu_sun, chord, to_sun, polarised)
+        direct = factor * of_i
+        sun_q += factor * of_q
+        sun_u += factor * of_u
+        diffuse = share / math.pi * math.exp(log_ground_light(steering, w, mu_sun))
     return Found(n, last_chord, sun_i, sun_q, sun_u, direct, distance, factor, diffuse)
 
 
@@ -500,7 +523,8 @@ def trace(air, sun, steering, w, ray, to_sun, cuts, stream, leg):
                 factor = math.exp(-depth)
                 if cuts.bent:
                     factor *= relative_index(refractivity, 0, 0.0, at_start)
-                return land(air, sun, steering, w, row, s, factor, n, n_chords, to_sun, sun_i, sun_q, sun_u)
+                light = (sun_i, sun_q, sun_u)
+                return land(air, sun, steering, w, row, s, factor, n, n_chords, to_sun, cuts.polarised, light)
             if k >= n_shells:
                 return Found(n, n_chords, sun_i, sun_q, sun_u, 0.0, -1.0, math.exp(-depth), 0.0)
         n_chords += 1

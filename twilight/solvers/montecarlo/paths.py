@@ -4,7 +4,8 @@ The Stokes vector that the observer sees is a sum over paths.  After n events, a
 
     A_n = L(phi_1) P(Theta_1) L(phi_2) P(Theta_2) ... L(phi_n) P(Theta_n)
 
-(L: rotation into the plane of an event, P: phase matrix over P11; a Lambertian ground keeps the first column alone).
+(L: rotation into the plane of an event, P: phase matrix over P11; a Lambertian ground keeps the first column alone,
+water has Fresnel's matrix).
 The path picks up A_n (I, Q, U) of the sunlight scattered along its next leg, times a weight that holds transmittance,
 scattering and P11 over the probability of every choice made so far.  Directions are drawn by P11 and what the first row
 of A makes of it, and A is kept with 1 in its corner, the corner going into the weight.
@@ -41,6 +42,7 @@ from twilight.solvers.montecarlo.events import (
     local_frame,
     new_work,
 )
+from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import CHORD, LEG_CHORDS, LEG_PIECES, STEERED, Cuts, Found, Leg, new_leg, trace
 from twilight.solvers.montecarlo.lines import (
@@ -152,6 +154,17 @@ def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_su
 
 
 @njit(**INNER)
+def descent(chord, s):
+    """Sine of the angle by which a chord (9,) points below the horizontal at its distance s [km]."""
+    up = square = 0.0
+    for m in range(3):
+        x = chord[ORIGIN + m] + s * chord[DIRECTION + m]
+        up += x * chord[DIRECTION + m]
+        square += x * x
+    return -up / math.sqrt(square)
+
+
+@njit(**INNER)
 def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies, order, stack, size, stream):
     """Draw `copies` stratified events on a leg and put them on the stack.
 
@@ -161,7 +174,10 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
     The numbers of the copies are a shifted lattice (Roberts' sequence in three dimensions), each uniform by itself, so
     that copies do not crowd.
     """
-    ground_plain = found.transmittance * air.ground_albedo[w] if found.ground >= 0.0 else 0.0
+    ground_plain = 0.0
+    if found.ground >= 0.0:
+        chord = leg.chords[found.chord]
+        ground_plain = found.transmittance * ground_share(air, w, descent(chord, found.ground))
     shift_1 = uniform(stream)
     shift_2 = uniform(stream)
     shift_3 = uniform(stream)
@@ -180,7 +196,8 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
             known += weight * found.steered_ground / probability
             chord = leg.chords[found.chord]
             s = found.ground
-            value = ground_plain
+            # water's matrix says how much is reflected, a Lambertian ground sends on its share
+            value = found.transmittance if air.water_slope > 0.0 else ground_plain
             event[ALTITUDE] = air.shell_km[0]
             event[LEVEL] = 0.0
             event[FRACTION] = 0.0

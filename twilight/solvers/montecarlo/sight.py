@@ -270,7 +270,8 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
                 factor = math.exp(-depth)
                 if cuts.bent:
                     factor *= relative_index(air.refractivity[w], 0, 0.0, at_observer)
-                return land(air, sun, steering, w, row, s, factor, n, n_chords, to_sun, light_i, light_q, light_u)
+                light = (light_i, light_q, light_u)
+                return land(air, sun, steering, w, row, s, factor, n, n_chords, to_sun, cuts.polarised, light)
             if k >= n_shells:
                 return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, math.exp(-depth), 0.0)
         n_chords += 1

@@ -11,6 +11,7 @@ CAPABILITIES = Capabilities(
     every_sun=True,
     every_observer=True,
     stokes=True,
+    water=True,
     target_error=True,
     field_file=True,
 )

@@ -22,16 +22,18 @@ from twilight.solvers.zones.paths import (
     make_points,
     make_turning,
 )
-from twilight.solvers.zones.polarised import matrix_moments, rotated
+from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
+from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of, view_sunlit_water
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.bundle import species_share, trace_rays
 from twilight.transport.lines import ALTITUDE, ANGLE, with_refraction
+from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
 from twilight.transport.sunlit import Directions, Phases, scattered_once
@@ -198,10 +200,18 @@ class Field(BareField):
         longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
+        orders = min(self.settings.azimuth_directions, self.settings.late_azimuth_directions)
+        above = angles.cosine[0, angles.below :]
 
         def of(block: int) -> Passes:
             points = make_points(rays, scattering, n.fine_altitude_km, turning.step_rad, angles.series, block)
-            return Passes(n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block)
+            water = None
+            if self.medium.has_water:
+                surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), block).astype(int))
+                water = reflection(above, orders, 3 if self.settings.polarisation else 1, *surface)
+            return Passes(
+                n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block, water
+            )
 
         return of
 
@@ -350,6 +360,14 @@ class Field(BareField):
             ),
             row_elevation.size,
         )  # fmt: skip
+        if self.medium.has_water:
+            surface = surface_of(self.medium, np.arange(self.medium.n_wavelengths))
+            in_slices(
+                lambda begin, end: view_sunlit_water(
+                    self.beam, rays, directions, surface, self.medium.bottom_km, out, begin, end
+                ),
+                row_elevation.size,
+            )
         return out
 
     def _widen_peak(self, peak, phase, cosine, rays, share, directions: Directions) -> None:
@@ -376,10 +394,11 @@ class Field(BareField):
         points = make_points(rays, self.scattering, n.fine_altitude_km, 1.0, series, block)
         out = np.zeros((directions.cos_azimuth.size, n_stokes, LANES))
         ground_weight = lanes_of(rays.ground_weight, block)
+        ground_place = place_of_cosine(-rays.ground_cosine)
         in_slices(
             lambda begin, end: view_multiple(
                 rays.first, rays.place, points, directions, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule,
-                series, ground_weight, rays.ground_angle_rad, out, begin, end,
+                series, ground_weight, rays.ground_angle_rad, ground_place, out, begin, end,
             ),
             directions.first.size - 1,
         )  # fmt: skip

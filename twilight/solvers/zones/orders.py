@@ -75,7 +75,7 @@ def solve_orders(
             total[:, :, kept] += order * rest[:, :, None]
             total_ground += ground * rest[0]
             open_lanes &= ~done
-            if events == SETTLED and max_events > FEW_EVENTS:
+            if events == SETTLED and max_events > FEW_EVENTS and early.water is None:
                 stiff = open_lanes & (_decay(mean, before) > STIFF_DECAY)
                 open_lanes &= ~stiff
     if stiff.any():
@@ -89,8 +89,7 @@ def solve_orders(
         events += steps
     nodes = early.nodes
     log_mean, relative = nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    log_ground = nodes.refine_zenith(np.log(np.maximum(total_ground, TINY)))
-    return Solution(log_mean, relative, log_ground, events + 1, float(residual.max()))
+    return Solution(log_mean, relative, *early.ground_light(total_ground), events + 1, float(residual.max()))
 
 
 def _stiff_lanes(early, late, early_events, lanes, sunlight, max_events, tolerance, progress):

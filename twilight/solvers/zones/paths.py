@@ -12,9 +12,10 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.grid import Series, even_harmonics
-from twilight.solvers.zones.polarised import MatrixMoments, patterns
+from twilight.solvers.zones.polarised import patterns
 from twilight.transport.bundle import Rays, species_share
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE
+from twilight.transport.matrix_moments import MatrixMoments
 
 LANES = 8
 """Wavelengths that the inner loops take at once: one vector register."""

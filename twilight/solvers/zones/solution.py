@@ -13,6 +13,7 @@ from twilight.solvers.zones.passes import Light, Refinement, moments_of, scatter
 from twilight.solvers.zones.paths import LANES, Points, Scattering, Turning, lanes_of
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.sunlight import Sunlight
+from twilight.solvers.zones.water import cells, place_of_cosine, reflected_sky, surface_of
 from twilight.threads import in_slices
 from twilight.transport.bundle import Rays
 from twilight.transport.lines import ALTITUDE
@@ -83,7 +84,7 @@ def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarra
 class Solution:
     """Light scattered at least once, all orders, for one block of wavelengths.
 
-    log_mean, ratio, log_ground: as in `Light`
+    log_mean, ratio, log_ground, waves: as in `Light`
     events: scattering events, or steps towards all of them; residual: largest change of the light at a node that the
     last one made to the sum with its estimated rest
     """
@@ -91,12 +92,13 @@ class Solution:
     log_mean: np.ndarray
     ratio: np.ndarray
     log_ground: np.ndarray
+    waves: np.ndarray
     events: int
     residual: float
 
     @property
     def light(self) -> Light:
-        return Light(self.log_mean, self.ratio, self.log_ground)
+        return Light(self.log_mean, self.ratio, self.log_ground, self.waves)
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class Passes:
     """All that the orders of one block share.
 
     medium: before scaling, with its ground; scattering: of the scaled medium; forward_share (K, W): what scaling took
-    from each aerosol's phase function
+    from each aerosol's phase function; water: how it reflects the sky, of `reflection` for every lane; None for land
     """
 
     nodes: Nodes
@@ -116,6 +118,7 @@ class Passes:
     scattering: Scattering
     forward_share: np.ndarray
     block: int
+    water: np.ndarray | None = None
 
     @property
     def polarised(self) -> bool:
@@ -158,11 +161,13 @@ class Passes:
         )
         scattered = self._scattered()
         factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
+        surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
         ground_weight, ground_angle = self.ground()
+        of_rays = cells(self.rays.ground_cosine, self.angles.cosine.shape[1])
         in_slices(
             lambda begin, end: scatter_sunlight(
                 self.rays.first, self.points, self.turning.place, beams, scattered, ground_weight, ground_angle,
-                factor, self.angles.cosine.shape[1], out, begin, end,
+                of_rays, factor, surface, self.angles.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
@@ -190,24 +195,28 @@ class Passes:
         return Scattered(p11, p12, ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32), turn)
 
     def next(self, mean: np.ndarray, moments: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Stokes parameters of the next order from the mean (Z, T, 8), the moments and the ground (T, 8) of the one
-        before."""
+        """Stokes parameters of the next order from the mean (Z, T, 8), the moments and the ground, as of `analyse`, of
+        the one before."""
         out = self._empty()
         n = self.nodes
-        light = Light(*n.refine_altitude(*normalised(mean, moments)), n.refine_zenith(np.log(np.maximum(ground, TINY))))
+        light = Light(*n.refine_altitude(*normalised(mean, moments)), *self.ground_light(ground))
         ground_weight, ground_angle = self.ground()
+        ground_place = place_of_cosine(-self.rays.ground_cosine)
         series = self.angles.series
         in_slices(
             lambda begin, end: scatter(
                 self.rays.first, self.points, self.turning.place, light, n.zenith_rule, series, ground_weight,
-                ground_angle, self.angles.cosine.shape[1], out, begin, end,
+                ground_angle, ground_place, self.angles.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
         return out
 
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(mean (Z, T, 8), moments (Z, T, C + 2 C', 8), radiance of the lit ground (T, 8)) of light at the nodes."""
+        """(mean (Z, T, 8), moments (Z, T, C + 2 C', 8), radiance of the lit ground (T, 8)) of light at the nodes.
+
+        Water has a ground (1 + waves, T, 8): the light that falls on it, over pi, and what `reflected_sky` makes of it.
+        """
         a = self.angles
         moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, LANES), np.float32)
         analysis, of_patterns = a.analysis.astype(np.float32), a.pattern_analysis.astype(np.float32)
@@ -216,7 +225,23 @@ class Passes:
         )
         mean = moments[:, :, 0]
         lit = np.einsum("m,mtfw->tw", self.ground_share() / a.azimuth.size, radiance[0, :, :, :, 0])
-        return mean, moments, lit * lanes_of(self.medium.ground_albedo, self.block)
+        albedo = lanes_of(self.medium.ground_albedo, self.block)
+        if self.water is None:
+            return mean, moments, lit * albedo
+        waves = reflected_sky(self.water, radiance[0, a.below :], a.azimuth)
+        waves[:, 0, 0] += lit * albedo
+        return mean, moments, np.concatenate([lit[None], waves.reshape(-1, *lit.shape)]).astype(np.float32)
+
+    def ground_light(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(log_ground, waves) of `Light` from the ground of `analyse`."""
+        if self.water is None:
+            return self.nodes.refine_zenith(np.log(np.maximum(ground, TINY))), np.zeros((0, 0, 0, 0, 0), np.float32)
+        lit = np.maximum(ground[0], TINY)
+        waves = np.where(ground[0] > TINY, ground[1:] / lit, 0.0)
+        _, orders, n_cosines, n_stokes = self.water.shape[:4]
+        fine = self.nodes.refine_zenith(waves.transpose(1, 0, 2))
+        shape = (fine.shape[0], n_cosines, n_stokes, orders, LANES)
+        return self.nodes.refine_zenith(np.log(lit)), np.ascontiguousarray(fine.reshape(shape))
 
     def conserving(self) -> Passes:
         """The same with directions that keep the energy of light that is nearly the same all around."""

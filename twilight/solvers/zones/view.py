@@ -9,6 +9,7 @@ from numba import njit
 
 from twilight.solvers.zones.passes import LEAST, ONE, TWO, ZERO, add_waves, slab
 from twilight.solvers.zones.paths import LANES
+from twilight.solvers.zones.water import add_amplitudes
 from twilight.transport.lines import ANGLE
 
 REFERENCE_TURN_RAD = math.radians(0.5)
@@ -25,12 +26,13 @@ def fine_interval(fine, angle, low, high):
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def view_multiple(
-    rays_first, place, point, directions, fine, zenith_nodes, light, rule, series, ground_weight, ground_angle, out,
-    begin, end,
+    rays_first, place, point, directions, fine, zenith_nodes, light, rule, series, ground_weight, ground_angle,
+    ground_place, out, begin, end,
 ):  # fmt: skip
     """Light scattered at least twice, out (D, Stokes, LANES), for rays begin..end; U as to the right of the sun.
 
     rays_first (R + 1,), place (P, 4), ground_weight (R, LANES), ground_angle (R,) [rad]: of the rays, as in `Rays`
+    ground_place (R,): place of their cosines on the ground among those of water
     point: `Points`; directions: `Directions`; light: `Light`; rule: `Refinement`; series: `Series`
     fine (T',), zenith_nodes (T,): solar zenith angles [rad] of the field.  The Stokes axis has 1 or 3 entries.
     """
@@ -84,6 +86,10 @@ def view_multiple(
             for d in range(directions.first[r], directions.first[r + 1]):
                 angle = math.acos(min(1.0, max(-1.0, cp * ct + sp * st * directions.cos_azimuth[d])))
                 j, b1 = fine_interval(fine, angle, 0, fine.size - 2)
+                if light.waves.shape[0] > 0:
+                    c = (-sp * ct + cp * st * directions.cos_azimuth[d]) / max(math.sin(angle), 1e-9)
+                    add_amplitudes(light.log_ground, light.waves, j, b1, ground_place[r], c, ground_weight[r], out[d])
+                    continue
                 for w in range(LANES):
                     out[d, 0, w] += ground_weight[r, w] * math.exp(
                         (ONE - b1) * light.log_ground[j, w] + b1 * light.log_ground[j + 1, w]

@@ -1,0 +1,76 @@
+"""A headless browser with software WebGL 2 for tests of pages, served from loopback."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+NAMES = ("chromium-headless-shell", "chromium", "google-chrome")
+OPTIONS = (
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+
+
+class _Silent(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@contextmanager
+def open_page(path: Path, width: int = 320, height: int = 180, **options: Any) -> Iterator[tuple[Any, list[str]]]:
+    """A page of playwright's that has loaded `path`, and a list that errors of the console come into."""
+    sync = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+    program = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if program is None:
+        pytest.skip("needs a browser: apt-get install chromium-headless-shell")
+    handler = functools.partial(_Silent, directory=str(path.parent))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    errors: list[str] = []
+    try:
+        with sync.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=program, args=list(OPTIONS))
+            page = browser.new_page(viewport={"width": width, "height": height}, **options)
+            page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.goto(f"http://127.0.0.1:{server.server_port}/{path.name}")
+            page.wait_for_function("window.twilight || document.querySelector('#message').innerText.includes('cannot')")
+            yield page, errors
+            browser.close()
+    finally:
+        server.shutdown()
+
+
+def light_of(page: Any, state: dict[str, Any]) -> np.ndarray:
+    """X, Y, Z and scotopic luminance (height, width, 4) of the picture in a state, the lowest row first."""
+    made = page.evaluate(
+        """state => {
+          twilight.set(state);
+          twilight.draw();
+          const p = twilight.light(), bytes = new Uint8Array(p.values.buffer);
+          let text = "";
+          for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+          return { width: p.width, height: p.height, text: btoa(text) };
+        }""",
+        state,
+    )
+    import base64
+
+    values = np.frombuffer(base64.b64decode(made["text"]), "<f4")
+    return values.reshape(made["height"], made["width"], 4)

@@ -1,0 +1,347 @@
+"""`twilight view`: pages in a headless browser, their pixels against the field, and what every control does."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from airs import as_sky, turbid
+from browser import light_of, open_page
+from typer.testing import CliRunner
+
+import twilight
+from twilight.cli.app import app
+from twilight.engine import Problem
+from twilight.errors import TwilightError
+from twilight.night import NightLevels, Place, night_radiance
+from twilight.solvers.base import BareField, Capabilities
+from twilight.sun.ephemeris import parse_time, sun_position
+from twilight.views import view_directions
+from twilight.window import view_field, view_fields, view_sky
+from twilight.window.colours import Channels
+from twilight.window.tables import Sizes
+
+NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
+COARSE = Sizes(suns=33, sky=17, ground=5, azimuths=13)
+BARE = {"disc": False, "night": False, "stars": False, "path": False}
+UP_DEG = 4.0
+"""Pixels of all-sky pictures this far above the horizon have none of the ground."""
+ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
+
+
+@dataclass
+class Closed(BareField):
+    """A sky in closed form that is bluer upwards, brighter towards the sun and gone at -17 deg."""
+
+    medium: object
+    level: float = 1.0
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
+        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
+        level = self.level * math.exp(2.0 * min(sun_elevation_deg, 0.0) ** 3 / (100.0 + sun_elevation_deg**2))
+        colour = (NM / 550.0) ** (-1.0 - 2.0 * np.sin(e)[..., None] ** 2)
+        return level * (1.0 + 0.02 * observer_altitude_km) * shape[..., None] * colour
+
+
+def closed(name="closed", level=1.0):
+    medium = turbid(wavelength_nm=NM)
+    solver = SimpleNamespace(
+        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
+        QUALITIES={},
+        prepare=lambda medium, settings, **options: Closed(medium, level),
+    )
+    return Problem(medium, solver, SimpleNamespace(refraction=False), 0.0, title=name).solve()
+
+
+@pytest.fixture(scope="module")
+def field():
+    return closed()
+
+
+@pytest.fixture(scope="module")
+def pages(field, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages")
+    two = view_fields(
+        [field, closed("other", 2.0)], names=["one", "other"], altitudes_km=[0.0, 5.0, 60.0], sizes=COARSE
+    )
+    return SimpleNamespace(
+        one=view_field(field, sizes=COARSE, names=["closed"], scenes=["continental-average"]).save(folder / "one.html"),
+        two=two.save(folder / "two.html"),
+        sky=view_sky(as_sky(Closed(field.medium), -4.0, 5.0)).save(folder / "sky.html"),
+    )
+
+
+def test_pixels_are_the_field(field, pages):
+    elevation, azimuth = view_directions("fisheye", 64)
+    keep = np.isfinite(elevation) & (elevation > UP_DEG)
+    channels = Channels(NM)
+    with open_page(pages.one, 64, 64) as (page, errors):
+        for sun in (50.0, 3.3, -1.7, -7.1, -15.2):
+            found = light_of(page, {**BARE, **ALL_SKY, "sun": sun})[::-1][keep]
+            exact = channels.of(field.radiance(sun, elevation[keep], azimuth[keep]))
+            assert np.percentile(np.abs(found / exact - 1.0), 95) < 0.01
+        # towards the ground, which no table of the sky reaches, and up to the horizon from both sides
+        e, a = view_directions("perspective", 64, 36, elevation_deg=-20.0, azimuth_deg=30.0, field_of_view_deg=60.0)
+        page.set_viewport_size({"width": 64, "height": 36})
+        state = {**BARE, "projection": "perspective", "fov": 60, "elevation": -20, "azimuth": 30, "sun": 20.0}
+        found = light_of(page, state)[::-1]
+        exact = channels.of(field.radiance(20.0, e, a))
+        away = np.abs(e) > 1.0
+        assert np.percentile(np.abs(found[away] / exact[away] - 1.0), 95) < 0.02
+        assert errors == []
+
+
+def test_projections_are_those_of_twilight(field, pages):
+    """Each pixel sees where `views` says: the closed sky tells directions apart."""
+    channels = Channels(NM)
+    cases = [
+        ("perspective", 120, 60, {"field_of_view_deg": 80.0, "azimuth_deg": 40.0, "elevation_deg": 35.0}),
+        ("fisheye", 64, 64, {"field_of_view_deg": 200.0, "azimuth_deg": 70.0, "elevation_deg": 80.0}),
+        ("latlong", 128, 64, {"azimuth_deg": 25.0}),
+    ]
+    with open_page(pages.one) as (page, errors):
+        for kind, width, height, pointing in cases:
+            page.set_viewport_size({"width": width, "height": height})
+            e, a = view_directions(kind, width, height, **pointing)
+            state = {
+                "projection": kind,
+                "fov": pointing.get("field_of_view_deg", 360.0),
+                "azimuth": pointing["azimuth_deg"],
+                "elevation": pointing.get("elevation_deg", 0.0),
+            }
+            found = light_of(page, {**BARE, **state, "sun": 10.0})[::-1]
+            keep = np.isfinite(e) & (e > UP_DEG)
+            exact = channels.of(field.radiance(10.0, e[keep], a[keep]))
+            assert np.percentile(np.abs(found[keep] / exact - 1.0), 95) < 0.01, kind
+        assert errors == []
+
+
+def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
+    at, latitude, longitude = "2026-08-12T23:40+02:00", 47.0, 11.0
+    state = {"mode": "clock", "date": "2026-08-12", "hours": 23 + 40 / 60, "zone": 2}
+    state |= {"latitude": latitude, "longitude": longitude, "path": False, "disc": False, "stars": False}
+    exact = sun_position(at, latitude, longitude)
+    elevation, azimuth = view_directions("fisheye", 48)
+    keep = np.isfinite(elevation) & (elevation > UP_DEG)
+    with open_page(pages.one, 48, 48) as (page, errors):
+        for when in ("1960-02-03T04:05+00:00", "2026-06-21T12:00+00:00", "2090-11-11T18:30+00:00"):
+            moment, hours = sun_position(when, -33.0, 151.0), int(when[11:13]) + int(when[14:16]) / 60
+            found = page.evaluate(f"twilight.sunAt(twilight.daysSince('{when[:10]}', {hours}, 0), -33, 151)")
+            turn = (found["azimuth"] - moment.azimuth_deg + 180.0) % 360.0 - 180.0
+            assert found["elevation"] == pytest.approx(moment.elevation_deg, abs=0.01)
+            assert abs(turn) * math.cos(math.radians(moment.elevation_deg)) < 0.01
+            assert found["distance"] == pytest.approx(moment.distance_au, abs=6e-5)
+        dark = light_of(page, {**state, **ALL_SKY, "night": False})[::-1][keep]
+        light = light_of(page, {**state, "night": True})[::-1][keep]
+        assert errors == []
+    rows = np.arange(1.0, 91.0)
+    columns = np.arange(0.0, 360.0, 5.0)
+    night = night_radiance(
+        field.medium,
+        rows,
+        columns,
+        NightLevels(),
+        sun_elevation_deg=exact.elevation_deg,
+        sun_azimuth_deg=exact.azimuth_deg,
+        place=Place(latitude, longitude, parse_time(at)),
+    )
+    channels = Channels(NM)
+    table = channels.of(night / channels.solar_irradiance)
+    i = np.rint(elevation[keep] - 1.0).astype(int)
+    j = np.rint(np.mod(azimuth[keep] - exact.azimuth_deg, 360.0) / 5.0).astype(int) % columns.size
+    off = (light - dark) / table[i, j] - 1.0
+    assert np.median(np.abs(off)) < 0.03 and abs(np.median(off)) < 0.02
+
+
+def test_every_control_does_what_it_says(pages):
+    with open_page(pages.two, 420, 600, accept_downloads=True) as (page, errors):
+        page.evaluate("document.getElementById('panel').hidden = false")
+
+        def state(key):
+            return page.evaluate(f"twilight.state[{json.dumps(key)}]")
+
+        def shown():
+            return page.evaluate("twilight.draw() ?? document.getElementById('sky').toDataURL()")
+
+        def slide(name, value):
+            page.evaluate(
+                "([name, value]) => { const c = document.getElementById(name); c.value = value;"
+                " c.dispatchEvent(new Event('input')); }",
+                [name, value],
+            )
+
+        page.select_option("#exposure", "manual")
+        slide("ev", 14.0)
+        pictures = [shown()]
+
+        def changed():
+            pictures.append(shown())
+            return pictures[-1] != pictures[-2]
+
+        for name, value in (("sun", -5.0), ("fov", 1.3), ("altitude", 2.0), ("split", 0.2), ("ev", 10.0)):
+            slide(name, value)
+            assert changed(), name
+        assert state("fov") == pytest.approx(10**1.3, rel=1e-3) and state("altitude") == pytest.approx(4.0)
+        slide("sun", -10.0)  # dark enough for an eye to notice
+        for value in ("camera", "eye"):
+            page.select_option("#exposure", value)
+            assert state("exposure") == value and changed()
+        slide("bias", 2.0)
+        assert changed()
+        page.select_option("#exposure", "manual")
+        shown()
+        for value in ("fisheye", "latlong", "perspective"):
+            page.select_option("#projection", value)
+            assert changed(), value
+        slide("sun", -17.0)
+        slide("fov", 1.9)
+        slide("ev", -8.0)
+        shown()
+        for name in ("night", "stars"):
+            page.click(f"#{name}")
+            pictures.append(shown())
+            page.click(f"#{name}")
+            assert changed(), name
+        page.fill("#date", "2026-09-20")
+        assert changed()
+        page.select_option("#exposure", "camera")
+        page.select_option("#mode", "clock")
+        shown()
+        assert page.is_hidden("#sun") and page.is_visible("#latitude")
+        for name, value in (("latitude", "60"), ("longitude", "20"), ("zone", "2")):
+            page.fill(f"#{name}", value)
+            assert changed() and state(name) == float(value), (name, page.inner_text("#status"))
+        slide("hours", 17.5)
+        assert changed()
+        page.click("#run")
+        page.wait_for_function("twilight.state.hours > 17.5")
+        page.click("#run")
+        before = page.evaluate("document.getElementById('overlay').toDataURL()")
+        page.click("#path")
+        page.evaluate("twilight.draw()")
+        assert page.evaluate("document.getElementById('overlay').toDataURL()") != before
+        page.click("#to-sun")
+        assert state("azimuth") == pytest.approx(page.evaluate("twilight.theSun().azimuth"))
+        slide("hours", 12.0)
+        page.click("#to-sun")
+        page.select_option("#exposure", "manual")
+        slide("ev", 17.0)
+        shown()
+        page.click("#disc")
+        assert changed()
+        page.click("#all")
+        assert (state("projection"), state("fov"), state("elevation")) == ("fisheye", 180, 90)
+        at = f"--at 2026-09-20T{page.evaluate('document.getElementById(`command`).textContent')}"
+        assert "2026-09-20T" in at and "--latitude 60 --longitude 20" in at and "twilight render" in at
+        with page.expect_download() as download:
+            page.click("#screenshot")
+        assert download.value.suggested_filename.endswith(".png")
+        page.focus("#sky")
+        page.keyboard.press("h")
+        assert page.is_hidden("#panel")
+        azimuth = state("azimuth")
+        page.keyboard.press("ArrowRight")
+        assert state("azimuth") != azimuth
+        hours = state("hours")
+        page.keyboard.press(".")
+        assert state("hours") == pytest.approx(hours + 1 / 60)
+        fov = state("fov")
+        page.keyboard.press("+")
+        assert state("fov") == pytest.approx(fov / 1.25)
+        elevation = state("elevation")
+        page.mouse.move(300, 300)
+        page.mouse.down()
+        page.mouse.move(300, 240, steps=3)
+        page.mouse.up()
+        assert state("elevation") != elevation
+        page.mouse.move(round(420 * state("split")), 300)
+        page.mouse.down()
+        page.mouse.move(210, 300, steps=2)
+        page.mouse.up()
+        assert state("split") == pytest.approx(0.5, abs=0.01)
+        page.mouse.click(300, 100)
+        page.wait_for_selector("#probe-text:not(:empty)")
+        assert "cd m" in page.inner_text("#probe-text")
+        assert errors == []
+
+
+def test_a_click_gives_the_light_of_the_field(field, pages):
+    with open_page(pages.one, 200, 200) as (page, errors):
+        page.evaluate("s => twilight.set(s)", {**BARE, **ALL_SKY, "sun": -6.0})
+        found = page.evaluate("twilight.at(40, 60)")
+        assert errors == []
+    factor = field.radiance(-6.0, found["elevation"], found["azimuth"])
+    channels = Channels(NM)
+    xyz = channels.of(factor)
+    assert found["luminance"] == pytest.approx(xyz[1], rel=0.02)
+    assert found["x"] == pytest.approx(xyz[0] / xyz[:3].sum(), abs=0.002)
+    assert found["magnitude"] == pytest.approx(-2.5 * math.log10(xyz[1] / 10.8e4), abs=0.02)
+    assert found["spectrum"] == pytest.approx(factor * channels.solar_irradiance, rel=0.05)
+
+
+def test_a_computed_sky_shows_itself(field, pages):
+    sky = as_sky(Closed(field.medium), -4.0, 5.0)
+    elevation, azimuth = view_directions("fisheye", 48)
+    keep = np.isfinite(elevation) & (elevation > UP_DEG)
+    with open_page(pages.sky, 48, 48) as (page, errors):
+        found = light_of(page, ALL_SKY)[::-1][keep]
+        assert page.is_hidden("#sun") and errors == []
+    exact = Channels(NM).of(field.radiance(-4.0, elevation[keep], azimuth[keep]))
+    assert np.percentile(np.abs(found / exact - 1.0), 95) < 0.01
+    shown = sky.view()._repr_html_()
+    assert shown.startswith("<iframe") and "srcdoc=" in shown
+
+
+def test_the_file_needs_no_network(pages):
+    text = pages.two.read_text(encoding="utf-8")
+    assert "http" not in text.replace("http-equiv", "") and "default-src 'none'" in text
+    assert pages.two.stat().st_size < 25e6
+
+
+def test_what_view_refuses(field, tmp_path):
+    run = CliRunner().invoke
+    cases = {
+        ("pure-air", "--output", "x.png"): "--output: x.png must end in .html",
+        ("pure-air", "--altitudes-km", "0,500"): "altitudes: 500 km is not allowed",
+        ("pure-air", "--altitudes-km", "3,1"): "must increase",
+        ("pure-air", "--set", "solver.name=montecarlo"): "has no sky for every sun and direction",
+        (str(tmp_path / "none.h5"),): "no such file",
+    }
+    for words, sentence in cases.items():
+        result = run(app, ["view", *words])
+        assert result.exit_code == 2 and sentence in result.stderr, words
+    with pytest.raises(TwilightError, match="shows 1 or 2 fields"):
+        view_fields([field] * 3)
+
+
+@pytest.mark.slow
+def test_nine_suns_of_a_climate(tmp_path):
+    """95 % of the pixels within 1 % of the field to -6 deg, 2 % to -12, 5 % to -18, in every channel."""
+    solved = twilight.solve("continental-average", quality="draft")
+    page_file = solved.view().save(tmp_path / "sky.html")
+    assert page_file.stat().st_size < 25e6
+    # the whole sky, and the horizon's last degrees below and around the sun and against it
+    views = [("fisheye", 64, 64, {}, ALL_SKY, UP_DEG)]
+    for azimuth in (0.0, 60.0, 180.0):
+        pointing = {"field_of_view_deg": 12.0, "azimuth_deg": azimuth, "elevation_deg": 3.0}
+        state = {"projection": "perspective", "fov": 12, "azimuth": azimuth, "elevation": 3}
+        views.append(("perspective", 32, 32, pointing, state, 0.4))
+    channels = Channels(solved.medium.wavelength_nm)
+    suns = ((60.3, 0.01), (20.2, 0.01), (5.1, 0.01), (0.3, 0.01), (-2.1, 0.01), (-5.9, 0.01), (-9.1, 0.02))
+    with open_page(page_file, 64, 64) as (page, errors):
+        for kind, width, height, pointing, state, lowest in views:
+            elevation, azimuth = view_directions(kind, width, height, **pointing)
+            keep = np.isfinite(elevation) & (elevation > lowest)
+            page.set_viewport_size({"width": width, "height": height})
+            for sun, limit in (*suns, (-11.9, 0.02), (-17.9, 0.05)):
+                found = light_of(page, {**BARE, **state, "sun": sun})[::-1][keep]
+                exact = channels.of(solved.radiance(sun, elevation[keep], azimuth[keep]))
+                off = np.percentile(np.abs(found / exact - 1.0), 95, axis=0).max()
+                print(f"{kind} {pointing.get('azimuth_deg', 0.0):g}, sun {sun}: {100 * off:.2f} %")
+                assert off < limit, (kind, pointing, sun)
+        assert errors == []

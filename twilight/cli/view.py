@@ -1,0 +1,121 @@
+"""`twilight view`: a sky in a browser, as one HTML file."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.options import file_stem, numbers, option, scene_names, settings_of
+from twilight.cli.terminal import progress_bar
+from twilight.errors import TwilightError
+
+
+def view(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE_OR_CONFIG_OR_FIELD",
+            help="Name or file of a climate or configuration, or a field.h5 that solver.field_file wrote.",
+            autocompletion=scene_names,
+        ),
+    ],
+    beside: Annotated[
+        str | None, typer.Option(metavar="SCENE", help="A second one, beyond a line that divides the picture.")
+    ] = None,
+    altitudes_km: Annotated[
+        str | None,
+        option("KM,...", "Altitudes of the observer above sea level, increasing; between them the page interpolates."),
+    ] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("FILE.html", "Without it, out/NAME.html.")] = None,
+) -> None:
+    """Write a sky that can be walked through: every sun and direction, in one HTML file that needs no network."""
+    if output is not None and output.suffix.lower() not in (".html", ".htm"):
+        raise TwilightError(f"--output: {output} must end in .html")
+    chosen, names = settings_of(settings)
+    if quality is not None:
+        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
+    altitudes = None if altitudes_km is None else numbers(altitudes_km, "--altitudes-km", 0.0, 40000.0)
+    scenes = [scene] if beside is None else [scene, beside]
+    found = [_scene(one, chosen, names) for one in scenes]
+    title = [
+        problem.title or problem.medium.name or file_stem(Path(one).stem, "sky")
+        for one, (problem, _) in zip(scenes, found, strict=True)
+    ]
+    path = output or Path("out") / f"{'-'.join(file_stem(name, 'sky') for name in title)}.html"
+
+    from twilight.io.whole import check_folder
+    from twilight.window import check_altitudes, view_fields
+
+    for name, (problem, _) in zip(title, found, strict=True):
+        check_altitudes(problem, altitudes, name)
+    check_folder(path.parent)
+    config = found[0][1]
+    with progress_bar() as bar:
+        from twilight.progress import part_of
+
+        solved = []
+        for k, (problem, _) in enumerate(found):
+            solved.append(problem.solve(part_of(bar, 0.4 * k / len(found), 0.4 / len(found), f"{title[k]}: field")))
+        page = view_fields(
+            solved,
+            names=title,
+            scenes=scenes,
+            altitudes_km=altitudes,
+            start={} if config is None else _start(config),
+            progress=part_of(bar, 0.4, 0.6, "tables"),
+            **({} if config is None else {"solar_spectrum": config.solar_spectrum}),
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    page.save(path)
+    print(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB, every sun from +90 to -18 deg; open it in a browser")
+
+
+def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
+    """The problem of a scene, and its configuration where it has one."""
+    from twilight.config import load_series
+    from twilight.engine import Problem, problem_of
+
+    if not scene.lower().endswith((".h5", ".hdf5")):
+        cases = load_series(scene, chosen, names)
+        if len(cases) > 1:
+            raise TwilightError(
+                f"{scene}: vary makes {len(cases)} scenes of it; a page shows one, or two with --beside"
+            )
+        return problem_of(cases[0].config), cases[0].config
+    if chosen:
+        raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")
+    from twilight.solvers import zones
+
+    field = zones.load(scene)
+    solver: Any = SimpleNamespace(
+        CAPABILITIES=zones.CAPABILITIES,
+        QUALITIES=zones.QUALITIES,
+        prepare=lambda medium, settings, **options: field,
+    )
+    return Problem(field.medium, solver, field.settings, field.medium.bottom_km, title=Path(scene).stem), None
+
+
+def _start(config: Any) -> dict[str, Any]:
+    """What the page shows first."""
+    from twilight.config.scene import SunElevation, SunElevations
+    from twilight.scene.suns import suns_of
+
+    start: dict[str, Any] = {"altitude": config.observer.altitude_km}
+    if config.output.exposure_ev100 is not None:
+        start |= {"exposure": "manual", "ev": config.output.exposure_ev100}
+    if "sun" not in config.model_fields_set:
+        return start
+    sun = next(suns_of(config))
+    if isinstance(config.sun, SunElevation | SunElevations):
+        return start | {"sun": sun.elevation_deg}
+    assert sun.time is not None
+    offset = (sun.time.utcoffset() or timedelta()).total_seconds() / 3600.0
+    hours = sun.time.hour + sun.time.minute / 60.0 + sun.time.second / 3600.0
+    place = {"latitude": config.sun.latitude_deg, "longitude": config.sun.longitude_deg}
+    return start | place | {"mode": "clock", "date": sun.time.date().isoformat(), "hours": hours, "zone": offset}

@@ -1,0 +1,69 @@
+"""The ground as an event: a Lambertian surface, or water (:mod:`twilight.water`) over the Lambertian light from below.
+
+Both directions of an event are those of `matrix`: the leg looks down along d, the next leg up along `new`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from twilight.solvers.montecarlo.kernel import INNER
+from twilight.solvers.montecarlo.random import uniform
+from twilight.water import facet_density, flat_reflectance, glitter
+
+FACETS = 0.7
+"""Share of directions after water that mirror at a facet drawn by its slope; the rest follows the cosine law."""
+
+
+@njit(**INNER)
+def ground_share(air, w, cosine):
+    """About the share of the light that the ground sends to a zenith angle of this cosine: steers, moves no mean."""
+    if air.water_slope > 0.0:
+        return min(1.0, air.ground_albedo[w] + flat_reflectance(cosine, air.water_index[w]))
+    return air.ground_albedo[w]
+
+
+@njit(**INNER)
+def ground_matrix(air, w, mu_in, mu_out, cosine):
+    """(P11, P12, P22, P33) [sr^-1] of the ground: light (I, Q, U) sent on over the irradiance normal to a beam.
+
+    mu_in, mu_out: cosines of the zenith angles of the light's origin and of the viewer; cosine: of the angle between d
+    and `new`.
+    """
+    if mu_in <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    diffuse = air.ground_albedo[w] * mu_in / math.pi
+    if air.water_slope <= 0.0:
+        return diffuse, 0.0, 0.0, 0.0
+    p11, p12, p33 = glitter(mu_in, mu_out, cosine, air.water_index[w], air.water_slope)
+    return diffuse + p11, p12, p11, p33
+
+
+@njit(**INNER)
+def ground_density(air, mu_in, mu_out, cosine):
+    """Density [sr^-1] of the directions that `draw_ground` draws."""
+    plain = max(0.0, mu_in) / math.pi
+    if air.water_slope <= 0.0:
+        return plain
+    return FACETS * facet_density(mu_in, mu_out, cosine, air.water_slope) + (1.0 - FACETS) * plain
+
+
+@njit(**INNER)
+def draw_ground(air, frame, d, a, b, stream, out):
+    """Draw a direction after the ground into out (3,); a, b in [0, 1) decide.  It may point below the horizon.
+
+    frame (3, 3): two horizontal unit vectors and the vertical; d (3,): of the leg that meets the ground.
+    """
+    facet = air.water_slope > 0.0 and uniform(stream) < FACETS
+    up = 1.0 / math.sqrt(1.0 - air.water_slope * math.log(1.0 - a)) if facet else math.sqrt(a)
+    level = math.sqrt(max(0.0, 1.0 - up * up))
+    x, y = level * math.cos(2.0 * math.pi * b), level * math.sin(2.0 * math.pi * b)
+    along = 0.0
+    for m in range(3):
+        out[m] = x * frame[0, m] + y * frame[1, m] + up * frame[2, m]
+        along += out[m] * d[m]
+    if facet:
+        for m in range(3):
+            out[m] = d[m] - 2.0 * along * out[m]

@@ -1,0 +1,286 @@
+"""A water surface under the field: what it makes of the sky's light and of sunlight (:mod:`twilight.water`).
+
+The surface looks the same from all sides, so that it keeps the order m of cos(m azimuth) in I and Q and of sin(m
+azimuth) in U: each order has a matrix of its own from the polar angles above the ground to those that one looks down
+in.  It is summed over slopes of facets, with light interpolated linearly in the cosine between polar angles.
+Sunlight is mirrored with exact angles wherever a ray ends on the water.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones.sunlight import N_ANGLE
+from twilight.transport.beam import beam_at
+from twilight.water import fresnel, glitter, hidden, refractive_index
+
+N_COSINES = 16
+"""Cosines of the zenith angle under which the reflected sky is tabulated, close together at the horizon."""
+N_SLOPES, N_TURNS = 12, 24
+"""Facets of the quadrature: sizes of the slope x its azimuths."""
+
+
+N_CELL = 5
+"""Points in each of two directions over which sunlight on the water is taken in the cell of a direction."""
+
+
+class Surface(NamedTuple):
+    """refractive_index (W,) and mean square slope slope2 of water, see :mod:`twilight.water`; slope2 is 0 for land."""
+
+    refractive_index: np.ndarray
+    slope2: float
+
+
+def cosines() -> np.ndarray:
+    """Cosines (N_COSINES,) of the table, increasing from about 0 to 1."""
+    return np.sinh(np.linspace(0.0, np.arcsinh(1.0 / 0.05), N_COSINES)) * 0.05 * (1.0 - 1e-3) + 1e-3
+
+
+def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray, slope2: float) -> np.ndarray:
+    """(W, orders, N_COSINES, S, P, S): amplitudes reflected of those that fall in.
+
+    cosine (P,): of the zenith angles that light falls in from, increasing from above 0
+    index (W,): refractive index of the water; orders from 0; S = n_stokes, 1 or 3
+    """
+    t, share = np.polynomial.laguerre.laggauss(N_SLOPES)
+    turn = 2.0 * np.pi * (np.arange(N_TURNS) + 0.5) / N_TURNS
+    slope = np.sqrt(slope2 * np.repeat(t, N_TURNS))
+    weight = np.repeat(share, N_TURNS) / N_TURNS
+    up = 1.0 / np.sqrt(1.0 + slope**2)
+    normal = np.stack([slope * np.cos(np.tile(turn, N_SLOPES)) * up, slope * np.sin(np.tile(turn, N_SLOPES)) * up, up])
+    out = np.zeros((index.size, orders, N_COSINES, n_stokes, cosine.size, n_stokes))
+    m = np.arange(orders)[:, None]
+    for k, mu in enumerate(cosines()):
+        sine = math.sqrt(1.0 - mu * mu)
+        look = np.array([sine, 0.0, -mu])
+        cos_i = -look @ normal
+        source = look[:, None] + 2.0 * cos_i * normal
+        seen = (cos_i > 1e-9) & (source[2] > 0.0)
+        if not seen.any():
+            continue
+        mu_in, cos_in = np.where(seen, source[2], 1.0), np.where(seen, cos_i, 1.0)
+        visible = 1.0 / (1.0 + hidden(mu, slope2) + np.array([hidden(x, slope2) for x in mu_in]))
+        factor = np.where(seen, weight * visible * cos_in / (mu * up), 0.0)
+        azimuth = np.arctan2(source[1], source[0])
+        place = np.clip(np.interp(mu_in, cosine, np.arange(cosine.size)), 0.0, cosine.size - 1.0)
+        low = np.minimum(place.astype(int), cosine.size - 2)
+        above = place - low
+        cos_m, sin_m = np.cos(m * azimuth), np.sin(m * azimuth)
+        c2, s2, c20, s20 = _rotations(look, source)
+        for w, n in enumerate(index):
+            rp, rs = np.array([fresnel(c, n) for c in cos_in]).T
+            p11, p12, p33 = 0.5 * (rp**2 + rs**2), 0.5 * (rp**2 - rs**2), rp * rs
+            one = np.ones_like(p11)
+            # into the plane of incidence, by Fresnel's matrix, and into the vertical plane of the look
+            rows = [[p11, p12 * c2, p12 * s2]] if n_stokes == 1 else _stokes(p11, p12, p33, c2, s2, c20, s20, one)
+            for a in range(n_stokes):
+                for b in range(n_stokes):
+                    odd = (a == 2) != (b == 2)
+                    # I and Q go with the cosine, U with the sine
+                    wave = cos_m if not odd else (sin_m if b == 2 else -sin_m)
+                    value = factor * rows[a][b] * wave
+                    for share_of, at in ((1.0 - above, low), (above, low + 1)):
+                        for order in range(orders):
+                            out[w, order, k, a, :, b] += np.bincount(
+                                at, weights=value[order] * share_of, minlength=cosine.size
+                            )
+    return out
+
+
+def _stokes(p11, p12, p33, c2, s2, c20, s20, one):
+    """Rows of the matrix on (I, Q, U) of the source's vertical plane to those of the look's."""
+    q = [p12 * one, p11 * c2, p11 * s2]
+    u = [0.0 * one, -p33 * s2, p33 * c2]
+    return [
+        [p11, p12 * c2, p12 * s2],
+        [c20 * x - s20 * y for x, y in zip(q, u, strict=True)],
+        [s20 * x + c20 * y for x, y in zip(q, u, strict=True)],
+    ]
+
+
+def _rotations(look: np.ndarray, source: np.ndarray):
+    """Cosine and sine of twice the angle from the vertical to the plane of both directions, at the source (N,), then at
+    the look; look (3,) at azimuth 0, source (3, N)."""
+    across = np.maximum(np.hypot(source[0], source[1]), 1e-12)
+    right = np.stack([-source[1] / across, source[0] / across, 0.0 * across])
+    upward = np.stack([-source[2] * source[0] / across, -source[2] * source[1] / across, across])
+    level = math.hypot(look[0], look[1])
+    if level < 1e-12:
+        right0, upward0 = np.array([0.0, 1.0, 0.0]), np.array([-look[2], 0.0, 0.0])
+    else:
+        right0 = np.array([-look[1] / level, look[0] / level, 0.0])
+        upward0 = np.array([-look[2] * look[0] / level, -look[2] * look[1] / level, level])
+    out = []
+    for a, b in ((look @ upward, look @ right), (upward0 @ source, right0 @ source)):
+        square = np.maximum(a * a + b * b, 1e-300)
+        out += [(a * a - b * b) / square, 2.0 * a * b / square]
+    return out
+
+
+def reflected_sky(table: np.ndarray, radiance: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Amplitudes (N_COSINES, S, orders, T, LANES) of the reflected light.
+
+    table: of `reflection`, a matrix for every lane; radiance (P, T, F, S', LANES) at its cosines and azimuths (F,), S'
+    being S or 1.
+    """
+    known = radiance.shape[3]
+    m = np.arange(table.shape[1])[:, None]
+    norm = np.where(m == 0, 1.0, 2.0) / azimuth.size
+    cos_m, sin_m = norm * np.cos(m * azimuth), norm * np.sin(m * azimuth)
+    parts = [np.einsum("mf,ptfw->mptw", sin_m if s == 2 else cos_m, radiance[..., s, :]) for s in range(known)]
+    return np.einsum("wmkapb,bmptw->kamtw", table[..., :known], np.stack(parts), optimize=True)
+
+
+def surface_of(medium: Medium, lanes: np.ndarray) -> Surface:
+    """Of a medium, at some of its wavelengths (N,)."""
+    return Surface(refractive_index(medium.wavelength_nm)[lanes], float(medium.water_mean_square_slope))
+
+
+def place_of_cosine(cosine: np.ndarray) -> np.ndarray:
+    """Place (R,) of cosines among those of the table."""
+    return np.interp(cosine, cosines(), np.arange(N_COSINES))
+
+
+@njit(cache=True, inline="always")
+def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
+    """Add the reflected sky to out (S, LANES); waves (T', N_COSINES, S', orders, LANES) of S' >= S parameters.
+
+    log_ground (T', LANES): as in `Light`; (j, b1): place among the zenith angles of the sun; place: among the cosines;
+    c: cosine of the azimuth from the sun.
+    """
+    k = min(int(place), waves.shape[1] - 2)
+    h1 = place - k
+    h0 = 1.0 - h1
+    b0 = 1.0 - b1
+    angle = math.acos(min(1.0, max(-1.0, c)))
+    for s in range(out.shape[0]):
+        for w in range(out.shape[1]):
+            total = 0.0
+            for m in range(waves.shape[3]):
+                near = h0 * waves[j, k, s, m, w] + h1 * waves[j, k + 1, s, m, w]
+                far = h0 * waves[j + 1, k, s, m, w] + h1 * waves[j + 1, k + 1, s, m, w]
+                total += (b0 * near + b1 * far) * (math.sin(m * angle) if s == 2 else math.cos(m * angle))
+            if s == 0:
+                total = max(0.0, total)
+            out[s, w] += transmittance[w] * math.exp(b0 * log_ground[j, w] + b1 * log_ground[j + 1, w]) * total
+
+
+@njit(cache=True, nogil=True)
+def add_reflected(turning, place, log_ground, waves, cosine_place, transmittance, sums):
+    """The sky that water reflects at the end of a ray, added to sums (T, F, S, LANES)."""
+    step = min(int(place), turning.shape[0] - 2)
+    h1 = place - step
+    for t in range(sums.shape[0]):
+        for a in range(sums.shape[1]):
+            x = (1.0 - h1) * turning[step, t, a, 0] + h1 * turning[step + 1, t, a, 0]
+            c = (1.0 - h1) * turning[step, t, a, 1] + h1 * turning[step + 1, t, a, 1]
+            j = min(int(x), log_ground.shape[0] - 2)
+            add_amplitudes(log_ground, waves, j, x - j, cosine_place, c, transmittance, sums[t, a])
+
+
+@njit(cache=True, inline="always")
+def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
+    """Sunlight that water mirrors, added to out (S, W): light (W,) is the irradiance normal to the beam."""
+    sine_in = math.sqrt(max(0.0, 1.0 - mu_in * mu_in))
+    sine_out = math.sqrt(max(0.0, 1.0 - mu_out * mu_out))
+    cosine = sine_in * sine_out * c - mu_in * mu_out
+    # the scattering plane from the vertical one, as in `polarised.rotated` for a direction that looks down
+    of_v = sine_out * mu_in + mu_out * sine_in * c
+    of_h = -sine_in * math.sqrt(max(0.0, 1.0 - c * c))
+    square = max(of_v * of_v + of_h * of_h, 1e-30)
+    for w in range(out.shape[1]):
+        p11, p12, _ = glitter(mu_in, mu_out, cosine, index[w], slope2)
+        strength = transmittance[w] * light[w]
+        out[0, w] += strength * p11
+        if out.shape[0] > 1:
+            out[1, w] += strength * p12 * (of_v * of_v - of_h * of_h) / square
+            out[2, w] += strength * p12 * 2.0 * of_v * of_h / square
+
+
+@njit(cache=True, nogil=True)
+def add_sunlit_water(turning, place, beams, transmittance, surface, low, high, sums):
+    """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `Beams`.
+
+    The glint is narrower than the field's directions are apart, and is taken as its mean over the cell of each: cosines
+    low to high of the zenith angle, and the part of the half turn that an azimuth stands for.
+    """
+    step = min(int(place), turning.shape[0] - 2)
+    h1 = place - step
+    scale = N_ANGLE / math.sqrt(beams.span_rad)
+    light = np.zeros(sums.shape[3])
+    width = math.pi / sums.shape[1]
+    for t in range(sums.shape[0]):
+        for a in range(sums.shape[1]):
+            inside = beams.edge_rad[0] - ((1.0 - h1) * turning[step, t, a, 2] + h1 * turning[step + 1, t, a, 2])
+            if inside < 0.0:
+                continue
+            x = scale * math.sqrt(inside)
+            j = min(int(x), N_ANGLE - 1)
+            b1 = x - j
+            mu_in = 0.0
+            for w in range(light.size):
+                log_light = (1.0 - b1) * beams.log_light[0, j, w] + b1 * beams.log_light[0, j + 1, w]
+                log_level = (1.0 - b1) * beams.log_ground[j, w] + b1 * beams.log_ground[j + 1, w]
+                light[w] = math.exp(log_light) / N_CELL**2
+                # the beam's light on a level surface over that on one normal to it: the sine of the sun as it is seen
+                mu_in = max(mu_in, min(1.0, math.exp(log_level - log_light)))
+            c = (1.0 - h1) * turning[step, t, a, 1] + h1 * turning[step + 1, t, a, 1]
+            azimuth = math.acos(min(1.0, max(-1.0, c)))
+            for m in range(N_CELL):
+                cosine = math.cos(min(math.pi, max(0.0, azimuth + width * ((m + 0.5) / N_CELL - 0.5))))
+                for n in range(N_CELL):
+                    mu_out = low + (high - low) * (n + 0.5) / N_CELL
+                    add_mirrored(
+                        mu_in,
+                        mu_out,
+                        cosine,
+                        surface.refractive_index,
+                        surface.slope2,
+                        light,
+                        transmittance,
+                        sums[t, a],
+                    )
+
+
+def cells(cosine: np.ndarray, n_polar: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines (R,) from and to which each ray stands for, of its way down where it ends on the ground.
+
+    cosine (R,): of the zenith angle where it ends, n_polar rays of increasing cosine from each altitude; those that
+    miss the ground have cells that mean nothing.
+    """
+    down = np.clip(-cosine.reshape(-1, n_polar), 0.0, 1.0)
+    middle = 0.5 * (down[:, 1:] + down[:, :-1])
+    last = (-cosine.reshape(-1, n_polar)[:, 1:] <= 0.0) | (middle < 1e-6)
+    middle = np.where(last, 0.0, middle)
+    edge = np.ones((down.shape[0], 1))
+    high, low = np.concatenate([edge, middle], axis=1), np.concatenate([middle, 0.0 * edge], axis=1)
+    return low.ravel(), high.ravel()
+
+
+@njit(cache=True, nogil=True)
+def view_sunlit_water(beam, rays, directions, surface, ground_km, out, begin, end):
+    """Sunlight that water in view mirrors, added to out (D, S, W) for rays begin..end; U as to the right of the sun.
+
+    beam: of :func:`twilight.transport.beam.prepare_beam`; rays: `Rays`; directions: `Directions`; surface of all W.
+    """
+    light = np.empty(out.shape[2])
+    ct, st = math.cos(directions.zenith_rad), math.sin(directions.zenith_rad)
+    for r in range(begin, end):
+        if rays.ground_weight[r].max() <= 0.0:
+            continue
+        cp, sp = math.cos(rays.ground_angle_rad[r]), math.sin(rays.ground_angle_rad[r])
+        mu_out = -rays.ground_cosine[r]
+        for d in range(directions.first[r], directions.first[r + 1]):
+            ahead = -sp * ct + cp * st * directions.cos_azimuth[d]
+            up = min(1.0, max(-1.0, cp * ct + sp * st * directions.cos_azimuth[d]))
+            bending = beam_at(beam, ground_km, up, light)
+            mu_in = math.cos(max(0.0, math.acos(up) - bending))
+            c = min(1.0, max(-1.0, ahead / max(math.sqrt(1.0 - up * up), 1e-9)))
+            add_mirrored(
+                mu_in, mu_out, c, surface.refractive_index, surface.slope2, light, rays.ground_weight[r], out[d]
+            )

@@ -1,0 +1,68 @@
+// Starts all, and draws when something has changed.
+let lastExposed = 0, lastTime = null;
+
+function draw(seconds) {
+  const ratio = Math.min(devicePixelRatio || 1, 2);
+  const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+  if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+  const aspect = width / height, sun = theSun(), sky = HEAD.kind === "field" ? celestial(sun) : null;
+  uploadTables(sun);
+  drawLight(target("light", width, height), aspect, sun, sky, state.disc);
+  lastExposed = exposureNow(aspect, sun, sky, seconds);
+  drawStars(aspect, sky, lastExposed);
+  drawTone(lastExposed);
+  drawOverlay(sun);
+  drawProbe();
+  byId("status").textContent = statusOf(sun);
+  byId("command").textContent = renderCommand();
+}
+
+function statusOf(sun) {
+  const outside = sun.shown !== sun.elevation ? ` (the light is that of ${sun.shown.toFixed(0)}°)` : "";
+  const where = state.mode === "clock" ? `, azimuth ${sun.azimuth.toFixed(1)}°` : "";
+  return `sun at ${sun.elevation.toFixed(2)}°${where}${outside}, EV100 ${Math.log2(GREY / GREY_LUMINANCE / lastExposed).toFixed(1)}`;
+}
+
+function frame(now) {
+  const seconds = lastTime === null ? 0 : Math.min((now - lastTime) / 1000, 0.5);
+  lastTime = now;
+  if (state.running && state.mode === "clock") {
+    let hours = state.hours + seconds * state.speed / 3600;
+    if (hours >= 24) {
+      const next = new Date(Date.parse(`${state.date}T00:00:00Z`) + 864e5);
+      hours -= 24;
+      state.date = next.toISOString().slice(0, 10);
+    }
+    set({ hours });
+  }
+  if (wanted) {
+    wanted = false;
+    draw(seconds);
+  }
+  requestAnimationFrame(frame);
+}
+
+async function start() {
+  try {
+    await readTables();
+    startGpu();
+    if (HEAD.start.azimuth === undefined) state.azimuth = theSun().azimuth;
+    clampState();
+    startControls();
+    showState();
+    draw(null);
+    byId("message").hidden = true;
+    byId("panel").hidden = innerWidth < 700;
+    window.twilight = {
+      state, head: HEAD, set, draw: () => draw(null), sunAt, daysSince, theSun, command: renderCommand,
+      light: () => ({ width: canvas.width, height: canvas.height, values: readLight(targets.light) }),
+      at: (elevation, azimuth) => { draw(null); return figuresOf(direction(elevation, azimuth)); },
+    };
+    canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); byId("message").textContent = "the graphics card was reset: reload the page"; byId("message").hidden = false; });
+    requestAnimationFrame(frame);
+  } catch (error) {
+    byId("message").textContent = `This sky cannot be shown: ${error.message}`;
+    throw error;
+  }
+}
+start();

@@ -1,0 +1,92 @@
+// The arrays of the page, and what is left of the tables under one sun at one altitude.
+const tables = {};
+
+async function readTables() {
+  const text = document.getElementById("data").textContent.trim();
+  const bytes = Uint8Array.fromBase64 ? Uint8Array.fromBase64(text) : Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const buffer = await new Response(stream).arrayBuffer();
+  for (const [name, a] of Object.entries(HEAD.arrays)) {
+    tables[name] = a.kind === "log16" ? logarithms(new Uint8Array(buffer, a.start, a.bytes), a) : new Float32Array(buffer, a.start, a.bytes / 4);
+  }
+  document.getElementById("data").remove();
+}
+
+// High bytes, then low bytes, of differences along the last axis modulo 65536.
+function logarithms(bytes, a) {
+  const n = bytes.length / 2, last = a.shape[a.shape.length - 1], out = new Float32Array(n);
+  for (let start = 0; start < n; start += last) {
+    let value = 0;
+    for (let i = start; i < start + last; i++) {
+      value = (value + 256 * bytes[i] + bytes[n + i]) & 65535;
+      out[i] = a.low + a.step * value;
+    }
+  }
+  return out;
+}
+
+const cubicWeights = (t) => {
+  const t2 = t * t, t3 = t2 * t;
+  return [-0.5 * t + t2 - 0.5 * t3, 1 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2 * t2 - 1.5 * t3, 0.5 * (t3 - t2)];
+};
+
+// Place of a sun among n suns.
+function sunPlace(elevation, n) {
+  if (n === 1) return 0;
+  const [low, centre, width] = HEAD.sun_axis;
+  const t = (e) => Math.asinh((e - centre) / width);
+  return clamp((t(elevation) - t(low)) / (t(90) - t(low)), 0, 1) * (n - 1);
+}
+
+// Suns and their weights for a cubic; beyond the ends the table goes on as a straight line.
+function sunWeights(place, n) {
+  if (n === 1) return [[0, 1]];
+  const i = clamp(Math.floor(place), 0, n - 2), w = cubicWeights(place - i);
+  const weights = new Map();
+  const add = (j, v) => weights.set(j, (weights.get(j) ?? 0) + v);
+  w.forEach((v, k) => {
+    const j = i - 1 + k;
+    if (j < 0) { add(0, 2 * v); add(1, -v); } else if (j > n - 1) { add(n - 1, 2 * v); add(n - 2, -v); } else add(j, v);
+  });
+  return [...weights];
+}
+
+// Altitudes and their weights: linear in the square root of the height above the first.
+function altitudeWeights(altitude) {
+  const z = HEAD.altitude_km.map((a) => Math.sqrt(a - HEAD.altitude_km[0])), n = z.length;
+  if (n === 1) return [[0, 1]];
+  const x = Math.sqrt(clamp(altitude, HEAD.altitude_km[0], HEAD.altitude_km[n - 1]) - HEAD.altitude_km[0]);
+  let i = 0;
+  while (i < n - 2 && x > z[i + 1]) i++;
+  const t = (x - z[i]) / (z[i + 1] - z[i]);
+  return [[i, 1 - t], [i + 1, t]].filter(([, w]) => w > 0);
+}
+
+const horizonOf = (field) => altitudeWeights(state.altitude).reduce((sum, [i, w]) => sum + w * HEAD.fields[field].horizon_deg[i], 0);
+
+// One array of shape (C, altitude, sun, ...rest) under a sun: (rest, C), channels last.
+function underSun(name, elevation) {
+  const values = tables[name], [c, nz, ns, ...rest] = HEAD.arrays[name].shape;
+  const size = rest.reduce((p, n) => p * n, 1), out = new Float32Array(size * c);
+  const suns = sunWeights(sunPlace(elevation, ns), ns);
+  for (let k = 0; k < c; k++) {
+    for (const [i, wz] of altitudeWeights(state.altitude)) {
+      for (const [j, ws] of suns) {
+        const start = ((k * nz + i) * ns + j) * size, w = wz * ws;
+        for (let p = 0; p < size; p++) out[p * c + k] += w * values[start + p];
+      }
+    }
+  }
+  return out;
+}
+
+// Rows by altitude ("beam0_2" ...) at the altitude of the state.
+function atAltitude(name, field) {
+  let out = null;
+  for (const [i, w] of altitudeWeights(state.altitude)) {
+    const values = tables[`${name}${field}_${i}`];
+    out ??= new Float32Array(values.length);
+    for (let p = 0; p < values.length; p++) out[p] += w * values[p];
+  }
+  return out;
+}

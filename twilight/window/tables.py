@@ -1,0 +1,123 @@
+"""The tables of a field that a page draws from.
+
+    light = exp(sky) + P(scattering angle) exp(aureole)        X, Y, Z and scotopic luminance [cd m^-2] at 1 au
+
+The axes are those of the layout `twilight` (`twilight.export.own`), with one more row, beyond the zenith, so that a
+cubic through it has no kink there.  P is the phase function of the column's aerosol in each channel.  aureole holds
+what aerosol scattered once, and a share of the rest, so that its logarithm does not fall without end in the shadow.
+A coarser table holds the field at its wavelengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.export import own
+from twilight.export.values import Source, read_phase
+from twilight.progress import Progress
+from twilight.window.colours import CHANNELS, Channels
+
+REST_IN_AUREOLE = 0.01
+LARGEST_SHARE = 0.98
+"""What aerosol scattered once is at most this share of all light, so that something is left."""
+DARK = 1e-30
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Texels of each axis; every second is one of the spectral table, so that all are odd numbers."""
+
+    suns: int = 97
+    sky: int = 33
+    ground: int = 13
+    azimuths: int = 25
+
+
+def elevation_rows(horizon_deg: float, sizes: Sizes) -> np.ndarray:
+    """Elevations [deg] of the rows: ground from the nadir, sky from the horizon, one beyond the zenith (> 90)."""
+    inside = own.elevation_nodes(horizon_deg, sizes.ground, sizes.sky)
+    beyond = horizon_deg + (90.0 - horizon_deg) * (sizes.sky / (sizes.sky - 1)) ** 2
+    return np.append(inside, beyond)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """sky, aureole (4, altitude, sun, row, azimuth) [cd m^-2]; spectrum (W, altitude, sun, row, azimuth) [sr^-1] at
+    every second texel without the row beyond the zenith; phase (256, 4); horizon_deg (altitude,).
+
+    aureole and phase are None in air without aerosol.
+    """
+
+    sky: np.ndarray
+    aureole: np.ndarray | None
+    spectrum: np.ndarray
+    phase: np.ndarray | None
+    horizon_deg: np.ndarray
+
+
+def fill(
+    source: Source,
+    channels: Channels,
+    altitudes_km: tuple[float, ...],
+    sizes: Sizes,
+    progress: Progress,
+    suns_deg: np.ndarray | None = None,
+) -> Tables:
+    """The tables of a field, seen from altitudes above sea level.
+
+    suns_deg: some of the suns alone, in the order of `own.sun_nodes(sizes.suns)`, from an even one; None: all.
+    """
+    suns = own.sun_nodes(sizes.suns) if suns_deg is None else suns_deg
+    azimuths = own.azimuth_nodes(sizes.azimuths)
+    rows = sizes.ground + sizes.sky + 1
+    shape = (CHANNELS, len(altitudes_km), suns.size, rows, sizes.azimuths)
+    sky = np.empty(shape)
+    aureole = None if source.phase is None else np.empty(shape)
+    phase = None if source.phase is None else channels.of(source.phase) / channels.of(np.ones_like(source.phase))
+    coarse, horizons = [], []
+    for i, altitude in enumerate(altitudes_km):
+        horizon = source.horizon_deg(altitude)
+        horizons.append(horizon)
+        row = elevation_rows(horizon, sizes)
+        elevation, azimuth = np.meshgrid(row, azimuths, indexing="ij")
+        # beyond the zenith: the same direction named from the other side
+        over = elevation > 90.0
+        azimuth = np.where(over, 180.0 - azimuth, azimuth)
+        elevation = np.where(over, 180.0 - elevation, elevation)
+        spectra = np.empty((suns.size, *elevation.shape, channels.wavelength_nm.size))
+        for j, sun in enumerate(suns):
+            spectra[j] = source.radiance(altitude, float(sun), elevation, azimuth)
+            progress(f"{altitude:g} km", (i + 0.9 * (j + 1) / suns.size) / len(altitudes_km))
+        light = np.maximum(channels.of(spectra), DARK)
+        kept = _every_second(sizes)
+        coarse.append(np.maximum(spectra[::2][:, kept][:, :, ::2], DARK))
+        if aureole is not None and phase is not None:
+            once = _once_scattered(source, channels, altitude, row, azimuths, suns)
+            once = np.minimum(once, LARGEST_SHARE * light)
+            once += REST_IN_AUREOLE * (light - once)
+            cosine = _scattering_cosine(elevation, azimuth, suns)
+            aureole[:, i] = np.moveaxis(once / read_phase(phase, cosine), -1, 0)
+            light = light - once
+        sky[:, i] = np.moveaxis(light, -1, 0)
+        progress(f"{altitude:g} km", (i + 1) / len(altitudes_km))
+    spectrum = np.moveaxis(np.stack(coarse), -1, 0)
+    return Tables(sky, aureole, spectrum, phase, np.array(horizons))
+
+
+def _every_second(sizes: Sizes) -> np.ndarray:
+    """Rows of the spectral table."""
+    return np.concatenate([np.arange(0, sizes.ground, 2), sizes.ground + np.arange(0, sizes.sky, 2)])
+
+
+def _once_scattered(source: Source, channels: Channels, altitude: float, row, azimuths, suns) -> np.ndarray:
+    """What aerosol scattered once (S, E, A, 4); the row beyond the zenith is seen from the other side."""
+    inside = source.single_aerosol(altitude, row[:-1], azimuths, suns)[0]
+    beyond = source.single_aerosol(altitude, 180.0 - row[-1:], 180.0 - azimuths, suns)[0]
+    return channels.of(np.concatenate([inside, beyond], axis=1))
+
+
+def _scattering_cosine(elevation: np.ndarray, azimuth: np.ndarray, suns: np.ndarray) -> np.ndarray:
+    e, a, s = np.radians(elevation), np.radians(azimuth), np.radians(suns)[:, None, None]
+    return np.sin(s) * np.sin(e) + np.cos(s) * np.cos(e) * np.cos(a)
