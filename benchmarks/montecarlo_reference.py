@@ -25,6 +25,8 @@ from pathlib import Path
 import numpy as np
 import results
 
+from twilight.compare.referee import COLUMNS
+
 HERE = Path(__file__).parent / "reference"
 WAVELENGTHS_NM = (450.0, 550.0, 680.0)
 SUNS_DEG = (30.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0)
@@ -50,14 +52,6 @@ CLIMATE_DIRECTIONS_DEG = (
     *((60.0, azimuth) for azimuth in (0.0, 90.0, 180.0)),
     (75.0, 45.0),
     (90.0, 0.0),
-)
-COLUMNS = (
-    "sun_elevation_deg",
-    "elevation_deg",
-    "azimuth_deg",
-    "wavelength_nm",
-    "radiance_per_sr",
-    "standard_error_per_sr",
 )
 STOKES_COLUMNS = (*COLUMNS, "q_per_sr", "q_standard_error_per_sr", "u_per_sr", "u_standard_error_per_sr", "samples")
 

@@ -25,6 +25,9 @@ COARSE = CellsSettings(
     azimuth_nodes=20,
     node_density=0.5,
 )
+COARSEST = replace(
+    COARSE, azimuth_cells=16, degree=2, polar_directions=2, azimuth_directions=6, azimuth_nodes=12, node_density=0.4
+)
 BARE = CellsSettings(
     azimuth_cells=8,
     inner_radius_km=5.0,
@@ -68,6 +71,11 @@ def air(
         overhead_absorption_optical_depth=np.zeros(2),
         name="test",
     )
+
+
+@pytest.fixture(scope="module")
+def plain_field():
+    return cells.prepare(air(), COARSE)
 
 
 # --- grid ---
@@ -251,14 +259,14 @@ def test_single_scattering_is_the_line_integral():
 
 
 def test_refraction_off_is_refractivity_zero():
-    straight = cells.prepare(air(refractivity=0.0), COARSE).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
-    off = cells.prepare(air(), replace(COARSE, refraction=False)).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
+    straight = cells.prepare(air(refractivity=0.0), COARSEST).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
+    off = cells.prepare(air(), replace(COARSEST, refraction=False)).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
     np.testing.assert_allclose(off, straight, rtol=1e-12)
 
 
-def test_refraction_brightens_twilight():
+def test_refraction_brightens_twilight(plain_field):
     straight = cells.prepare(air(), replace(COARSE, refraction=False)).radiance(-4.0, 90.0, 0.0)
-    bent = cells.prepare(air(), COARSE).radiance(-4.0, 90.0, 0.0)
+    bent = plain_field.radiance(-4.0, 90.0, 0.0)
     assert np.all(bent / straight > 1.03)
     assert np.all(bent / straight < 1.3)
 
@@ -303,8 +311,8 @@ def test_delta_scaling_keeps_what_is_not_forward():
         np.testing.assert_allclose(scattering, original * (1 - 0.8 ** (degree + 1)), rtol=1e-12)
 
 
-def test_left_and_right_are_alike_and_azimuth_is_periodic():
-    field = cells.prepare(air(), COARSE)
+def test_left_and_right_are_alike_and_azimuth_is_periodic(plain_field):
+    field = plain_field
     a = field.radiance(5.0, 30.0, [40.0, 170.0])
     np.testing.assert_allclose(field.radiance(5.0, 30.0, [-40.0, 190.0]), a, rtol=1e-10)
     np.testing.assert_allclose(field.radiance(5.0, 30.0, [400.0, -190.0]), a, rtol=1e-10)
@@ -314,7 +322,7 @@ def test_ground_is_seen_at_the_wavelengths_that_reach_it():
     """A first wavelength at which the air is black must not hide the ground from the others."""
     clear = air(ground=0.5)
     black = clear.absorption_per_km.copy()
-    black[:, 0] = 300.0 * np.exp(-clear.altitude_km / 8.0)
+    black[:, 0] = 10.0 * np.exp(-clear.altitude_km / 8.0)
     half = replace(clear, absorption_per_km=black)
     expected = cells.prepare(clear, COARSE).radiance(30.0, 60.0, 90.0)[1]
     got = cells.prepare(half, COARSE).radiance(30.0, 60.0, 90.0)[1]
@@ -349,7 +357,7 @@ def test_one_thread_and_two_are_bit_identical():
     try:
         for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
             numba.set_num_threads(threads)
-            results.append(cells.prepare(air(), COARSE).radiance(-2.0, [5.0, 40.0], [0.0, 120.0]))
+            results.append(cells.prepare(air(), COARSEST).radiance(-2.0, [5.0, 40.0], [0.0, 120.0]))
     finally:
         numba.set_num_threads(before)
     assert np.array_equal(results[0], results[1])
@@ -370,7 +378,7 @@ def test_one_thread_and_two_are_bit_identical():
 )
 @pytest.mark.parametrize("mode", ["exact", pytest.param("isotropic", marks=pytest.mark.slow)])
 def test_extreme_air_is_finite_and_not_negative(medium, mode):
-    settings = replace(COARSE, multiple_scattering=mode, active_shell_step=4)
+    settings = replace(COARSEST, multiple_scattering=mode, active_shell_step=4)
     field = cells.prepare(air(**medium), settings)
     for sun in (0.0, -40.0):
         radiance = field.radiance(sun, [0.0, 1.0, 45.0, 90.0], [0.0, 0.0, 180.0, 0.0])
@@ -379,8 +387,8 @@ def test_extreme_air_is_finite_and_not_negative(medium, mode):
 
 
 @pytest.mark.parametrize("sun", [90.0, -6.0, -18.0, -90.0])
-def test_every_sun_is_finite_and_darker_than_day(sun):
-    field = cells.prepare(air(), COARSE)
+def test_every_sun_is_finite_and_darker_than_day(plain_field, sun):
+    field = plain_field
     radiance = field.radiance(sun, [0.0, 45.0, 90.0], 180.0)
     assert np.all(np.isfinite(radiance))
     assert np.all(radiance >= 0.0)
@@ -390,7 +398,7 @@ def test_every_sun_is_finite_and_darker_than_day(sun):
 
 @pytest.mark.parametrize("altitude", [0.0, 8.0, 50.0])
 def test_observer_altitudes(altitude):
-    field = cells.prepare(air(ground=0.3), COARSE, observer_altitude_km=altitude)
+    field = cells.prepare(air(ground=0.3), COARSEST, observer_altitude_km=altitude)
     radiance = field.radiance(10.0, [-90.0, -20.0, 0.0, 20.0, 90.0], 90.0)
     assert np.all(np.isfinite(radiance))
     assert np.all(radiance >= 0.0)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
+from hazy_zones import REFERENCE, SMALL
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.solvers import zones
 from twilight.validate.phenomena.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
-
-REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
 
 
 class MadeUp:
@@ -47,15 +43,7 @@ def test_degree_of_polarisation():
 
 def test_neutral_points_of_clear_air_are_where_they_are_seen():
     """Babinet's and Arago's points are about 20 deg from the sun and the antisolar point at sunset (Coulson 1988)."""
-    settings = replace(
-        zones.QUALITIES["draft"],
-        altitude_density=0.35,
-        zenith_density=0.4,
-        polar_directions=4,
-        beam_density=0.4,
-        polarisation=True,
-    )
-    field = zones.prepare(medium_from_table(REFERENCE / "pure-air.csv"), settings)
+    field = zones.prepare(medium_from_table(REFERENCE / "pure-air.csv"), SMALL)
     points = neutral_points(field, 0.0)
     assert np.all((points.arago_deg > 12.0) & (points.arago_deg < 28.0))
     assert np.all((points.babinet_deg > 10.0) & (points.babinet_deg < 25.0))

@@ -28,7 +28,7 @@ def test_two_commands_do_all_set_up_and_the_integration_runs_them():
     set_up = [line for line in lines if line.startswith("python3 -m venv")]
     assert len(set_up) == 2
     assert "pip install ." in set_up[0] and "render climates/continental-average.yaml --sun-elevation -4" in set_up[0]
-    assert "[test]" in set_up[1] and set_up[1].endswith("pytest")
+    assert "[test]" in set_up[1] and set_up[1].endswith("pytest -n 2")
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     pattern = re.search(r"grep '([^']+)' README\.md", script)
     assert pattern is not None

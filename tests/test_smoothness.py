@@ -52,7 +52,9 @@ def test_as_the_view_rises(field, azimuth_deg):
         assert flicker(field.radiance(-4.0, start + 0.01 * np.arange(100), azimuth_deg)) < LEAST
 
 
-@pytest.mark.parametrize("what", ["optical depth", "wavelength"])
+@pytest.mark.parametrize(
+    "what", ["optical depth", pytest.param("wavelength", marks=(pytest.mark.slow, pytest.mark.ci))]
+)
 def test_as_the_air_changes(what):
     skies = []
     some = WAVELENGTH_NM[[0, 2, 4]]

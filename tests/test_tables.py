@@ -141,7 +141,7 @@ def test_transmittance_is_exact(air, once):
     heights, cosines = np.array([0.0, 0.0, 5.0, 20.0]), np.array([1.0, 0.05, 0.0, -0.02])
     out = np.zeros((4, 3))
     t = once.tables
-    depths(t.profile, t.jumps, heights, cosines, np.full(4, np.inf), 2.0, out)
+    depths(t.profile, t.mapping, heights, cosines, np.zeros(4, bool), np.full(4, np.inf), out)
     for height, mu, found in zip(heights, cosines, out, strict=True):
         r, top = 6360.0 + height, 6420.0
         length = -r * mu + math.sqrt((r * mu) ** 2 + top * top - r * r)
@@ -215,14 +215,14 @@ def test_energy_is_conserved(air):
     mu = np.linspace(1e-6, 1.0, 400)
     tau = np.zeros((mu.size, 3))
     t = field.tables
-    depths(t.profile, t.jumps, np.zeros(mu.size), mu, np.full(mu.size, np.inf), 1.0, tau)
+    depths(t.profile, t.mapping, np.zeros(mu.size), mu, np.zeros(mu.size, bool), np.full(mu.size, np.inf), tau)
     sun = np.trapezoid(np.exp(-tau) * mu[:, None], mu, axis=0)
     kept = 0.7 * 2 * np.pi * m.bottom_km**2 * (sky + sun)
     # sunlight through the limb
     p = np.linspace(m.bottom_km, top, 800)
     tau = np.zeros((p.size, 3))
     rim = -np.sqrt(np.maximum(0.0, 1.0 - (p / top) ** 2)) * (1 - 1e-12)
-    depths(t.profile, t.jumps, np.full(p.size, m.thickness_km), rim, np.full(p.size, np.inf), 1.0, tau)
+    depths(t.profile, m, np.full(p.size, m.thickness_km), rim, np.zeros(p.size, bool), np.full(p.size, np.inf), tau)
     limb = np.trapezoid(np.exp(-tau) * (2 * np.pi * p)[:, None], p, axis=0)
     np.testing.assert_allclose((escaped + kept + limb) / (np.pi * top**2), 1.0, atol=0.02)
 

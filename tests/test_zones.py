@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
+from hazy_zones import AZIMUTH, ELEVATION, REFERENCE
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.errors import TwilightError
@@ -18,7 +18,6 @@ from twilight.solvers.zones.grid import cubic_refinement, even_harmonics, make_a
 from twilight.solvers.zones.solution import normalised
 from twilight.transport.beam import beam_at
 
-REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
 SMALL = replace(
     zones.QUALITIES["draft"], altitude_density=0.35, zenith_density=0.4, polar_directions=4, beam_density=0.4
 )
@@ -35,7 +34,6 @@ MIDDLE = replace(
     bent_lines_of_sight=False,
     bent_paths=False,
 )
-ELEVATION, AZIMUTH = (g.ravel() for g in np.meshgrid([2.0, 15.0, 50.0, 85.0], [0.0, 45.0, 120.0, 180.0]))
 
 
 @pytest.fixture(scope="module")

@@ -40,14 +40,14 @@ def test_the_glow_does_not_depend_on_how_much_of_the_peak_is_scaled_away(desert)
 
 def test_peaks_keep_what_the_series_has_left_out(desert):
     scaled = delta_scaled(desert, 12)
-    peak = forward_peak(desert, scaled, prepare_profile(desert).altitude_km)
+    peak = forward_peak(desert, scaled, prepare_profile(scaled.medium))
     f = scaled.forward_share
     for k, phase in enumerate(desert.phase_functions):
         chi = phase.legendre_moments(HIGHEST_DEGREE).T
         ours = np.zeros_like(chi)
         ours[:13] = (1.0 - f[k]) * scaled.moments[1 + k]
         assert np.allclose(ours + f[k] * peak.moments[:, k], chi, atol=2e-3)
-    column = np.trapezoid(peak.per_km, peak.altitude_km, axis=0)
+    column = np.trapezoid(peak.profile.extinction, peak.profile.altitude_km, axis=0)
     whole, rest = (
         np.trapezoid(prepare_profile(m).extinction, prepare_profile(m).altitude_km, axis=0)
         for m in (desert, scaled.medium)

@@ -8,6 +8,7 @@ from pathlib import Path
 import iprt
 import numpy as np
 import pytest
+from hazy_zones import AZIMUTH, ELEVATION, REFERENCE, SMALL
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.errors import TwilightError
@@ -17,18 +18,7 @@ from twilight.solvers.zones.grid import even_harmonics, make_angles
 from twilight.solvers.zones.polarised import pattern_orders, patterns, rotated
 from twilight.transport.matrix_moments import wigner_d
 
-REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
 STRAIGHT = replace(zones.QUALITIES["standard"], refraction=False, bent_lines_of_sight=False, bent_paths=False)
-SMALL = replace(
-    zones.QUALITIES["draft"],
-    altitude_density=0.35,
-    zenith_density=0.4,
-    polar_directions=4,
-    beam_density=0.4,
-    polarisation=True,
-    polarisation_degree=6,
-)
-ELEVATION, AZIMUTH = (g.ravel() for g in np.meshgrid([2.0, 15.0, 50.0, 85.0], [0.0, 45.0, 120.0, 180.0]))
 
 
 def frame(cosine, azimuth):
@@ -269,8 +259,10 @@ def test_standard_is_the_polarised_referee_within_its_noise():
     """I, Q, U of clear refracted air from Monte-Carlo with every leg bent (benchmarks/polarisation.py stored)."""
     with (Path(__file__).parent / "data" / "stokes_pure_air.csv").open() as file:
         table = np.genfromtxt((line for line in file if not line.startswith("#")), delimiter=",", names=True)
-    field = zones.prepare(medium_from_table(REFERENCE / "pure-air.csv"), zones.QUALITIES["standard"])
-    for sun in np.unique(table["sun_elevation_deg"]):
+    suns = np.unique(table["sun_elevation_deg"])
+    medium = medium_from_table(REFERENCE / "pure-air.csv")
+    field = zones.prepare(medium, zones.QUALITIES["standard"], sun_elevations_deg=suns)
+    for sun in suns:
         some = table[table["sun_elevation_deg"] == sun]
         place = np.searchsorted(field.medium.wavelength_nm, some["wavelength_nm"])
         ours = field.stokes(sun, some["elevation_deg"], some["azimuth_deg"])[np.arange(some.size), :, place]

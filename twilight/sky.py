@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twilight import spectrum
+from twilight import interpolation, spectrum
 from twilight.disc import Disc
 from twilight.errors import TwilightError
 from twilight.grids import texture_centres
@@ -16,9 +16,6 @@ from twilight.grids import texture_centres
 MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
 """Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
 (10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others)."""
-
-_CHUNK_VALUES = 8_000_000
-"""Values of a temporary array handled at once, so that large pictures need little memory."""
 
 
 def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
@@ -273,103 +270,27 @@ class Sky:
         )
 
     def sample_polarised_share(self, elevation_deg, azimuth_deg) -> np.ndarray:
-        """`polarised_share` in any direction, (..., 2, W); bilinear, held below the first row.
-
-        In the zenith the vertical plane turns with the azimuth, and Q + iU with twice its angle: there the mean of the
-        last row, each column turned to azimuth 0, is turned to every column.
-        """
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        q, u = np.moveaxis(self.polarised_share, 2, 0)
-        share, rows = q + 1j * u, self.elevation_deg
-        turn = np.exp(2j * np.radians(self.azimuth_deg))[:, None]
-        zenith = (share[-1] / turn).mean(axis=0) * turn
-        if rows[-1] < 90.0 - 1e-9:
-            share, rows = np.concatenate([share, zenith[None]]), np.append(rows, 90.0)
-        else:
-            share[-1] = zenith
-        n = self.azimuth_deg.size
-        position = np.mod(azimuth - self.azimuth_deg[0], 360.0) * (n / 360.0)
-        left = np.floor(position).astype(int)
-        v = (position - left)[..., None]
-        left, right = left % n, (left + 1) % n
-        low = np.clip(np.searchsorted(rows, elevation, side="right") - 1, 0, max(rows.size - 2, 0))
-        high = np.minimum(low + 1, rows.size - 1)
-        step = np.where(high > low, rows[high] - rows[low], 1.0)
-        w = np.clip((elevation - rows[low]) / step, 0.0, 1.0)[..., None]
-        found = (1 - w) * ((1 - v) * share[low, left] + v * share[low, right]) + w * (
-            (1 - v) * share[high, left] + v * share[high, right]
+        """`polarised_share` in any direction, (..., 2, W): `interpolation.sample_turning`."""
+        return interpolation.sample_turning(
+            self.elevation_deg, self.azimuth_deg, self.polarised_share, elevation_deg, azimuth_deg
         )
-        return np.stack([found.real, found.imag], axis=-2)
 
     # Directions -------------------------------------------------------------------------------------------------
 
     def sample(self, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1] in any direction, shape (..., W) for broadcast elevation and azimuth.
 
-        Bilinear in the logarithm (linear where a neighbour is 0); wraps in azimuth; above the last row it goes to one
-        value in the zenith, the mean of that row; below the first row it is continued to the horizon by at most half a
-        row, then held.  Raises TwilightError for a direction below the sky's lower edge.
+        `interpolation.sample`.  Raises TwilightError for a direction below the sky's lower edge.
         """
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        shape, lower = elevation.shape, self.elevation_edges_deg[0]
+        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
+        lower = self.elevation_edges_deg[0]
         if elevation.size and not (elevation.min() >= lower - 1e-9 and elevation.max() <= 90 + 1e-9):
             raise TwilightError(f"sample: elevation_deg must be between {lower:g} and 90 and not NaN")
         if not np.isfinite(azimuth).all():
             raise TwilightError("sample: azimuth_deg must be finite")
-        elevation, azimuth = elevation.ravel(), azimuth.ravel()
-        values, rows = self._rows_to_zenith()
-        with np.errstate(divide="ignore"):
-            logarithm = np.log(values)
-        out = np.empty((elevation.size, self.wavelength_nm.size), dtype=values.dtype)
-        chunk = max(1, _CHUNK_VALUES // (4 * self.wavelength_nm.size))
-        for start in range(0, elevation.size, chunk):
-            part = slice(start, start + chunk)
-            out[part] = self._sample_chunk(values, logarithm, rows, elevation[part], azimuth[part])
-        return out.reshape(*shape, self.wavelength_nm.size)
-
-    def _rows_to_zenith(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values and elevations of the rows, with a row in the zenith added where there is none."""
-        values, rows = self.sun_normalised_radiance, self.elevation_deg
-        top = values[-1]
-        with np.errstate(divide="ignore"):
-            zenith = np.where((top > 0).all(axis=0), np.exp(np.log(top).mean(axis=0)), top.mean(axis=0))
-        if rows[-1] >= 90 - 1e-9:
-            values = values.copy()
-            values[-1] = zenith.astype(values.dtype)
-            return values, rows
-        zenith = np.broadcast_to(zenith.astype(values.dtype), (1, *top.shape))
-        return np.concatenate([values, zenith]), np.append(rows, 90.0)
-
-    def _sample_chunk(self, values, logarithm, rows, elevation, azimuth):
-        n = self.azimuth_deg.size
-        position = np.mod(azimuth - self.azimuth_deg[0], 360.0) * (n / 360.0)
-        left = np.floor(position)
-        v = (position - left)[:, None]
-        left = left.astype(int) % n
-        right = (left + 1) % n
-        if rows.size == 1:
-            low = high = np.zeros(elevation.size, int)
-            u = np.zeros((elevation.size, 1))
-        else:
-            low = np.clip(np.searchsorted(rows, elevation, side="right") - 1, 0, rows.size - 2)
-            high = low + 1
-            u = (elevation - rows[low]) / (rows[high] - rows[low])
-            u = np.clip(u, -0.5, 1.0)[:, None]
-        result = self._mix(logarithm, low, high, left, right, u, v)
-        exact = np.isfinite(result)
-        result = np.exp(result)
-        if not exact.all():
-            # A neighbour is 0: linear there (held, not continued, below the first row).
-            linear = self._mix(values, low, high, left, right, np.maximum(u, 0.0), v)
-            result = np.where(exact, result, linear)
-        return result
-
-    @staticmethod
-    def _mix(table, low, high, left, right, u, v):
-        with np.errstate(invalid="ignore"):
-            bottom = (1 - v) * table[low, left] + v * table[low, right]
-            top = (1 - v) * table[high, left] + v * table[high, right]
-            return (1 - u) * bottom + u * top
+        return interpolation.sample(
+            self.elevation_deg, self.azimuth_deg, self.sun_normalised_radiance, elevation, azimuth
+        )
 
     def resample(self, elevation_deg, azimuth_deg) -> Sky:
         """The sky on another grid (elevation_deg (E',), azimuth_deg (A',)), by ``sample``.
@@ -415,46 +336,8 @@ class Sky:
         return self.resample(*latlong_grid(width, self.sun_azimuth_deg))
 
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        """Interpolate values (E, A, K) >= 0 on this sky's grid smoothly to broadcast directions, (..., K).
-
-        For pictures: a local cubic of the logarithm in both angles (``spectrum.hermite_matrix``), continued across the
-        zenith, wrapped in azimuth, continued below the first row by at most half a row.  Reproduces the grid.  Where
-        any value is 0 the logarithm does not exist and all is interpolated as ``sample`` does.  Elevations (n, 1) with
-        azimuths (1, m), the rows and columns of a picture, are fastest.
-        """
-        values, k = np.asarray(values), np.shape(values)[2]
-        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
-        shape = np.broadcast_shapes(elevation.shape, azimuth.shape)
-        if not (values > 0).all():
-            stand_in = replace(
-                self,
-                wavelength_nm=500.0 + np.arange(k),
-                sun_normalised_radiance=values,
-                standard_error=None,
-                night_radiance=None,
-                direct_irradiance=None,
-                ground_albedo=None,
-                polarisation=None,
-                polarisation_error=None,
-                disc=None,
-            )
-            return stand_in.sample(elevation, azimuth)
-        rows, columns, table = _padded(self.elevation_deg, self.azimuth_deg, np.log(values))
-        elevation = np.maximum(elevation, 0.5 * (rows[0] + self.elevation_deg[0]))
-        azimuth = self.azimuth_deg[0] + np.mod(azimuth - self.azimuth_deg[0], 360.0)
-        if elevation.ndim == azimuth.ndim == 2 and elevation.shape[1] == azimuth.shape[0] == 1:
-            along = spectrum.hermite_matrix(rows, elevation[:, 0]) @ table.reshape(rows.size, -1)
-            along = np.moveaxis(along.reshape(-1, columns.size, k), 1, 0).reshape(columns.size, -1)
-            both = (spectrum.hermite_matrix(columns, azimuth[0]) @ along).reshape(azimuth.size, -1, k)
-            return np.exp(np.swapaxes(both, 0, 1)).astype(values.dtype, copy=False)
-        elevation, azimuth = (x.ravel() for x in np.broadcast_arrays(elevation, azimuth))
-        row, row_weight = spectrum.hermite_weights(rows, elevation)
-        column, column_weight = spectrum.hermite_weights(columns, azimuth)
-        out = np.zeros((elevation.size, k))
-        for i in range(4):
-            for j in range(4):
-                out += (row_weight[:, i] * column_weight[:, j])[:, None] * table[row[:, i], column[:, j]]
-        return np.exp(out).astype(values.dtype, copy=False).reshape(*shape, k)
+        """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K): `interpolation.smooth`."""
+        return interpolation.smooth(self.elevation_deg, self.azimuth_deg, values, elevation_deg, azimuth_deg)
 
     # Integrals --------------------------------------------------------------------------------------------------
 
@@ -509,23 +392,6 @@ class Sky:
     def illuminance_lux(self, horizontal: bool = True, direct: bool = False) -> float:
         """Illuminance from the upper hemisphere [lx]; arguments as in ``irradiance_factor``."""
         return float(self._luminous(self.irradiance_factor(horizontal, direct)))
-
-
-def _padded(elevation: np.ndarray, azimuth: np.ndarray, table: np.ndarray):
-    """Rows, columns and values with neighbours added: two rows beyond the zenith, one below, two columns each side."""
-    n = azimuth.size
-    opposite = np.roll(table, -(n // 2), axis=1)
-    if n % 2:
-        opposite = 0.5 * (opposite + np.roll(table, -(n // 2) - 1, axis=1))
-    beyond = [i for i in range(elevation.size - 1, -1, -1) if elevation[i] < 90 - 1e-9][:2]
-    rows = np.concatenate([elevation, 180.0 - elevation[beyond]])
-    table = np.concatenate([table, opposite[beyond]])
-    if elevation.size > 1:
-        rows = np.concatenate([[2 * elevation[0] - elevation[1]], rows])
-        table = np.concatenate([2 * table[:1] - table[1:2], table])
-    around = np.arange(-2, n + 3)
-    columns = azimuth[0] + around * (360.0 / n)
-    return rows, columns, table[:, around % n]
 
 
 def magnitude_per_square_arcsecond(luminance_cd_per_m2) -> np.ndarray:

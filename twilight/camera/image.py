@@ -175,6 +175,10 @@ def _exposure_time(picture: Any) -> float | None:
     return seconds if np.isfinite(seconds) and seconds > 0 else None
 
 
+SILENT = 0
+"""OpenCV's LOG_LEVEL_SILENT."""
+
+
 def _opencv(path: Path) -> np.ndarray:
     """Samples (H, W, 3) or (H, W) of a deep PNG or TIFF."""
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))  # it looks when it is loaded
@@ -183,12 +187,13 @@ def _opencv(path: Path) -> np.ndarray:
     except ImportError:
         raise missing("cv2", f"{path}: a picture of more than 8 bits") from None
     try:
-        level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        log: Any = getattr(cv2.utils, "logging", cv2)  # the module itself before OpenCV 5
+        level = log.getLogLevel()
+        log.setLogLevel(SILENT)
         try:
             stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         finally:
-            cv2.utils.logging.setLogLevel(level)
+            log.setLogLevel(level)
     except (cv2.error, MemoryError) as error:
         raise TwilightError(f"{path}: cannot be read ({first_line(error)})") from None
     if stored is None or stored.size == 0:

@@ -38,7 +38,7 @@ class Sunbeam:
             return Direct(out, 0.0)
         if self._made is None:
             self._made = prepare_beam(self.medium)
-        bending = beam_at(self._made, altitude_km, np.sin(np.radians(sun_elevation_deg)), out)
+        bending = beam_at(self._made, float(altitude_km), np.sin(np.radians(sun_elevation_deg)), out)
         return Direct(out, float(np.degrees(bending)) if out.any() else 0.0)
 
     @property

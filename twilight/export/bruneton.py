@@ -22,6 +22,7 @@ from twilight.errors import TwilightError
 from twilight.export.values import JUST_DEG, Source
 from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nu
 from twilight.solvers.tables.passes import depths, fill_depth, read
+from twilight.transport.profile import Profile, prepare_profile
 
 LARGEST_HALF = 65504.0
 FADED_MU_S = 0.01
@@ -112,7 +113,7 @@ def fill(
             progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
     scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, 3))
-    fill_depth(_unscaled(source), source.jumps, mapping, depth, 0, mapping.n_t_r)
+    fill_depth(_unscaled(source, bottom_km), mapping, depth, 0, mapping.n_t_r)
     progress("irradiance", 0.95)
     irradiance = _irradiance(source, mapping, min(rows, mapping.n_e_r))[..., ::-1] * solar_irradiance[::-1] * scale
     constants = {
@@ -165,10 +166,9 @@ def _asymmetry(source: Source) -> float:
     return float(candidates[int(np.argmin(errors))])
 
 
-def _unscaled(source: Source):
-    from twilight.transport.profile import prepare_profile
-
-    return prepare_profile(source.medium)
+def _unscaled(source: Source, bottom_km: float) -> Profile:
+    """The air without delta scaling, around a ground of that radius."""
+    return prepare_profile(source.medium)._replace(earth_radius_km=bottom_km - source.medium.bottom_km)
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,9 @@ def _without_ground(source: Source, mapping: Mapping, height: float, mu_s: float
     there = (r * mu_s + distance[:, None] * rays.nu[down]) / (r - height)
     local = np.degrees(np.arcsin(np.clip(there, -1.0, 1.0)))
     tau = np.zeros((mu.size, medium.n_wavelengths))
-    depths(source.profile, source.jumps, np.full(mu.size, altitude), mu, np.full(mu.size, np.inf), 1.0, tau)
+    own = mapping._replace(bottom_km=medium.earth_radius_km + medium.bottom_km)
+    each = np.ones(mu.size)
+    depths(source.profile, own, height * each, mu, each > 0.0, np.inf * each, tau)
     seen[down] = np.maximum(seen[down] - np.exp(-tau)[:, None] * source.ground(local), 0.0)
     return seen
 

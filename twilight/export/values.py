@@ -11,10 +11,9 @@ from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
-from twilight.solvers.tables.passes import MAX_POINTS, ray_points
-from twilight.solvers.tables.steps import jump_altitudes
 from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, prepare_beam
+from twilight.transport.lines import ALTITUDE, DISTANCE, by_species, new_line, trace_line
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
@@ -25,31 +24,30 @@ PHASE_ANGLES = 256
 
 
 @njit(cache=True, nogil=True)
-def _single_aerosol(profile, jumps, beam, altitude_km, elevation, azimuth, sun, bottom_radius_km, out, begin, end):
+def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, begin, end):
     """Light that each aerosol scattered once, without its phase function, out (K, S, E, A, W); angles in rad."""
     n_w = out.shape[4]
-    distance, altitude = np.empty(MAX_POINTS), np.empty(MAX_POINTS)
-    weight = np.empty((MAX_POINTS, n_w))
-    levels, fractions = np.empty(MAX_POINTS, np.int64), np.empty(MAX_POINTS)
+    line = new_line(profile)
+    source = np.empty((line.place.shape[0], 1 + out.shape[0], n_w))
     light = np.empty(n_w)
     r = profile.earth_radius_km + altitude_km
     for e in range(begin, end):
         mu = math.sin(elevation[e])
-        n = ray_points(profile, jumps, altitude_km, mu, 1.0, distance, altitude, weight, levels, fractions)
+        n, _ = trace_line(profile, altitude_km, mu, 1.0, True, line)
+        for p in range(n):
+            by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
         for s in range(sun.size):
             mu_s = math.sin(sun[s])
             for a in range(azimuth.size):
                 nu = mu * mu_s + math.cos(elevation[e]) * math.cos(sun[s]) * math.cos(azimuth[a])
                 for p in range(n):
-                    there = (r * mu_s + distance[p] * nu) / (profile.earth_radius_km + altitude[p])
-                    beam_at(beam, altitude[p], min(1.0, max(-1.0, there)), light)
-                    low, f = levels[p], fractions[p]
+                    altitude = line.place[p, ALTITUDE]
+                    there = (r * mu_s + line.place[p, DISTANCE] * nu) / (profile.earth_radius_km + altitude)
+                    beam_at(beam, altitude, min(1.0, max(-1.0, there)), light)
                     for k in range(out.shape[0]):
                         for w in range(n_w):
                             if light[w] > 0.0:
-                                sigma = profile.species_scattering[1 + k, low, w] * (1.0 - f)
-                                sigma += profile.species_scattering[1 + k, low + 1, w] * f
-                                out[k, s, e, a, w] += weight[p, w] * sigma * light[w]
+                                out[k, s, e, a, w] += source[p, 1 + k, w] * light[w]
 
 
 @dataclass
@@ -64,7 +62,6 @@ class Source:
         self.scaled = delta_scaled(self.medium, DEGREE)
         self.beam = prepare_beam(self.scaled.medium, refraction=self.refracted)
         self.profile = prepare_profile(self.scaled.medium)
-        self.jumps = jump_altitudes(self.profile)
         self._ground: tuple[np.ndarray, np.ndarray] | None = None
         self.phase = self._effective_phase() if self.medium.has_aerosol else None
 
@@ -97,13 +94,7 @@ class Source:
         e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
         k = len(self.medium.phase_functions)
         parts = np.zeros((k, s.size, e.size, a.size, self.medium.n_wavelengths))
-        radius = self.medium.earth_radius_km
-        in_slices(
-            lambda i, j: _single_aerosol(
-                self.profile, self.jumps, self.beam, altitude_km, e, a, s, radius, parts, i, j
-            ),
-            e.size,
-        )  # fmt: skip
+        in_slices(lambda i, j: _single_aerosol(self.profile, self.beam, altitude_km, e, a, s, parts, i, j), e.size)
         cosine = np.sin(e)[None, :, None] * np.sin(s)[:, None, None]
         cosine = cosine + (np.cos(e)[None, :, None] * np.cos(s)[:, None, None]) * np.cos(a)
         light = np.zeros(parts.shape[1:])

@@ -316,6 +316,27 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     return n, (GROUND if status == GROUND else OUT)
 
 
+@njit(cache=True)
+def by_species(profile, altitude_km, weight, out):
+    """Share out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
+    i, f = locate(profile, altitude_km)
+    for w in range(weight.size):
+        total = profile.scattering[i, w] * (1.0 - f) + profile.scattering[i + 1, w] * f
+        factor = weight[w] / total if total > 0.0 else 0.0
+        for c in range(out.shape[0]):
+            species = profile.species_scattering[c, i, w] * (1.0 - f) + profile.species_scattering[c, i + 1, w] * f
+            out[c, w] = factor * species
+
+
+@njit(cache=True)
+def per_scattering(profile, altitude_km, weight, out):
+    """The `weight` (W,) of a point over its scattering coefficient [km] into out (W,): transmittance x length."""
+    i, f = locate(profile, altitude_km)
+    for w in range(weight.size):
+        total = profile.scattering[i, w] * (1.0 - f) + profile.scattering[i + 1, w] * f
+        out[w] = weight[w] / total if total > 0.0 else 0.0
+
+
 @njit(cache=True, inline="always")
 def _put(row, z, psi, a, s):
     row[ALTITUDE] = z

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.transport.beam import beam_at
+from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
 
@@ -290,8 +290,6 @@ def scattered_once(beam, rays, share, elevation, directions, phases, floor, grou
         if rays.ground_weight[r].max() > 0.0:
             for d in range(directions.first[r], directions.first[r + 1]):
                 up = _cos_sun(rays.ground_angle_rad[r], to_sun, cos_azimuth[d])
-                bending = beam_at(beam, ground_km, up, at_one)
-                incidence = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, up))) - bending))
+                beam_on_ground(beam, ground_km, up, at_one)
                 for w in range(n_w):
-                    reflected = ground_albedo[w] / math.pi * at_one[w] * max(0.0, incidence)
-                    out[d, 0, w] += rays.ground_weight[r, w] * reflected
+                    out[d, 0, w] += rays.ground_weight[r, w] * ground_albedo[w] / math.pi * at_one[w]

@@ -16,9 +16,8 @@ from numba import njit
 from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.solvers.cells.stencils import Mesh, Stencils
 from twilight.threads import in_slices
-from twilight.transport.beam import beam_at
-from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, new_line, trace_line
-from twilight.transport.profile import locate
+from twilight.transport.beam import beam_at, beam_on_ground
+from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, by_species, new_line, trace_line
 
 TINY = 1e-30
 
@@ -71,7 +70,7 @@ def once_scattered(
                 points, status = trace_line(profile, altitude[p], mu, 1.0, False, line)
                 for k in range(points):
                     _unit(x[p], z[p], dx, dy, dz, line.place[k, DISTANCE], position[k])
-                    _by_species(profile, line.place[k, ALTITUDE], line.weight[k], coefficient[k])
+                    by_species(profile, line.place[k, ALTITUDE], line.weight[k], coefficient[k])
                 if status == GROUND:
                     _unit(x[p], z[p], dx, dy, dz, line.end[2], ground)
                 for side in range(2):
@@ -100,11 +99,9 @@ def once_scattered(
                                     row[w] += light[w] * source
                         if status == GROUND:
                             c_sun = ground[0] * sx + sign * ground[1] * sy + ground[2] * sz
-                            bend = beam_at(beam, profile.altitude_km[0], c_sun, light)
-                            c_apparent = math.cos(max(0.0, math.acos(min(1.0, max(-1.0, c_sun))) - bend))
+                            beam_on_ground(beam, profile.altitude_km[0], c_sun, light)
                             for w in range(n_wavelengths):
-                                reflected = ground_albedo[w] / math.pi * light[w] * max(0.0, c_apparent)
-                                row[w] += line.transmittance[w] * reflected
+                                row[w] += line.transmittance[w] * ground_albedo[w] / math.pi * light[w]
 
 
 @njit(cache=True, inline="always")
@@ -113,18 +110,6 @@ def _unit(x, z, dx, dy, dz, s, out):
     px, py, pz = x + s * dx, s * dy, z + s * dz
     r = math.sqrt(px * px + py * py + pz * pz)
     out[0], out[1], out[2] = px / r, py / r, pz / r
-
-
-@njit(cache=True)
-def _by_species(profile, altitude_km, weight, out):
-    """Share out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
-    i, f = locate(profile, altitude_km)
-    for w in range(weight.size):
-        total = profile.scattering[i, w] * (1.0 - f) + profile.scattering[i + 1, w] * f
-        factor = weight[w] / total if total > 0.0 else 0.0
-        for c in range(out.shape[0]):
-            sigma = profile.species_scattering[c]
-            out[c, w] = factor * (sigma[i, w] * (1.0 - f) + sigma[i + 1, w] * f)
 
 
 @njit(cache=True)

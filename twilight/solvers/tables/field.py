@@ -189,10 +189,10 @@ class Field(BareField):
         mu_s = (rays.mu_s * rays.radius_km + rays.length_km * rays.nu)[g] / self.mapping.bottom_km
         tables = self.tables
         direct = np.zeros((mu_s.size, self.medium.n_wavelengths))
-        ones = np.full(mu_s.size, self.medium.bottom_km)
         up = mu_s > 0.0
         tau = np.zeros((int(up.sum()), direct.shape[1]))
-        depths(tables.profile, tables.jumps, ones[up], mu_s[up], np.full(tau.shape[0], np.inf), 1.0, tau)
+        on_ground, sky_above, to_the_top = np.zeros(len(tau)), np.zeros(len(tau), bool), np.full(len(tau), np.inf)
+        depths(tables.profile, self.mapping, on_ground, mu_s[up], sky_above, to_the_top, tau)
         direct[up] = np.exp(-tau) * mu_s[up, None]
         nodes = np.linspace(-1.0, 1.0, self.mapping.n_e_mu_s)
         sky = np.stack([np.interp(mu_s, nodes, column) for column in tables.irradiance[0].T], axis=-1)
@@ -201,11 +201,11 @@ class Field(BareField):
 
     def _depths(self, profile, rays: Rays, stop_km: np.ndarray) -> np.ndarray:
         """Optical depths (D, W) up to distances (D,)."""
-        key = np.stack([rays.height_km, rays.mu, stop_km], axis=1)
+        key = np.stack([rays.height_km, rays.mu, stop_km, rays.ground], axis=1)
         unique, back = np.unique(key, axis=0, return_inverse=True)
         out = np.zeros((unique.shape[0], self.medium.n_wavelengths))
-        altitude = self.medium.bottom_km + unique[:, 0]
-        depths(profile, self.tables.jumps, altitude, unique[:, 1], unique[:, 2], 1.0, out)
+        height, mu, length, ground = (np.ascontiguousarray(column) for column in unique.T)
+        depths(profile, self.mapping, height, mu, ground > 0.0, length, out)
         return np.where(rays.hits[:, None], out[back.ravel()], 0.0)
 
     def _rays(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km) -> Rays:

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from twilight.geometry import altitude_along
+from twilight.geometry import distance_to_sphere
 from twilight.solvers.tables.lookup import irradiance, optical_depth_to_top, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
@@ -25,37 +25,40 @@ from twilight.solvers.tables.mapping import (
     texel_height_km,
     view_cosine,
 )
-from twilight.solvers.tables.steps import GAUSS_HIGH, GAUSS_LOW, MAX_STEPS, march, step_transmission
+from twilight.transport.chord import chord_depth
+from twilight.transport.lines import ALTITUDE, DISTANCE, by_species, new_line, per_scattering, trace_line
 
-MAX_POINTS = 2 * (MAX_STEPS + 2)
+CLEAR_KM = 1e-7
+"""How far above or below the ground the lowest point of a ray along the horizon is put."""
 
 
 @njit(cache=True)
-def ray_depth(profile, jumps, altitude_km, mu, fineness, stop_km, out):
-    """Optical depth (W,) from altitude_km along a straight ray up to stop_km, or to its end; into out."""
-    edges = np.empty(MAX_STEPS + 2)
-    depth = np.empty(out.size)
-    levels = np.empty(2, np.int64)
-    fractions = np.empty(2)
-    out[:] = 0.0
-    n, _ = march(profile, jumps, altitude_km, mu, fineness, edges)
-    radius = profile.earth_radius_km
-    for k in range(n):
-        begin, end = edges[k], min(edges[k + 1], stop_km)
-        if end <= begin:
-            break
-        z_low = altitude_along(altitude_km, mu, begin + GAUSS_LOW * (end - begin), radius)
-        z_high = altitude_along(altitude_km, mu, begin + GAUSS_HIGH * (end - begin), radius)
-        step_transmission(profile, z_low, z_high, end - begin, levels, fractions, depth)
-        for w in range(out.size):
-            out[w] += depth[w]
+def off_horizon(mapping, height_km, mu, ground):
+    """mu of a ray that ends on the ground, or passes above it, as `ground` says: rounding does not decide."""
+    rho = horizon_km(mapping, height_km)
+    change = 2.0 * mapping.bottom_km * CLEAR_KM
+    edge = math.sqrt(max(0.0, rho * rho + change if ground else rho * rho - change)) / (mapping.bottom_km + height_km)
+    return min(mu, -edge) if ground else max(mu, -edge)
 
 
 @njit(cache=True, nogil=True)
-def fill_depth(profile, jumps, mapping, depth, begin, end):
+def depths(profile, mapping, height_km, mu, ground, length_km, out):
+    """Optical depths (D, W) of rays (D,) up to length_km (D,), or to their ends where that is infinite."""
+    for d in range(mu.size):
+        up = off_horizon(mapping, height_km[d], mu[d], ground[d])
+        length = length_km[d]
+        if math.isinf(length):
+            if ground[d]:
+                length = distance_to_ground_km(mapping, height_km[d], up)
+            else:
+                length = distance_to_top_km(mapping, height_km[d], up)
+        chord_depth(profile, profile.altitude_km[0] + height_km[d], up, length, out[d])
+
+
+@njit(cache=True, nogil=True)
+def fill_depth(profile, mapping, depth, begin, end):
     """-ln T (r, mu, W) at the texels of T, for those of r from begin to end."""
     far = horizon_km(mapping, mapping.thickness_km)
-    bottom = profile.altitude_km[0]
     for i in range(begin, end):
         height = texel_height_km(mapping, i, mapping.n_t_r)
         rho = horizon_km(mapping, height)
@@ -63,77 +66,43 @@ def fill_depth(profile, jumps, mapping, depth, begin, end):
         least = mapping.thickness_km - height
         for j in range(mapping.n_t_mu):
             d = least + (rho + far - least) * j / (mapping.n_t_mu - 1)
-            mu = (far * far - rho * rho - d * d) / (2.0 * r * d) if d > 1e-9 else 1.0
-            # one that grazes the ground stays above it
-            mu = max(-rho / r * (1.0 - 1e-12), min(1.0, mu))
-            ray_depth(profile, jumps, bottom + height, mu, 2.0, 1e300, depth[i, j])
+            mu = min(1.0, (far * far - rho * rho - d * d) / (2.0 * r * d)) if d > 1e-9 else 1.0
+            mu = off_horizon(mapping, height, mu, False)
+            z = profile.altitude_km[0] + height
+            length = distance_to_sphere(z, mu, profile.stop_km[profile.stop_km.size - 1], profile.earth_radius_km)
+            chord_depth(profile, z, mu, length, depth[i, j])
 
 
 @njit(cache=True)
-def ray_points(profile, jumps, altitude_km, mu, fineness, distance, altitude, weight, levels, fractions):
-    """Quadrature points of a ray: distance, altitude (P,), weight (P, W) with the transmittance to them, and the levels
-    and fractions between them; returns their number."""
-    n_w = weight.shape[1]
-    edges = np.empty(MAX_STEPS + 2)
-    depth = np.empty(n_w)
-    passed = np.zeros(n_w)
-    two_levels = np.empty(2, np.int64)
-    two_fractions = np.empty(2)
-    n, _ = march(profile, jumps, altitude_km, mu, fineness, edges)
-    radius = profile.earth_radius_km
-    count = 0
-    for k in range(n):
-        length = edges[k + 1] - edges[k]
-        s_low = edges[k] + GAUSS_LOW * length
-        s_high = edges[k] + GAUSS_HIGH * length
-        z_low = altitude_along(altitude_km, mu, s_low, radius)
-        z_high = altitude_along(altitude_km, mu, s_high, radius)
-        step_transmission(profile, z_low, z_high, length, two_levels, two_fractions, depth)
-        for g in range(2):
-            part = GAUSS_LOW if g == 0 else GAUSS_HIGH
-            distance[count] = s_low if g == 0 else s_high
-            altitude[count] = z_low if g == 0 else z_high
-            levels[count], fractions[count] = two_levels[g], two_fractions[g]
-            for w in range(n_w):
-                weight[count, w] = 0.5 * length * math.exp(-passed[w] - part * depth[w])
-            count += 1
-        for w in range(n_w):
-            passed[w] += depth[w]
-    return count
+def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
+    """Both points of every step along a view into `line`, which carry light scattered there; returns their number."""
+    up = off_horizon(mapping, height_km, mu, ground)
+    return trace_line(profile, profile.altitude_km[0] + height_km, up, fineness, True, line)[0]
 
 
 @njit(cache=True, nogil=True)
-def fill_single(profile, jumps, mapping, depth, heights, view, sun, nus, fineness, out, begin, end):
+def fill_single(profile, mapping, depth, heights, view, sun, nus, fineness, out, begin, end):
     """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol."""
     n_species, n_w = out.shape[0], out.shape[5]
     bottom = profile.altitude_km[0]
-    distance, altitude = np.empty(MAX_POINTS), np.empty(MAX_POINTS)
-    weight = np.empty((MAX_POINTS, n_w))
-    source = np.empty((MAX_POINTS, n_species, n_w))
-    levels, fractions = np.empty(MAX_POINTS, np.int64), np.empty(MAX_POINTS)
+    line = new_line(profile)
+    source = np.empty((line.place.shape[0], n_species, n_w))
     light = np.empty(n_w)
     total = np.empty((n_species, n_w))
     for i in range(begin, end):
         r = mapping.bottom_km + heights[i]
         for m in range(mapping.n_mu):
             mu = view[i, m]
-            n = ray_points(
-                profile, jumps, bottom + heights[i], mu, fineness, distance, altitude, weight, levels, fractions
-            )
+            n = trace_view(profile, mapping, heights[i], mu, 2 * m < mapping.n_mu, fineness, line)
             for p in range(n):
-                low, f = levels[p], fractions[p]
-                for s in range(n_species):
-                    for w in range(n_w):
-                        sigma = profile.species_scattering[s, low, w] * (1.0 - f)
-                        sigma += profile.species_scattering[s, low + 1, w] * f
-                        source[p, s, w] = weight[p, w] * sigma
+                by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
             for j in range(mapping.n_mu_s):
                 for k in range(mapping.n_nu):
                     nu = possible_nu(mu, sun[j], nus[k])
                     total[:] = 0.0
                     for p in range(n):
-                        height = altitude[p] - bottom
-                        mu_s = (r * sun[j] + distance[p] * nu) / (mapping.bottom_km + height)
+                        height = line.place[p, ALTITUDE] - bottom
+                        mu_s = (r * sun[j] + line.place[p, DISTANCE] * nu) / (mapping.bottom_km + height)
                         if sunlight(mapping, depth, height, mu_s, light):
                             for s in range(n_species):
                                 for w in range(n_w):
@@ -170,7 +139,7 @@ def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, 
 
 @njit(cache=True, nogil=True)
 def fill_source(
-    profile, jumps, mapping, depth, tables, logarithmic, single_moments, moments, sky_irradiance, direct, albedo,
+    profile, mapping, depth, tables, logarithmic, single_moments, moments, sky_irradiance, direct, albedo,
     heights, view, sun, nus, polar, node_mu, node_weight, azimuth, view_polar, orders, sigma, out, begin, end,
 ):  # fmt: skip
     """J (r, mu_s, nu, mu, W) from the last order: all species, and the ground lit by it.
@@ -204,7 +173,7 @@ def fill_source(
                 ground = 2 * q < node_mu.shape[1]
                 far = distance_to_ground_km(mapping, heights[i], mu) if ground else 0.0
                 if ground:
-                    ray_depth(profile, jumps, bottom + heights[i], mu, 1.0, 1e300, tau)
+                    chord_depth(profile, bottom + heights[i], mu, far, tau)
                 wave[:] = 0.0
                 for p in range(azimuth.size):
                     c = math.cos(azimuth[p])
@@ -278,32 +247,31 @@ def fill_irradiance(
 
 @njit(cache=True, nogil=True)
 def fill_scattering(
-    profile, jumps, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, begin, end
+    profile, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, begin, end
 ):  # fmt: skip
     """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels."""
     n_w = out.shape[4]
     bottom = profile.altitude_km[0]
-    distance, altitude = np.empty(MAX_POINTS), np.empty(MAX_POINTS)
-    weight = np.empty((MAX_POINTS, n_w))
-    levels, fractions = np.empty(MAX_POINTS, np.int64), np.empty(MAX_POINTS)
+    line = new_line(profile)
+    weight = np.empty(line.weight.shape)
     light, total = np.empty(n_w), np.empty(n_w)
     for i in range(begin, end):
         r = mapping.bottom_km + heights[i]
         for m in range(mapping.n_mu):
             mu = view[i, m]
             ground = view_cosine(mapping, heights[i], m)[1]
-            n = ray_points(
-                profile, jumps, bottom + heights[i], mu, fineness, distance, altitude, weight, levels, fractions
-            )
+            n = trace_view(profile, mapping, heights[i], mu, ground, fineness, line)
+            for p in range(n):
+                per_scattering(profile, line.place[p, ALTITUDE], line.weight[p], weight[p])
             for j in range(mapping.n_mu_s):
                 for k in range(mapping.n_nu):
                     nu = possible_nu(mu, sun[j], nus[k])
                     total[:] = 0.0
                     for p in range(n):
-                        height = altitude[p] - bottom
+                        height = line.place[p, ALTITUDE] - bottom
                         there = mapping.bottom_km + height
-                        mu_p = min(1.0, max(-1.0, (r * mu + distance[p]) / there))
-                        mu_s = min(1.0, max(-1.0, (r * sun[j] + distance[p] * nu) / there))
+                        mu_p = min(1.0, max(-1.0, (r * mu + line.place[p, DISTANCE]) / there))
+                        mu_s = min(1.0, max(-1.0, (r * sun[j] + line.place[p, DISTANCE] * nu) / there))
                         scattering(mapping, source, logarithmic, height, mu_p, mu_s, nu, ground, light)
                         for w in range(n_w):
                             total[w] += weight[p, w] * light[w]
@@ -316,13 +284,6 @@ def read(mapping, table, logarithmic, height, mu, mu_s, nu, ground, out, begin, 
     """S (D, W) of one table at heights, cosines and halves (D,)."""
     for d in range(begin, end):
         scattering(mapping, table, logarithmic, height[d], mu[d], mu_s[d], nu[d], ground[d], out[d])
-
-
-@njit(cache=True)
-def depths(profile, jumps, altitude_km, mu, stop_km, fineness, out):
-    """Optical depths (D, W) along rays (D,) up to stop_km (D,) or their ends."""
-    for d in range(mu.size):
-        ray_depth(profile, jumps, altitude_km[d], mu[d], fineness, stop_km[d], out[d])
 
 
 __all__ = [

@@ -18,7 +18,6 @@ from twilight.solvers.tables.passes import (
     fill_source,
 )
 from twilight.solvers.tables.settings import TablesSettings
-from twilight.solvers.tables.steps import jump_altitudes
 from twilight.threads import in_slices
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
@@ -35,7 +34,6 @@ class Tables:
 
     mapping: Mapping
     profile: Any
-    jumps: np.ndarray
     depth: np.ndarray
     irradiance: np.ndarray
     single: np.ndarray
@@ -66,20 +64,19 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     """Fill T, then S and E order by order, until max_events."""
     medium = scaled.medium
     profile = prepare_profile(medium)
-    jumps = jump_altitudes(profile)
     mapping = make_mapping(settings, medium.earth_radius_km + medium.bottom_km, medium.top_km - medium.bottom_km)
     n_w = medium.n_wavelengths
     heights, view, sun, nus = grid(mapping)
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
     progress("transmittance", 0.0)
-    in_slices(lambda a, b: fill_depth(profile, jumps, mapping, depth, a, b), mapping.n_t_r)
+    in_slices(lambda a, b: fill_depth(profile, mapping, depth, a, b), mapping.n_t_r)
     shape = (mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, n_w)
     single = np.zeros((scaled.moments.shape[0], *shape), np.float32)
     progress("single scattering", 0.05)
     fineness = settings.step_density
     in_slices(
         lambda a, b: fill_single(
-            profile, jumps, mapping, depth, heights, view, sun, nus, fineness, single, a, b
+            profile, mapping, depth, heights, view, sun, nus, fineness, single, a, b
         ),
         mapping.n_r,
     )  # fmt: skip
@@ -110,7 +107,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         source = np.zeros(shape, np.float32)
         in_slices(
             lambda a, b, last=last, log=last_logarithmic, of=single_moments, lit=lit, first=event == 1, out=source: fill_source(  # type: ignore[misc]  # noqa: E501
-                profile, jumps, mapping, depth, last, log, of, phases, lit, first, medium.ground_albedo,
+                profile, mapping, depth, last, log, of, phases, lit, first, medium.ground_albedo,
                 heights, view, sun, nus, quadrature.polar, quadrature.mu, quadrature.weight, quadrature.azimuth,
                 quadrature.view_polar, quadrature.orders, sigma, out, a, b,
             ),
@@ -120,14 +117,14 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         order = np.zeros(shape, np.float32)
         in_slices(
             lambda a, b, source=source, out=order: fill_scattering(  # type: ignore[misc]
-                profile, jumps, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, a, b
+                profile, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, a, b
             ),
             mapping.n_r,
         )
         total += order
         last, last_logarithmic, single_moments, lit = stored(order, logarithmic)[None], logarithmic, none, from_sky
     steps = np.stack(by_event)
-    return Tables(mapping, profile, jumps, depth, steps.sum(axis=0), single, total, steps)
+    return Tables(mapping, profile, depth, steps.sum(axis=0), single, total, steps)
 
 
 def stored(values: np.ndarray, logarithmic: bool) -> np.ndarray:

@@ -21,7 +21,11 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.geometry import distance_to_sphere
 from twilight.transport.beam import beam_at
+from twilight.transport.chord import chord_depth
+from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
+from twilight.transport.profile import Profile, locate
 from twilight.transport.scaling import ScaledMedium
 
 HIGHEST_DEGREE = 400
@@ -31,17 +35,18 @@ LEAST_SHARE, LEAST_DEPTH = 1e-6, 1e-4
 
 class Peak(NamedTuple):
     """moments p_l (L, K, W) of the forward peak of each aerosol; strength (K, W): f/(1 - f), 0 where there is no peak;
-    altitude_km (N,), per_km (N, W): coefficient of scattering in the peak, linear between these altitudes."""
+    profile: of the scaled air, with the coefficient of scattering in the peak [km^-1] as its extinction."""
 
     moments: np.ndarray
     strength: np.ndarray
-    altitude_km: np.ndarray
-    per_km: np.ndarray
-    earth_radius_km: float
+    profile: Profile
 
 
-def forward_peak(medium: Medium, scaled: ScaledMedium, altitude_km: np.ndarray) -> Peak | None:
-    """The peaks of the aerosol's phase functions that delta scaling has taken away; None where there are none."""
+def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Peak | None:
+    """The peaks of the aerosol's phase functions that delta scaling has taken away; None where there are none.
+
+    profile: of the scaled medium.
+    """
     f = scaled.forward_share
     if not f.size or f.max() < LEAST_SHARE or not medium.has_aerosol:
         return None
@@ -51,49 +56,11 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, altitude_km: np.ndarray) 
         chi = phase.legendre_moments(HIGHEST_DEGREE).T
         moments[kept:, k] = np.clip(chi[kept:] / np.maximum(f[k], LEAST_SHARE), 0.0, 1.0)
     # just below a jump, the air below it
+    altitude_km = profile.altitude_km
     inside = altitude_km - np.where(np.diff(altitude_km, append=np.inf) <= 0.0, 1e-9, 0.0)
     removed = medium.at(inside).aerosol_extinction - scaled.medium.at(inside).aerosol_extinction
     strength = np.where(f > LEAST_SHARE, f / (1.0 - f), 0.0)
-    return Peak(moments, strength, altitude_km, np.maximum(0.0, removed), medium.earth_radius_km)
-
-
-@njit(cache=True, nogil=True)
-def peak_depth(peak, z, cosine, depth):
-    """Add to depth (W,) that of scattering in the peak along a straight line from z [km] to space."""
-    levels = peak.altitude_km
-    radius = peak.earth_radius_km
-    r = radius + z
-    lowest = r * math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    n_w = depth.size
-    for i in range(levels.size - 1):
-        if levels[i + 1] <= levels[i]:
-            continue
-        # pieces above z once, pieces between the lowest point and z twice
-        for below in range(2):
-            if below == 1 and cosine >= 0.0:
-                break
-            low = max(radius + levels[i], lowest if below == 1 else r)
-            high = min(radius + levels[i + 1], r if below == 1 else 1e30)
-            if high <= low:
-                continue
-            length = math.sqrt(max(0.0, (high - lowest) * (high + lowest)))
-            length -= math.sqrt(max(0.0, (low - lowest) * (low + lowest)))
-            f = (0.5 * (low + high) - radius - levels[i]) / (levels[i + 1] - levels[i])
-            if below == 1:
-                length *= 2.0
-            for w in range(n_w):
-                depth[w] += length * ((1.0 - f) * peak.per_km[i, w] + f * peak.per_km[i + 1, w])
-
-
-@njit(cache=True, nogil=True)
-def peak_at(peak, z, out):
-    """Coefficient [km^-1] (W,) of scattering in the peak at the altitude z [km]."""
-    levels = peak.altitude_km
-    i = min(max(np.searchsorted(levels, z, side="right") - 1, 0), levels.size - 2)
-    thickness = levels[i + 1] - levels[i]
-    f = min(1.0, max(0.0, (z - levels[i]) / thickness)) if thickness > 0.0 else 0.0
-    for w in range(out.size):
-        out[w] = (1.0 - f) * peak.per_km[i, w] + f * peak.per_km[i + 1, w]
+    return Peak(moments, strength, profile._replace(extinction=np.ascontiguousarray(np.maximum(0.0, removed))))
 
 
 @njit(cache=True, nogil=True)
@@ -105,6 +72,8 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
     """
     moments, strength = peak.moments, peak.strength
     n_l, n_k, n_w = moments.shape
+    air = peak.profile
+    top_km = air.altitude_km[air.altitude_km.size - 1]
     light, depth = np.empty(n_w), np.empty(n_w)
     series = np.empty((n_l, n_k, n_w))
     for r in range(begin, end):
@@ -113,26 +82,29 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
         passed, before_per_km, per_km = np.zeros(n_w), np.zeros(n_w), np.zeros(n_w)
         travelled = -1.0
         for q in range(rays_first[r], rays_first[r + 1]):
-            peak_at(peak, place[q, 0], per_km)
+            i, g = locate(air, place[q, ALTITUDE])
             # from the observer to this point
             for w in range(n_w):
+                per_km[w] = (1.0 - g) * air.extinction[i, w] + g * air.extinction[i + 1, w]
                 before = per_km[w] if travelled < 0.0 else before_per_km[w]
-                passed[w] += 0.5 * (place[q, 3] - max(travelled, 0.0)) * (per_km[w] + before)
+                passed[w] += 0.5 * (place[q, DISTANCE] - max(travelled, 0.0)) * (per_km[w] + before)
                 before_per_km[w] = per_km[w]
-            travelled = place[q, 3]
+            travelled = place[q, DISTANCE]
             # the sky near the sun is what matters: the sunlight on the ray as if it went towards the sun's azimuth
-            bending = beam_at(beam, place[q, 0], math.cos(zenith - place[q, 1]), light)
+            bending = beam_at(beam, place[q, ALTITUDE], math.cos(zenith - place[q, ANGLE]), light)
             if light.max() <= 0.0:
                 continue
-            depth[:] = passed
-            # from the sun to this point
-            peak_depth(peak, place[q, 0], math.cos(zenith - place[q, 1] - bending), depth)
+            # from the sun to this point, straight along its apparent direction
+            up = math.cos(zenith - place[q, ANGLE] - bending)
+            length = distance_to_sphere(place[q, ALTITUDE], up, top_km, air.earth_radius_km)
+            if not chord_depth(air, place[q, ALTITUDE], up, length, depth):
+                depth[:] = 0.0
             for w in range(n_w):
                 for k in range(n_k):
                     part = weight[q, w] * light[w] * share[1 + k, q, w] * strength[k, w]
                     by_kind[k, w] += part
                     total[w] += part
-                    x[w] += part * depth[w]
+                    x[w] += part * (passed[w] + depth[w])
         for w in range(n_w):
             x[w] = x[w] / total[w] if total[w] > 0.0 else 0.0
         if x.max() < LEAST_DEPTH:

@@ -112,7 +112,7 @@ class Field(BareField):
             self.beam = solved[0]
         self.profile = prepare_profile(self.scaled.medium)
         several = settings.max_events > 1
-        self.peak = forward_peak(medium, self.scaled, self.profile.altitude_km) if several else None
+        self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
         bent = with_refraction(self.profile, medium)
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from twilight.threads import in_slices
-from twilight.transport.beam import Beam, beam_at
+from twilight.transport.beam import Beam, beam_at, beam_on_ground
 
 DARK = np.float32(-87.0)
 """Logarithm that counts as no light."""
@@ -52,12 +52,13 @@ def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
         edge[k] = low
         for j in range(N_ANGLE + 1):
             angle = max(0.0, low - span * (j / N_ANGLE) ** 2)
-            bending = beam_at(beam, z, math.cos(angle), light)
+            beam_at(beam, z, math.cos(angle), light)
             for w in range(n_w):
                 log_light[k, j, w] = max(DARK, math.log(max(light[w], 1e-38)))
-                if k == 0:
-                    incidence = max(0.0, math.cos(max(0.0, angle - bending)))
-                    ground[j, w] = max(DARK, math.log(max(light[w] * incidence, 1e-38)))
+            if k == 0:
+                beam_on_ground(beam, z, math.cos(angle), light)
+                for w in range(n_w):
+                    ground[j, w] = max(DARK, math.log(max(light[w], 1e-38)))
 
 
 def make_sunlight(beam: Beam, bottom_km: float, top_km: float, jumps_km: np.ndarray) -> Sunlight:

@@ -1,0 +1,149 @@
+"""The command line: bad input is one sentence, and an interrupt leaves nothing half done."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rendering import PlainField, call
+from typer.testing import CliRunner
+
+from twilight.cli.app import app
+from twilight.errors import TwilightError
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["nowhere.yaml"], ["nowhere.yaml", "no such file"]),
+        (["continetal-average"], ["did you mean continental-average?"]),
+        (["{table}", "--sun-elevation", "95"], ["--sun-elevation", "-90 to 90", "95"]),
+        (["{table}", "--sun-elevation", "nan"], ["--sun-elevation", "nan"]),
+        (["{table}", "--at", "2003-12-08T16:00"], ["--at", "--latitude", "--longitude"]),
+        (["{table}", "--latitude", "3"], ["--at"]),
+        (["{table}", "--sun-elevation", "3", "--at", "2003-12-08T16:00"], ["--sun-elevation", "--at"]),
+        (["{table}", "--at", "16:00", "--latitude", "3", "--longitude", "4"], ["--at", "sun.at", "2003-12-08T16:00"]),
+        (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "0 to 40000"]),
+        (["{table}", "--solver", "cels"], ["--solver", "cells"]),
+        (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
+        (["{table}", "--target", "maya"], ["--target", "output.target", "mitsuba"]),
+        (
+            ["{table}", "--target-stderr", "0.1", "--solver", "cells"],
+            ["--target-stderr: cells", "add --solver montecarlo"],
+        ),
+        (["{table}", "--target-error", "0.1", "--solver", "plain"], ["--target-error: plain", "add --solver zones"]),
+        (["{table}", "--set", "albedo"], ["--set albedo", "key=value"]),
+        (["{table}", "--set", "solver.name=[plain]"], ["--set solver.name", "not a solver"]),
+        (["{table}", "--set", "solver.quality={}"], ["--set solver.quality", "bright"]),
+        (["{table}", "--set", "solver=plain"], ["--set solver", "a mapping"]),
+        (["{table}", "--set", "sun.elevations_deg=[]"], ["sun.elevations_deg must hold at least 1 value, got 0"]),
+        (["{table}", "--set", "sun={elevation_deg: 3, at: 2003-12-08T16:00}"], ["only one of at, elevation_deg"]),
+        (["{table}", "--set", "climate=null"], ["--set climate", "the name of a climate"]),
+        (["{table}", "--set", "climate=urbna"], ["--set climate", "did you mean urban?"]),
+        (["{table}", "--set", "ground.albedo.x=1"], ["--set ground.albedo.x: ground.albedo holds no keys"]),
+        (["{table}", "--set", "medium.table=t2.csv"], ["--set medium.table", "no file t2.csv"]),
+        (["{table}", "--set", "ground.albdo=1"], ["--set ground.albdo", "did you mean albedo?"]),
+        (["{table}", "--set", "solver.brightness=much"], ["--set solver.brightness", "a number", "'much'"]),
+        (["{table}", "--sun-elevation", "3", "--set", "wavelengths={list_nm: [300, 400]}"], ["t1.csv", "420"]),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(plain, table, tmp_path, arguments, parts):
+    out = tmp_path / "sky"
+    result = call("render", *(str(table) if a == "{table}" else a for a in arguments), "--output", out)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("twilight: ") and len(result.stderr.strip().splitlines()) == 1
+    for part in parts:
+        assert part in result.stderr
+    assert not out.exists()
+
+
+def test_a_table_that_is_missing_or_broken_is_named(plain, table, tmp_path):
+    (tmp_path / "t1.csv").write_text("altitude_km,wavelength_nm\n0,500\n")
+    result = call("render", table, "--output", tmp_path / "sky")
+    assert result.exit_code == 2 and "t1.csv" in result.stderr
+    (tmp_path / "t1.csv").unlink()
+    result = call("render", table, "--output", tmp_path / "sky")
+    assert result.exit_code == 2 and "T1.yaml: medium.table: there is no file" in result.stderr
+
+
+def test_an_output_that_cannot_be_a_folder_is_named(plain, table, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = call("render", table, "--output", tmp_path / "file")
+    assert result.exit_code == 2 and str(tmp_path / "file") in result.stderr
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_anything_is_computed(plain, table, tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
+        result = call("render", table, "--output", folder)
+        assert result.exit_code == 2 and str(folder) in result.stderr and "not a folder" in result.stderr
+    for name in ("file/profile.png", "profile.svg"):
+        result = call("describe", table, "--output", tmp_path / name)
+        assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1
+    assert not plain.calls
+    assert {p.name for p in tmp_path.iterdir()} == {"file", "t1.csv", "T1.yaml"}
+
+
+def test_a_sky_larger_than_the_memory_is_refused(plain, tmp_path):
+    huge = ["--set", "texture={azimuth_count: 7200, elevation_count: 1800}", "--set", "wavelengths.count=2000"]
+    result = CliRunner().invoke(app, ["render", "pure-air", *huge, "--output", str(tmp_path / "sky")])
+    assert result.exit_code == 2, result.output
+    assert "2000 wavelengths" in result.stderr and "GB" in result.stderr and "texture.resolution_deg" in result.stderr
+    assert not plain.calls and not (tmp_path / "sky").exists()
+
+
+def test_an_interrupt_during_imports_gives_no_traceback(tmp_path):
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from twilight.cli import main; main()"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert result.returncode == 130 and result.stderr == "twilight: interrupted\n"
+
+
+def test_an_interrupt_leaves_with_130_and_no_half_files(plain, table, tmp_path, monkeypatch):
+    def interrupted(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PlainField, "radiance", interrupted)
+    result = call("render", table, "--output", tmp_path / "sky")
+    assert result.exit_code == 130 and "Traceback" not in result.stderr
+    assert not (tmp_path / "sky").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
+    program = (
+        "import os, signal, sys\n"
+        "import types\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background job ignores\n"
+        "from twilight import engine, solvers\n"
+        "from twilight.solvers.base import Capabilities\n"
+        "from twilight.cli.app import app\n"
+        "from dataclasses import make_dataclass\n"
+        "qualities = {'standard': make_dataclass('Settings', [])()}\n"
+        "plain = types.SimpleNamespace(__name__='plain', CAPABILITIES=Capabilities(), QUALITIES=qualities)\n"
+        "solvers.load = lambda name: plain\n"
+        "def frames(config, progress=None, wanted=None):\n"
+        f"    os.kill(os.getpid(), {int(number)})\n"
+        "    for _ in range(10**9): pass\n"
+        "    yield\n"
+        "engine.frames = frames\n"
+        "app(['render', *sys.argv[1:]])\n"
+    )
+    command = [sys.executable, "-c", program, str(table), "--output", str(tmp_path / "sky")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert result.returncode == code
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "sky").exists()
+
+
+def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):
+    from twilight.plotting import contact_sheet
+
+    with pytest.raises(TwilightError, match=r"sheet.png"):
+        contact_sheet([("a", Path(tmp_path / "none.png"))], tmp_path / "sheet.png")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,148 @@
+"""The command line: what it tells without computing a sky."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rendering import call
+
+from twilight import solvers
+
+
+def test_null_is_a_value_of_set(plain):
+    result = call("render", "urban", "--plan", "--set", "aerosol=null")
+    assert result.exit_code == 0 and "the climate has none" in result.stdout
+    result = call("render", "urban", "--plan", "--set", "sun.elevation_deg=null")
+    assert result.exit_code == 2 and "got null" in result.stderr
+
+
+def test_time_left_is_at_the_mean_speed():
+    from twilight.cli.terminal import time_left
+
+    assert time_left(0.25, 1200.0) == "1:00:00 left"
+    assert time_left(0.5, 65.0) == "0:01:05 left"
+    assert time_left(0.09, 5.0) == "-:--:-- left"
+
+
+def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):
+    result = call("render", table, "--plan", "--output", tmp_path / "sky")
+    assert result.exit_code == 0 and not (tmp_path / "sky").exists()
+    assert "refraction" in result.stdout and "aerosol" not in result.stdout
+    assert not plain.calls
+
+
+def test_the_plan_says_what_is_missing_though_it_matters():
+    def rows(*words):
+        result = call("render", "pure-air", "--plan", "--sun-elevation", "5", *words)
+        assert result.exit_code == 0, result.stderr
+        return {cells[1]: cells[2:] for cells in (line.split("\t") for line in result.stdout.splitlines()[1:])}
+
+    clean = rows("--solver", "zones", "--set", "wavelengths={list_nm: [450, 550, 670]}")
+    assert not {"polarisation", "oxygen at 629 nm"} & clean.keys()
+    assert clean["bands of oxygen"][0].startswith("no wavelength of this scene lies in them")
+    scalar = rows("--solver", "zones", "--quality", "draft", "--set", "wavelengths={list_nm: [550, 629, 762, 940]}")
+    assert "scalar theory" in scalar["polarisation"][1] and "solver.polarisation: false" in scalar["polarisation"][0]
+    assert scalar["oxygen at 629 nm"][0].endswith("holds 629 nm")
+    assert not {"bands of oxygen", "bands of water vapour"} & scalar.keys()
+    assert rows("--solver", "preetham")["polarisation"] == ["preetham computes radiance alone", "no Q, no U"]
+
+
+def test_the_scalar_error_of_the_plan_is_that_of_the_table():
+
+    from twilight.scene.plan import SCALAR_ERROR
+
+    table = Path(__file__).resolve().parents[1] / "benchmarks" / "polarisation.csv"
+    lines = [line for line in table.read_text().splitlines() if not line.startswith("#")]
+    rows = [
+        row for row in csv.DictReader(lines) if row["quantity"] == "440 nm" and float(row["sun_elevation_deg"]) <= 30
+    ]
+    medians, largest = ([float(row[key]) for row in rows] for key in ("median", "largest"))
+    low, high, most = (
+        float(n) for n in re.match(r".*: (\d+) to (\d+) % at 440 nm, up to (\d+) %", SCALAR_ERROR).groups()
+    )
+    assert (low, high, most) == (round(min(medians)), round(max(medians)), round(max(largest)))
+
+
+def test_lists_and_descriptions():
+    result = call("configs")
+    assert result.exit_code == 0
+    assert "saarbruecken-2003-12-08\t31\t" in result.stdout
+    assert "humidity\t3\t" in result.stdout and "three-climates\t3\t" in result.stdout
+    for document in ("climate", "configuration"):
+        assert json.loads(call("schema", document).stdout)["additionalProperties"] is False
+    assert call("schema", "sky").exit_code == 2
+
+
+def test_solvers_are_listed_with_their_options(plain):
+    result = call("solvers")
+    assert "plain\tbrightness\t0.01" in result.stdout and "plain (default)\tquality\tstandard, bright" in result.stdout
+    assert "cells\tazimuth_cells\t" in result.stdout
+
+
+def test_every_option_of_every_solver_is_explained(plain):
+
+    from twilight.config.solver import explain_options
+
+    for name in [name for name in solvers.SOLVERS if name != "plain"]:
+        settings = type(solvers.load(name).QUALITIES["standard"])
+        why = explain_options(settings)
+        assert set(why) == {f.name for f in fields(settings)}, name
+        assert all(len(text) > 5 and ": " not in text[:3] for text in why.values()), name
+    lines = call("solvers", "zones").stdout.splitlines()
+    assert lines[0] == "option\tdraft\tstandard\treference\twhat it is"
+    assert "polar_directions\t9\t14\t" in lines[2] and lines[2].endswith("\tdirections per hemisphere")
+    assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("solvers", "plain").stdout
+    assert "did you mean zones?" in call("solvers", "zons").stderr
+
+
+def test_suggestions_are_of_the_kind_asked_for():
+    for command, kind, other in (("describe", "climates are", "sweep-haze"), ("sweep", "configurations are", "urban")):
+        refused = call(command, "nowhere")
+        assert refused.exit_code == 2 and kind in refused.stderr
+        assert "did you mean" not in refused.stderr and other not in refused.stderr
+    assert "did you mean sweep-haze?" in call("sweep", "sweep-hase").stderr
+    either = call("render", "nowhere").stderr
+    assert "climates are antarctic" in either and "configurations are compare" in either
+
+
+def test_describe_takes_settings_and_the_shell_completes_names(tmp_path):
+    shown = [
+        call("describe", "pure-air", "--output", tmp_path / "p.png", *more).stdout
+        for more in ((), ("--set", "gases.ozone.column_du=150"))
+    ]
+    ozone = [next(line.split("\t") for line in text.splitlines() if line.startswith("ozone\t")) for text in shown]
+    columns = shown[0].splitlines()[1].split("\t")
+    at = columns.index("550 nm")
+    assert columns[1] == "300 nm" and columns[-1] == "1000 nm"
+    assert float(ozone[1][at]) < 0.6 * float(ozone[0][at])
+    wrong = call("describe", "pure-air", "--set", "gases.ozne=3")
+    assert wrong.exit_code == 2 and "did you mean ozone?" in wrong.stderr
+    from twilight.cli.options import climate_names, scene_names, solver_names
+
+    assert climate_names("urb") == ["urban"] and "sweep-haze" in scene_names("sw") and solver_names("zo") == ["zones"]
+    assert "--show-completion" in call("--help").stdout
+
+
+def test_describe_prints_depths_and_draws_the_profile(table, tmp_path):
+    result = call("describe", table, "--output", tmp_path / "profile.png")
+    assert result.exit_code == 0, result.stderr
+    lines = dict(line.split("\t", 1) for line in result.stdout.splitlines() if "\t" in line)
+    depth = 1e-2 * 60 * (1 - 1e-3) / np.log(1e3)
+    assert float(lines["air"].split("\t")[1]) == pytest.approx(depth, abs=6e-5)
+    assert float(lines["aerosol"].split("\t")[1]) == pytest.approx(5 * depth, abs=6e-5)
+    assert lines["scale height of the air"] == f"{60 / np.log(1e3) * (1 - 1e-3):.2f} km"
+    assert (tmp_path / "profile.png").read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.glob(".*")) == []
+
+
+def test_version_and_help():
+    from twilight import __version__
+
+    assert __version__ in call("--version").stdout
+    assert "render" in call("--help").stdout
