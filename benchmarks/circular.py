@@ -20,12 +20,12 @@ from twilight.config.load import load_climate
 from twilight.phase import RATIO_P34, table_angles_rad
 from twilight.scene.medium import climate_medium
 
-CLIMATES = ("pure-air", "continental-average", "urban", "desert", "maritime-clean", "volcanic-extreme")
+CLIMATES = ("continental-average", "urban", "desert", "volcanic-extreme")
 WAVELENGTHS_NM = (450.0, 650.0)
 SUNS_DEG = (30.0, 5.0)
 DIRECTIONS_DEG = tuple((e, a) for e in (10.0, 30.0, 60.0) for a in (45.0, 90.0, 135.0))
-PATHS = 60_000
-MOST_EVENTS = 60
+PATHS = 20_000
+MOST_EVENTS = 40
 NODES = 4001
 
 

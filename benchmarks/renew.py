@@ -44,6 +44,9 @@ BENCHMARKS = {
         "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
     ),
     "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
+    "montecarlo_zscores": Benchmark(
+        "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether the referee's stated errors are its scatter"
+    ),
     "smooth_index": Benchmark(
         "smooth_index.py", "smooth_index*.csv", "how smooth the refracted sunbeam is, and its tables' error"
     ),

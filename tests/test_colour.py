@@ -150,3 +150,11 @@ def test_unknown_names_are_refused_with_the_choices():
         spectrum.xyz_to_rgb_matrix("cat")
     with pytest.raises(TwilightError, match="cie1964_10deg"):
         spectrum.colour_matching_functions("cat")
+
+
+def test_what_is_far_brighter_than_white_burns_out_and_the_sky_keeps_its_hue():
+    orange = np.array([1.0, 0.5, 0.2])
+    sky, disc = colour.photographic(4.0 * orange), colour.photographic(1000.0 * orange)
+    as_before = colour.photographic(6.0 * orange)
+    assert sky[2] < 0.75 * sky[0] and as_before[2] < 0.8 * as_before[0]
+    assert disc.min() > 0.95 and colour.photographic(np.array([1e3, 100.0, 0.0])).min() > 0.9

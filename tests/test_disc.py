@@ -10,7 +10,7 @@ import pytest
 from toy_sky import glow_sky
 
 from twilight import colour
-from twilight.config import load_climate
+from twilight.config import load, load_climate
 from twilight.disc import SOLAR_RADIUS_DEG, Disc, limb_coefficients, limb_darkening, mean_limb_darkening
 from twilight.engine.disc import make_disc
 from twilight.engine.sunbeam import Sunbeam
@@ -64,12 +64,15 @@ def test_its_light_is_that_of_the_beam_while_air_changes_little_over_it(air, sun
     assert np.allclose(found, Sunbeam(air).at(sun, 0.0).irradiance, rtol=tolerance)
 
 
-def test_a_sun_that_stands_on_the_horizon_is_flattened_by_six_minutes_of_arc(air):
-    """26.4' high where it is 32.0' wide: the Astronomical Almanac's refraction of 34.5' and 28.1' at its two limbs
-    gives 25.6', standard air 26 to 27 (Minnaert: Light and Color in the Outdoors, 5/6)."""
-    disc = make_disc(air, -0.28, 0.0)
+@pytest.mark.parametrize(
+    "profile, sun, high",
+    (("us_standard", -0.283, 27.1), ("midlatitude_winter", -0.366, 25.9), ("subarctic_winter", -0.481, 23.9)),
+)
+def test_a_sun_that_stands_on_the_horizon_is_flattened_by_five_to_eight_minutes_of_arc(profile, sun, high):
+    """Where it is 32.0' wide; the Nautical Almanac's 34.5' and 28.9' for its two limbs at 10 C make it 26.4'."""
+    disc = make_disc(climate_medium(load("pure-air", {"atmosphere.profile": profile}).climate, [550.0]), sun, 0.0)
     lower, upper = disc.edges_deg()
-    assert 60 * (upper - lower) == pytest.approx(26.5, abs=0.9) and lower < 0.02
+    assert 60 * (upper - lower) == pytest.approx(high, abs=0.1) and lower < 0.004
     assert 2 * 60 * disc.half_width_deg().max() == pytest.approx(32.0, abs=0.05)
 
 

@@ -11,11 +11,10 @@ import pytest
 
 from twilight import solvers
 from twilight.batch.sweep import Sweep
-from twilight.batch.task import SHOWN
 from twilight.batch.work import compute, forget
 from twilight.config import load
 from twilight.config.load import load_axes
-from twilight.digest import code_digest, files_of
+from twilight.digest import SHOWN, code_digest, files_of
 from twilight.engine import problem_of, run
 from twilight.errors import TwilightError
 from twilight.solvers.base import BareField, Capabilities

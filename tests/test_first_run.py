@@ -32,6 +32,7 @@ def test_the_sentence_is_said_once_at_the_first_run(tmp_path, monkeypatch, capsy
     monkeypatch.syspath_prepend(tmp_path)
     import fresh_solver
 
+    monkeypatch.setitem(solvers.SOLVERS, "fresh", "fresh_solver")
     monkeypatch.setattr(solvers, "load", lambda name: sys.modules["fresh_solver"])
     say_that_it_compiles("fresh")
     assert SENTENCE in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import signal
 import subprocess
@@ -17,7 +18,7 @@ from twilight.io import read_latlong_exr, read_sky, read_spectral_exr
 pytestmark = pytest.mark.slow
 
 SUNS = [40, 35, 30, 25, 20, 15, 10, 5]
-FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5"}
+FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"}
 SCENE = f"""\
 version: 1
 climate: {{version: 1, name: test, refraction: {{model: none}}}}
@@ -39,6 +40,8 @@ def start(folder: Path) -> subprocess.Popen:
 
 def whole(file: Path) -> object:
     """The content of a file; an error where it is not whole."""
+    if file.suffix == ".json":
+        return json.loads(file.read_text(encoding="utf-8"))
     if file.name.endswith(".rgb.exr"):
         return read_latlong_exr(file).rgb
     if file.name.endswith(".spectral.exr"):
@@ -88,7 +91,7 @@ def check_stopped(process: subprocess.Popen, number: int, folder: Path) -> dict[
 
 def wait_for_files(process: subprocess.Popen, out: Path, count: int) -> None:
     """Wait until the render has written so many files, or has ended."""
-    while process.poll() is None and (not out.exists() or sum(1 for p in out.rglob("sky*") if p.is_file()) < count):
+    while process.poll() is None and (not out.exists() or sum(1 for p in out.rglob("s??.*") if p.is_file()) < count):
         time.sleep(0.002)
 
 

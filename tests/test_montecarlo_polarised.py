@@ -102,12 +102,12 @@ def table_layers(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda c: "-".join(filter(None, c)))
 def test_intercomparison_tables(case):
-    # every direction of the tables
+    # azimuths 30 deg apart, every zenith angle and altitude
     if not TABLES.is_dir():
         pytest.skip(f"{TABLES} is not there: the tables of the intercomparison IPRT are not in the repository")
     name, depolarisation = case
     with open(TABLES / f"{name}_mystic.csv") as stream:
-        rows = [r for r in csv.DictReader(stream) if float(r["I"]) != 0.0]
+        rows = [r for r in csv.DictReader(stream) if float(r["I"]) != 0.0 and float(r["vaa_deg"]) % 30.0 == 0.0]
     if depolarisation is not None:
         rows = [r for r in rows if float(r["depol"]) == float(depolarisation)]
     field = prepare(CASES[case](), replace(FIXED, samples=400))
@@ -127,7 +127,7 @@ def test_intercomparison_tables(case):
         error.append(own * truth[-1][:, :1])
     found, truth, noise, error = (np.concatenate(part) for part in (found, truth, noise, error))
     error = np.sqrt(error**2 + noise**2)
-    assert error.shape[0] > 300
+    assert error.shape[0] > 200
     # no component is off as a whole by more than the systematic error and the noise of the mean
     weight = 1.0 / error**2
     mean = np.sum(weight * (found - truth), axis=0) / np.sum(weight, axis=0)

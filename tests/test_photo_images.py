@@ -29,7 +29,7 @@ def write(path, kind):
     elif kind == "tiff16":
         cv2.imwrite(str(path), SIXTEEN[..., ::-1])
     elif kind == "tifff":
-        cv2.imwrite(str(path), FLOATS[..., ::-1])
+        cv2.imwrite(str(path), FLOATS[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])  # none: OpenCV 4 loses digits
     elif kind == "exr":
         write_exr(path, FLOATS)
     elif kind == "hdr":

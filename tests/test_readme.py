@@ -17,6 +17,11 @@ from twilight.config.library import shipped
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MANUAL = (ROOT / "docs" / "manual.md").read_text(encoding="utf-8")
+PAGES = "\n".join(
+    (ROOT / "docs" / name).read_text(encoding="utf-8")
+    for name in ("first-sky.md", "appearance.md", "environment-maps.md", "gallery.md")
+)
+JOBS = "\n".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs" / "jobs").glob("*.md")))
 
 
 def blocks(language: str, text: str = README + MANUAL) -> list[str]:
@@ -35,7 +40,8 @@ def test_two_commands_do_all_set_up_and_the_integration_runs_them():
     assert [line for line in README.splitlines() if re.match(pattern[1].replace("\\.", "[.]"), line)] == set_up
 
 
-COMMANDS = sorted({line for b in blocks("sh") for line in b.splitlines() if line.startswith("twilight ")})
+SHOWN = [line for block in blocks("sh", README + MANUAL + PAGES) for line in block.splitlines()]
+COMMANDS = sorted({line for line in SHOWN if line.startswith("twilight ")})
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -51,7 +57,7 @@ def test_the_commands_shown_are_understood(command, monkeypatch, tmp_path):
     assert result.exit_code == 0, result.output
 
 
-@pytest.mark.parametrize("text", blocks("yaml"))
+@pytest.mark.parametrize("text", blocks("yaml", README + MANUAL + JOBS))
 def test_the_documents_shown_are_valid(text, tmp_path):
     for name in ("t1.csv", "smoke.csv", "smoke-phase.csv"):
         (tmp_path / name).touch()
@@ -89,3 +95,38 @@ def test_folders_hold_what_the_package_ships():
     for kind in ("climates", "configs"):
         assert {path.name for path in (ROOT / kind).glob("*.yaml")} == {path.name for path in shipped(kind).values()}
     assert load_climate("continental-average") == load_climate(ROOT / "climates" / "continental-average.yaml")
+
+
+def test_the_gallery_shows_twenty_skies_with_the_commands_that_its_script_runs(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import gallery
+
+    assert len(gallery.SKIES) == 20
+    assert (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8") == gallery.page()
+    for name, _, _ in gallery.SKIES:
+        assert (ROOT / "docs" / "gallery" / f"{name}.jpg").stat().st_size < 60_000, name
+
+
+def test_the_lamp_for_mitsuba_lights_a_floor_as_the_page_shows(monkeypatch, tmp_path):
+    """The page's second piece of Python, beside a `sun.json` of a known sun."""
+    import json
+    from dataclasses import replace
+
+    import numpy as np
+    from toy_sky import glow_sky
+
+    from twilight.io.sun import sun_facts
+
+    pytest.importorskip("mitsuba")
+    sky = replace(glow_sky(step_deg=30.0), sun_elevation_deg=30.0, sun_azimuth_deg=120.0)
+    sky = replace(sky, direct_irradiance=np.full(sky.wavelength_nm.size, 0.5), apparent_sun_elevation_deg=30.0)
+    (tmp_path / "sky").mkdir()
+    facts = sun_facts(sky)
+    (tmp_path / "sky" / "sun.json").write_text(json.dumps(facts))
+    monkeypatch.chdir(tmp_path)
+    [piece] = [p for p in blocks("python", PAGES) if '"directional"' in p]
+    namespace: dict = {}
+    exec(compile(piece, "lamp", "exec"), namespace)
+    lit = np.array(namespace["mitsuba"].render(namespace["scene"], spp=4))[..., :3].max(axis=(0, 1))
+    # a rectangle reflects half: albedo / pi times the irradiance on the level floor
+    assert np.allclose(lit, 0.5 / np.pi * 0.5 * np.array(facts["irradiance_rgb_W_per_m2"]), rtol=1e-3)

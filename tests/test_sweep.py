@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 
 import numpy as np
@@ -268,12 +269,14 @@ def test_a_plan_says_what_is_there_already(toy, client, tmp_path, log):
         path.write_text(json.dumps({**BASE, "vary": wanted}))
         return CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--plan"])
 
-    assert "already" not in plan(vary).output and not out.exists()
+    assert "already" not in plan(vary).output and "not known before a task is finished" in plan(vary).output
+    assert not out.exists()
     swept(planned(vary), client, out)
     assert "3 of 3 tasks are there already" in plan(vary).output
     lines = (out / JOURNAL).read_text().splitlines(keepends=True)
     (out / JOURNAL).write_text("".join(lines[:2]))
     assert "2 of 3 tasks are there already" in plan(vary).output
+    assert re.search(r"the rest takes some \S+ hours of processor time", plan(vary).output)
     assert (out / JOURNAL).read_text() == "".join(lines[:2])
     other = plan(vary | {"solver.factor": [1, 4]})
     assert other.exit_code == 2 and "holds another sweep" in other.output

@@ -190,11 +190,15 @@ def photographic(linear: np.ndarray) -> np.ndarray:
     """The curve of a photograph, linear RGB (..., 3) in and out: y = x^n / (x^n + c), with 0.18 kept, n = 1.25.
 
     A third of the curve on every channel, which pales highlights as film does, two thirds on the largest channel with
-    the ratios kept, which keeps their hue; then colours 1.15 times as far from the grey of their luminance.
+    the ratios kept, which keeps their hue; then colours 1.15 times as far from the grey of their luminance.  From 6 to
+    128 times white, where no sky is but the sun's disc, the share of the first grows to all: it burns out.
     """
     x = np.maximum(np.asarray(linear, float), 0.0)
     largest = np.maximum(x.max(axis=-1, keepdims=True), 1e-300)
-    mixed = _sigmoid(x) / 3.0 + 2.0 / 3.0 * x * (_sigmoid(largest) / largest)
+    burnt = np.clip((np.log2(largest) - 2.6) / 4.4, 0.0, 1.0)
+    each = (1.0 + 2.0 * burnt * burnt * (3.0 - 2.0 * burnt)) / 3.0
+    leaking = x + 0.2 * burnt * (largest - x)  # light in one layer of a film that is not of its colour
+    mixed = each * _sigmoid(leaking) + (1.0 - each) * x * (_sigmoid(largest) / largest)
     grey = (mixed @ REC709_LUMINANCE)[..., None]
     return np.clip(grey + PHOTOGRAPHIC_SATURATION * (mixed - grey), 0.0, None)
 

@@ -13,6 +13,9 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parent
 _DATA = _PACKAGE / "data"
 
+SHOWN = ("twilight.sky", "twilight.window")
+"""Modules that show radiance and do not make it."""
+
 
 @functools.cache
 def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:

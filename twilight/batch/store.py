@@ -143,17 +143,17 @@ def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
         raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
-def count_finished(path: Path, sweep: Sweep) -> int:
-    """How many tasks of a sweep the journal of the dataset at `path` calls finished, 0 where there is no dataset; it
-    reads no chunk and changes nothing.
+def finished_tasks(path: Path, sweep: Sweep) -> list[float]:
+    """Processor time [s] of each task of a sweep that the journal of the dataset at `path` calls finished, none where
+    there is no dataset; it reads no chunk and changes nothing.
 
     Errors: TwilightError where something else lies there.
     """
     if not path.exists():
-        return 0
+        return []
     _check_same(path, sweep)
     done = _finished(path / JOURNAL)
-    return sum(task.key in done for task in sweep.tasks)
+    return [float(done[task.key].get("cpu_s", 0.0)) for task in sweep.tasks if task.key in done]
 
 
 def _finished(path: Path) -> dict[str, dict[str, Any]]:

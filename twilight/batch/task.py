@@ -8,14 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from twilight import solvers
-from twilight.digest import code_digest
+from twilight.digest import SHOWN, code_digest
 
 STANDARD_ERROR = "standard_error"
 STOKES = ("sun_normalised_radiance_q", "sun_normalised_radiance_u")
 STOKES_ERROR = ("standard_error_q", "standard_error_u")
-
-SHOWN = ("twilight.sky",)
-"""What shows radiance and does not make it."""
 
 
 def code_of(solver: str) -> str:

@@ -27,5 +27,6 @@ def say_that_it_compiles(solver: str) -> None:
     """One sentence on stderr where a solver has to be compiled."""
     from twilight import solvers
 
-    if compiles_first(solvers.load(solver).__name__):  # type: ignore[attr-defined]
+    solvers.load(solver)
+    if compiles_first(solvers.SOLVERS[solver]):
         print(f"twilight: {SENTENCE}", file=sys.stderr)

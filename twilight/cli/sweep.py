@@ -107,12 +107,18 @@ def _some(made: Any, scenes: list[tuple[int, ...]]) -> str:
 
 
 def _print_plan(made: Any, path: Path) -> None:
-    from twilight.batch.store import count_finished
+    from twilight.batch.store import finished_tasks
 
-    there = count_finished(path, made)
+    there = finished_tasks(path, made)
     rows = [[d.name, f"{d.size:,}", "shared field" if d.serves else "own field"] for d in made.dimensions]
     print_table(["dimension", "size", "each value has"], rows, right=(1,))
     print(f"{made.scenes:,} skies of {made.fields:,} fields in {len(made.tasks):,} tasks")
     print(f"up to {made.bytes / 1e9:.3g} GB in {path}")
-    if path.exists():
-        print(f"{there:,} of {len(made.tasks):,} tasks are there already")
+    missing = len(made.tasks) - len(there)
+    if there:
+        print(f"{len(there):,} of {len(made.tasks):,} tasks are there already")
+        if missing:
+            hours = sum(there) / len(there) * missing / 3600.0
+            print(f"the rest takes some {hours:.2g} hours of processor time, as those did")
+    else:
+        print("how long it takes is not known before a task is finished; interrupt the sweep and ask again")

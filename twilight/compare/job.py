@@ -8,7 +8,7 @@ from typing import Any
 from twilight import __version__, solvers
 from twilight.config.scene import Config, SunElevation
 from twilight.config.solver import resolve_solver
-from twilight.digest import code_digest
+from twilight.digest import SHOWN, code_digest
 from twilight.io.provenance import configuration_hash
 from twilight.scene.record import resolved_configuration
 
@@ -114,4 +114,4 @@ class Outcome:
 
 def code_of(solver: str) -> str:
     """SHA-256 over the code and data that the results of this solver depend on."""
-    return code_digest("twilight.compare.worker", solvers.SOLVERS[solver], without=("twilight.sky",))
+    return code_digest("twilight.compare.worker", solvers.SOLVERS[solver], without=SHOWN)

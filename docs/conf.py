@@ -1,0 +1,43 @@
+"""The documentation as a site: `sphinx-build -W docs build/docs` (extra `docs`)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE))
+
+import twilight  # noqa: E402
+
+project = "twilight"
+release = twilight.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 3
+html_theme = "furo"
+html_title = f"twilight {release}"
+html_static_path: list[str] = []
+exclude_patterns = []
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+suppress_warnings = ["myst.header"]
+
+
+def as_written(app, what, name, obj, options, lines):
+    """Docstrings are plain text for a terminal: shown as they are written."""
+    lines[:] = ["::", "", *(f"   {line}".rstrip() for line in lines), ""] if any(lines) else []
+
+
+def to_the_repository(app, docname, source):
+    """Links to files that are no pages of the site."""
+    source[0] = source[0].replace("(../README.md)", "(index.md)")
+
+
+def setup(app):
+    from reference import write_command_line
+
+    write_command_line(HERE / "command-line.md")
+    app.connect("autodoc-process-docstring", as_written)
+    app.connect("source-read", to_the_repository)
