@@ -159,7 +159,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 
 def test_every_control_does_what_it_says(pages):
-    with open_page(pages.two, 420, 600, accept_downloads=True) as (page, errors):
+    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.35) as (page, errors):
         page.evaluate("document.getElementById('panel').hidden = false")
 
         def state(key):
@@ -325,16 +325,17 @@ def test_nine_suns_of_a_climate(tmp_path):
     solved = twilight.solve("continental-average", quality="draft")
     page_file = solved.view().save(tmp_path / "sky.html")
     assert page_file.stat().st_size < 25e6
-    # the whole sky, and the horizon's last degrees below and around the sun and against it
-    views = [("fisheye", 64, 64, {}, ALL_SKY, UP_DEG)]
-    for azimuth in (0.0, 60.0, 180.0):
+    # the whole sky; then 12 deg across at the horizon, round the sun, where 2 % is allowed by day too, and off it
+    views = [("fisheye", 48, 48, {}, ALL_SKY, UP_DEG, 0.0)]
+    for azimuth, spare in ((0.0, 0.01), (60.0, 0.0), (180.0, 0.0)):
         pointing = {"field_of_view_deg": 12.0, "azimuth_deg": azimuth, "elevation_deg": 3.0}
         state = {"projection": "perspective", "fov": 12, "azimuth": azimuth, "elevation": 3}
-        views.append(("perspective", 32, 32, pointing, state, 0.4))
+        views.append(("perspective", 24, 24, pointing, state, 0.5, spare))
     channels = Channels(solved.medium.wavelength_nm)
     suns = ((60.3, 0.01), (20.2, 0.01), (5.1, 0.01), (0.3, 0.01), (-2.1, 0.01), (-5.9, 0.01), (-9.1, 0.02))
-    with open_page(page_file, 64, 64) as (page, errors):
-        for kind, width, height, pointing, state, lowest in views:
+    missed = []
+    with open_page(page_file, 48, 48) as (page, errors):
+        for kind, width, height, pointing, state, lowest, spare in views:
             elevation, azimuth = view_directions(kind, width, height, **pointing)
             keep = np.isfinite(elevation) & (elevation > lowest)
             page.set_viewport_size({"width": width, "height": height})
@@ -342,6 +343,8 @@ def test_nine_suns_of_a_climate(tmp_path):
                 found = light_of(page, {**BARE, **state, "sun": sun})[::-1][keep]
                 exact = channels.of(solved.radiance(sun, elevation[keep], azimuth[keep]))
                 off = np.percentile(np.abs(found / exact - 1.0), 95, axis=0).max()
-                print(f"{kind} {pointing.get('azimuth_deg', 0.0):g}, sun {sun}: {100 * off:.2f} %")
-                assert off < limit, (kind, pointing, sun)
+                print(f"{kind} {pointing.get('azimuth_deg', 0.0):g}, sun {sun}: {100 * off:.2f} %", flush=True)
+                if off > limit + spare:
+                    missed.append((kind, pointing, sun, off))
         assert errors == []
+    assert missed == []

@@ -51,6 +51,7 @@ async function start() {
     startControls();
     showState();
     draw(null);
+    wanted = false;
     byId("message").hidden = true;
     byId("panel").hidden = innerWidth < 700;
     window.twilight = {

@@ -58,18 +58,10 @@ class Tables:
 
 
 def fill(
-    source: Source,
-    channels: Channels,
-    altitudes_km: tuple[float, ...],
-    sizes: Sizes,
-    progress: Progress,
-    suns_deg: np.ndarray | None = None,
+    source: Source, channels: Channels, altitudes_km: tuple[float, ...], sizes: Sizes, progress: Progress
 ) -> Tables:
-    """The tables of a field, seen from altitudes above sea level.
-
-    suns_deg: some of the suns alone, in the order of `own.sun_nodes(sizes.suns)`, from an even one; None: all.
-    """
-    suns = own.sun_nodes(sizes.suns) if suns_deg is None else suns_deg
+    """The tables of a field, seen from altitudes above sea level."""
+    suns = own.sun_nodes(sizes.suns)
     azimuths = own.azimuth_nodes(sizes.azimuths)
     rows = sizes.ground + sizes.sky + 1
     shape = (CHANNELS, len(altitudes_km), suns.size, rows, sizes.azimuths)

@@ -1,0 +1,53 @@
+"""Four pictures of the page for docs/view.md, and how long it takes to load.
+
+    twilight view continental-average --quality draft --output sky.html && python benchmarks/view.py sky.html
+
+Needs playwright and chromium-headless-shell, which draws in software; writes docs/view/*.jpg.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from browser import open_page
+
+CLOCK = {"mode": "clock", "zone": 2, "latitude": 47, "longitude": 11}
+PICTURES = {
+    "arch": {"sun": -4, "fov": 110, "elevation": 20},
+    "disc": {"sun": 0.1, "fov": 4, "elevation": 0.8, "exposure": "manual", "ev": 15},
+    "night": {
+        **CLOCK,
+        "date": "2026-08-12",
+        "hours": 23.2,
+        "projection": "fisheye",
+        "fov": 180,
+        "elevation": 90,
+        "exposure": "camera",
+    },
+    "path": {**CLOCK, "date": "2026-06-21", "hours": 20.5, "projection": "latlong", "fov": 360, "elevation": 0},
+}
+
+
+def main() -> None:
+    folder = Path(__file__).resolve().parents[1] / "docs" / "view"
+    folder.mkdir(exist_ok=True)
+    start = time.perf_counter()
+    with open_page(Path(sys.argv[1]), 800, 600) as (page, errors):
+        print(f"loaded after {time.perf_counter() - start:.1f} s, with the start of the browser")
+        for name, state in PICTURES.items():
+            page.evaluate("s => { twilight.set(s); twilight.draw(); }", state)
+            if name == "path":
+                page.evaluate("twilight.set({ azimuth: 270 }); twilight.draw()")
+            if name == "arch":
+                page.mouse.click(250, 380)
+            page.wait_for_timeout(500)
+            page.screenshot(path=folder / f"{name}.jpg", type="jpeg", quality=82)
+        if errors:
+            raise SystemExit("\n".join(errors))
+
+
+if __name__ == "__main__":
+    main()
