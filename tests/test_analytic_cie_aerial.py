@@ -170,7 +170,7 @@ def test_a_uniform_sky_over_level_ground_fills_half_of_what_the_air_takes():
 def test_perspective_of_the_solver():
     field = preetham.prepare(turbid(3.0))
     distance = np.array([0.0, 0.001, 1.0, 10.0, 50.0])
-    transmittance, light = field.aerial_perspective(20.0, 0.0, 90.0, distance)
+    light, transmittance = field.inscatter(20.0, 0.0, 90.0, distance)
     assert transmittance.shape == light.shape == (5, field.medium.n_wavelengths)
     assert (transmittance[0] == 1).all() and (light[0] == 0).all()
     assert (np.diff(transmittance, axis=0) < 0).all() and (np.diff(light, axis=0) > 0).all()
@@ -178,10 +178,10 @@ def test_perspective_of_the_solver():
     assert (np.diff(transmittance[3]) > 0).all()
     assert light[2, 0] / light[2, -1] > light[4, 0] / light[4, -1]
     # towards the sun the haze glows
-    glow = field.aerial_perspective(20.0, 0.0, 0.0, 5.0)[1]
-    assert (glow > 2 * field.aerial_perspective(20.0, 0.0, 120.0, 5.0)[1]).all()
+    glow = field.inscatter(20.0, 0.0, 0.0, 5.0)[0]
+    assert (glow > 2 * field.inscatter(20.0, 0.0, 120.0, 5.0)[0]).all()
     with pytest.raises(TwilightError, match="distance_km must be finite"):
-        field.aerial_perspective(20.0, 0.0, 0.0, -1.0)
+        field.inscatter(20.0, 0.0, 0.0, -1.0)
 
 
 def test_quadrature_of_the_hemisphere():

@@ -125,7 +125,7 @@ def test_solvers_can_do_what_they_declare_and_no_more(name):
     assert ("observer_altitude_km" in inspect.signature(field.radiance).parameters) == able.every_observer
     assert hasattr(field, "radiance_with_error") == able.standard_error
     assert hasattr(field, "stokes") == able.stokes
-    assert hasattr(field, "aerial_perspective") == able.finite_segments
+    assert hasattr(field, "inscatter") == able.finite_segments
     assert hasattr(solver, "recorded") == able.reads_files
     standard = solver.QUALITIES["standard"]
     assert hasattr(standard, "field_file") == able.field_file

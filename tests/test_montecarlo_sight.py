@@ -32,7 +32,7 @@ def follow(field, height, elevation_deg, bent, later=False):
     if later:
         found = trace(*scene, ray, to_sun, walk.later._replace(bent=bent), np.ones(1, dtype=np.uint64), leg)
     else:
-        found = look(*scene, walk.first._replace(bent=bent), ray, to_sun, leg)
+        found = look(*scene, walk.first._replace(bent=bent), ray, to_sun, np.inf, leg)
     return leg._replace(pieces=leg.pieces[: found.pieces], chords=leg.chords[: found.chord + 1]), found
 
 

@@ -162,7 +162,9 @@ def test_single_scattering_is_that_of_exact_quadrature(air, once, scene):
 def test_a_finite_segment_is_the_difference_of_whole_rays(air, once, scene, distance_km):
     """Eq. 13 and 16: S(x) - T(x, x_s) S(x_s) against integration from x to x_s."""
     sun, elevation, azimuth, altitude = scene
-    passed, light = once.aerial_perspective(sun, elevation, azimuth, distance_km, observer_altitude_km=altitude)
+    question = (sun, elevation, azimuth, distance_km)
+    light, _ = once.inscatter(*question, observer_altitude_km=altitude, peak_passes=True)
+    _, passed = once.inscatter(*question, observer_altitude_km=altitude)
     whole = once.inscattered(ray(once, scene))[0]
     exact = exact_single(air, *scene, distance_km)
     np.testing.assert_allclose(light, exact, atol=0.02 * whole.max())
@@ -171,12 +173,12 @@ def test_a_finite_segment_is_the_difference_of_whole_rays(air, once, scene, dist
 
 
 def test_segments_add_up_and_end_with_the_ray(small):
-    _, short = small.aerial_perspective(20.0, 5.0, 60.0, 0.0)
+    short, _ = small.inscatter(20.0, 5.0, 60.0, 0.0)
     np.testing.assert_allclose(short, 0.0, atol=1e-6)
-    passed, far = small.aerial_perspective(20.0, 5.0, 60.0, 1e5)
+    far, passed = small.inscatter(20.0, 5.0, 60.0, 1e5)
     np.testing.assert_allclose(far, small.radiance(20.0, 5.0, 60.0), rtol=1e-12)
     assert np.all((passed > 0.0) & (passed < 1.0))
-    _, down = small.aerial_perspective(20.0, -30.0, 60.0, 1e5, observer_altitude_km=3.0)
+    down, _ = small.inscatter(20.0, -30.0, 60.0, 1e5, observer_altitude_km=3.0)
     assert np.all(down < small.radiance(20.0, -30.0, 60.0, observer_altitude_km=3.0))
 
 
@@ -304,7 +306,7 @@ def test_places_and_suns_that_cannot_be_are_one_sentence(once):
     with pytest.raises(TwilightError, match=r"observer\.altitude_km"):
         once.radiance(10.0, 10.0, 0.0, observer_altitude_km=-1.0)
     with pytest.raises(TwilightError, match="distance_km"):
-        once.aerial_perspective(10.0, 10.0, 0.0, -1.0)
+        once.inscatter(10.0, 10.0, 0.0, -1.0)
 
 
 def test_the_climate_has_the_constants_of_the_paper(air):

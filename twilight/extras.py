@@ -14,6 +14,7 @@ REQUIREMENTS = {
     "cv2": "opencv-python-headless>=4.9,<6",
     "dask_jobqueue": "dask-jobqueue>=0.9,<1",
     "mitsuba": "mitsuba>=3.6,<4",
+    "rasterio": "rasterio>=1.3,<2",
     "rawpy": "rawpy>=0.21,<1",
     "sasktran2": "sasktran2>=2025.10",
 }

@@ -14,11 +14,14 @@ FORMATS: dict[str, str] = {
     "polarisation": "twilight.io.polarisation:write",
     "sun": "twilight.io.sun:write_sun",
     "disc": "twilight.io.disc:write_picture",
+    "view": "twilight.io.view:write_view",
 }
 WHERE_POLARISED = ("polarisation",)
 """Files that are written by themselves for polarised skies alone."""
 WHERE_DISC = ("disc",)
 """Files that are written by themselves for skies that know the sun's disc."""
+WITH_VIEW = ("h5", "view")
+"""Files that are written by themselves where the observer has a view, and nothing else is."""
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:

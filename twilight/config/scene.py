@@ -10,6 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
+from twilight.config.terrain import Terrain
+from twilight.config.view import View
 from twilight.formats import FORMATS, check_names
 
 
@@ -180,6 +182,9 @@ class Observer(Section):
 
     altitude_km: Number = key(
         0.0, "altitude above sea level; unset: on the ground (ground.altitude_km)", unit="km", ge=0.0, le=40000.0
+    )
+    view: View | None = key(
+        None, "a picture in any direction, sky.view.png, e.g. {kind: perspective, elevation_deg: -20}; unset: none"
     )
 
 
@@ -379,6 +384,7 @@ class Config(Section):
     solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
     solver: dict[str, Any] = key(dict, "name, quality, and any option of that solver (see `twilight solvers`)")
     night: Night | None = key(None, "airglow, starlight and zodiacal light; unset: none, {}: all as usual")
+    terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
     leave_out: Flag = key(True, "leave out what cannot matter (see --plan)")
@@ -391,9 +397,11 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _stands_on_the_ground(self) -> Config:
+        if self.terrain is not None and self.observer.view is None:
+            raise ValueError("terrain: is seen in a view alone; set observer.view, e.g. {kind: perspective}")
         ground_km = self.climate.ground.altitude_km
         if ground_km > 0.0 and "altitude_km" not in self.observer.model_fields_set:
-            object.__setattr__(self, "observer", Observer(altitude_km=ground_km))
+            object.__setattr__(self, "observer", self.observer.model_copy(update={"altitude_km": ground_km}))
         elif self.observer.altitude_km < ground_km:
             raise ValueError(
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "

@@ -40,5 +40,5 @@ def slips(config: Config) -> Iterator[str]:
     if 0.0 < carbon_dioxide < LOWEST_CO2_PPM:
         yield f"refraction.co2_ppm is {carbon_dioxide:g} ppm; the air has 420"
     altitude = config.observer.altitude_km
-    if altitude >= HIGHEST_CLOSE_VIEW_KM:
+    if altitude >= HIGHEST_CLOSE_VIEW_KM and config.observer.view is None:
         yield f"observer.altitude_km is {altitude:g} km, above the air; {altitude:g} m are {altitude / 1000:g} km"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,11 @@ from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
+from twilight.engine.view import landscape, see, with_sun
 from twilight.errors import TwilightError, TwilightWarning
 from twilight.grids import texture_centres
 from twilight.io.provenance import configuration_hash
+from twilight.io.rendered import Seen
 from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
@@ -31,11 +33,13 @@ from twilight.transport.apparent import horizon_dip_deg
 
 @dataclass(frozen=True)
 class Frame:
-    """One sky of a sequence: a name for its folder, the sky, and its latitude-longitude picture where asked for."""
+    """One sky of a sequence: a name for its folder, the sky, its latitude-longitude picture and its view where asked
+    for."""
 
     name: str
     sky: Sky
     panorama: Sky | None = None
+    view: Seen | None = None
 
 
 def run(config: Config, progress: Progress | None = None) -> Sky:
@@ -61,11 +65,15 @@ def frames(
     tell = progress or silent
     tell("setting up", 0.0)
     check_size(config)
+    if config.observer.view is not None and config.night is not None:
+        raise TwilightError("night: a view of the observer (observer.view) has no night sky; leave one of both out")
     started = time.perf_counter()
     suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
     if not suns:
         return
-    problem = problem_of(config, [sun.elevation_deg for sun in suns], kept=kept_fields())
+    # ground far away has another sun than the observer
+    asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
+    problem = problem_of(config, asked, kept=kept_fields())
     set_up_s = time.perf_counter() - started
     found = [_Found() for _ in suns]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
@@ -87,7 +95,7 @@ def frames(
 
 
 def _warn_of_black(config: Config, sky: Sky) -> None:
-    if sky.normalised_radiance.any():
+    if sky.normalised_radiance.any() or config.observer.view is not None:
         return
     top_km = config.climate.atmosphere.top_km
     if config.climate.medium is None and config.observer.altitude_km >= top_km:
@@ -124,6 +132,7 @@ class _Found:
 
     texture: list[Answer] = field(default_factory=list)
     panorama: list[Answer] = field(default_factory=list)
+    view: list[Seen] = field(default_factory=list)
     direct: list[Direct] = field(default_factory=list)
     seconds: float = 0.0
     convergence: dict[str, Any] = field(default_factory=dict)
@@ -133,6 +142,11 @@ class _Found:
     def take(self, block: Block, sun: SunPosition, config: Config) -> None:
         begin = time.perf_counter()
         self.texture.append(block.texture(sun.elevation_deg, *_grid(config, block.problem)))
+        if config.observer.view is not None:
+            seen = see(block, config.observer.view, sun.elevation_deg)
+            if config.terrain is not None:
+                seen = landscape(block, seen, config.terrain, sun.elevation_deg)
+            self.view.append(seen)
         if config.texture.latlong_width is not None:
             grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
             self.panorama.append(block.texture(sun.elevation_deg, *grid))
@@ -181,7 +195,11 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
 
     width = config.texture.latlong_width
     panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
-    return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama)
+    view = None
+    if found.view:
+        radiance = np.concatenate([one.radiance for one in found.view], axis=-1)
+        view = with_sun(replace(found.view[0], radiance=radiance), direct, sun.elevation_deg)
+    return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama, view)
 
 
 def _grid(config: Config, problem: Problem) -> tuple[np.ndarray, np.ndarray]:

@@ -121,6 +121,15 @@ def write_rgb_exr(
     return _write(path, _header(sky, target, observer, disc), {name: rgb[..., i] for i, name in enumerate("RGB")})
 
 
+def write_picture_exr(luminance: np.ndarray, inside: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
+    """Write a picture of a sky that is no environment map: linear Rec. 709 (H, W, 3) [cd m^-2], in the units of
+    `write_rgb_exr`, with alpha 1 where `inside` (H, W)."""
+    header = {name: value for name, value in _header(sky, "openexr", observer).items() if name != "envmap"}
+    rgb = luminance / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    channels = {name: np.where(inside, rgb[..., i], 0.0) for i, name in enumerate("RGB")}
+    return _write(path, header, {**channels, "A": inside.astype(np.float32)})
+
+
 def write_spectral_exr(
     sky: Sky,
     path: str | Path,

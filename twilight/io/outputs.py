@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from twilight.errors import TwilightError
-from twilight.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, check_names
+from twilight.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
-from twilight.io.rendered import Options, Rendered
+from twilight.io.rendered import Options, Rendered, Seen
 from twilight.sky import Sky
 
 
@@ -20,16 +20,18 @@ def write_outputs(
     folder: str | Path,
     *,
     panorama: Sky | None = None,
+    view: Seen | None = None,
     files: Sequence[str] | None = None,
     views: Sequence[str] = (DEFAULT_VIEW,),
     **options: Any,
 ) -> list[Path]:
     """Write files of a sky into ``folder`` (made if it is not there) and return their paths.
 
-    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the pictures of the polarisation and
-    of the disc where the sky has none.  ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width,
-    sun_azimuth_deg)`` goes into the RGB EXR pixel by pixel); the pictures and environment maps are made from it where
-    it is given, ``sky.h5`` always holds ``sky``.  ``views``, ``options``: ``io.rendered.Options``.
+    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the pictures of the polarisation, of
+    the disc and of a view where there is none; with ``view`` (what ``engine.view`` saw) those of a view alone.
+    ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR
+    pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5`` always holds
+    ``sky``.  ``views``, ``options``: ``io.rendered.Options``.
     Each file is whole or absent.  Raises TwilightError for an unknown option or where the folder cannot be written.
     """
     folder = Path(folder)
@@ -37,21 +39,26 @@ def write_outputs(
         chosen = check_names(tuple(FORMATS if files is None else files))
     except ValueError as error:
         raise TwilightError(f"files: {error}") from None
-    if files is None and sky.polarisation is None:
-        chosen = tuple(name for name in chosen if name not in WHERE_POLARISED)
-    if files is None and sky.disc is None:
-        chosen = tuple(name for name in chosen if name not in WHERE_DISC)
+    if files is None and view is not None:
+        chosen = WITH_VIEW
+    elif files is None:
+        without = {"view"}
+        without.update(WHERE_POLARISED if sky.polarisation is None else ())
+        without.update(WHERE_DISC if sky.disc is None else ())
+        chosen = tuple(name for name in chosen if name not in without)
+    elif "view" in chosen and view is None:
+        raise TwilightError("output.files: view needs a view of the observer (observer.view)")
     o = Options(views=tuple(views), **options)
     check_options(o.exposure, o.tone_mapping, o.observer)
-    for view in views:
-        view_directions(view, DEFAULT_WIDTH.get(view, 4))
+    for name in views:
+        view_directions(name, DEFAULT_WIDTH.get(name, 4))
     for size in (o.width, o.spectral_width):
         environment_directions(o.target, size)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TwilightError(f"{folder}: the folder cannot be made ({error.strerror or error})") from error
-    rendered = Rendered(sky, sky if panorama is None else panorama, o.polariser_deg)
+    rendered = Rendered(sky, sky if panorama is None else panorama, o.polariser_deg, view)
     return [path for name in chosen for path in _writer(name)(rendered, folder, o)]
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
+import numpy as np
+
 from twilight import colour
 from twilight.sky import Sky
 
@@ -34,12 +36,31 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """A picture in a projection of `twilight.views`.
+
+    kind: of the projection; rays (H, W, 3): directions of the pixels, to the right of the sun, to the sun's azimuth,
+    up; radiance (H, W, K): sun-normalised [sr^-1], NaN outside the view; pitch_deg: angle between pixels;
+    sun (H, W): share of the pixel that the sun's disc covers, None where it is not in the picture; hidden (H, W):
+    whether terrain stands before the sky, None where there is none.
+    """
+
+    kind: str
+    rays: np.ndarray
+    radiance: np.ndarray
+    pitch_deg: float
+    sun: np.ndarray | None = None
+    hidden: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
 class Rendered:
-    """A sky on its texture, and on the finer grid of pictures and environment maps where there is one."""
+    """A sky on its texture, on the finer grid of pictures and environment maps, and in a view, where there is one."""
 
     sky: Sky
     fine: Sky
     polariser_deg: float | None = None
+    view: Seen | None = None
 
     @cached_property
     def seen(self) -> Sky:

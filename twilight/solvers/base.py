@@ -166,10 +166,18 @@ class PolarisedField(Field, Protocol):
 class SegmentField(Field, Protocol):
     """A field that knows the air between the observer and an object."""
 
-    def aerial_perspective(
+    def inscatter(
         self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike, distance_km: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(transmittance, sun-normalised radiance [sr^-1] scattered in) over a distance, directions plus (W,) each."""
+        """(sun-normalised radiance [sr^-1] scattered in, transmittance) of the air up to a distance, directions plus
+        (W,) each: an object there is seen as the first plus the second times its own radiance.
+
+        Beyond the end of a line in the air, at the ground or in space, it is what the air of all of it brings.  A
+        solver that serves `every_observer` takes also `observer_altitude_km`.  One that scales forward peaks takes
+        `peak_passes`: light that aerosol throws into its narrow forward peak then counts as passed and not as
+        scattered, in both, as fits objects that are wider than the peak (degrees).  A field whose answers are estimates
+        has `inscatter_with_error` too, an `Estimate` in the place of the radiance.
+        """
 
 
 class Solver(Protocol):

@@ -19,6 +19,7 @@ class Rays(NamedTuple):
     first (R + 1,): where the points of each ray start; place (P, 4), weight (P, W): as in `Line`
     ground_weight (R, W): transmittance to the ground, 0 for rays that miss it; ground_angle_rad (R,): geocentric angle
     of its place from the start; ground_cosine (R,): of the ray's zenith angle there, below 0.
+    passed (R, W): transmittance to the end of each ray, whatever it ends on.
     """
 
     first: np.ndarray
@@ -27,14 +28,15 @@ class Rays(NamedTuple):
     ground_weight: np.ndarray
     ground_angle_rad: np.ndarray
     ground_cosine: np.ndarray
+    passed: np.ndarray
 
 
 @njit(cache=True, nogil=True)
-def _trace(profile, altitude_km, cosine, fineness, pairs, store, rays, begin, end):
+def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, begin, end):
     """Trace rays begin..end: count their points into rays.first[r + 1], or store them from rays.first[r] on."""
     line = new_line(profile)
     for r in range(begin, end):
-        n, status = trace_line(profile, altitude_km[r], cosine[r], fineness, pairs, line)
+        n, status = trace_line(profile, altitude_km[r], cosine[r], fineness, pairs, line, far_km[r])
         if not store:
             rays.first[r + 1] = n
             continue
@@ -44,16 +46,25 @@ def _trace(profile, altitude_km, cosine, fineness, pairs, store, rays, begin, en
         rays.ground_angle_rad[r] = line.end[0]
         rays.ground_cosine[r] = line.end[1]
         for w in range(line.transmittance.size):
+            rays.passed[r, w] = line.transmittance[w]
             rays.ground_weight[r, w] = line.transmittance[w] if status == GROUND else 0.0
 
 
 def trace_rays(
-    profile: Profile, altitude_km: np.ndarray, cosine: np.ndarray, fineness: float, *, pairs: bool = False
+    profile: Profile,
+    altitude_km: np.ndarray,
+    cosine: np.ndarray,
+    fineness: float,
+    *,
+    pairs: bool = False,
+    far_km: np.ndarray | None = None,
 ) -> Rays:
     """Rays that start at `altitude_km` (R,) under `cosine` (R,): traced twice, to count and to keep.
 
-    pairs: two points for every step; otherwise one for short steps.
+    pairs: two points for every step; otherwise one for short steps.  far_km (R,): distance at which each ends at the
+    latest; None: none does.
     """
+    far = np.full(altitude_km.size, np.inf) if far_km is None else np.asarray(far_km, dtype=float)
     n_rays, n_w = altitude_km.size, profile.extinction.shape[1]
     first = np.zeros(n_rays + 1, np.int64)
 
@@ -65,9 +76,11 @@ def trace_rays(
             np.zeros((n_rays, n_w)),
             np.zeros(n_rays),
             np.zeros(n_rays),
+            np.ones((n_rays, n_w)),
         )
         in_slices(
-            lambda begin, end: _trace(profile, altitude_km, cosine, fineness, pairs, store, rays, begin, end), n_rays
+            lambda begin, end: _trace(profile, altitude_km, cosine, far, fineness, pairs, store, rays, begin, end),
+            n_rays,
         )
         return rays
 

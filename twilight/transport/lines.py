@@ -41,6 +41,9 @@ DARK = 25.0
 _INSIDE_KM = 1e-9
 """Coefficients at a stop are those this far inside the interval that the step is in."""
 
+_SAME_KM = 1e-9
+"""Distances that differ by less are the same."""
+
 SHORTEST_KM = 1e-6
 """Optical depth shortens no step to less."""
 
@@ -199,7 +202,7 @@ def _step(profile, j, z, psi, a, h):
 
 
 @njit(cache=True)
-def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
+def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=math.inf):
     """Follow a line of sight and fill `line`; returns (number of points, OUT or GROUND).
 
     Steps grow once a line has used up half of its room, so that its end is reached in any air.
@@ -207,6 +210,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
     altitude_km: of the start, in the air, on the ground or above the top (then the line begins where it enters;
     one that misses the air has no points); cos_zenith: of the direction there.
     pairs: keep both Gauss points of every step; otherwise those of a step up to LONG_STEP_KM are one point between.
+    far_km: distance from the start at which the line ends at the latest.
     """
     place, weight, transmittance, end = line
     stop = profile.stop_km
@@ -222,7 +226,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
     end[0], end[1], end[2] = 0.0, cos_zenith, 0.0
     if z > top:
         s = distance_to_sphere(z, cos_zenith, top, radius)
-        if s < 0.0:
+        if s < 0.0 or s >= far_km:
             return 0, OUT
         psi = math.atan2(s * math.cos(a), radius + z + s * cos_zenith)
         a = a + psi
@@ -245,6 +249,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
         lowest, highest = stop[j] + _INSIDE_KM, stop[j + 1] - _INSIDE_KM
         inside = max(lowest, min(highest, z))
         h = step_length(profile, inside, math.sin(a), travelled - start, fineness * left, depth, depth_max)
+        h = min(h, far_km - travelled)
         h, z_end, psi_end, a_end, j_end = _step(profile, j, z, psi, a, h)
         if h > 0.0:
             z0, psi0, a0 = advance(profile, z, psi, a, GAUSS_LOW * h)
@@ -263,11 +268,12 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
                 k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
                 k1 = 0.5 * h * (k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1)
                 tau = k0 + k1
-                t0, t1 = math.exp(-GAUSS_LOW * tau), math.exp(-GAUSS_HIGH * tau)
+                # light at the second point over that at the first: the first alone may be 0 in double precision
+                t1 = math.exp((GAUSS_LOW - GAUSS_HIGH) * tau)
                 # what a step takes from the light, exactly: thick white air sums thousands of events
-                taken = k0 * t0 + k1 * t1
-                t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 0.0 else 1.0)
-                low = t * t0 * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
+                taken = k0 + k1 * t1
+                t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 1e-280 else 1.0)
+                low = t * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
                 high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
                 low_sum += low
@@ -301,7 +307,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line):
         z, psi, a, j = z_end, psi_end, a_end, j_end
         if j < 0:
             status = GROUND
-        elif j > stop.size - 2:
+        elif j > stop.size - 2 or travelled >= far_km - _SAME_KM:
             status = OUT
         if status >= 0 or depth > DARK:
             break

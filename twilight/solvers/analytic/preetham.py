@@ -141,17 +141,17 @@ class Field(BareField):
             precipitable_water_cm=self.settings.precipitable_water_cm,
         )
 
-    def aerial_perspective(
+    def inscatter(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, distance_km
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(transmittance, inscattered sun-normalised radiance [sr^-1]) over a distance, directions plus (W,) each.
+        """(inscattered sun-normalised radiance [sr^-1], transmittance) over a distance, directions plus (W,) each.
 
-        What is seen of an object is its own radiance times the first plus the second (Preetham 1999 sec. 4).
+        What is seen of an object is the first plus its own radiance times the second (Preetham 1999 sec. 4).
         Rays must end above or on the ground: TwilightError otherwise.
         """
         self._check(sun_elevation_deg)
         perspective = AerialPerspective(self.medium.wavelength_nm, self.turbidity)
-        return perspective(
+        passed, light = perspective(
             lambda e, a: self._sky(sun_elevation_deg, e, a),
             self.sunlight(sun_elevation_deg),
             sun_elevation_deg,
@@ -160,6 +160,7 @@ class Field(BareField):
             azimuth_deg,
             distance_km,
         )
+        return light, passed
 
     def _check(self, sun_elevation_deg: float) -> None:
         lowest, highest = (90.0 - z for z in reversed(self.coefficients.sun_zenith_deg))

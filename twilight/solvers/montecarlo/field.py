@@ -20,7 +20,7 @@ from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
 from twilight.solvers.montecarlo.coarse import solve_steering
 from twilight.solvers.montecarlo.leg import Sun
 from twilight.solvers.montecarlo.matrix import N_STOKES
-from twilight.solvers.montecarlo.paths import N_ORDERS, Jobs, Pixels, Sums, run_chunks
+from twilight.solvers.montecarlo.paths import N_ORDERS, Jobs, Pixels, Sums, run_chunks, sight_transmittance
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.steering import Steering
 from twilight.solvers.montecarlo.suntable import prepare_sun_table
@@ -28,6 +28,8 @@ from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, StokesRe
 from twilight.threads import in_slices
 from twilight.transport.beam import prepare_beam
 
+FARTHEST_KM = 1e7
+"""Distance at which a segment has left all air."""
 BATCH_SAMPLES = 4096
 FIRST_SAMPLES = 2
 """Samples of an arm that are taken whatever the time limit: without them there is no standard error."""
@@ -136,31 +138,65 @@ class Field(BareField):
         run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order)
         return run.tally.result(shape, run.all_rounds())
 
-    def _run(self, sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order):
-        """The question as a :class:`_Run`, and the shape of its directions."""
-        sun, elevation, azimuth = np.broadcast_arrays(
-            *(np.asarray(a, dtype=float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg))
+    def inscatter(self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km) -> tuple[np.ndarray, np.ndarray]:
+        """As `SegmentField.inscatter`: (sun-normalised radiance [sr^-1], transmittance), shape (..., W) each."""
+        found, passed = self.inscatter_with_error(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km)
+        return found.radiance, passed
+
+    def inscatter_with_error(
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km
+    ) -> tuple[MonteCarloResult, np.ndarray]:
+        """(radiance with standard errors that the air up to a distance scatters in, transmittance (..., W)).
+
+        Errors: as `radiance`, and TwilightError for a distance that is not a number of 0 or more.
+        """
+        far = np.minimum(np.asarray(distance_km, dtype=float), FARTHEST_KM)
+        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, None, None, far)
+        passed = np.empty((run.pixels.key.size, self.medium.n_wavelengths))
+        walk = self.settings.walk(self.medium.has_refraction)
+        in_slices(
+            lambda begin, end: sight_transmittance(
+                self.air, self.sun, self.steering, walk, run.pixels, begin, end, passed
+            ),
+            run.pixels.key.size,
         )
+        return run.tally.result(shape, run.all_rounds()), passed.reshape(*shape, -1)
+
+    def _run(self, sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order, distance_km=np.inf):
+        """The question as a :class:`_Run`, and the shape of its directions."""
+        sun, elevation, azimuth, far = np.broadcast_arrays(
+            *(np.asarray(a, dtype=float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg, distance_km))
+        )
+        if not np.all(far >= 0.0):
+            raise TwilightError("distance_km must be 0 or more")
         for name, a, limit in (("sun_elevation_deg", sun, 90.0), ("elevation_deg", elevation, 90.0)):
             if not np.all(np.abs(a) <= limit):
                 raise TwilightError(f"{name} must be between -{limit:g} and {limit:g}")
         if not np.all(np.isfinite(azimuth)):
             raise TwilightError("azimuth_deg must be finite")
         pixels = _pixels(
-            sun.ravel(), elevation.ravel(), azimuth.ravel(), self.observer_altitude_km, self.medium.wavelength_nm
+            sun.ravel(),
+            elevation.ravel(),
+            azimuth.ravel(),
+            far.ravel(),
+            self.observer_altitude_km,
+            self.medium.wavelength_nm,
         )
         return _Run(self, pixels, checkpoint, batch_order), sun.shape
 
 
-def _pixels(sun_deg, elevation_deg, azimuth_deg, altitude_km: float, wavelength_nm) -> Pixels:
+def _pixels(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, wavelength_nm) -> Pixels:
     """The key is a hash of the geometry, so a pixel's answer does not depend on its neighbours in the call."""
     key = np.zeros(sun_deg.size, dtype=np.uint64)
-    for part in (sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)):
+    parts = [sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)]
+    if np.isfinite(far_km).any():
+        parts.append(far_km)
+    for part in parts:
         bits = np.ascontiguousarray(part + 0.0).view(np.uint64)
         key = _mix(key ^ bits)
     wavelength_key = np.round(1000.0 * wavelength_nm).astype(np.uint64)
     angles = (np.radians(sun_deg), np.radians(elevation_deg), np.radians(azimuth_deg))
-    return Pixels(key, *angles, float(altitude_km), wavelength_key)
+    return Pixels(key, *angles, float(altitude_km), wavelength_key, np.asarray(far_km, dtype=float))
 
 
 def _mix(z: np.ndarray) -> np.ndarray:

@@ -94,7 +94,7 @@ class Walk(NamedTuple):
 
 class Pixels(NamedTuple):
     """What is asked, P pixels: key (P,) names their random streams; sun_elevation, elevation, azimuth (P,) [rad],
-    azimuth from the sun; altitude [km] of the observer; wavelength_key (W,)."""
+    azimuth from the sun; altitude [km] of the observer; wavelength_key (W,); far_km (P,): where lines of sight end."""
 
     key: np.ndarray
     sun_elevation: np.ndarray
@@ -102,6 +102,7 @@ class Pixels(NamedTuple):
     azimuth: np.ndarray
     altitude: float
     wavelength_key: np.ndarray
+    far_km: np.ndarray
 
 
 class Jobs(NamedTuple):
@@ -373,6 +374,21 @@ def add_sample(orders, first, second):
 
 
 @njit(cache=True, nogil=True)
+def sight_transmittance(air, sun, steering, walk, pixels, begin, end, out):
+    """Transmittance of the lines of sight of pixels begin..end at every wavelength, into out (P, W)."""
+    memory = new_leg(air.table.shape[2] - SPECIES, SIGHT_PIECES, SIGHT_CHORDS)
+    ray = np.empty(CHORD_COLUMNS)
+    to_sun = np.empty(3)
+    for p in range(begin, end):
+        for w in range(out.shape[1]):
+            observer_ray(
+                pixels.sun_elevation[p], pixels.elevation[p], pixels.azimuth[p], pixels.altitude,
+                air.earth_radius_km, ray, to_sun,
+            )  # fmt: skip
+            out[p, w] = look(air, sun, steering, w, walk.first, ray, to_sun, pixels.far_km[p], memory).transmittance
+
+
+@njit(cache=True, nogil=True)
 def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums, stop):
     """Run the jobs first_job..end_job of :class:`Jobs` for :class:`Pixels` and fill their rows of :class:`Sums`.
 
@@ -409,7 +425,7 @@ def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_jo
                 )  # fmt: skip
                 # light scattered once is seen through air that may not be the diffuse light's
                 seen = air if own == 1 else sight_air
-                sight = look(seen, sun, steering, w, walk.first, ray, to_sun, memory.sight)
+                sight = look(seen, sun, steering, w, walk.first, ray, to_sun, pixels.far_km[p], memory.sight)
                 if own == 0 or not air.isotropic_events:
                     single[0] = sight.sun_i + sight.sun_ground
                     single[1] = sight.sun_q

@@ -160,13 +160,15 @@ def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observ
 
 
 @njit(**INNER)
-def look(air, sun, steering, w, cuts, ray, to_sun, leg):
+def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
     """Follow the line of sight of a ray (9,): start [km], apparent direction, reference; it is used up.
 
     to_sun (3,): unit vector to the true sun; cuts: :class:`twilight.solvers.montecarlo.leg.Cuts`; leg: its memory,
-    filled.  Returns `Found`.
+    filled; far_km: distance from the start at which the line ends at the latest, also without the light of the
+    ground; infinite: with it.  Returns `Found`.
     """
     radius = air.earth_radius_km
+    x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
     scale = radius / REFERENCE_RADIUS_KM
     table = air.table[w]
     n_shells = air.shell_first.size
@@ -183,6 +185,9 @@ def look(air, sun, steering, w, cuts, ray, to_sun, leg):
         at_observer = refractivity_at(air, w, max(air.shell_km[0], math.sqrt(x * x + y * y + z * z) - radius))
     if not enter_air(air, ray):
         return Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
+    far_km -= math.sqrt((ray[ORIGIN] - x) ** 2 + (ray[ORIGIN + 1] - y) ** 2 + (ray[ORIGIN + 2] - z) ** 2)
+    if far_km <= 0.0:
+        return Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
     while True:
         chord = begin_chord(air, w, cuts.bent, cuts.sag_km, ray)
         if n_chords >= leg.chords.shape[0] or travelled > LONGEST_KM * scale:
@@ -196,7 +201,8 @@ def look(air, sun, steering, w, cuts, ray, to_sun, leg):
         k = first_shell(air, z_enter, chord.mu)
         while True:
             step = step_through(air, chord, s, z_enter, k, falling, False)
-            stretch = step.end - s
+            left = far_km - travelled - s
+            stretch = min(step.end - s, left)
             if stretch > 0.0:
                 i, f = locate(air, z_enter, step.first, step.last)
                 after = column(table, i, f, EXTINCTION)
@@ -250,12 +256,16 @@ def look(air, sun, steering, w, cuts, ray, to_sun, leg):
                     n += 1
                     if depth > OPAQUE_DEPTH:
                         return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
+            if stretch >= left:
+                return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, math.exp(-depth), 0.0)
             s = step.end
             z_enter = step.leave_km
             if step.ends_chord:
                 break
             k = step.next_shell
             falling = step.falling
+            if k < 0 and far_km < math.inf:
+                return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, math.exp(-depth), 0.0)
             if k < 0:
                 factor = math.exp(-depth)
                 if cuts.bent:

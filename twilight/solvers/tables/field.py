@@ -126,13 +126,20 @@ class Field(BareField):
         out[rays.ground] += self._ground(rays)
         return out.reshape(*rays.shape, -1)
 
-    def aerial_perspective(
-        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, distance_km, *, observer_altitude_km=None
+    def inscatter(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg,
+        azimuth_deg,
+        distance_km,
+        *,
+        observer_altitude_km=None,
+        peak_passes: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(transmittance, sun-normalised radiance [sr^-1] scattered in) of the air up to distance_km in each direction,
-        both of the shape of the directions plus (W,).
+        """As `SegmentField.inscatter`: (sun-normalised radiance [sr^-1], transmittance), directions plus (W,) each.
 
-        Eq. 16: S at the observer minus T times S at the far end.  Beyond the ground or the top it is all there is.
+        Eq. 16: S at the observer minus T times S at the far end.  The tables count light in the narrow forward peak of
+        aerosol as passed (`peak_passes`); otherwise what the segment scatters in it of the light behind is added.
         Errors: TwilightError for a distance that is not a number of 0 or more.
         """
         directions = np.broadcast_arrays(elevation_deg, azimuth_deg, distance_km)
@@ -145,9 +152,15 @@ class Field(BareField):
         passed = np.exp(-self._depths(self.tables.profile, near, left))
         ends = (left >= near.length_km)[:, None]
         light = self.inscattered(near) - np.where(ends, 0.0, passed * self.inscattered(far))
+        light, shape = np.maximum(light, 0.0), (*near.shape, -1)
+        if peak_passes:
+            return light.reshape(shape), passed.reshape(shape)
         seen = np.exp(-self._depths(self.profile, near, left))
-        shape = (*near.shape, -1)
-        return seen.reshape(shape), np.maximum(light, 0.0).reshape(shape)
+        whole = self.inscattered(near)
+        whole[near.ground] += self._ground(near)
+        lost = np.where(passed > 0.0, 1.0 - seen / np.where(passed > 0.0, passed, 1.0), 0.0)
+        light += np.maximum(lost, 0.0) * np.maximum(whole - light, 0.0)
+        return light.reshape(shape), seen.reshape(shape)
 
     def inscattered(self, rays: Rays) -> np.ndarray:
         """S (D, W) of rays."""

@@ -6,6 +6,7 @@ from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
 
 CAPABILITIES = Capabilities(
+    finite_segments=True,
     takes_suns=True,
     every_sun=True,
     every_observer=True,

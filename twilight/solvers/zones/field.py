@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,10 @@ BRIGHT_ZENITH_DEG = 85.0
 """Air under a sun of this zenith angle or larger is always part of the field: in deep twilight its light comes far."""
 SHARP, LEAST_SHARP = 1.5, 2.25
 """Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
+THICK_PER_DEGREE = 2
+"""Polar angles a side for each degree of the light in thick white air: fewer let through 3 to 5 % too much of it."""
+SLOW_DEPTH = 2.0
+"""Optical depth of scattering, each share times 1 - g, beyond which light is not followed event by event."""
 
 
 def reach_deg(medium: Medium, observer_altitude_km: float) -> float:
@@ -174,17 +179,33 @@ class Field(BareField):
         early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
         late_patterns = s.late_polarisation_degree if s.polarisation else 0
         late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
+        # made where there is thick white air only
+        polar = max(s.late_polar_directions, THICK_PER_DEGREE * s.late_degree)
+        thick_stage = cache(lambda: self._stage(polar, s.late_azimuth_directions, s.late_degree, late_patterns))
+
+        def thick(block: int) -> Passes:
+            return thick_stage()(block)
+
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
+        slow = self._reduced_depth() > SLOW_DEPTH
         for block in range(n_blocks):
 
             def report(event: int, residual: float, block: int = block) -> None:
                 tell(f"scattering event {event}", 0.1 + 0.9 * (block + min(0.95, event / 12)) / n_blocks)
 
             self.solutions.append(
-                solve_orders(early(block), late(block), s.early_events, sunlight, s.max_events, s.tolerance, report)
-            )
+                solve_orders(
+                    early(block), late(block), partial(thick, block), lanes_of(slow, block) > 0.0,
+                    s.early_events, sunlight, s.max_events, s.tolerance, report,
+                )
+            )  # fmt: skip
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
+
+    def _reduced_depth(self) -> np.ndarray:
+        """Vertical optical depth (W,) of scattering that turns light around: each share of it times 1 - g."""
+        turned = self.profile.species_scattering * (1.0 - self.scaled.moments[:, 1])[:, None]
+        return np.trapezoid(turned.sum(axis=0), self.profile.altitude_km, axis=0)
 
     def _stage(self, polar: int, around: int, degree: int, pattern_degree: int) -> Callable[[int], Passes]:
         """What orders of scattering need at one number of directions, harmonics and patterns, for each block of
@@ -230,6 +251,50 @@ class Field(BareField):
         """
         return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
 
+    def inscatter(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg,
+        azimuth_deg,
+        distance_km,
+        *,
+        observer_altitude_km: float | None = None,
+        peak_passes: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As `SegmentField.inscatter`: (sun-normalised radiance [sr^-1], transmittance), directions plus (W,) each.
+
+        The field counts light in the narrow forward peak of aerosol as passed (`peak_passes`).  Otherwise what the
+        segment takes out of the light behind it and scatters on in that peak is added: (1 - T / T_scaled) times what
+        the whole line brings less what the segment does, the light behind it taken as even across the peak.
+
+        Errors: as `radiance`, and TwilightError for a distance that is not a number of 0 or more.
+        """
+        where = np.broadcast_arrays(elevation_deg, azimuth_deg, distance_km)
+        elevation, azimuth, distance = (np.asarray(a, dtype=float) for a in where)
+        if not np.all(distance >= 0.0):
+            raise TwilightError("distance_km must be 0 or more")
+        question = (sun_elevation_deg, elevation, azimuth, observer_altitude_km, 1)
+        light = self._look(*question, distance_km=distance)[..., 0, :]
+        altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        ends, back = np.unique(np.stack([elevation.ravel(), distance.ravel()]), axis=1, return_inverse=True)
+
+        def passed(profile) -> np.ndarray:
+            cosine = np.sin(np.radians(ends[0]))
+            start = np.full(cosine.size, altitude)
+            rays = trace_rays(profile, start, cosine, self.settings.sight_density, far_km=ends[1])
+            return rays.passed[back.ravel()].reshape(light.shape)
+
+        scaled = passed(self.sight_profile)
+        if peak_passes:
+            return light, scaled
+        clear = prepare_profile(self.medium)
+        true = passed(with_refraction(clear, self.medium) if self.settings.bent_lines_of_sight else clear)
+        lost = np.where(scaled > 0.0, 1.0 - true / np.where(scaled > 0.0, scaled, 1.0), 0.0)
+        if lost.any():
+            behind = self._look(*question)[..., 0, :] - light
+            light = light + np.maximum(lost, 0.0) * np.maximum(behind, 0.0)
+        return light, true
+
     @property
     def polarised(self) -> bool:
         """Whether it was solved with polarisation."""
@@ -250,22 +315,31 @@ class Field(BareField):
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
         return self._look(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
 
-    def _look(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, n_stokes: int) -> np.ndarray:
-        """The first n_stokes, 1 or 3, of I, Q, U: shape of the directions plus (n_stokes, W)."""
+    def _look(
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, n_stokes: int, *, distance_km=None
+    ) -> np.ndarray:
+        """The first n_stokes, 1 or 3, of I, Q, U: shape of the directions plus (n_stokes, W); up to distances, without
+        the light of the ground, where they are given."""
         altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
         self._check_sun(sun_elevation_deg, altitude)
-        elevation, azimuth = np.broadcast_arrays(
-            np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
+        elevation, azimuth, far = np.broadcast_arrays(
+            np.asarray(elevation_deg, dtype=float),
+            np.asarray(azimuth_deg, dtype=float),
+            np.asarray(np.inf if distance_km is None else distance_km, dtype=float),
         )
         e, a = elevation.ravel(), np.radians(azimuth.ravel())
-        row_elevation, row_of = np.unique(e, return_inverse=True)
+        rows, row_of = np.unique(np.stack([e, far.ravel()]), axis=1, return_inverse=True)
+        row_elevation, row_of = rows[0], row_of.ravel()
         order = np.argsort(row_of, kind="stable")
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
         start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
-        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density)
+        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, far_km=rows[1])
         sharp = max(LEAST_SHARP, SHARP * self.settings.sight_density)
-        pairs = trace_rays(self.sight_profile, start, cosine, sharp, pairs=True)
+        pairs = trace_rays(self.sight_profile, start, cosine, sharp, pairs=True, far_km=rows[1])
+        if distance_km is not None:
+            rays = rays._replace(ground_weight=np.zeros_like(rays.ground_weight))
+            pairs = pairs._replace(ground_weight=np.zeros_like(pairs.ground_weight))
         sorted_elevation = np.radians(e[order])
         out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
         for block, solution in enumerate(self.solutions):

@@ -1,0 +1,172 @@
+"""Terrain: hits, shadows and dark light against closed forms; files that are refused."""
+
+import math
+
+import numpy as np
+import pytest
+from airs import pure_air
+
+from twilight.config.terrain import Terrain
+from twilight.errors import TwilightError
+from twilight.geometry import distance_to_sphere
+from twilight.terrain.heights import Heights, heights_of
+from twilight.terrain.march import Air, Shadow, dark_parts, first_hits, height_at, shadow_over
+from twilight.terrain.scene import Place, add_terrain
+from twilight.transport.beam import beam_at, prepare_beam
+
+RADIUS = 6371.0
+
+
+def flat(altitude_km: float, size_km: float = 400.0) -> Heights:
+    step = size_km / 50
+    return Heights(np.full((51, 51), altitude_km, np.float32), -size_km / 2, -size_km / 2, step, step, 1.0, 0.0,
+                   altitude_km)  # fmt: skip
+
+
+def wall(distance_km: float, altitude_km: float) -> Heights:
+    """A wall across, 4 km thick, its near edge so far towards the sun."""
+    z = np.zeros((801, 81), np.float32)
+    z[401 + round(distance_km) : 405 + round(distance_km)] = altitude_km
+    return Heights(z, -40.0, -400.0, 1.0, 1.0, 1.0, 0.0, altitude_km)
+
+
+@pytest.mark.parametrize("elevation_deg", [-2.0, -10.0, -60.0])
+def test_lines_end_on_a_plateau_where_the_sphere_is(elevation_deg):
+    e, a, out = np.radians([elevation_deg]), np.array([0.7]), np.empty(1)
+    first_hits(flat(1.0), RADIUS, 0.0, 3.0, e, a, 400.0, out, 0, 1)
+    assert out[0] == pytest.approx(distance_to_sphere(3.0, math.sin(e[0]), 1.0, RADIUS), rel=1e-5)
+    first_hits(flat(1.0), RADIUS, 0.0, 3.0, -e, a, 400.0, out, 0, 1)
+    assert np.isinf(out[0])
+
+
+@pytest.mark.parametrize(("distance", "height", "sun_deg"), [(20.0, 2.0, 3.0), (100.0, 3.0, 1.0), (300.0, 9.0, -1.0)])
+def test_the_shadow_of_a_wall(distance, height, sun_deg):
+    """Also beyond the horizon: with the sun at -1 deg the light comes from below, over the bulge of the Earth."""
+    made = wall(distance, height)
+    slope = math.tan(math.radians(sun_deg))
+    # over its near edge, to the steps of the search; also at -1 deg: the Earth falls away faster than the light rises
+    t = np.array([distance, distance + 2.5])
+    most, least = height - t * slope - t**2 / (2.0 * RADIUS)
+    assert least - 0.01 < shadow_over(made, RADIUS, 0.3, 0.0, math.radians(sun_deg)) < most + 0.01
+    # behind the wall towards the sun it does not reach
+    assert shadow_over(made, RADIUS, 0.3, distance + 5.0, math.radians(sun_deg)) < 0.2
+
+
+@pytest.fixture(scope="module")
+def air():
+    medium = pure_air(np.array([0.0, 4.0, 8.0, 12.0, 20.0, 40.0]))
+    return medium, prepare_beam(medium)
+
+
+def test_dark_light_of_an_even_slab(air):
+    """All in shadow: sigma p E (1 - exp(-k s)) / k, here along a level line in even air."""
+    _, beam = air
+    sigma = np.full((1, 400, 3), 0.02)
+    table = Air(0.0, 0.1, np.full((400, 3), 0.03), sigma)
+    everywhere = Shadow(np.full((3, 3), 50.0), -200.0, -200.0, 200.0, 50.0)
+    e, a, end = np.zeros(1), np.array([0.5 * math.pi]), np.array([30.0])
+    sun = math.radians(40.0)
+    lost, length = np.zeros((1, 3)), np.zeros(1)
+    phase = np.full((1, 1, 3), 0.05)
+    dark_parts(everywhere, table, beam, RADIUS, 0.0, np.array([math.sin(sun), math.cos(sun)]), e, a, end, phase, 300,
+               lost, length, 0, 1)  # fmt: skip
+    light = np.empty(3)
+    beam_at(beam, 0.02, math.sin(sun), light)
+    expected = 0.02 * 0.05 * light * (1 - math.exp(-0.03 * 30.0)) / 0.03
+    np.testing.assert_allclose(lost[0], expected, rtol=0.01)
+    assert length[0] == pytest.approx(30.0)
+
+
+def test_the_edge_of_a_shadow_is_found_within_a_step(air):
+    _, beam = air
+    table = Air(0.0, 0.1, np.zeros((400, 3)), np.full((1, 400, 3), 0.02))
+    half = Shadow(np.full((3, 3), 2.0), -200.0, -200.0, 200.0, 2.0)
+    e, a, end = np.radians([30.0]), np.zeros(1), np.array([7.3])
+    lost, length = np.zeros((1, 3)), np.zeros(1)
+    dark_parts(half, table, beam, RADIUS, 0.0, np.array([0.5, 0.8]), e, a, end, np.ones((1, 1, 3)), 9, lost, length,
+               0, 1)  # fmt: skip
+    assert length[0] == pytest.approx(4.0, rel=2e-3)
+
+
+class Even:
+    """A field of even source: light scattered in is 1 - T everywhere."""
+
+    def inscatter(self, sun, elevation, azimuth, distance, *, observer_altitude_km, peak_passes):
+        passed = np.exp(-0.05 * np.broadcast_to(distance, np.broadcast(elevation, azimuth, distance).shape))
+        passed = np.repeat(passed[..., None], 3, axis=-1)
+        return 1.0 - passed, passed
+
+    def radiance(self, sun, elevation, azimuth, *, observer_altitude_km):
+        return np.ones((*np.broadcast(elevation, azimuth).shape, 3))
+
+
+def test_even_light_hides_white_ground(air):
+    """A white plain under an even sky, the sun down: the ground is as bright as the sky and the air, whatever T."""
+    medium, beam = air
+    rays = np.array([[[0.0, 1.0, -0.1], [0.6, 0.8, -0.5], [0.0, 0.8, 0.6]]])
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    place = Place(1.0, -10.0, 0.0)
+    sky = np.ones((1, 3, 3), np.float32)
+    made = add_terrain(sky, rays, flat(0.2), Even(), medium, beam, place, 1.0, "none")
+    np.testing.assert_allclose(made.radiance, 1.0, rtol=0.01)
+    np.testing.assert_array_equal(np.isfinite(made.distance_km), [[True, True, False]])
+    with pytest.raises(TwilightError, match="below the terrain"):
+        add_terrain(sky, rays, flat(2.0), Even(), medium, beam, place, 1.0, "none")
+
+
+@pytest.mark.parametrize("shadows", ["exact", "segments"])
+def test_shadows_only_take_light(air, shadows):
+    medium, beam = air
+    rays = np.array([[[0.3, 0.9, 0.0], [0.3, 0.9, 0.05], [0.0, -1.0, 0.02]]])
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    place = Place(0.5, 2.0, 0.4)
+    sky = np.ones((1, 3, 3), np.float32)
+    mountain = wall(15.0, 3.0)
+    clear = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, "none").radiance
+    dark = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, shadows).radiance
+    assert (dark <= clear + 1e-6).all() and (dark < clear - 1e-3).any() and (dark >= 0).all()
+
+
+def test_heights_come_from_files_and_formulas(tmp_path):
+    path = tmp_path / "z.npy"
+    np.save(path, np.arange(12.0).reshape(3, 4) * 100.0)
+    made = heights_of(Terrain(heights=str(path), size_km=8.0))
+    assert made.highest_km == pytest.approx(1.1)
+    # the first row is the far one, to the left of the observer the first column
+    assert height_at(made, -3.0, 2.0) == pytest.approx(0.0) and height_at(made, 3.0, -2.0) == pytest.approx(1.1)
+    turned = heights_of(Terrain(heights=str(path), size_km=8.0, azimuth_deg=90.0))
+    assert height_at(turned, 2.0, 3.0) == pytest.approx(0.0)
+    for name in ("ridges", "ridge", "peak"):
+        made = heights_of(Terrain(heights=name, height_km=1.5, base_km=0.5, count=64))
+        assert made.altitude_km.min() >= 0.5 - 1e-6 and made.highest_km == pytest.approx(2.0)
+
+
+def test_files_that_are_no_heights(tmp_path):
+    with pytest.raises(TwilightError, match="there is no file"):
+        heights_of(Terrain(heights="nowhere.npy"))
+    path = tmp_path / "bad.npy"
+    path.write_bytes(b"nothing")
+    with pytest.raises(TwilightError, match="is not a"):
+        heights_of(Terrain(heights=str(path)))
+    np.save(path, np.array([[0.0, np.nan], [1.0, 2.0]]))
+    with pytest.raises(TwilightError, match="without gaps"):
+        heights_of(Terrain(heights=str(path)))
+    with pytest.raises(ValueError, match="must be ridges"):
+        Terrain(heights="alps")
+
+
+def test_heights_from_geotiff(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    from rasterio.transform import from_bounds
+
+    path = tmp_path / "z.tif"
+    z = np.arange(12.0, dtype=np.float32).reshape(3, 4) * 100.0
+    shape = {"width": 4, "height": 3, "count": 1, "dtype": "float32", "driver": "GTiff"}
+    with rasterio.open(path, "w", crs="EPSG:32632", transform=from_bounds(0, 0, 8000, 6000, 4, 3), **shape) as file:
+        file.write(z, 1)
+    made = heights_of(Terrain(heights=str(path)))
+    assert (made.step_x_km, made.step_y_km) == pytest.approx((2.0, 2.0))
+    assert height_at(made, -3.0, 2.0) == pytest.approx(0.0) and height_at(made, 3.0, -2.0) == pytest.approx(1.1)
+    path.write_bytes(b"no tiff")
+    with pytest.raises(TwilightError, match="cannot be read as GeoTIFF"):
+        heights_of(Terrain(heights=str(path)))

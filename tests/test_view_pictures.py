@@ -1,0 +1,123 @@
+"""Pictures from any place: nodes and interpolation against the function itself, the sun's disc, configurations."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from toy_sky import glow_sky
+
+from twilight.config.scene import Config
+from twilight.config.view import View
+from twilight.engine.solve import Answer
+from twilight.engine.sunbeam import Direct
+from twilight.engine.view import elevation_nodes, see, with_sun
+from twilight.errors import TwilightError
+from twilight.io.outputs import write_outputs
+from twilight.io.rendered import Seen
+from twilight.orientation import azimuth_elevation
+from twilight.views import view_rays
+
+
+@dataclass
+class Air:
+    """As much of a medium as a view asks for."""
+
+    bottom_km: float = 0.0
+    earth_radius_km: float = 6371.0
+    n_wavelengths: int = 2
+
+
+@dataclass
+class Block:
+    """Light that falls by e in 4 deg from the horizon and in 20 deg from the sun, and is dark where lines miss."""
+
+    altitude_km: float
+    medium: Air = field(default_factory=Air)
+
+    @property
+    def problem(self):
+        return self
+
+    def light(self, elevation_deg, azimuth_deg):
+        dip = np.degrees(np.arccos(6371.0 / (6371.0 + self.altitude_km)))
+        folded = np.minimum(azimuth_deg, 360.0 - azimuth_deg)
+        value = np.exp(-np.abs(elevation_deg + dip) / 4.0 - folded / 20.0)
+        return np.stack([value, np.where(elevation_deg < -dip, 0.2, 1.0) * value], axis=-1)
+
+    def answer(self, sun_elevation_deg, elevation_deg, azimuth_deg):
+        assert np.asarray(elevation_deg).size < 90_000
+        return Answer(self.light(elevation_deg, azimuth_deg))
+
+
+@pytest.mark.parametrize(
+    ("altitude", "view"),
+    [
+        (400.0, {"kind": "perspective", "width": 160, "height": 90, "elevation_deg": -20.0, "roll_deg": 20.0}),
+        (11.0, {"kind": "perspective", "width": 160, "height": 90, "azimuth_deg": 100.0}),
+        (35786.0, {"kind": "perspective", "width": 100, "height": 100, "field_of_view_deg": 20.0,
+                   "elevation_deg": -90.0}),
+        (400.0, {"kind": "latlong", "width": 128}),
+        (400.0, {"kind": "limb", "width": 60, "height": 40, "band_deg": [-21.0, -17.0]}),
+    ],
+)  # fmt: skip
+def test_a_view_shows_what_is_there(altitude, view):
+    block = Block(altitude)
+    made = View.model_validate(view)
+    seen = see(block, made, -19.0)
+    assert seen.radiance.shape == (*made.shape, 2)
+    azimuth, elevation = azimuth_elevation(made.rays())
+    exact = block.light(elevation, azimuth)
+    inside = np.isfinite(seen.radiance[..., 0])
+    assert inside.all()
+    off = np.abs(seen.radiance / exact - 1.0)
+    # the light bends and jumps at the horizon: within two pixels of it
+    dip = np.degrees(np.arccos(6371.0 / (6371.0 + altitude)))
+    away = np.abs(elevation + dip) > 2.0 * seen.pitch_deg
+    assert off[away].max() < 0.01
+
+
+def test_nodes_are_a_pixel_apart_at_the_horizon():
+    nodes = elevation_nodes(-30.0, 10.0, 0.05, 11.0, 6371.0, -5.0)
+    dip = np.degrees(np.arccos(6371.0 / 6382.0))
+    near = nodes[np.abs(nodes + dip) < 0.1]
+    assert np.diff(near).max() < 0.051 and (np.diff(nodes) > 0).all()
+    assert nodes[0] == -30.0 and nodes[-1] == 10.0 and nodes.size < 500
+
+
+def test_the_disc_holds_the_suns_irradiance():
+    rays = view_rays("perspective", 200, 200, field_of_view_deg=2.0, elevation_deg=10.3)
+    seen = Seen("perspective", rays, np.zeros((200, 200, 1), np.float32), 0.01)
+    direct = Direct(np.array([0.7]), 0.3)
+    pixel = np.radians(2.0 / 200) ** 2
+    assert with_sun(seen, direct, 10.0).radiance.sum() * pixel == pytest.approx(0.7, rel=0.01)
+    hidden = Seen("perspective", rays, seen.radiance, 0.01, hidden=np.ones((200, 200), bool))
+    assert not with_sun(hidden, direct, 10.0).radiance.any()
+    assert with_sun(seen, Direct(np.zeros(1), 0.0), 10.0) is seen
+
+
+def configuration(**more):
+    return {"version": 1, "climate": {"version": 1, "name": "x"}, **more}
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        ({"kind": "mercator"}, "must be one of perspective"),
+        ({"kind": "latlong", "width": 100, "height": 40}, "2 times as wide as high"),
+        ({"kind": "perspective", "field_of_view_deg": 175.0}, "above 0 to 170"),
+        ({"kind": "fisheye", "band_deg": [0.0, 1.0]}, "has no band"),
+    ],
+)
+def test_wrong_views_are_refused(view, message):
+    with pytest.raises(ValueError, match=message):
+        Config.model_validate(configuration(observer={"view": view}))
+
+
+def test_terrain_needs_a_view():
+    with pytest.raises(ValueError, match="is seen in a view alone"):
+        Config.model_validate(configuration(terrain={}))
+
+
+def test_files_of_a_view_need_one(tmp_path):
+    with pytest.raises(TwilightError, match="needs a view of the observer"):
+        write_outputs(glow_sky(), tmp_path, files=["view"])

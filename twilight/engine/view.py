@@ -1,0 +1,160 @@
+"""Pictures from any place: what every pixel of a view sees, the ground and space included.
+
+A view is computed on rows and columns of directions that are as fine as its pixels where the light changes fast (at the
+horizon, which refraction moves, about the sun, along the ground by geocentric angle) and coarser elsewhere, and read
+from there by the logarithm, linearly.  The light is its own mirror image about the sun's vertical.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twilight.config.terrain import Terrain
+from twilight.config.view import View
+from twilight.engine.solve import Block
+from twilight.engine.sunbeam import Direct
+from twilight.errors import TwilightError
+from twilight.io.rendered import Seen
+from twilight.orientation import azimuth_elevation, direction
+from twilight.terrain.heights import heights_of
+from twilight.terrain.scene import DEGREE, Place, add_terrain
+from twilight.transport.beam import prepare_beam
+from twilight.transport.scaling import delta_scaled
+
+SUN_RADIUS_DEG = 0.2666
+GROWTH, LARGEST_STEP_DEG = 0.06, 2.0
+"""Steps grow by this share of the distance from where they are finest, to at most this."""
+HORIZON_BAND_DEG = (-0.15, 0.6)
+"""About the horizon of straight lines: where refraction may move it; steps there are a pixel."""
+GROUND_STEP_DEG = 0.5
+"""Of the geocentric angle along the ground: 0.5 deg of solar zenith angle."""
+AUREOLE_STEP_DEG = 0.2
+DARK = 1e-30
+"""Radiance [sr^-1] that stands for none where logarithms are interpolated."""
+
+
+def grown(centre: float, finest: float, low: float, high: float, largest: float = LARGEST_STEP_DEG) -> np.ndarray:
+    """Places from low to high, `finest` apart at the centre and farther apart away from it."""
+    offsets = [0.0]
+    while offsets[-1] < max(high - centre, centre - low):
+        offsets.append(offsets[-1] + min(max(finest, GROWTH * offsets[-1]), largest))
+    places = centre + np.concatenate([-np.array(offsets[:0:-1]), offsets])
+    return places[(places > low) & (places < high)]
+
+
+def elevation_nodes(
+    low: float, high: float, pitch: float, altitude_km: float, ground_radius_km: float, sun_elevation_deg: float
+) -> np.ndarray:
+    """Elevations (E,) [deg] from low to high for pixels `pitch` deg apart, seen from an altitude above the ground."""
+    r = ground_radius_km
+    dip = float(np.degrees(np.arccos(r / (r + altitude_km))))
+    below, above = HORIZON_BAND_DEG
+    parts = [
+        np.array([low, high]),
+        grown(-dip + below, pitch, low, -dip + below),
+        np.arange(-dip + below, -dip + above, pitch),
+        grown(-dip + above, pitch, -dip + above, high),
+    ]
+    if low < sun_elevation_deg < high:
+        parts.append(grown(sun_elevation_deg, max(pitch, AUREOLE_STEP_DEG), low, high))
+    psi = np.radians(np.arange(0.0, dip, GROUND_STEP_DEG))
+    parts.append(np.degrees(np.arctan2(r * np.cos(psi) - (r + altitude_km), r * np.sin(psi))))
+    nodes = np.unique(np.concatenate(parts))
+    nodes = nodes[(nodes >= low) & (nodes <= high)]
+    kept = [nodes[0]]
+    for node in nodes[1:]:
+        if node - kept[-1] > 0.3 * pitch:
+            kept.append(node)
+    return np.array([*kept, high]) if kept[-1] < high else np.array(kept)
+
+
+def azimuth_nodes(low: float, high: float, pitch: float, altitude_km: float) -> np.ndarray:
+    """Azimuths (A,) [deg] from the sun, within 0..180; finer for observers who see far along the ground."""
+    largest = 2.0 if altitude_km < 100.0 else 1.0
+    inner = grown(0.0, max(pitch, AUREOLE_STEP_DEG), low, high, largest)
+    return np.unique(np.concatenate([[low], inner, [high]])) if high > low else np.array([low])
+
+
+def pixel_pitch_deg(rays: np.ndarray) -> float:
+    """Angle between neighbouring pixels [deg], the smallest of those across and down the middle of the picture."""
+    across = np.linalg.norm(np.diff(rays, axis=1), axis=-1) if rays.shape[1] > 1 else np.full((1, 1), np.nan)
+    down = np.linalg.norm(np.diff(rays, axis=0), axis=-1) if rays.shape[0] > 1 else np.full((1, 1), np.nan)
+    return float(np.degrees(min(np.nanmedian(across), np.nanmedian(down))))
+
+
+def see(block: Block, view: View, sun_elevation_deg: float) -> Seen:
+    """What a block of wavelengths shows in a view, without the sun's disc; sun-normalised [sr^-1]."""
+    rays = view.rays()
+    azimuth, elevation = azimuth_elevation(rays)
+    folded = np.minimum(azimuth, 360.0 - azimuth)
+    inside = np.isfinite(elevation)
+    pitch = pixel_pitch_deg(rays)
+    medium = block.medium
+    above_ground = block.problem.altitude_km - medium.bottom_km
+    e = elevation_nodes(
+        float(elevation[inside].min()),
+        float(elevation[inside].max()),
+        pitch,
+        above_ground,
+        medium.earth_radius_km + medium.bottom_km,
+        sun_elevation_deg,
+    )
+    a = azimuth_nodes(float(folded[inside].min()), float(folded[inside].max()), pitch, above_ground)
+    grid = np.meshgrid(e, a, indexing="ij")
+    found = block.answer(sun_elevation_deg, *grid).radiance
+    picture = np.full((*elevation.shape, medium.n_wavelengths), np.nan, np.float32)
+    picture[inside] = interpolate(e, a, found, elevation[inside], folded[inside])
+    return Seen(view.kind, rays.astype(np.float32), picture, pitch)
+
+
+def check_terrain(block: Block) -> None:
+    """TwilightError unless the solver can put terrain before its sky."""
+    able = block.capabilities
+    if not (able.finite_segments and able.every_observer and able.below_horizon):
+        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
+
+
+def landscape(block: Block, seen: Seen, terrain: Terrain, sun_elevation_deg: float) -> Seen:
+    """What a block of wavelengths shows of a view with terrain in it."""
+    check_terrain(block)
+    medium, altitude = block.medium, block.problem.altitude_km
+    place = Place(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
+    beam = prepare_beam(delta_scaled(medium, DEGREE).medium)
+    heights = heights_of(terrain)
+    rays = seen.rays.astype(float)
+    made = add_terrain(seen.radiance, rays, heights, block.field, medium, beam, place, terrain.albedo, terrain.shadows)
+    return Seen(seen.kind, seen.rays, made.radiance, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
+
+
+def interpolate(e: np.ndarray, a: np.ndarray, values: np.ndarray, elevation: np.ndarray, azimuth: np.ndarray):
+    """Values (E, A, W) at directions (D,): linear in the logarithm, (D, W) float32."""
+    logarithm = np.log(np.maximum(values, DARK)).astype(np.float32)
+    i = np.clip(np.searchsorted(e, elevation, side="right") - 1, 0, max(e.size - 2, 0))
+    j = np.clip(np.searchsorted(a, azimuth, side="right") - 1, 0, max(a.size - 2, 0))
+    i1, j1 = np.minimum(i + 1, e.size - 1), np.minimum(j + 1, a.size - 1)
+    f = np.where(i1 > i, (elevation - e[i]) / np.where(i1 > i, e[i1] - e[i], 1.0), 0.0).astype(np.float32)[:, None]
+    g = np.where(j1 > j, (azimuth - a[j]) / np.where(j1 > j, a[j1] - a[j], 1.0), 0.0).astype(np.float32)[:, None]
+    out = (1 - f) * ((1 - g) * logarithm[i, j] + g * logarithm[i, j1])
+    out += f * ((1 - g) * logarithm[i1, j] + g * logarithm[i1, j1])
+    np.exp(out, out=out)
+    out[out <= 2 * DARK] = 0.0
+    return out
+
+
+def with_sun(seen: Seen, direct: Direct, sun_elevation_deg: float) -> Seen:
+    """The view with the sun's disc where its light arrives: everywhere as bright as its mean, its edge one pixel wide.
+
+    direct: at the observer; the disc stands where refraction lifts its centre to, and is round.
+    """
+    if not direct.irradiance.any():
+        return seen
+    sun = direction(0.0, sun_elevation_deg + direct.bending_deg)
+    off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(seen.rays - sun, axis=-1))))
+    share = np.clip((SUN_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
+    if seen.hidden is not None:
+        share = np.where(seen.hidden, 0.0, share)
+    solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SUN_RADIUS_DEG)))
+    disc = np.nan_to_num(share)[..., None] * (direct.irradiance / solid_angle)
+    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=np.nan_to_num(share))

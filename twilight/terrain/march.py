@@ -1,0 +1,239 @@
+"""Lines of sight and sunbeams over a field of heights.
+
+Places are distances along the sphere from the observer, x to the right of the sun and y towards it.  A straight line
+that leaves altitude h [km] under the elevation a is, after the distance s, at the altitude
+
+    z = h + (2 (R + h) s sin a + s^2) / (sqrt(...) + R + h)
+
+above the place atan2(s cos a, R + h + s sin a) R away.  The shadow of the terrain is a field of its own: over a place,
+air lower than
+
+    shadow = max over t of [height(place + t towards the sun) - t tan e - t^2 / 2 R]
+
+does not see the sun, e its apparent elevation there (the sun's bends are those of the light that passes the place).
+Mountains far beyond the horizon towards the sun are in it like any others.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twilight.transport.beam import beam_at
+
+SHADOW_STEP = 0.5
+"""Steps towards the sun in cells of the field near a place; they grow with the distance."""
+SHADOW_GROWTH = 0.002
+
+
+@njit(cache=True, inline="always")
+def height_at(field, x, y):
+    """Altitude [km] of the ground at a place [km], bilinear; far below beyond the field."""
+    u = (field.cos_turn * x - field.sin_turn * y - field.low_x_km) / field.step_x_km
+    v = (field.sin_turn * x + field.cos_turn * y - field.low_y_km) / field.step_y_km
+    rows, columns = field.altitude_km.shape
+    if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
+        return -1e9
+    i, j = min(int(v), rows - 2), min(int(u), columns - 2)
+    f, g = v - i, u - j
+    z = field.altitude_km
+    return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
+
+
+@njit(cache=True)
+def place_on(start_km, radius_km, sine, cosine, s):
+    """(altitude [km], distance along the sphere [km]) after s km of a line from altitude start_km above the sphere."""
+    r = radius_km + start_km
+    change = s * (2.0 * r * sine + s)
+    altitude = start_km + change / (math.sqrt(r * r + change) + r)
+    return altitude, radius_km * math.atan2(s * cosine, r + s * sine)
+
+
+@njit(cache=True, nogil=True)
+def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km, out, begin, end):
+    """Distance [km] of the ground along lines (D,) [rad], azimuth from the sun to the right; inf: there is none.
+
+    bottom_km: altitude of the ground beyond the field.
+    """
+    finest = 0.5 * min(field.step_x_km, field.step_y_km)
+    for d in range(begin, end):
+        sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
+        right, ahead = math.sin(azimuth[d]), math.cos(azimuth[d])
+        out[d] = np.inf
+        s, before = 0.0, 0.0
+        while s < far_km:
+            s += max(finest, 0.002 * s)
+            z, along = place_on(start_km, radius_km, sine, cosine, s)
+            if z > field.highest_km and sine >= 0.0:
+                break
+            if max(bottom_km, height_at(field, along * right, along * ahead)) > z:
+                low, high = before, s
+                for _ in range(24):
+                    middle = 0.5 * (low + high)
+                    z, along = place_on(start_km, radius_km, sine, cosine, middle)
+                    if max(bottom_km, height_at(field, along * right, along * ahead)) > z:
+                        high = middle
+                    else:
+                        low = middle
+                out[d] = high
+                break
+            before = s
+
+
+@njit(cache=True, nogil=True)
+def shadow_over(field, radius_km, x, y, sun):
+    """Altitude [km] below which the air over a place does not see the sun; sun: apparent elevation at the origin."""
+    slope = math.tan(sun + y / radius_km)
+    finest = SHADOW_STEP * min(field.step_x_km, field.step_y_km)
+    highest = -1e9
+    rows, columns = field.altitude_km.shape
+    across, up = field.step_x_km * (columns - 1), field.step_y_km * (rows - 1)
+    # the field's circle around its middle, in the axes of the sun
+    reach = 0.5 * math.sqrt(across * across + up * up)
+    u, v = field.low_x_km + 0.5 * across, field.low_y_km + 0.5 * up
+    middle_x, middle_y = field.cos_turn * u + field.sin_turn * v, -field.sin_turn * u + field.cos_turn * v
+    if abs(x - middle_x) > reach:
+        return highest
+    t = max(finest, middle_y - reach - y)
+    last = middle_y + reach - y
+    while t < last:
+        z = height_at(field, x, y + t)
+        if z > -1e8:
+            highest = max(highest, z - t * slope - t * t / (2.0 * radius_km))
+        t += max(finest, SHADOW_GROWTH * t)
+    return highest
+
+
+@njit(cache=True, nogil=True)
+def shadow_field(field, radius_km, sun, x, y, out, begin, end):
+    """`shadow_over` at places x (M,) and y (N,), rows begin..end of out (N, M)."""
+    for i in range(begin, end):
+        for j in range(x.size):
+            out[i, j] = shadow_over(field, radius_km, x[j], y[i], sun)
+
+
+@njit(cache=True, nogil=True)
+def slopes(field, x, y, step_km):
+    """Rise of the ground per km to the right and towards the sun at a place."""
+    here = height_at(field, x, y)
+    right, ahead = height_at(field, x + step_km, y), height_at(field, x, y + step_km)
+    left, back = height_at(field, x - step_km, y), height_at(field, x, y - step_km)
+    a = here if right < -1e8 else right
+    b = here if left < -1e8 else left
+    c = here if ahead < -1e8 else ahead
+    d = here if back < -1e8 else back
+    return (a - b) / (2.0 * step_km), (c - d) / (2.0 * step_km)
+
+
+class Air(NamedTuple):
+    """What lines of sight need of the air, at altitudes step_km apart from bottom_km on.
+
+    extinction (Z, W), scattering (S, Z, W) [km^-1]: of air and each aerosol, forward peaks counted as passed.
+    """
+
+    bottom_km: float
+    step_km: float
+    extinction: np.ndarray
+    scattering: np.ndarray
+
+
+class Shadow(NamedTuple):
+    """`shadow_over` on a grid: altitude_km (N, M) at rows low_y_km + i step_km, columns low_x_km + j step_km."""
+
+    altitude_km: np.ndarray
+    low_x_km: float
+    low_y_km: float
+    step_km: float
+    highest_km: float
+
+
+@njit(cache=True, inline="always")
+def shadow_at(shadow, x, y):
+    """The shadow's altitude [km] over a place, bilinear; none beyond its grid."""
+    u, v = (x - shadow.low_x_km) / shadow.step_km, (y - shadow.low_y_km) / shadow.step_km
+    rows, columns = shadow.altitude_km.shape
+    if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
+        return -1e9
+    i, j = min(int(v), rows - 2), min(int(u), columns - 2)
+    f, g = v - i, u - j
+    z = shadow.altitude_km
+    return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
+
+
+@njit(cache=True, nogil=True)
+def dark_parts(
+    shadow, air, beam, radius_km, start_km, to_sun, elevation, azimuth, end_km, phase, steps, lost, length, begin, end
+):
+    """Sunlight scattered once that the shadowed parts of lines (D,) would send, lost (D, W) [sr^-1], and their length.
+
+    to_sun (2,): sine and cosine of the sun's true elevation at the observer; elevation, azimuth [rad], end_km [km]:
+    of the lines; phase (D, S, W) [sr^-1]; steps: parts of each line; within one the edge of the shadow is found by
+    linear interpolation.  length (D,) [km].
+    """
+    n_w = lost.shape[1]
+    light, depth, depth_here = np.empty(n_w), np.empty(n_w), np.empty(n_w)
+    for d in range(begin, end):
+        sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
+        right, ahead = math.sin(azimuth[d]), math.cos(azimuth[d])
+        depth[:] = 0.0
+        ds = end_km[d] / steps
+        z, along = place_on(start_km, radius_km, sine, cosine, 0.0)
+        above = z - shadow_at(shadow, 0.0, 0.0)
+        for n in range(steps):
+            z, along = place_on(start_km, radius_km, sine, cosine, (n + 1) * ds)
+            after = z - shadow_at(shadow, along * right, along * ahead)
+            share = 0.0
+            if above < 0.0 and after < 0.0:
+                share = 1.0
+            elif above < 0.0:
+                share = above / (above - after)
+            elif after < 0.0:
+                share = after / (after - above)
+            above = after
+            z, along = place_on(start_km, radius_km, sine, cosine, (n + 0.5) * ds)
+            u = (z - air.bottom_km) / air.step_km
+            k = min(max(int(u), 0), air.extinction.shape[0] - 2)
+            f = min(1.0, max(0.0, u - k))
+            for w in range(n_w):
+                depth_here[w] = ds * ((1 - f) * air.extinction[k, w] + f * air.extinction[k + 1, w])
+            if share > 0.0:
+                length[d] += share * ds
+                psi = along / radius_km
+                cos_sun = math.cos(psi) * to_sun[0] + math.sin(psi) * to_sun[1] * ahead
+                beam_at(beam, z, cos_sun, light)
+                for w in range(n_w):
+                    source = 0.0
+                    for s in range(phase.shape[1]):
+                        here = (1 - f) * air.scattering[s, k, w] + f * air.scattering[s, k + 1, w]
+                        source += phase[d, s, w] * here
+                    lost[d, w] += share * ds * source * light[w] * math.exp(-depth[w] - 0.5 * depth_here[w])
+            for w in range(n_w):
+                depth[w] += depth_here[w]
+
+
+@njit(cache=True, nogil=True)
+def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimuth, far_km, direct, about, begin, end):
+    """The sun's irradiance of the ground where lines (D,) end, over F0, direct (D, W).
+
+    sun, true_sun [rad]: apparent and true elevation at the observer; about (D, 3): cosine of the slope of the ground,
+    how far towards the sun it lies [km], and whether it is within the field.
+    """
+    step = 0.75 * min(field.step_x_km, field.step_y_km)
+    light = np.empty(direct.shape[1])
+    for d in range(begin, end):
+        z, along = place_on(start_km, radius_km, math.sin(elevation[d]), math.cos(elevation[d]), far_km[d])
+        x, y = along * math.sin(azimuth[d]), along * math.cos(azimuth[d])
+        rise_x, rise_y = slopes(field, x, y, step)
+        about[d, 0] = 1.0 / math.sqrt(1.0 + rise_x * rise_x + rise_y * rise_y)
+        about[d, 1] = y
+        about[d, 2] = height_at(field, x, y) > -1e8
+        local = sun + y / radius_km
+        incidence = (math.sin(local) - rise_y * math.cos(local)) * about[d, 0]
+        # a cell is no sharper than its size: its own slope does not shade it
+        if incidence > 0.0 and z + 0.02 * step > shadow_over(field, radius_km, x, y, sun):
+            beam_at(beam, z, math.sin(true_sun + y / radius_km), light)
+            for w in range(light.size):
+                direct[d, w] = incidence * light[w]
