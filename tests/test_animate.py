@@ -167,6 +167,8 @@ def test_exr_are_luminances(tmp_path):
     assert last.rgb[31, 31, 1] / first.rgb[31, 31, 1] == pytest.approx(10.0**-2.5, rel=0.01)
     with pytest.raises(TwilightError, match="exists; a film in EXR makes a new folder"):
         film(folder, config)
+    with pytest.raises(TwilightError, match="EXR hold luminances"):
+        film(tmp_path / "others", config, exposure="camera")
 
 
 def test_mp4_is_read_back(tmp_path):

@@ -43,6 +43,8 @@ from twilight.window.tables import Sizes, Tables, fill
 
 METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
+USUAL_VIEW: dict[str, Any] = {"kind": "perspective", "width": 640, "elevation_deg": 12.0}
+"""Where the configuration has no observer.view."""
 SPEED, FRAMES_PER_SECOND = 300.0, 25.0
 
 
@@ -85,9 +87,11 @@ class Film:
     ):
         self.config, self.output, self.frames_per_second = config, output, frames_per_second
         self.sizes = sizes or Sizes()
-        self.view = config.observer.view or View(kind="perspective", width=640, elevation_deg=12.0)
+        self.view = config.observer.view or View(**USUAL_VIEW)
         self.exposure = _exposure(config, exposure)
         _check_layers(config)
+        if exposure is not None and not output.suffix:
+            raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
         check_output(output, self.view.shape, frames_per_second)
         self.line: Timeline = timeline(
             config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg
@@ -248,7 +252,7 @@ class Film:
             eye = Eye(adapted_cd_per_m2=look.adapted, acuity=self.config.output.eye.acuity)
             picture, _ = eye.develop(light, Shot(look.ev100, pixel_deg))
         else:
-            linear = colour.xyz_to_linear_rgb(light[..., :3]).astype(np.float32)
+            linear = colour.xyz_to_linear_rgb(light[..., :3])
             picture = colour.tone_map(linear, look.ev100, self.config.output.tone_mapping)
         return picture if share is None else burnt_out(picture, share, light[..., 1], look.ev100)
 

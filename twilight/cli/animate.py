@@ -47,26 +47,23 @@ def animate(
     within(speed, "--speed", 0.001, 1e6)
     within(frames_per_second, "--frames-per-second", 0.1, 240.0)
     chosen, names = settings_of(settings)
-    view = {"kind": projection, "width": width, "height": height}
-    given: dict[str, Any] = {f"observer.view.{key}": (value, f"--{key}") for key, value in view.items()}
-    given |= {"solver.quality": (quality, "--quality"), "sun.disc": (disc or None, "--disc")}
-    names["observer.view.kind"] = "--projection"
+    given = {
+        "observer.view.kind": (projection, "--projection"),
+        "observer.view.width": (width, "--width"),
+        "observer.view.height": (height, "--height"),
+        "solver.quality": (quality, "--quality"),
+        "sun.disc": (disc or None, "--disc"),
+    }
     for key, (value, name) in given.items():
         if value is not None:
-            chosen[key] = value
-            names[key] = "--projection" if key.endswith("kind") else name
+            chosen[key], names[key] = value, name
     how: str | float | None = exposure
     if exposure is not None and exposure not in ("constant", "camera", "eye"):
         how = _exposure_value(exposure)
 
     from twilight.config import load_series
 
-    if any(key.startswith("observer.view.") for key in chosen) and "observer.view.kind" not in chosen:
-        cases = load_series(scene, {k: v for k, v in chosen.items() if not k.startswith("observer.view.")}, names)
-        if cases[0].config.observer.view is None:
-            chosen["observer.view.kind"] = "perspective"
-    if chosen.get("observer.view.kind") == "perspective" and "observer.view.elevation_deg" not in chosen:
-        chosen["observer.view.elevation_deg"] = 12.0
+    chosen |= _usual_view(scene, chosen)
     cases = load_series(scene, chosen, names)
     if len(cases) > 1:
         raise TwilightError(f"{scene}: vary makes {len(cases)} scenes of it; a film shows one")
@@ -95,6 +92,20 @@ def animate(
     there = f", {n - made.drawn} were there" if made.drawn < n else ""
     rate = f", {made.drawn / made.processor_s:.1f} in a second of processor time" if made.drawn else ""
     print(f"wrote {output}: {made.drawn} pictures drawn{rate}{there}; {time.perf_counter() - begin:.0f} s in all")
+
+
+def _usual_view(scene: str, chosen: dict[str, Any]) -> dict[str, Any]:
+    """What completes a view of which only some keys are chosen, where the configuration has none."""
+    from twilight.animation.film import USUAL_VIEW
+    from twilight.config import load_series
+
+    some = {key for key in chosen if key.startswith("observer.view.")}
+    rest = {key: value for key, value in chosen.items() if key not in some}
+    if not some or load_series(scene, rest)[0].config.observer.view is not None:
+        return {}
+    kind = chosen.get("observer.view.kind", USUAL_VIEW["kind"])
+    usual = USUAL_VIEW if kind == USUAL_VIEW["kind"] else {"width": USUAL_VIEW["width"]}
+    return {key: value for name, value in usual.items() if (key := f"observer.view.{name}") not in chosen}
 
 
 def _exposure_value(text: str) -> float:
