@@ -51,7 +51,7 @@ def test_the_commands_shown_are_understood(command, monkeypatch, tmp_path):
     words = shlex.split(command)[1:]
     if words[0] == "render":
         words += [] if "--plan" in words else ["--plan"]
-    elif words[0] in ("climates", "describe", "compare", "fit", "export", "view"):
+    elif words[0] in ("climates", "describe", "compare", "fit", "export", "view", "animate"):
         words.append("--help")
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output

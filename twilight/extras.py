@@ -13,6 +13,7 @@ REQUIREMENTS = {
     "astropy": "astropy>=6.1,<9",
     "cv2": "opencv-python-headless>=4.9,<6",
     "dask_jobqueue": "dask-jobqueue>=0.9,<1",
+    "imageio_ffmpeg": "imageio-ffmpeg>=0.5,<1",
     "mitsuba": "mitsuba>=3.6,<4",
     "rasterio": "rasterio>=1.3,<2",
     "rawpy": "rawpy>=0.21,<1",

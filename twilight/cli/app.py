@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import cache, compare, export, fit, render, show, sweep, validate, view
+from twilight.cli import animate, cache, compare, export, fit, render, show, sweep, validate, view
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ app = typer.Typer(
 commands = (
     render.render,
     view.view,
+    animate.animate,
     sweep.sweep,
     compare.compare,
     show.climates,

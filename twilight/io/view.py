@@ -29,7 +29,7 @@ def view_exposure_ev100(seen: Seen, luminance: np.ndarray) -> float:
     return colour.auto_exposure_ev100(light)
 
 
-def _burnt_out(picture: np.ndarray, share: np.ndarray, luminance: np.ndarray, ev100: float) -> np.ndarray:
+def burnt_out(picture: np.ndarray, share: np.ndarray, luminance: np.ndarray, ev100: float) -> np.ndarray:
     """The picture with a white sun where its disc is far brighter than white: tone curves keep its colour for ever."""
     middle = float(colour.expose(np.ones(1), ev100)[0]) * luminance[share >= 1.0]
     if not middle.size or np.median(middle) < WHITE_FROM:
@@ -48,7 +48,7 @@ def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]
     ev100 = view_exposure_ev100(seen, luminance) if options.exposure == "auto" else float(options.exposure)
     picture, found = film.develop(channels, Shot(ev100, seen.pitch_deg))
     if seen.sun is not None:
-        picture = _burnt_out(picture, seen.sun, channels[..., 1], ev100)
+        picture = burnt_out(picture, seen.sun, channels[..., 1], ev100)
     linear = colour.sky_to_linear_rgb(sky, factor, options.observer)
     facts = {"view": seen.kind, "exposure_ev100": f"{ev100:.6g}", "tone_mapping": options.tone_mapping}
     facts.update({name: value if isinstance(value, str) else f"{value:.6g}" for name, value in found.items()})

@@ -58,10 +58,18 @@ class Tables:
 
 
 def fill(
-    source: Source, channels: Channels, altitudes_km: tuple[float, ...], sizes: Sizes, progress: Progress
+    source: Source,
+    channels: Channels,
+    altitudes_km: tuple[float, ...],
+    sizes: Sizes,
+    progress: Progress,
+    suns_deg: np.ndarray | None = None,
 ) -> Tables:
-    """The tables of a field, seen from altitudes above sea level."""
-    suns = own.sun_nodes(sizes.suns)
+    """The tables of a field, seen from altitudes above sea level.
+
+    suns_deg: some of `own.sun_nodes(sizes.suns)` alone, in order; None: all.  The spectral table has every second.
+    """
+    suns = own.sun_nodes(sizes.suns) if suns_deg is None else suns_deg
     azimuths = own.azimuth_nodes(sizes.azimuths)
     rows = sizes.ground + sizes.sky + 1
     shape = (CHANNELS, len(altitudes_km), suns.size, rows, sizes.azimuths)

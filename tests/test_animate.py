@@ -1,0 +1,252 @@
+"""`twilight animate`: films of a sky in closed form, read back, and what stops one."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from airs import turbid
+from PIL import Image, ImageSequence
+from typer.testing import CliRunner
+
+from twilight.animation import film as films
+from twilight.animation.disc import Disc
+from twilight.animation.draw import Painter, suns_between
+from twilight.animation.exposure import meter, smoothed
+from twilight.animation.film import Film
+from twilight.cli.app import app
+from twilight.config import load
+from twilight.disc import SOLAR_RADIUS_DEG
+from twilight.engine import Problem
+from twilight.errors import TwilightError
+from twilight.export.values import Source
+from twilight.progress import silent
+from twilight.solvers.base import BareField, Capabilities
+from twilight.views import view_directions
+from twilight.window.colours import Channels
+from twilight.window.lines import sky_elevations
+from twilight.window.tables import Sizes, fill
+
+NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
+COARSE = Sizes(suns=33, sky=17, ground=5, azimuths=13)
+FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "sizes": COARSE}
+
+
+@dataclass
+class Closed(BareField):
+    """A sky in closed form: brighter towards the sun, a factor of 10 darker for every 4 deg that the sun falls."""
+
+    medium: object
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
+        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
+        return 10.0 ** (sun_elevation_deg / 4.0) * 0.01 * shape[..., None] * (NM / 550.0) ** -1.5
+
+
+MEDIUM = turbid(wavelength_nm=NM)
+
+
+def problem():
+    solver = SimpleNamespace(
+        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
+        QUALITIES={},
+        prepare=lambda medium, settings, **options: Closed(medium),
+    )
+    return Problem(MEDIUM, solver, SimpleNamespace(refraction=False), 0.0, title="closed")
+
+
+def scene(**settings):
+    view = {"observer.view.kind": "perspective", "observer.view.width": 64, "observer.view.height": 64}
+    return load("pure-air", {**view, "observer.view.elevation_deg": 30.0, **settings})
+
+
+def film(path, config=None, **options):
+    return Film(config or scene(), path, problem=problem(), **{**FIVE, **options})
+
+
+def pictures(path):
+    with Image.open(path) as image:
+        return [np.asarray(frame.convert("RGB"), float) for frame in ImageSequence.Iterator(image)]
+
+
+def test_pictures_are_the_field():
+    suns = suns_between(-10.0, 0.0, COARSE)
+    channels = Channels(NM)
+    tables = fill(Source(Closed(MEDIUM), MEDIUM, False), channels, (0.0,), COARSE, silent, suns)
+    elevation, azimuth = view_directions("fisheye", 48)
+    painter = Painter(tables, COARSE, suns, elevation, azimuth)
+    keep = np.isfinite(elevation) & (elevation > 4.0)
+    assert painter.outside.sum() == np.isnan(elevation).sum() > 100
+    for sun, turned, distance in ((0.0, 0.0, 1.0), (-4.4, 70.0, 1.0), (-10.0, 0.0, 1.02)):
+        exact = channels.of(Closed(MEDIUM).radiance(sun, elevation[keep], azimuth[keep] - turned)) / distance**2
+        found = painter.light(sun, turned, distance)
+        assert np.abs(found[keep] / exact - 1.0).max() < 0.02
+        assert np.median(np.abs(found[keep] / exact - 1.0)) < 0.002
+        assert (found[painter.outside] == 0.0).all()
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".gif"])
+def test_a_film_at_one_exposure_gets_dark_smoothly(tmp_path, suffix):
+    path = tmp_path / f"sunset{suffix}"
+    assert film(path, exposure=9.5).make().drawn == 5
+    found = pictures(path)
+    assert len(found) == 5 and found[0].shape == (64, 64, 3)
+    level = [p.mean() for p in found]
+    assert all(a > b + 1.0 for a, b in pairwise(level)) and level[0] > 150.0 and level[-1] < 40.0
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]  # no folder of frames is left
+
+
+def test_exposures_differ_as_they_must(tmp_path):
+    level = {}
+    for how in ("constant", "camera", "eye"):
+        made = film(tmp_path / f"{how}.webp", exposure=how)
+        made.make()
+        level[how] = np.array([p.mean() for p in pictures(made.output)])
+    # eight stops in five pictures: a camera that meters each, over 1 s, keeps them alike; an eye loses some
+    assert np.ptp(level["constant"]) > 120.0
+    assert np.ptp(level["camera"]) < 25.0
+    # by day only contrast counts; below 5 cd m^-2 it gets dark
+    assert (np.diff(level["eye"]) < 1.0).all() and 25.0 < np.ptp(level["eye"]) < np.ptp(level["constant"])
+
+
+def test_a_camera_does_not_lag_and_smooths_flicker():
+    line = np.linspace(10.0, -8.0, 200)
+    assert np.abs(smoothed(line, 25.0) - line).max() < 1e-9
+    flicker = smoothed(line + np.where(np.arange(200) % 2, 1.0, -1.0), 25.0)
+    assert np.abs(flicker - line)[80:-80].max() < 0.01
+    assert smoothed(np.array([1.0, 5.0]), 0.1) == pytest.approx([1.0, 5.0])
+    light = np.full((4, 4, 4), 2.0)
+    assert meter(8.0 * light)[0] - meter(light)[0] == pytest.approx(3.0)
+
+
+def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
+    whole = tmp_path / "whole.webp"
+    film(whole, exposure="camera").make()
+    draw, solved, path = Film._draw, [], tmp_path / "cut.webp"
+
+    def cut(self, painter, disc, i, *rest):
+        if i == 3:
+            raise KeyboardInterrupt
+        draw(self, painter, disc, i, *rest)
+
+    monkeypatch.setattr(Film, "_draw", cut)
+    with pytest.raises(KeyboardInterrupt):
+        film(path, exposure="camera").make()
+    assert not path.exists() and len(list((tmp_path / "cut.webp.frames").glob("*.png"))) == 3
+    monkeypatch.setattr(Film, "_draw", draw)
+    monkeypatch.setattr(films, "fill", lambda *a, **k: solved.append(1))
+    assert film(path, exposure="camera").make().drawn == 2
+    assert solved == [] and path.read_bytes() == whole.read_bytes()
+
+
+def test_other_pictures_are_not_taken_for_these(tmp_path, monkeypatch):
+    path = tmp_path / "film.webp"
+    with monkeypatch.context() as patch:
+        patch.setattr(films, "encode", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            film(path, exposure=3.0).make()
+    assert film(path, exposure=4.0).make().drawn == 5
+
+
+def test_exr_are_luminances(tmp_path):
+    from twilight.io.exr import read_latlong_exr
+
+    folder = tmp_path / "frames"
+    config = scene(**{"observer.view.kind": "fisheye", "observer.view.elevation_deg": 90.0})
+    assert film(folder, config).make().drawn == 5
+    assert sorted(p.name for p in folder.iterdir()) == [f"{i:05d}.exr" for i in range(1, 6)]
+    first, last = (read_latlong_exr(folder / name) for name in ("00001.exr", "00005.exr"))
+    exact = Channels(NM).of(Closed(MEDIUM).radiance(0.0, 90.0, 0.0))[1]
+    luminance = first.rgb[31, 31] @ [0.2126, 0.7152, 0.0722] * first.white_luminance
+    assert luminance == pytest.approx(exact, rel=0.01)
+    assert last.rgb[31, 31, 1] / first.rgb[31, 31, 1] == pytest.approx(10.0**-2.5, rel=0.01)
+    with pytest.raises(TwilightError, match="exists; a film in EXR makes a new folder"):
+        film(folder, config)
+    with pytest.raises(TwilightError, match="EXR hold luminances"):
+        film(tmp_path / "others", config, exposure="camera")
+
+
+def test_mp4_is_read_back(tmp_path):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / "sunset.mp4"
+    film(path, exposure=9.5, frames_per_second=2.0, speed=1200.0).make()
+    reader = imageio_ffmpeg.read_frames(str(path))
+    about = next(reader)
+    level = [np.frombuffer(frame, np.uint8).mean() for frame in reader]
+    assert about["size"] == (64, 64) and about["fps"] == 2.0 and about["codec"] == "h264"
+    assert len(level) == 5 and all(a > b for a, b in pairwise(level)) and level[0] > 150.0
+
+
+def test_the_disc_has_its_light_and_is_flattened():
+    nodes = sky_elevations(0.0)
+    lifted = 0.5 * np.exp(-nodes / 2.0)  # deg; the disc's image is compressed by about a fifth at 0.4 deg
+    beam = np.full((nodes.size, 4), 1000.0)
+    step = 0.004
+    e, a = np.meshgrid(np.arange(0.0, 2.0, step), np.arange(-1.0, 1.0, step), indexing="ij")
+    straight, _ = Disc(0.0 * lifted, beam, 0.0).light(e, a, step, 1.0, 0.0, 1.0)
+    solid = np.radians(step) ** 2 * np.cos(np.radians(e))
+    assert (straight[..., 1] * solid).sum() == pytest.approx(1000.0, rel=0.01)
+    assert straight[250, 250, 1] / straight[250 + 60, 250, 1] > 1.3  # darker towards the limb
+    _, share = Disc(lifted, beam, 0.0).light(e, a, step, 0.0, 0.0, 1.0)
+    tall, wide = share.sum(axis=0).max() * step, share.sum(axis=1).max() * step
+    assert wide == pytest.approx(2.0 * SOLAR_RADIUS_DEG, rel=0.01) and 0.75 < tall / wide < 0.92
+
+
+def test_a_place_gives_the_suns_of_its_evening(tmp_path):
+    from twilight.sun.ephemeris import sun_position
+
+    day = {"sun.start": "2026-06-21T21:30+02:00", "sun.stop": "2026-06-21T22:30+02:00"}
+    config = scene(**day, **{"sun.latitude_deg": 52.5, "sun.longitude_deg": 13.4})
+    made = film(tmp_path / "a.webp", config, from_deg=None, to_deg=None, speed=1800.0)
+    exact = sun_position("2026-06-21T22:30+02:00", 52.5, 13.4)
+    assert len(made.line) == 3
+    assert made.line.elevation_deg[-1] == pytest.approx(exact.elevation_deg, abs=1e-6)
+    assert made.line.azimuth_deg[-1] == pytest.approx(exact.azimuth_deg, abs=1e-6)
+    with pytest.raises(TwilightError, match="--from, --to: the configuration has a time"):
+        film(tmp_path / "a.webp", config)
+
+
+def test_a_sequence_is_a_path(tmp_path):
+    config = scene(**{"sun.elevations_deg": [0.0, 5.0, -5.0]})
+    line = film(tmp_path / "a.webp", config, from_deg=None, to_deg=None, speed=300.0).line
+    assert line.elevation_deg[:5] == pytest.approx([0.0, 1.25, 2.5, 3.75, 5.0])
+    assert line.elevation_deg[-1] == pytest.approx(-5.0) and len(line) == 13
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--speed", "0"], "--speed: 0 is not allowed"),
+        (["--speed", "1e6"], "a film has 2 to 100000"),
+        (["--frames-per-second", "-1"], "--frames-per-second: -1 is not allowed"),
+        (["--width", "1"], "--width"),
+        (["--width", "63", "--height", "64"], "MP4 needs even numbers of pixels; got 63 x 64"),
+        (["--projection", "fish"], "--projection"),
+        (["--exposure", "bright"], "--exposure: bright is not known"),
+        (["--from", "-30"], "-18 to 90 deg is what can be drawn"),
+        (["--from", "3", "--to", "3"], "a film needs a sun that moves"),
+        (["--set", "output.tone_mapping=camera"], "output.tone_mapping: camera is not drawn in films"),
+        (["--set", "night.airglow=1"], "night is not drawn in films"),
+        (["--set", "solver.name=cie"], "zones has"),
+    ],
+)
+def test_what_makes_no_film_is_one_sentence(tmp_path, options, words):
+    pytest.importorskip("imageio_ffmpeg")
+    result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.mp4"), *options])
+    assert result.exit_code == 2 and words in result.stderr
+    assert result.stderr.count("\n") == 1 and "Traceback" not in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_encoder_and_an_unknown_suffix_are_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.mp4")])
+    assert result.exit_code == 2 and "writing MP4 needs the package imageio-ffmpeg: " in result.stderr
+    assert "install 'imageio-ffmpeg>=" in result.stderr and result.stderr.count("\n") == 1
+    result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.avi")])
+    assert result.exit_code == 2 and "must end in .mp4, .webp or .gif" in result.stderr

@@ -1,0 +1,61 @@
+"""The sun's disc in a film: lifted, flattened and coloured by the refracted sunbeam, darkened to its limb."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening
+from twilight.window.lines import sky_elevations
+
+DARKENED_AT_NM = np.array([550.0])
+
+
+@dataclass(frozen=True)
+class Disc:
+    """lifted_deg (N,), beam (N, 4): as `window.lines.sunbeam`; horizon_deg: apparent.
+
+    Limb darkening is that of 550 nm at every wavelength, as on the page of `twilight view`.
+    """
+
+    lifted_deg: np.ndarray
+    beam: np.ndarray
+    horizon_deg: float
+
+    def light(
+        self,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+        pixel_deg: float,
+        sun_elevation_deg: float,
+        sun_azimuth_deg: float,
+        distance_au: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(X, Y, Z and scotopic luminance [cd m^-2] (H, W, 4), share of each pixel that the disc fills (H, W)).
+
+        sun_elevation_deg: true.  Edges are smoothed over pixel_deg; a disc of less than a pixel keeps its light.
+        """
+        share = np.zeros(elevation_deg.shape)
+        light = np.zeros((*elevation_deg.shape, 4))
+        with np.errstate(invalid="ignore"):
+            near = np.abs(elevation_deg - sun_elevation_deg) < 2.0 + pixel_deg
+        near &= elevation_deg >= self.horizon_deg
+        if not near.any():
+            return light, share
+        nodes = sky_elevations(self.horizon_deg)
+        e = elevation_deg[near]
+        true = np.radians(e - np.interp(e, nodes, self.lifted_deg))
+        sun, across = np.radians(sun_elevation_deg), np.radians(azimuth_deg[near] - sun_azimuth_deg)
+        cosine = np.sin(true) * np.sin(sun) + np.cos(true) * np.cos(sun) * np.cos(across)
+        away = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        radius = SOLAR_RADIUS_DEG / distance_au
+        filled = np.clip((radius - away) / pixel_deg + 0.5, 0.0, min(1.0, np.pi * (radius / pixel_deg) ** 2))
+        mu = np.sqrt(np.clip(1.0 - (away / radius) ** 2, 0.0, 1.0))
+        dark = limb_darkening(mu[..., None], DARKENED_AT_NM)[..., 0] / mean_limb_darkening(DARKENED_AT_NM)[0]
+        beam = np.stack([np.exp(np.interp(e, nodes, column)) for column in np.log(self.beam).T], axis=-1)
+        # what the disc gives at 1 au over the solid angle that it has there
+        solid = np.pi * np.sin(np.radians(SOLAR_RADIUS_DEG)) ** 2
+        light[near] = (filled * dark / solid)[:, None] * beam
+        share[near] = filled
+        return light, share

@@ -1,0 +1,146 @@
+"""Pictures of a film to one file, MP4, WebP or GIF, or to a folder of numbered EXR: whole or not at all."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import secrets
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight import colour, spectrum
+from twilight.errors import TwilightError
+from twilight.extras import is_installed, missing
+from twilight.io.exr import REC709_CHROMATICITIES
+from twilight.io.whole import whole_file
+from twilight.progress import Progress
+
+SUFFIXES = (".mp4", ".webp", ".gif", "")
+MP4_QUALITY = 16
+"""Constant rate factor of H.264: noise of one step, the dither, is mostly kept."""
+MP4_COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv")
+WEBP_QUALITY = 92
+
+
+def check_output(output: Path, shape: tuple[int, int], frames_per_second: float) -> None:
+    """Raise TwilightError, before anything is computed, for a file that cannot be made of pictures (height, width)."""
+    suffix, (height, width) = output.suffix.lower(), shape
+    if suffix not in SUFFIXES:
+        raise TwilightError(
+            f"--output: {output} must end in .mp4, .webp or .gif, or in no suffix for a folder of numbered EXR"
+        )
+    if not suffix and output.exists():
+        raise TwilightError(f"--output: {output} exists; a film in EXR makes a new folder")
+    if suffix == ".mp4":
+        if not is_installed("imageio_ffmpeg"):
+            raise missing("imageio_ffmpeg", "writing MP4")
+        if height % 2 or width % 2:
+            raise TwilightError(f"--width, --height: MP4 needs even numbers of pixels; got {width} x {height}")
+    if suffix == ".gif" and frames_per_second > 50.0:
+        raise TwilightError(f"--frames-per-second: a GIF has 50 at most; got {frames_per_second:g}")
+
+
+def encode(pictures: Sequence[Path], output: Path, frames_per_second: float, progress: Progress) -> None:
+    """Make the film of pictures that are on disk: PNG of one size, or EXR.  Errors: TwilightError, OSError."""
+    if not output.suffix:
+        _folder(pictures, output)
+        return
+    with whole_file(output) as temporary:
+        if output.suffix.lower() == ".mp4":
+            _mp4(pictures, temporary, frames_per_second, progress)
+        else:
+            _animated(pictures, temporary, frames_per_second, progress)
+
+
+def _told(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
+    from PIL import Image
+
+    for i, path in enumerate(pictures):
+        with Image.open(path) as image:
+            yield image.convert("RGB")
+        progress(f"encoding {i + 1} of {len(pictures)}", (i + 1) / len(pictures))
+
+
+def _mp4(pictures: Sequence[Path], path: Path, frames_per_second: float, progress: Progress) -> None:
+    import imageio_ffmpeg
+
+    images = _told(pictures, progress)
+    first = next(images)
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        first.size,
+        fps=frames_per_second,
+        codec="libx264",
+        quality=None,
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+        output_params=[
+            *("-crf", str(MP4_QUALITY), "-vf", "scale=out_color_matrix=bt709:out_range=tv"),
+            *(*MP4_COLOURS, "-movflags", "+faststart"),
+        ],
+    )
+    writer.send(None)
+    try:
+        for image in itertools.chain([first], images):
+            writer.send(np.asarray(image).tobytes())
+    finally:
+        writer.close()
+    if not path.is_file():
+        raise TwilightError(f"{path}: the encoder made no file")
+
+
+def _animated(pictures: Sequence[Path], path: Path, frames_per_second: float, progress: Progress) -> None:
+    """GIF counts hundredths of a second, WebP thousandths: times are rounded so that the film keeps its length."""
+    unit = 10 if path.suffix.lower() == ".gif" else 1
+    ends = np.round(np.arange(len(pictures) + 1) * 1000.0 / frames_per_second / unit).astype(int) * unit
+    images = _told(pictures, progress)
+    options: dict[str, Any] = {"quality": WEBP_QUALITY, "method": 2}
+    if unit == 10:
+        images, options = (_indexed(image) for image in images), {"disposal": 1, "optimize": False}
+    next(images).save(path, save_all=True, append_images=images, duration=np.diff(ends).tolist(), loop=0, **options)
+
+
+def _indexed(image: Any) -> Any:
+    """The picture in 256 colours of its own, with the error carried on, so that it shows no bands."""
+    from PIL import Image
+
+    return image.quantize(palette=image.quantize(256), dither=Image.Dither.FLOYDSTEINBERG)
+
+
+def _folder(pictures: Sequence[Path], output: Path) -> None:
+    """The pictures as 00001.exr and so on; they are linked or copied, so that none is lost on the way."""
+    made = output.with_name(f".{output.name}.{secrets.token_hex(4)}.part")
+    made.mkdir()
+    try:
+        for i, picture in enumerate(pictures):
+            target = made / f"{i + 1:05d}.exr"
+            try:
+                os.link(picture, target)
+            except OSError:
+                shutil.copyfile(picture, target)
+        os.rename(made, output)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def write_exr(light: np.ndarray, inside: np.ndarray, path: Path, facts: dict[str, Any]) -> None:
+    """Write a picture (H, W, 3 or more) of X, Y, Z [cd m^-2] as linear Rec. 709 in units of 683 cd m^-2, float32, with
+    alpha 1 where `inside` (H, W).  facts: attributes of the file's header."""
+    import OpenEXR
+
+    rgb = colour.xyz_to_linear_rgb(light[..., :3]) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    channels = {name: np.ascontiguousarray(rgb[..., i], np.float32) for i, name in enumerate("RGB")}
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "software": "twilight",
+        "chromaticities": REC709_CHROMATICITIES,
+        "whiteLuminance": float(spectrum.LUMINOUS_EFFICACY_LM_PER_W),
+        **facts,
+    }
+    with whole_file(path) as temporary, OpenEXR.File(header, {**channels, "A": inside.astype(np.float32)}) as file:
+        file.write(str(temporary))

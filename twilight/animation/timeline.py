@@ -1,0 +1,98 @@
+"""Which sun each picture of a film has, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import timedelta
+
+import numpy as np
+
+from twilight.config.scene import Config, SunAt, SunElevation, SunInterval
+from twilight.errors import TwilightError
+
+SUNSET_DEG = (6.0, -12.0)
+FALL_DEG_PER_S = 15.0 / 3600.0
+"""How fast the sun moves where there is no place: straight up or down, as over the equator at an equinox."""
+LOWEST_DEG = -18.0
+MOST_FRAMES = 100_000
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """time_s: of the sky, since the film began; elevation_deg: true; azimuth_deg: from the same zero; (N,) each."""
+
+    time_s: np.ndarray
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    distance_au: np.ndarray
+
+    def __len__(self) -> int:
+        return self.time_s.size
+
+
+def timeline(
+    config: Config,
+    *,
+    speed: float,
+    frames_per_second: float,
+    from_deg: float | None = None,
+    to_deg: float | None = None,
+) -> Timeline:
+    """The suns of a film: from one elevation to another, or along the configuration's sequence or time span.
+
+    speed: seconds of the sky in a second of the film.  from_deg, to_deg: true elevations in place of the
+    configuration's; with one sun and neither of them, `SUNSET_DEG`.  Azimuths are counted from north where there is a
+    place, else from the sun.  Errors: TwilightError for what makes no film.
+    """
+    step_s, sun = speed / frames_per_second, config.sun
+    if isinstance(sun, SunAt | SunInterval):
+        if from_deg is not None or to_deg is not None:
+            raise TwilightError("--from, --to: the configuration has a time; sun.start and sun.stop say what is shown")
+        if isinstance(sun, SunAt):
+            raise TwilightError("sun.at is one moment; a film needs sun.start and sun.stop")
+        return _over_a_place(config, sun, step_s)
+    path = [sun.elevation_deg] if isinstance(sun, SunElevation) else list(sun.elevations_deg)
+    if isinstance(sun, SunElevation) or from_deg is not None or to_deg is not None:
+        ends = SUNSET_DEG if isinstance(sun, SunElevation) else (path[0], path[-1])
+        path = [ends[0] if from_deg is None else from_deg, ends[1] if to_deg is None else to_deg]
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
+    if way[-1] == 0.0:
+        raise TwilightError(
+            f"the film begins and ends at {path[0]:g} deg; a film needs a sun that moves (--from, --to)"
+        )
+    time = np.arange(_count(way[-1] / FALL_DEG_PER_S, step_s)) * step_s
+    elevation = np.interp(time * FALL_DEG_PER_S, way, path)
+    return _checked(Timeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
+
+
+def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
+    from twilight.sun.ephemeris import sun_position
+
+    start, stop = sun.aware(sun.start), sun.aware(sun.stop)
+    time = np.arange(_count(stop.timestamp() - start.timestamp(), step_s)) * step_s
+    altitude_km = config.observer.altitude_km
+    found = [
+        sun_position(start + timedelta(seconds=float(t)), sun.latitude_deg, sun.longitude_deg, altitude_km)
+        for t in time
+    ]
+    columns = np.array([(float(p.elevation_deg), float(p.azimuth_deg), float(p.distance_au)) for p in found]).T
+    return _checked(Timeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
+
+
+def _count(span_s: float, step_s: float) -> int:
+    count = int(span_s / step_s + 1e-9) + 1
+    if not 2 <= count <= MOST_FRAMES:
+        raise TwilightError(
+            f"--speed, --frames-per-second: {span_s:g} s of sky at {step_s:g} s a picture are {count} pictures; a film "
+            f"has 2 to {MOST_FRAMES}"
+        )
+    return count
+
+
+def _checked(line: Timeline) -> Timeline:
+    low, high = float(line.elevation_deg.min()), float(line.elevation_deg.max())
+    if low < LOWEST_DEG or high > 90.0:
+        raise TwilightError(
+            f"the sun goes from {high:g} to {low:g} deg in this film; {LOWEST_DEG:g} to 90 deg is what can be drawn"
+        )
+    return line

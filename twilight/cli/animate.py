@@ -1,0 +1,119 @@
+"""`twilight animate`: a film of the sky."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.cli.options import option, scene_names, settings_of, within
+from twilight.cli.terminal import progress_bar
+from twilight.errors import TwilightError
+
+
+def animate(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE_OR_CONFIG",
+            help="Name or file of a climate or configuration.",
+            autocompletion=scene_names,
+        ),
+    ],
+    output: Annotated[
+        Path, option("FILE", "Ends in .mp4, .webp or .gif; without a suffix a folder of numbered EXR.", "--output")
+    ],
+    from_deg: Annotated[
+        float | None, option("DEG", "Elevation of the sun at the beginning, in place of the scene's.", "--from")
+    ] = None,
+    to_deg: Annotated[
+        float | None, option("DEG", "Elevation of the sun at the end, in place of the scene's.", "--to")
+    ] = None,
+    speed: Annotated[float, option("X", "Seconds of the sky in a second of the film; 1: real time.")] = 300.0,
+    frames_per_second: Annotated[float, option("N", "Pictures in a second of the film.")] = 25.0,
+    exposure: Annotated[
+        str | None, option("constant|camera|eye|EV", "One for all, a smoothed meter, an eye that adapts, or a number.")
+    ] = None,
+    projection: Annotated[str | None, option("NAME", "Projection, as observer.view.kind.")] = None,
+    width: Annotated[int | None, option("PIXELS", "Width of the pictures.")] = None,
+    height: Annotated[int | None, option("PIXELS", "Height of the pictures.")] = None,
+    disc: Annotated[bool, typer.Option("--disc", help="Draw the sun's disc, as sun.disc.")] = False,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+) -> None:
+    """Make a film of the sky under a moving sun, all from one field; an interrupted one continues."""
+    within(speed, "--speed", 0.001, 1e6)
+    within(frames_per_second, "--frames-per-second", 0.1, 240.0)
+    chosen, names = settings_of(settings)
+    given = {
+        "observer.view.kind": (projection, "--projection"),
+        "observer.view.width": (width, "--width"),
+        "observer.view.height": (height, "--height"),
+        "solver.quality": (quality, "--quality"),
+        "sun.disc": (disc or None, "--disc"),
+    }
+    for key, (value, name) in given.items():
+        if value is not None:
+            chosen[key], names[key] = value, name
+    how: str | float | None = exposure
+    if exposure is not None and exposure not in ("constant", "camera", "eye"):
+        how = _exposure_value(exposure)
+
+    from twilight.config import load_series
+
+    chosen |= _usual_view(scene, chosen)
+    cases = load_series(scene, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{scene}: vary makes {len(cases)} scenes of it; a film shows one")
+
+    from twilight.animation.film import Film
+
+    film = Film(
+        cases[0].config,
+        output,
+        speed=speed,
+        frames_per_second=frames_per_second,
+        exposure=how,
+        from_deg=from_deg,
+        to_deg=to_deg,
+    )
+    rows, columns = film.view.shape
+    n = len(film.line)
+    print(
+        f"{n} pictures of {columns} x {rows}, {n / frames_per_second:.1f} s of film, sun "
+        f"{film.line.elevation_deg[0]:+.1f} to {film.line.elevation_deg[-1]:+.1f} deg",
+        flush=True,
+    )
+    begin = time.perf_counter()
+    with progress_bar() as bar:
+        made = film.make(bar)
+    there = f", {n - made.drawn} were there" if made.drawn < n else ""
+    rate = f", {made.drawn / made.processor_s:.1f} in a second of processor time" if made.drawn else ""
+    print(f"wrote {output}: {made.drawn} pictures drawn{rate}{there}; {time.perf_counter() - begin:.0f} s in all")
+
+
+def _usual_view(scene: str, chosen: dict[str, Any]) -> dict[str, Any]:
+    """What completes a view of which only some keys are chosen, where the configuration has none."""
+    from twilight.animation.film import USUAL_VIEW
+    from twilight.config import load_series
+
+    some = {key for key in chosen if key.startswith("observer.view.")}
+    rest = {key: value for key, value in chosen.items() if key not in some}
+    if not some or load_series(scene, rest)[0].config.observer.view is not None:
+        return {}
+    kind = chosen.get("observer.view.kind", USUAL_VIEW["kind"])
+    usual = USUAL_VIEW if kind == USUAL_VIEW["kind"] else {"width": USUAL_VIEW["width"]}
+    return {key: value for name, value in usual.items() if (key := f"observer.view.{name}") not in chosen}
+
+
+def _exposure_value(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise TwilightError(
+            f"--exposure: {text} is not known, choose constant, camera, eye or an exposure value such as 8"
+        ) from None
+    within(value, "--exposure", -60.0, 60.0)
+    return value
