@@ -6,6 +6,7 @@ import functools
 import http.server
 import shutil
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -50,11 +51,19 @@ def open_page(path: Path, width: int = 320, height: int = 180, **options: Any) -
             page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
             page.on("pageerror", lambda error: errors.append(str(error)))
             page.goto(f"http://127.0.0.1:{server.server_port}/{path.name}")
-            page.wait_for_function("window.twilight || document.querySelector('#message').innerText.includes('cannot')")
+            until(page, "!!window.twilight || document.querySelector('#message').innerText.includes('cannot')")
             yield page, errors
             browser.close()
     finally:
         server.shutdown()
+
+
+def until(page: Any, condition: str, seconds: float = 60.0) -> None:
+    """Wait for a condition in a page, asked for from outside: a strict page evaluates no text of its own."""
+    end = time.monotonic() + seconds
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, condition
+        time.sleep(0.05)
 
 
 def light_of(page: Any, state: dict[str, Any]) -> np.ndarray:

@@ -108,3 +108,26 @@ def test_a_jump_of_the_scattering_stays_a_jump():
     expected = medium.at(z).air_scattering * np.where(z < 10.0, 2.0, 1.0)[:, None]
     np.testing.assert_allclose(jump.at(z).air_scattering, expected, rtol=1e-12)
     np.testing.assert_allclose(jump.refined().at(z).refractivity, medium.at(z).refractivity, rtol=1e-9)
+
+
+def test_what_kernels_interpolate_keeps_the_column_of_layers():
+    """Layers of constant scattering: refined levels take each side of a jump from its own layer."""
+    air = pure_air(np.linspace(0.0, 60.0, 31))
+    z = np.repeat(np.arange(0.0, 6.0), 2)[1:-1]
+    per_km = np.repeat([0.025, 0.023, 0.02, 0.012, 0.011], 2)[:, None] * np.ones(air.wavelength_nm.size)
+    zero = np.zeros_like(per_km)
+    layers = replace(
+        air,
+        altitude_km=z,
+        air_scattering_per_km=per_km,
+        absorption_per_km=zero,
+        aerosol_extinction_per_km=zero,
+        aerosol_single_scattering_albedo=zero,
+        aerosol_share=np.zeros((0, *per_km.shape)),
+        phase_functions=(),
+        refractivity=zero,
+    )
+    for profile in (layers.refined(), prepare_profile(layers)):
+        levels = profile.altitude_km
+        scattering = profile.air_scattering_per_km if hasattr(profile, "refined") else profile.scattering
+        np.testing.assert_allclose(np.trapezoid(scattering, levels, axis=0), 0.091, rtol=1e-12)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from airs import as_sky, turbid
-from browser import light_of, open_page
+from browser import light_of, open_page, until
 from typer.testing import CliRunner
 
 import twilight
@@ -219,7 +219,7 @@ def test_every_control_does_what_it_says(pages):
         slide("hours", 17.5)
         assert changed()
         page.click("#run")
-        page.wait_for_function("twilight.state.hours > 17.5")
+        until(page, "twilight.state.hours > 17.5")
         page.click("#run")
         before = page.evaluate("document.getElementById('overlay').toDataURL()")
         page.click("#path")

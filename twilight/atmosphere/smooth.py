@@ -91,4 +91,5 @@ def interpolate_smooth(lower, upper, piece, fraction):
     c1, c2, c3 = piece
     positive = (lower > 0) & (upper > 0)
     smooth = lower * np.exp(fraction * (c1 + fraction * (c2 + fraction * c3)))
+    smooth = np.where(fraction >= 1.0, upper, smooth)  # a jump has no cubic, only an upper end
     return np.where(positive, smooth, lower * (1 - fraction) + upper * fraction)
