@@ -13,6 +13,7 @@ from energy_media import ODD, odd_medium
 from numba import njit
 
 from twilight.solvers import zones
+from twilight.solvers.zones.grid import altitude_nodes
 from twilight.transport.beam import beam_at
 
 DRAFT = replace(zones.QUALITIES["draft"], max_events=200, tolerance=1e-3)
@@ -91,6 +92,16 @@ def imbalance(field) -> np.ndarray:
 def zones_imbalance(settings, refractivity):
     medium = odd_medium(*ODD.values(), refractivity=refractivity)
     return np.abs(imbalance(zones.prepare(medium, settings))).max(axis=0)
+
+
+def test_a_level_at_an_edge_is_the_edge():
+    """To the last digit: interpolation that shall not look across an edge finds it by its value."""
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        edges = np.sort(rng.uniform(0.0, 60.0, 3))
+        nodes = altitude_nodes(0.0, 80.0, edges, rng.uniform(0.2, 3.0))
+        assert np.isin(edges, nodes).all()
+        assert nodes[-1] == 80.0
 
 
 MEASURED = {

@@ -37,14 +37,20 @@ def _flux_down(field) -> np.ndarray:
     return 2.0 * np.pi * (WEIGHT * MU) @ sky.mean(axis=1)
 
 
-def test_white_fog_over_snow_is_solved_in_tens_of_steps():
-    """Plain orders ended here after 200 events with a residual of 3 %."""
-    with pytest.warns(TwilightWarning, match="scatters with an optical depth of 4[0-9]"):
-        field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
+@pytest.mark.parametrize("where", [FOG, {}, {"ground": 0.0}], ids=["fog over snow", "cloud over snow", "cloud"])
+def test_thick_white_air_is_right_and_solved_in_tens_of_steps(where):
+    """Depths 5 to 100 beside each other; measured up to 1.6 %, for a cloud of depth 100 over a black ground."""
+    depths = 5.0, 20.0, 50.0, 100.0
+    field = zones.prepare(cloud(*depths, **where), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
     assert field.convergence.events < 25
-    truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]
-    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.04)  # of the few directions and degrees of draft
+    truth = [slabs(depth, SUN_COSINE, **where).flux_down[-1] for depth in depths]
+    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.02)
+
+
+def test_air_thicker_than_was_compared_is_said():
+    with pytest.warns(TwilightWarning, match="scatters with an optical depth of 17[0-9]"):
+        zones.prepare(cloud(200.0), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
 
 
 def test_how_many_events_are_wanted_is_kept():
@@ -60,12 +66,4 @@ def test_white_fog_over_snow_closely():
     field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["standard"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
     truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]
-    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.03)
-
-
-@pytest.mark.slow
-@pytest.mark.ci
-def test_a_cloud_of_depth_100_over_snow_converges():
-    field = zones.prepare(cloud(100.0), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
-    assert field.convergence.residual < 1e-3
-    assert field.convergence.events < 30
+    np.testing.assert_allclose(_flux_down(field), truth, rtol=0.02)

@@ -71,7 +71,9 @@ def frames(
     suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
     if not suns:
         return
-    problem = problem_of(config, [sun.elevation_deg for sun in suns], kept=kept_fields())
+    # ground far away has another sun than the observer
+    asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
+    problem = problem_of(config, asked, kept=kept_fields())
     set_up_s = time.perf_counter() - started
     found = [_Found() for _ in suns]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])

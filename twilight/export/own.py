@@ -19,6 +19,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -137,8 +138,9 @@ class SkyTables:
         return sum(t.astype(np.float32).nbytes for t in (self.sky, self.aureole, self.phase) if t is not None)
 
     def files(self) -> dict[str, bytes]:
-        """Name and content of every file."""
+        """Name and content of every file; sky.glsl reads the others."""
         out = {"sky.json": (json.dumps(self.header, indent=1) + "\n").encode()}
+        out["sky.glsl"] = resources.files("twilight").joinpath("web", "sky.glsl").read_bytes()
         for name, table in (("sky.bin", self.sky), ("aureole.bin", self.aureole), ("phase.bin", self.phase)):
             if table is not None:
                 out[name] = np.ascontiguousarray(table, "<f4").tobytes()

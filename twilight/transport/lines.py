@@ -268,11 +268,12 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                 k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
                 k1 = 0.5 * h * (k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1)
                 tau = k0 + k1
-                t0, t1 = math.exp(-GAUSS_LOW * tau), math.exp(-GAUSS_HIGH * tau)
+                # light at the second point over that at the first: the first alone may be 0 in double precision
+                t1 = math.exp((GAUSS_LOW - GAUSS_HIGH) * tau)
                 # what a step takes from the light, exactly: thick white air sums thousands of events
-                taken = k0 * t0 + k1 * t1
-                t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 0.0 else 1.0)
-                low = t * t0 * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
+                taken = k0 + k1 * t1
+                t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 1e-280 else 1.0)
+                low = t * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
                 high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
                 low_sum += low

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,10 @@ BRIGHT_ZENITH_DEG = 85.0
 """Air under a sun of this zenith angle or larger is always part of the field: in deep twilight its light comes far."""
 SHARP, LEAST_SHARP = 1.5, 2.25
 """Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
+THICK_PER_DEGREE = 2
+"""Polar angles a side for each degree of the light in thick white air: fewer let through 3 to 5 % too much of it."""
+SLOW_DEPTH = 2.0
+"""Optical depth of scattering, each share times 1 - g, beyond which light is not followed event by event."""
 
 
 def reach_deg(medium: Medium, observer_altitude_km: float) -> float:
@@ -174,17 +179,33 @@ class Field(BareField):
         early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
         late_patterns = s.late_polarisation_degree if s.polarisation else 0
         late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
+        # made where there is thick white air only
+        polar = max(s.late_polar_directions, THICK_PER_DEGREE * s.late_degree)
+        thick_stage = cache(lambda: self._stage(polar, s.late_azimuth_directions, s.late_degree, late_patterns))
+
+        def thick(block: int) -> Passes:
+            return thick_stage()(block)
+
         sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
+        slow = self._reduced_depth() > SLOW_DEPTH
         for block in range(n_blocks):
 
             def report(event: int, residual: float, block: int = block) -> None:
                 tell(f"scattering event {event}", 0.1 + 0.9 * (block + min(0.95, event / 12)) / n_blocks)
 
             self.solutions.append(
-                solve_orders(early(block), late(block), s.early_events, sunlight, s.max_events, s.tolerance, report)
-            )
+                solve_orders(
+                    early(block), late(block), partial(thick, block), lanes_of(slow, block) > 0.0,
+                    s.early_events, sunlight, s.max_events, s.tolerance, report,
+                )
+            )  # fmt: skip
         self.convergence = Convergence(max(s.events for s in self.solutions), max(s.residual for s in self.solutions))
+
+    def _reduced_depth(self) -> np.ndarray:
+        """Vertical optical depth (W,) of scattering that turns light around: each share of it times 1 - g."""
+        turned = self.profile.species_scattering * (1.0 - self.scaled.moments[:, 1])[:, None]
+        return np.trapezoid(turned.sum(axis=0), self.profile.altitude_km, axis=0)
 
     def _stage(self, polar: int, around: int, degree: int, pattern_degree: int) -> Callable[[int], Passes]:
         """What orders of scattering need at one number of directions, harmonics and patterns, for each block of

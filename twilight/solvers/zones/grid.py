@@ -21,9 +21,12 @@ CENTRE, SPREAD = 0.5, 0.0
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from."""
 LOW_DEGREE = 2
 """Of light in thick white air: its mean, its flux and how it differs between up, down and sideways."""
-MOST_BEND, THICKEST, THIN, MOST_HALVINGS = 0.15, 0.12, 1e-3, 6
+MOST_BEND, THICKEST, THIN, MOST_HALVINGS = 0.15, 0.12, 1e-3, 14
 """From one altitude to the next the logarithm of the extinction may bend by the first, and the vertical optical depth
 may reach the second; a bend does not matter where the optical depth is below the third."""
+EDGE, DEEPER = 3.0, 0.3
+"""The optical depth between altitudes may grow by the second per optical depth that there is above and below beyond the
+first: far from its edges light in thick air changes as slowly as it is far from them."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,8 @@ def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, densit
         while rough[-1] < b:
             rough.append(rough[-1] + (LOWEST_STEP_KM + STEP_GROWTH * (rough[-1] - bottom_km)) / density)
         # the same grading, stretched to end at b
-        out.extend(a + (np.array(rough[1:]) - a) * (b - a) / (rough[-1] - a))
+        out.extend(a + (np.array(rough[1:-1]) - a) * (b - a) / (rough[-1] - a))
+        out.append(b)  # to the last digit: `cubic_refinement` finds it by its value
     return np.array(out)
 
 
@@ -217,6 +221,10 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
     def extinction(z: np.ndarray) -> np.ndarray:
         return np.array([np.interp(z, levels, column) for column in profile.extinction.T])
 
+    step = np.diff(levels)[:, None]
+    through = np.insert(
+        np.cumsum(0.5 * step * (profile.extinction[1:] + profile.extinction[:-1]), axis=0), 0, 0, axis=0
+    )
     out = np.asarray(altitude_km, dtype=float)
     for _ in range(MOST_HALVINGS):
         step = np.diff(out)
@@ -226,7 +234,11 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + nudge, middle, out[1:] - nudge))
         depth = step * (low + 4.0 * mid + high) / 6.0
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
-        coarse = (depth > THICKEST / density) | ((bend > MOST_BEND / density**2) & (depth > THIN / density))
+        above = np.array([np.interp(middle, levels, column[-1] - column) for column in through.T])
+        deep = np.maximum(0.0, np.minimum(above, through[-1][:, None] - above) - EDGE)
+        coarse = (depth > THICKEST * (1.0 + DEEPER * deep) / density) | (
+            (bend > MOST_BEND / density**2) & (depth > THIN / density)
+        )
         if not coarse.any(axis=0).any():
             break
         out = np.sort(np.append(out, middle[coarse.any(axis=0)]))

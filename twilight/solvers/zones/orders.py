@@ -28,6 +28,8 @@ STIFF_TOLERANCE = 1e-3
 def solve_orders(
     early: Passes,
     late: Passes,
+    thick: Callable[[], Passes],
+    slow: np.ndarray,
     early_events: int,
     sunlight: Sunlight,
     max_events: int,
@@ -37,16 +39,19 @@ def solve_orders(
     """Follow orders until what is missing is known to `tolerance`, and add it as a geometric series.
 
     `early` computes the first `early_events` orders; light that has been scattered more often is smooth, and `late` may
-    do with fewer directions and harmonics.
+    do with fewer directions and harmonics.  `thick()` computes those of light that decays slowly.
 
-    Every lane stops by itself.  Those whose light decays slowly are solved all at once, unless max_events or a
-    tolerance of 0 says how many events are wanted.
+    Every lane stops by itself.  Those whose light decays slowly, and those that are `slow` (LANES,) because they are
+    thick, where the first events say little, are solved all at once, unless max_events or a tolerance of 0 says how
+    many events are wanted.
     """
     mean, order, ground = early.analyse(early.first(sunlight))
     total, total_ground = order.copy(), ground.copy()
     kept = np.arange(order.shape[2])
     events, residual = 1, np.ones(LANES)
     open_lanes, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
+    all_at_once = max_events > FEW_EVENTS and early.water is None
+    slow = slow & all_at_once
     previous = None
     while events + 1 < max_events and open_lanes.any():
         passes = early if events < early_events else late
@@ -70,21 +75,21 @@ def solve_orders(
         previous = guess
         progress(events, float(residual[open_lanes].max()))
         if tolerance > 0.0:
-            done = open_lanes & (residual < tolerance)
+            done = open_lanes & ~slow & (residual < tolerance)
             rest = ratio / (1.0 - ratio) * done
             total[:, :, kept] += order * rest[:, :, None]
             total_ground += ground * rest[0]
             open_lanes &= ~done
-            if events == SETTLED and max_events > FEW_EVENTS and early.water is None:
-                stiff = open_lanes & (_decay(mean, before) > STIFF_DECAY)
+            if events == SETTLED and all_at_once:
+                stiff = open_lanes & (slow | (_decay(mean, before) > STIFF_DECAY))
                 open_lanes &= ~stiff
     if stiff.any():
         lanes = np.flatnonzero(stiff)
-        all_at_once, all_ground, steps, missing = _stiff_lanes(
-            early.conserving(), late.conserving(), early_events, lanes, sunlight, max_events, tolerance,
+        whole, whole_ground, steps, missing = _stiff_lanes(
+            early.conserving(), thick().conserving(), early_events, lanes, sunlight, max_events, tolerance,
             lambda n, r: progress(events + n, r),
         )  # fmt: skip
-        total[..., lanes], total_ground[..., lanes] = all_at_once, all_ground
+        total[..., lanes], total_ground[..., lanes] = whole, whole_ground
         residual[lanes] = missing
         events += steps
     nodes = early.nodes

@@ -18,8 +18,8 @@ from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 
 LADDER = ("draft", "standard", "reference")
-THICK = 20.0
-"""Vertical scattering optical depth, forward peaks left out, beyond which a user is warned."""
+THICK = 100.0
+"""Vertical scattering optical depth, forward peaks left out, up to which thick white air was compared with doubling."""
 TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
 """Where two qualities are compared if the suns of the scene are not known."""
 
@@ -80,8 +80,8 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
     depth = float(np.trapezoid(field.profile.scattering, field.profile.altitude_km, axis=0).max())
     if settings.max_events > 1 and depth > THICK:
         warnings.warn(
-            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: beyond {THICK:g} the "
-            "light of the zones solver converges, but may be off by 15 % and more",
+            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: the light "
+            f"of the zones solver was compared with other solutions up to {THICK:g}, and may be wrong beyond",
             TwilightWarning,
             stacklevel=3,
         )

@@ -16,7 +16,7 @@ from numba import njit
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at, beam_on_ground
 
-DARK = np.float32(-87.0)
+DARK = np.float32(-690.0)
 """Logarithm that counts as no light."""
 N_ANGLE = 320
 
@@ -54,11 +54,11 @@ def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
             angle = max(0.0, low - span * (j / N_ANGLE) ** 2)
             beam_at(beam, z, math.cos(angle), light)
             for w in range(n_w):
-                log_light[k, j, w] = max(DARK, math.log(max(light[w], 1e-38)))
+                log_light[k, j, w] = max(DARK, math.log(max(light[w], 1e-300)))
             if k == 0:
                 beam_on_ground(beam, z, math.cos(angle), light)
                 for w in range(n_w):
-                    ground[j, w] = max(DARK, math.log(max(light[w], 1e-38)))
+                    ground[j, w] = max(DARK, math.log(max(light[w], 1e-300)))
 
 
 def make_sunlight(beam: Beam, bottom_km: float, top_km: float, jumps_km: np.ndarray) -> Sunlight:
