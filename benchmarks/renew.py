@@ -40,6 +40,9 @@ BENCHMARKS = {
     ),
     "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of the referee to 1 %"),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in six climates"),
+    "coarse_particles": Benchmark(
+        "coarse_particles.py", "coarse_particles*.csv", "what the errors of `zones` beside coarse particles consist of"
+    ),
     "zones_convergence": Benchmark(
         "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
     ),
