@@ -25,6 +25,7 @@ class Air:
     bottom_km: float = 0.0
     earth_radius_km: float = 6371.0
     n_wavelengths: int = 2
+    below_horizon: bool = True
 
 
 @dataclass
@@ -37,6 +38,10 @@ class Block:
     @property
     def problem(self):
         return self
+
+    @property
+    def capabilities(self):
+        return self.medium
 
     def light(self, elevation_deg, azimuth_deg):
         dip = np.degrees(np.arccos(6371.0 / (6371.0 + self.altitude_km)))
@@ -63,7 +68,7 @@ class Block:
 def test_a_view_shows_what_is_there(altitude, view):
     block = Block(altitude)
     made = View.model_validate(view)
-    seen = see(block, made, -19.0)
+    seen = see(block, made, -19.0).whole()
     assert seen.radiance.shape == (*made.shape, 2)
     azimuth, elevation = azimuth_elevation(made.rays())
     exact = block.light(elevation, azimuth)

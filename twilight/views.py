@@ -37,24 +37,33 @@ WHOLE = (-90.0, 90.0)
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture's size in pixels, its field of view across [deg], the elevations of its lower and upper edge [deg]."""
+    """A picture's size in pixels, its field of view across [deg], the elevations of its lower and upper edge [deg].
+
+    rows: first and last but one of those that are wanted, None: all.
+    """
 
     width: int
     height: int
     field_deg: float
     band_deg: tuple[float, float]
+    rows: tuple[int, int] | None = None
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """The first row and the one after the last."""
+        return self.rows or (0, self.height)
 
     @property
     def centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """(x, y) (height, width) of pixel centres, -1 to 1 from left to right and from below to above."""
+        """(x, y) (rows, width) of pixel centres, -1 to 1 from left to right and from below to above."""
         x = 2.0 * (np.arange(self.width) + 0.5) / self.width - 1.0
-        y = 1.0 - 2.0 * (np.arange(self.height) + 0.5) / self.height
-        shape = (self.height, self.width)
+        y = 1.0 - 2.0 * (np.arange(*self.span) + 0.5) / self.height
+        shape = (y.size, self.width)
         return np.broadcast_to(x, shape), np.broadcast_to(y[:, None], shape)
 
 
 Own = Callable[[Frame], np.ndarray]
-"""Directions (height, width, 3) right, forward, up in the view's own axes; NaN outside the view."""
+"""Directions (rows, width, 3) right, forward, up in the view's own axes; NaN outside the view."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +141,10 @@ _FACES = {(1, 0): "up", (0, 1): "left", (1, 1): "front", (2, 1): "right", (3, 1)
 """Place (column, row) of each face in the cross."""
 
 
-def cube_face(face: str, size: int) -> np.ndarray:
+def cube_face(face: str, size: int, rows: tuple[int, int] | None = None) -> np.ndarray:
     """Directions (size, size, 3) right, forward, up of one face of a cube seen from inside: up, left, front, right,
-    back or down; the lower edge of `up` and the upper edge of `down` join `front`."""
-    x, y = Frame(size, size, 90.0, WHOLE).centres
+    back or down; the lower edge of `up` and the upper edge of `down` join `front`.  rows: as of `Frame`."""
+    x, y = Frame(size, size, 90.0, WHOLE, rows).centres
     one = np.ones_like(x)
     ray = {
         "front": (x, one, y),
@@ -151,9 +160,13 @@ def cube_face(face: str, size: int) -> np.ndarray:
 
 def _cube(frame: Frame) -> np.ndarray:
     size = frame.width // 4
-    out = np.full((3 * size, 4 * size, 3), np.nan)
+    first, stop = frame.span
+    out = np.full((stop - first, 4 * size, 3), np.nan)
     for (column, row), face in _FACES.items():
-        out[row * size : (row + 1) * size, column * size : (column + 1) * size] = cube_face(face, size)
+        low, high = max(first, row * size), min(stop, (row + 1) * size)
+        if low < high:
+            part = cube_face(face, size, (low - row * size, high - row * size))
+            out[low - first : high - first, column * size : (column + 1) * size] = part
     return out
 
 
@@ -201,16 +214,18 @@ def view_rays(
     elevation_deg: float | None = None,
     roll_deg: float = 0.0,
     band_deg: tuple[float, float] | None = None,
+    rows: tuple[int, int] | None = None,
 ) -> np.ndarray:
     """Unit vectors (height, width, 3) of the pixel centres: to azimuth 90 deg, to azimuth 0, up; NaN outside the view.
 
     width, height: in pixels, height unset: as the kind has it.  field_of_view_deg: across the width.
     azimuth_deg, elevation_deg, roll_deg: where it points, as `camera_axes`; unset: as the kind has it.
     band_deg: elevations of the lower and upper edge of a strip; unset: -90 and 90.
+    rows: the first that is wanted and the one after the last, unset: all; a large picture is made of parts.
     Raises TwilightError for an unknown kind, a size or a field of view that it cannot have.
     """
     kind = kind_of(name)
-    rows, columns = shape_of(name, width, height)
+    high, wide = shape_of(name, width, height)
     field = kind.field_deg if field_of_view_deg is None else float(field_of_view_deg)
     if not 0.0 < field <= kind.largest_deg:
         raise TwilightError(
@@ -224,7 +239,7 @@ def view_rays(
     if not -90.0 <= band[0] < band[1] <= 90.0:
         raise TwilightError(f"band_deg: {band[0]:g} to {band[1]:g} must rise within -90 to 90")
     up = kind.elevation_deg if elevation_deg is None else float(elevation_deg)
-    return kind.own(Frame(columns, rows, field, band)) @ camera_axes(azimuth_deg, up, roll_deg)
+    return kind.own(Frame(wide, high, field, band, rows)) @ camera_axes(azimuth_deg, up, roll_deg)
 
 
 def view_directions(name: str, width: int, height: int | None = None, **pointing) -> tuple[np.ndarray, np.ndarray]:

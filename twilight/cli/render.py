@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +12,7 @@ import typer
 from twilight.cli.options import check_polarised, numbers, option, scene_names, settings_of, solver_names
 from twilight.cli.terminal import print_table
 from twilight.errors import TwilightError
+from twilight.views import KINDS
 
 
 def render(
@@ -51,6 +53,14 @@ def render(
         option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera)."),
     ] = None,
     only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
+    projection: Annotated[
+        str | None,
+        option("KIND", f"A picture with the ground in it, sky.view.png: {', '.join(KINDS)}."),
+    ] = None,
+    size: Annotated[
+        str | None,
+        option("WIDTHxHEIGHT|WIDTH", "Of that picture in pixels, up to 16384; without it, 1600 wide or less."),
+    ] = None,
     polariser: Annotated[
         float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
     ] = None,
@@ -81,6 +91,10 @@ def render(
     choose("output.target", target, "--target")
     choose(*_exposure(exposure), "--exposure")
     choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
+    if projection is not None:
+        choose("observer.view", _view(projection, size), "--projection")
+    elif size is not None:
+        raise TwilightError("--size: is the size of the picture of --projection; give both")
     choose("output.polariser_deg", polariser, "--polariser")
     choose("output.tone_mapping", tone, "--tone")
     if disc:
@@ -129,6 +143,28 @@ def _exposure(text: str | None) -> tuple[str, Any]:
         return "output.exposure_ev100", float(text)
     except ValueError:
         raise TwilightError(f"--exposure: {text} must be an exposure value such as 12, or series") from None
+
+
+PERSPECTIVE_UP_DEG = 15.0
+"""Where a pinhole camera looks unless told otherwise: the horizon stays in the lower part of the picture."""
+USUAL_WIDTH = {"perspective": 1600, "cylinder": 1600, "latlong": 1600, "panorama": 1600, "cube": 1600, "limb": 1600}
+"""Of pictures wider than high [pixels]; square ones are SQUARE wide."""
+SQUARE = 1024
+
+
+def _view(projection: str, size: str | None) -> dict[str, Any]:
+    """`observer.view` for --projection and --size, towards the sun."""
+    view: dict[str, Any] = {"kind": projection, "width": USUAL_WIDTH.get(projection, SQUARE)}
+    if size is not None:
+        found = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", size)
+        if found is None:
+            raise TwilightError(f"--size: {size} must be WIDTHxHEIGHT or WIDTH in pixels, e.g. 1920x1080")
+        view["width"] = int(found[1])
+        if found[2]:
+            view["height"] = int(found[2])
+    if projection == "perspective":
+        view["elevation_deg"] = PERSPECTIVE_UP_DEG
+    return view
 
 
 def _check_target(cases: list[Any], option: str, capability: str) -> None:

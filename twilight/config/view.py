@@ -26,8 +26,8 @@ class View(Section):
     kind: Annotated[str, AfterValidator(_known)] = Field(
         description=f"projection: {', '.join(KINDS)} (perspective is a pinhole camera, latlong the whole sphere)"
     )
-    width: Integer = key(1024, "of the picture", unit="pixel", ge=4, le=8192)
-    height: Integer | None = key(None, "of the picture; unset: as the kind has it", unit="pixel", ge=1, le=8192)
+    width: Integer = key(1024, "of the picture", unit="pixel", ge=4, le=16384)
+    height: Integer | None = key(None, "of the picture; unset: as the kind has it", unit="pixel", ge=1, le=16384)
     field_of_view_deg: Number | None = key(
         None, "across the width; unset: as the kind has it", unit="deg", gt=0.0, le=360.0
     )
@@ -56,8 +56,8 @@ class View(Section):
         """(height, width) [pixels]."""
         return shape_of(self.kind, self.width, self.height)
 
-    def rays(self) -> np.ndarray:
-        """Unit vectors (height, width, 3) of the pixel centres, as `views.view_rays`."""
+    def rays(self, rows: tuple[int, int] | None = None) -> np.ndarray:
+        """Unit vectors (height, width, 3) of the pixel centres, or of some rows, as `views.view_rays`."""
         return view_rays(
             self.kind,
             self.width,
@@ -67,4 +67,5 @@ class View(Section):
             elevation_deg=self.elevation_deg,
             roll_deg=self.roll_deg,
             band_deg=None if self.band_deg is None else (self.band_deg[0], self.band_deg[1]),
+            rows=rows,
         )

@@ -19,11 +19,11 @@ from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import landscape, see, with_sun
+from twilight.engine.view import Look, check_view, landscape, see, together, with_sun
 from twilight.errors import TwilightError, TwilightWarning
 from twilight.grids import texture_centres
 from twilight.io.provenance import configuration_hash
-from twilight.io.rendered import Seen
+from twilight.io.rendered import Seen, Sight
 from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
@@ -39,7 +39,7 @@ class Frame:
     name: str
     sky: Sky
     panorama: Sky | None = None
-    view: Seen | None = None
+    view: Sight | None = None
 
 
 def run(config: Config, progress: Progress | None = None) -> Sky:
@@ -74,6 +74,8 @@ def frames(
     # ground far away has another sun than the observer
     asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
     problem = problem_of(config, asked, kept=kept_fields())
+    if config.observer.view is not None:
+        check_view(config.observer.view, problem.capabilities, config.title)
     set_up_s = time.perf_counter() - started
     found = [_Found() for _ in suns]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
@@ -132,7 +134,8 @@ class _Found:
 
     texture: list[Answer] = field(default_factory=list)
     panorama: list[Answer] = field(default_factory=list)
-    view: list[Seen] = field(default_factory=list)
+    view: list[Look] = field(default_factory=list)
+    landscape: list[Seen] = field(default_factory=list)
     direct: list[Direct] = field(default_factory=list)
     seconds: float = 0.0
     convergence: dict[str, Any] = field(default_factory=dict)
@@ -144,9 +147,10 @@ class _Found:
         self.texture.append(block.texture(sun.elevation_deg, *_grid(config, block.problem)))
         if config.observer.view is not None:
             seen = see(block, config.observer.view, sun.elevation_deg)
-            if config.terrain is not None:
-                seen = landscape(block, seen, config.terrain, sun.elevation_deg)
-            self.view.append(seen)
+            if config.terrain is None:
+                self.view.append(seen)
+            else:
+                self.landscape.append(landscape(block, seen.whole(), config.terrain, sun.elevation_deg))
         if config.texture.latlong_width is not None:
             grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
             self.panorama.append(block.texture(sun.elevation_deg, *grid))
@@ -195,10 +199,10 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
 
     width = config.texture.latlong_width
     panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
-    view = None
-    if found.view:
-        radiance = np.concatenate([one.radiance for one in found.view], axis=-1)
-        view = with_sun(replace(found.view[0], radiance=radiance), direct, sun.elevation_deg)
+    view: Sight | None = together(found.view, direct) if found.view else None
+    if found.landscape:
+        radiance = np.concatenate([one.radiance for one in found.landscape], axis=-1)
+        view = with_sun(replace(found.landscape[0], radiance=radiance), direct, sun.elevation_deg)
     return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama, view)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 from twilight import solvers
+from twilight.colour import TONE_MAPPINGS
 from twilight.config.scene import Config
 from twilight.errors import TwilightError
 from twilight.scene.medium import wavelengths_of
@@ -14,6 +15,13 @@ ARRAYS_AT_ONCE = 4
 
 NIGHT_ARRAYS = 3
 """Copies more where the night sky is added: of its parts, the whole, and the sum with the sun's sky."""
+
+
+BYTES_BY_ROWS = 24
+"""Of a pixel of a view that is made by rows: four channels of the EXR, or the 8 bit picture twice."""
+
+BYTES_WHOLE = 200
+"""More where the whole view is held: its rays, the film's channels and what develops them."""
 
 
 def check_size(config: Config) -> None:
@@ -29,11 +37,32 @@ def check_size(config: Config) -> None:
     arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None else 0)
     needed = 8 * (arrays * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2)
     memory = _memory()
+    if config.observer.view is not None:
+        _check_view(config, n_wavelengths, memory)
     if needed > memory:
         raise TwilightError(
             f"{config.title}: texture ({rows} x {columns} directions), {n_wavelengths} wavelengths and the pictures "
             f"need {needed / 1e9:.3g} GB, and this machine has {memory / 1e9:.3g} GB: take a larger "
             f"texture.resolution_deg, fewer wavelengths or a smaller texture.latlong_width or output.spectral_width"
+        )
+
+
+def _check_view(config: Config, n_wavelengths: int, memory: float) -> None:
+    view = config.observer.view
+    assert view is not None
+    height, width = view.shape
+    each = BYTES_BY_ROWS
+    if config.output.tone_mapping not in TONE_MAPPINGS:
+        each += BYTES_WHOLE + 4 * n_wavelengths
+    if config.terrain is not None:
+        each += BYTES_WHOLE + 12 * n_wavelengths
+    if each * height * width > memory:
+        why = ""
+        if each > BYTES_BY_ROWS:
+            why = ", for terrain and the tones eye and camera need all of it at once"
+        raise TwilightError(
+            f"{config.title}: a picture of {width} x {height} pixels takes {each * height * width / 1e9:.3g} GB{why}, "
+            f"and this machine has {memory / 1e9:.3g} GB: take a smaller observer.view.width (--size)"
         )
 
 

@@ -2,22 +2,25 @@
 
 A view is computed on rows and columns of directions that are as fine as its pixels where the light changes fast (at the
 horizon, which refraction moves, about the sun, along the ground by geocentric angle) and coarser elsewhere, and read
-from there by the logarithm, linearly.  The light is its own mirror image about the sun's vertical.
+from there by the logarithm, linearly.  The light is its own mirror image about the sun's vertical.  The pixels are made
+by rows when they are asked for (`Look.rows`), so that a picture of any size takes the memory of some of them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
-from twilight.engine.solve import Block
+from twilight.engine.solve import Block, Solved
 from twilight.engine.sunbeam import Direct
 from twilight.errors import TwilightError
 from twilight.io.rendered import Seen
 from twilight.orientation import azimuth_elevation, direction
+from twilight.solvers.base import Capabilities
 from twilight.terrain.heights import heights_of
 from twilight.terrain.scene import DEGREE, Place, add_terrain
 from twilight.transport.beam import prepare_beam
@@ -33,6 +36,9 @@ GROUND_STEP_DEG = 0.5
 AUREOLE_STEP_DEG = 0.2
 DARK = 1e-30
 """Radiance [sr^-1] that stands for none where logarithms are interpolated."""
+PIXELS_AT_ONCE = 1 << 18
+PITCH_ROWS = 64
+"""Of a picture, where the angle between its pixels is measured."""
 
 
 def grown(centre: float, finest: float, low: float, high: float, largest: float = LARGEST_STEP_DEG) -> np.ndarray:
@@ -77,36 +83,105 @@ def azimuth_nodes(low: float, high: float, pitch: float, altitude_km: float) -> 
     return np.unique(np.concatenate([[low], inner, [high]])) if high > low else np.array([low])
 
 
-def pixel_pitch_deg(rays: np.ndarray) -> float:
-    """Angle between neighbouring pixels [deg], the smallest of those across and down the middle of the picture."""
-    across = np.linalg.norm(np.diff(rays, axis=1), axis=-1) if rays.shape[1] > 1 else np.full((1, 1), np.nan)
-    down = np.linalg.norm(np.diff(rays, axis=0), axis=-1) if rays.shape[0] > 1 else np.full((1, 1), np.nan)
-    return float(np.degrees(min(np.nanmedian(across), np.nanmedian(down))))
+def pixel_pitch_deg(view: View) -> float:
+    """Angle between neighbouring pixels [deg]: the medians across and down the picture, the smaller one."""
+    height, _ = view.shape
+    across, down = [], []
+    for row in np.unique(np.linspace(0, max(height - 2, 0), PITCH_ROWS).astype(int)):
+        rays = view.rays((row, min(row + 2, height)))
+        across.append(np.linalg.norm(np.diff(rays, axis=1), axis=-1).ravel())
+        down.append(np.linalg.norm(np.diff(rays, axis=0), axis=-1).ravel())
+    steps = [np.concatenate(part) for part in (across, down)]
+    return float(np.degrees(min(np.nanmedian(part) for part in steps if np.isfinite(part).any())))
 
 
-def see(block: Block, view: View, sun_elevation_deg: float) -> Seen:
-    """What a block of wavelengths shows in a view, without the sun's disc; sun-normalised [sr^-1]."""
-    rays = view.rays()
-    azimuth, elevation = azimuth_elevation(rays)
-    folded = np.minimum(azimuth, 360.0 - azimuth)
-    inside = np.isfinite(elevation)
-    pitch = pixel_pitch_deg(rays)
+@dataclass(frozen=True)
+class Look:
+    """What a view shows, on nodes; its pixels are made when they are asked for.
+
+    elevation_deg (E,), azimuth_deg (A,): the nodes, azimuths from the sun within 0..180; radiance (E, A, W):
+    sun-normalised [sr^-1]; pitch_deg: angle between pixels; direct: the sun's light at the observer, None: no disc.
+    """
+
+    view: View
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    radiance: np.ndarray
+    pitch_deg: float
+    sun_elevation_deg: float
+    direct: Direct | None = None
+
+    @property
+    def kind(self) -> str:
+        """The name of the projection."""
+        return self.view.kind
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) [pixels]."""
+        return self.view.shape
+
+    def rows(self, first: int, stop: int) -> Seen:
+        """Some rows of the picture, with the sun's disc where `direct` is known."""
+        rays = self.view.rays((first, stop))
+        azimuth, elevation = azimuth_elevation(rays)
+        inside = np.isfinite(elevation)
+        folded = np.minimum(azimuth, 360.0 - azimuth)[inside]
+        picture = np.full((*elevation.shape, self.radiance.shape[-1]), np.nan, np.float32)
+        picture[inside] = interpolate(self.elevation_deg, self.azimuth_deg, self.radiance, elevation[inside], folded)
+        seen = Seen(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
+        return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
+
+    def whole(self) -> Seen:
+        """The picture."""
+        return self.rows(0, self.shape[0])
+
+
+def check_view(view: View, able: Capabilities, title: str) -> None:
+    """TwilightError for a view that goes below the horizontal, where the solver cannot look."""
+    if not able.looks_down and _extent(view)[0][0] < 0.0:
+        raise TwilightError(
+            f"{title}: a view {view.kind} goes below the horizon, where its solver cannot look; take zones, tables, "
+            "cells or montecarlo (--solver), or a panorama"
+        )
+
+
+def see(block: Block, view: View, sun_elevation_deg: float) -> Look:
+    """What a block of wavelengths shows in a view, without the sun's disc."""
+    (low, high), (left, right) = _extent(view)
+    pitch = pixel_pitch_deg(view)
     medium = block.medium
     above_ground = block.problem.altitude_km - medium.bottom_km
-    e = elevation_nodes(
-        float(elevation[inside].min()),
-        float(elevation[inside].max()),
-        pitch,
-        above_ground,
-        medium.earth_radius_km + medium.bottom_km,
-        sun_elevation_deg,
-    )
-    a = azimuth_nodes(float(folded[inside].min()), float(folded[inside].max()), pitch, above_ground)
-    grid = np.meshgrid(e, a, indexing="ij")
-    found = block.answer(sun_elevation_deg, *grid).radiance
-    picture = np.full((*elevation.shape, medium.n_wavelengths), np.nan, np.float32)
-    picture[inside] = interpolate(e, a, found, elevation[inside], folded[inside])
-    return Seen(view.kind, rays.astype(np.float32), picture, pitch)
+    radius = medium.earth_radius_km + medium.bottom_km
+    e = elevation_nodes(low, high, pitch, above_ground, radius, sun_elevation_deg)
+    a = azimuth_nodes(left, right, pitch, above_ground)
+    found = block.answer(sun_elevation_deg, *np.meshgrid(e, a, indexing="ij")).radiance
+    return Look(view, e, a, found, pitch, sun_elevation_deg)
+
+
+def look(solved: Solved, view: View, sun_elevation_deg: float) -> Look:
+    """What a solved field shows in a view, with the sun's disc: `twilight.io.view.picture` paints it."""
+    return together([see(block, view, sun_elevation_deg) for block in solved.blocks], solved.direct(sun_elevation_deg))
+
+
+def together(looks: Sequence[Look], direct: Direct) -> Look:
+    """The same view at the wavelengths of all blocks, and the sun's disc in it."""
+    return replace(looks[0], radiance=np.concatenate([one.radiance for one in looks], axis=-1), direct=direct)
+
+
+def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The least and the largest elevation, and azimuth from the sun within 0..180, of all pixels [deg]."""
+    height, width = view.shape
+    step = max(1, PIXELS_AT_ONCE // width)
+    found = []
+    for first in range(0, height, step):
+        azimuth, elevation = azimuth_elevation(view.rays((first, min(first + step, height))))
+        inside = np.isfinite(elevation)
+        if inside.any():
+            e, a = elevation[inside], np.minimum(azimuth, 360.0 - azimuth)[inside]
+            found.append((e.min(), e.max(), a.min(), a.max()))
+    low, high, left, right = np.array(found).T
+    return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
 def check_terrain(block: Block) -> None:

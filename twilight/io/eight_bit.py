@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 
-def to_bytes(picture: np.ndarray) -> np.ndarray:
+def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
     """Display values 0..1 (height, width, K) as 8 bits, dithered by one step so that a smooth sky shows no bands.
 
     The mean over a few pixels is the value itself.  The pattern is interleaved gradient noise (Jimenez 2014, Next
     generation post processing in Call of Duty), another part of it for each channel, so that the noise is grey in the
-    mean and not in every pixel; it is fixed: equal skies give equal files.  NaN is black.
+    mean and not in every pixel; it is fixed: equal skies give equal files.  NaN is black.  first_row: of the
+    whole picture, where this is a part of it.
     """
     height, width, channels = picture.shape
     y, x = np.indices((height, width), dtype=float)
     shift = 5.588238 * np.arange(channels)
-    phase = 0.06711056 * (x[..., None] + shift) + 0.00583715 * (y[..., None] + shift)
+    phase = 0.06711056 * (x[..., None] + shift) + 0.00583715 * (y[..., None] + first_row + shift)
     noise = np.mod(52.9829189 * np.mod(phase, 1.0), 1.0)
     return np.clip(np.floor(np.nan_to_num(picture) * 255.0 + noise), 0, 255).astype(np.uint8)

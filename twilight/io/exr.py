@@ -121,13 +121,17 @@ def write_rgb_exr(
     return _write(path, _header(sky, target, observer, disc), {name: rgb[..., i] for i, name in enumerate("RGB")})
 
 
-def write_picture_exr(luminance: np.ndarray, inside: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
-    """Write a picture of a sky that is no environment map: linear Rec. 709 (H, W, 3) [cd m^-2], in the units of
-    `write_rgb_exr`, with alpha 1 where `inside` (H, W)."""
+def write_picture_exr(planes: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
+    """Write a picture of a sky that is no environment map: red, green, blue (linear Rec. 709 in the units of
+    `write_rgb_exr`) and alpha, (4, H, W) float32, which is clipped in place to what that holds."""
+    import OpenEXR
+
     header = {name: value for name, value in _header(sky, "openexr", observer).items() if name != "envmap"}
-    rgb = luminance / spectrum.LUMINOUS_EFFICACY_LM_PER_W
-    channels = {name: np.where(inside, rgb[..., i], 0.0) for i, name in enumerate("RGB")}
-    return _write(path, header, {**channels, "A": inside.astype(np.float32)})
+    largest = float(np.finfo(np.float32).max)
+    np.clip(planes, -largest, largest, out=planes)
+    with whole_file(path) as temporary, OpenEXR.File(header, dict(zip("RGBA", planes, strict=True))) as file:
+        file.write(str(temporary))
+    return Path(path)
 
 
 def write_spectral_exr(

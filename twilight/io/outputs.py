@@ -11,7 +11,7 @@ from twilight.errors import TwilightError
 from twilight.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
-from twilight.io.rendered import Options, Rendered, Seen
+from twilight.io.rendered import Options, Rendered, Sight
 from twilight.sky import Sky
 
 
@@ -20,7 +20,7 @@ def write_outputs(
     folder: str | Path,
     *,
     panorama: Sky | None = None,
-    view: Seen | None = None,
+    view: Sight | None = None,
     files: Sequence[str] | None = None,
     views: Sequence[str] = (DEFAULT_VIEW,),
     **options: Any,

@@ -202,15 +202,20 @@ def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str
 
     facts: text chunks, beside those of the sky's provenance; label: written into the lower left corner.
     """
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
     outside = np.isnan(picture[..., 0])
     pixels = to_bytes(picture)
     if label:
         pixels = _write_label(pixels, label)
     if outside.any():
         pixels = np.dstack([pixels, np.where(outside, 0, 255).astype(np.uint8)])
+    return save_pixels(pixels, path, sky, facts)
+
+
+def save_pixels(pixels: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str]) -> Path:
+    """Write 8 bit sRGB (height, width, 3), or 4 with alpha, as PNG, whole or not at all; facts as of `save_png`."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
     info = PngInfo()
     info.add(b"sRGB", b"\x00")
     texts = {

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -52,6 +52,44 @@ class Seen:
     sun: np.ndarray | None = None
     hidden: np.ndarray | None = None
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) [pixels]."""
+        return self.rays.shape[0], self.rays.shape[1]
+
+    def rows(self, first: int, stop: int) -> Seen:
+        """Some rows of the picture."""
+        return self._at(np.s_[first:stop])
+
+    def columns(self, step: int) -> Seen:
+        """Every step-th column."""
+        return self._at(np.s_[:, ::step])
+
+    def _at(self, here: Any) -> Seen:
+        return replace(
+            self,
+            rays=self.rays[here],
+            radiance=self.radiance[here],
+            sun=None if self.sun is None else self.sun[here],
+            hidden=None if self.hidden is None else self.hidden[here],
+        )
+
+
+class Sight(Protocol):
+    """A picture that gives its rows when it is asked for them, so that a large one need not be held: a `Seen` or what
+    `engine.view` looked at."""
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def pitch_deg(self) -> float: ...
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+
+    def rows(self, first: int, stop: int) -> Seen: ...
+
 
 @dataclass(frozen=True)
 class Rendered:
@@ -60,7 +98,7 @@ class Rendered:
     sky: Sky
     fine: Sky
     polariser_deg: float | None = None
-    view: Seen | None = None
+    view: Sight | None = None
 
     @cached_property
     def seen(self) -> Sky:
