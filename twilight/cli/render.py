@@ -92,6 +92,8 @@ def render(
     choose(*_exposure(exposure), "--exposure")
     choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
     if projection is not None:
+        if only is not None and "view" not in chosen["output.files"]:
+            raise TwilightError(f"--projection: its picture is the file `view`, which --only {only} leaves out")
         choose("observer.view", _view(projection, size), "--projection")
     elif size is not None:
         raise TwilightError("--size: is the size of the picture of --projection; give both")

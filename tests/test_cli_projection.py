@@ -1,0 +1,52 @@
+"""`twilight render --projection`: a picture of any shape, and one sentence for what cannot be."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from twilight.cli.app import app
+from twilight.views import KINDS
+
+USUAL = (
+    "render",
+    "pure-air",
+    "--sun-elevation",
+    "2",
+    "--quality",
+    "draft",
+    "--set",
+    "wavelengths.list_nm=[450,550,650]",
+)
+
+
+def call(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "limb"])
+def test_a_picture_of_every_shape_has_sky_above_ground(kind, tmp_path):
+    done = call(*USUAL, "--projection", kind, "--size", 96, "--only", "view", "--output", tmp_path)
+    assert done.exit_code == 0, done.stderr
+    with Image.open(tmp_path / "sky.view.png") as picture:
+        assert picture.width == 96
+        pixels = np.asarray(picture.convert("RGB"), float).sum(axis=-1)
+    assert np.ptp(pixels) > 60.0
+    if kind == "perspective":
+        assert pixels[: len(pixels) // 4].mean() > 2.0 * pixels[-3:].mean()
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (("--projection", "cubic"), "--projection: observer.view.kind must be one of perspective"),
+        (("--projection", "fisheye", "--size", "99999"), "must be a whole number from 4 to 16384"),
+        (("--projection", "fisheye", "--size", "wide"), "--size: wide must be WIDTHxHEIGHT or WIDTH in pixels"),
+        (("--size", "640x480"), "--size: is the size of the picture of --projection; give both"),
+        (("--projection", "fisheye", "--only", "png"), "which --only png leaves out"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(more, sentence, tmp_path):
+    refused = call(*USUAL, *more, "--output", tmp_path / "out")
+    assert refused.exit_code == 2 and sentence in refused.stderr and "Traceback" not in refused.stderr
+    assert not (tmp_path / "out").exists()
