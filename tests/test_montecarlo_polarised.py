@@ -133,10 +133,11 @@ def test_intercomparison_tables(case):
     mean = np.sum(weight * (found - truth), axis=0) / np.sum(weight, axis=0)
     systematic = SYSTEMATIC * np.sum(weight * truth[:, :1], axis=0) / np.sum(weight, axis=0)
     assert np.all(np.abs(mean) < systematic + 4.0 / np.sqrt(np.sum(weight, axis=0))), mean / systematic
-    # and the scatter over directions is that of the stated errors: chi square per value
+    # and the scatter over directions is not more than the stated errors, the allowance for systematic ones among them
+    # (which makes chi square per value less than 1 where it is the larger part), nor are these a comfortable guess
     z = (found - truth) / np.sqrt(error**2 + (SYSTEMATIC * truth[:, :1]) ** 2)
     chi_square, spread = (z**2).mean(axis=0), (z**2).std(axis=0) / np.sqrt(z.shape[0])
-    assert np.all(np.abs(chi_square - 1.0) < 0.06 + 4.0 * spread), chi_square
+    assert np.all((chi_square > 0.4) & (chi_square < 1.06 + 4.0 * spread)), chi_square
     assert np.all((np.abs(z) > 4.0).mean(axis=0) < 3e-3), (np.abs(z) > 4.0).mean(axis=0)
 
 
