@@ -1,4 +1,4 @@
-"""Solved fields kept on disk, so that a scene that was solved before is looked at within a second.
+"""Solved fields kept on disk, so that a scene that was solved before is looked at without solving it again.
 
 One file per block of wavelengths, named by a SHA-256 of all that enters: the medium, the solver, its settings and its
 code, the suns and the observer's altitude.  The solver's own file format guards the content.  Files that were used

@@ -72,7 +72,7 @@ def _of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
 def check_ground(medium: Medium, solver: Solver) -> None:
     """TwilightError where the ground is water and the solver knows land alone."""
     if medium.has_water and not solver.CAPABILITIES.water:
-        name = solver.__name__.rsplit(".", 1)[-1]  # type: ignore[attr-defined]
+        name = solver.__name__.rsplit(".", 1)[-1]
         raise TwilightError(f"ground.kind: water cannot be seen by the solver {name}; zones and montecarlo can")
 
 
@@ -193,12 +193,13 @@ class Block:
             self.problem.solver.__name__, settings, self._lanes, more.get("sun_elevations_deg"), altitude_km
         )
         if path.exists():
-            try:
+            with contextlib.suppress(OSError):  # a cache that may be read only
                 os.utime(path)
+            try:
                 read = solved(replace(settings, field_file=str(path)))
                 self.from_disk = True
                 return read
-            except (OSError, TwilightError):  # damaged, or removed meanwhile
+            except TwilightError:  # damaged
                 with contextlib.suppress(OSError):
                     path.unlink()
         made = solved(settings)

@@ -30,17 +30,22 @@ SHADOW_GROWTH = 0.002
 
 
 @njit(cache=True, inline="always")
-def height_at(field, x, y):
-    """Altitude [km] of the ground at a place [km], bilinear; far below beyond the field."""
-    u = (field.cos_turn * x - field.sin_turn * y - field.low_x_km) / field.step_x_km
-    v = (field.sin_turn * x + field.cos_turn * y - field.low_y_km) / field.step_y_km
-    rows, columns = field.altitude_km.shape
+def bilinear(z, u, v):
+    """z (rows, columns) at column u and row v; far below beyond its edges."""
+    rows, columns = z.shape
     if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
         return -1e9
     i, j = min(int(v), rows - 2), min(int(u), columns - 2)
     f, g = v - i, u - j
-    z = field.altitude_km
     return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
+
+
+@njit(cache=True, inline="always")
+def height_at(field, x, y):
+    """Altitude [km] of the ground at a place [km], bilinear; far below beyond the field."""
+    u = (field.cos_turn * x - field.sin_turn * y - field.low_x_km) / field.step_x_km
+    v = (field.sin_turn * x + field.cos_turn * y - field.low_y_km) / field.step_y_km
+    return bilinear(field.altitude_km, u, v)
 
 
 @njit(cache=True)
@@ -154,13 +159,7 @@ class Shadow(NamedTuple):
 def shadow_at(shadow, x, y):
     """The shadow's altitude [km] over a place, bilinear; none beyond its grid."""
     u, v = (x - shadow.low_x_km) / shadow.step_km, (y - shadow.low_y_km) / shadow.step_km
-    rows, columns = shadow.altitude_km.shape
-    if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
-        return -1e9
-    i, j = min(int(v), rows - 2), min(int(u), columns - 2)
-    f, g = v - i, u - j
-    z = shadow.altitude_km
-    return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
+    return bilinear(shadow.altitude_km, u, v)
 
 
 @njit(cache=True, nogil=True)
