@@ -84,6 +84,21 @@ BENCHMARKS = {
         "stars*.csv, stars_photograph.png",
         "cameras from stars",
     ),
+    "bruneton2008": Benchmark(
+        "bruneton2008.py error",
+        "bruneton2008_error.csv, bruneton2008_horizon.csv",
+        "what Bruneton and Neyret's tables cost in error, sun by sun",
+    ),
+    "bruneton2008_picture": Benchmark(
+        "bruneton2008.py picture", "../docs/bruneton2008-tables.png", "the picture of it"
+    ),
+    "bruneton2008_cie": Benchmark(
+        "bruneton2008.py cie", "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png", "their fig. 6 and 7"
+    ),
+    "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the referee"),
+    "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
+    "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
+    "tables_time": Benchmark("tables.py times", "tables_time.csv", "how long whole exports take"),
     "fuzz": Benchmark("fuzz.py 400", "fuzz.csv", "damaged inputs"),
     "peers_sasktran2": Benchmark(
         "peers_sasktran2.py", "peers_sasktran2*.csv", "beside another program (extra `peers`)"

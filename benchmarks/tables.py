@@ -1,32 +1,35 @@
-"""Errors of tables for real-time renderers against the field that filled them: python benchmarks/tables.py
+"""Tables for real-time renderers: their errors against the field that filled them, and how long they take.
 
-Seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in percent, at 680,
-550 and 440 nm.  Writes benchmarks/tables.csv.  `--quality` is that of the field.
+    python benchmarks/tables.py          # tables.csv
+    python benchmarks/tables.py times    # tables_time.csv, whole exports
+
+Errors are seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in
+percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from results import write
 
-from twilight import __version__
 from twilight.config import load_climate
-from twilight.export import bruneton, own
+from twilight.export import bruneton, calcmysky, own
 from twilight.export.values import Source
-from twilight.io.whole import whole_file
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
+from twilight.spectrum import solar_at_visible
 
-SUNS_DEG = (30.3, 10.3, 5.2, 2.1, 0.2, -2.1, -4.2, -6.1, -9.1, -12.1, -15.1, -17.9)
+HERE = Path(__file__).parent
+SUNS_DEG = (30.3, 10.0, 5.2, 2.1, 0.0, -2.1, -4.2, -6.0, -9.0, -12.1, -15.1, -17.9)
 DIRECTIONS = 1500
 NM = (680, 550, 440)
+TAKRAM_KM = (6360.0, 6420.0)
 
 
 def directions(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -35,60 +38,95 @@ def directions(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.degrees(np.arcsin(random.uniform(0.005, 1.0, count))), random.uniform(0.0, 180.0, count)
 
 
-def main() -> None:
-    parse = argparse.ArgumentParser(description=__doc__)
-    parse.add_argument("--climate", default="continental-average")
-    parse.add_argument("--quality", default="draft")
-    parse.add_argument("--output", type=Path, default=Path(__file__).with_name("tables.csv"))
-    options = parse.parse_args()
-    medium = climate_medium(load_climate(options.climate), np.array(NM[::-1], dtype=float))
-    field = zones.prepare(medium, zones.QUALITIES[options.quality])
-    source = Source(field, medium, True)
+def quiet(doing: str, share: float) -> None:
+    """No progress is told."""
+
+
+def source_of(climate: str, quality: str, wavelengths_nm) -> tuple[Source, float]:
+    """What fills the tables, and the processor time of the field [s]."""
+    medium = climate_medium(load_climate(climate), np.array(wavelengths_nm, dtype=float))
+    start = time.process_time()
+    field = zones.prepare(medium, zones.QUALITIES[quality])
+    return Source(field, medium, medium.has_refraction), time.process_time() - start
+
+
+def errors(options: argparse.Namespace) -> None:
+    source, _ = source_of(options.climate, options.quality, NM[::-1])
+    field, radius = source.field, source.medium.earth_radius_km
     elevation, azimuth = directions(DIRECTIONS)
     exact = {sun: field.radiance(sun, elevation, azimuth)[:, ::-1] for sun in SUNS_DEG}
-    radius = medium.earth_radius_km
     rows = []
 
-    def errors(layout: str, size: int, cpu_s: float, read: Callable[[float], np.ndarray]) -> None:
+    def add(layout: str, size: int, read: Callable[[float], np.ndarray]) -> None:
         for sun in SUNS_DEG:
             off = 100.0 * (read(sun) / exact[sun] - 1.0)
             middle, high = np.median(off, axis=0), np.percentile(np.abs(off), 95, axis=0)
             numbers = [f"{v:.2f}" for pair in zip(middle, high, strict=True) for v in pair]
-            rows.append([layout, f"{size / 1e6:.1f}", f"{cpu_s:.1f}", sun, *numbers])
+            rows.append([layout, f"{size / 1e6:.1f}", sun, *numbers])
             print(*rows[-1], flush=True)
 
-    start = time.process_time()
     sizes = replace(own.Sizes(), altitude_km=(0.0,))
-    made = own.fill(source, sizes, {}, lambda doing, share: None)
-    whole = len(own.Sizes().altitude_km) * made.n_bytes
-    errors("twilight", whole, time.process_time() - start, lambda sun: made.radiance(sun, elevation, azimuth))
-    start = time.process_time()
-    his = bruneton.fill(
-        source, np.ones(3), bottom_km=radius, top_km=radius + medium.top_km, scale=1.0, facts={},
-        progress=lambda doing, share: None, rows=1,
-    )  # fmt: skip
-    cpu = time.process_time() - start
-    size = sum(len(content) for content in his.files("dat", False).values())
-    errors("bruneton2017", size, cpu, lambda sun: bruneton.sky_radiance(his, 0.0, sun, elevation, azimuth))
-    for scale in (1.0, 4096.0):
-        with np.errstate(over="ignore"):
-            rounded = (his.scattering * scale).astype(np.float16).astype(float) / scale
-        half = replace(his, scattering=rounded)
-        errors(
-            f"bruneton2017 half x {scale:g}", size // 2, cpu,
-            lambda sun, half=half: bruneton.sky_radiance(half, 0.0, sun, elevation, azimuth),
-        )  # fmt: skip
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
-    with whole_file(options.output) as path, path.open("w", newline="") as stream:
-        stream.write(f"# twilight {__version__} {commit}, python benchmarks/tables.py\n")
-        stream.write(f"# {options.climate}, zones {options.quality}, {DIRECTIONS} directions from the ground\n")
-        stream.write("# size: of the whole tables; cpu_s: of the part that an observer on the ground needs\n")
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(
-            ["layout", "size_mb", "cpu_s", "sun_elevation_deg"]
-            + [f"{what}_error_{nm}nm_percent" for nm in NM for what in ("median", "p95")]
+    made = own.fill(source, sizes, {}, quiet)
+    add("twilight", len(own.Sizes().altitude_km) * made.n_bytes, lambda sun: made.radiance(sun, elevation, azimuth))
+    layouts = {"bruneton2017": (radius, radius + source.medium.top_km), "takram": TAKRAM_KM}
+    for layout, radii in layouts.items():
+        his = bruneton.fill(
+            source, np.ones(3), mapping=bruneton.make_mapping(*radii), scale=1.0, facts={}, progress=quiet, rows=1
         )
-        table.writerows(rows)
+        size = sum(len(content) for content in his.files("dat", False).values())
+
+        def read(sun: float, of: bruneton.BrunetonTables) -> np.ndarray:
+            return bruneton.sky_radiance(of, 0.0, sun, elevation, azimuth)
+
+        if layout != "takram":
+            add(layout, size, lambda sun, of=his: read(sun, of))
+        for scale in (1.0, 4096.0) if layout != "takram" else (4096.0,):
+            with np.errstate(over="ignore"):
+                rounded = (his.scattering * scale).astype(np.float16).astype(float) / scale
+            half = replace(his, scattering=rounded)
+            name = layout if layout == "takram" else f"{layout} half x {scale:g}"
+            add(name, size // 2, lambda sun, of=half: read(sun, of))
+    columns = [f"{what}_error_{nm}nm_percent" for nm in NM for what in ("median", "p95")]
+    notes = [
+        f"{options.climate}, zones {options.quality}, {DIRECTIONS} directions from the ground; size: of whole tables",
+        "takram: half floats x 4096, as @takram/three-atmosphere reads them (tests/test_tables_takram.py)",
+    ]
+    write(HERE / "tables.csv", ["layout", "size_mb", "sun_elevation_deg", *columns], rows, notes=notes)
+
+
+def times(options: argparse.Namespace) -> None:
+    rows = []
+
+    def add(layout: str, field_s: float, start: float, files: dict[str, bytes]) -> None:
+        size = sum(len(content) for content in files.values())
+        rows.append([layout, f"{size / 1e6:.1f}", f"{field_s:.0f}", f"{time.process_time() - start:.0f}"])
+        print(*rows[-1], flush=True)
+
+    source, field_s = source_of(options.climate, options.quality, NM[::-1])
+    warm = bruneton.make_mapping(*TAKRAM_KM)  # compile
+    bruneton.fill(source, np.ones(3), mapping=warm._replace(n_mu=4), scale=1.0, facts={}, progress=quiet, rows=1)
+    start = time.process_time()
+    altitudes = own.altitudes_of(source.medium.bottom_km, source.medium.top_km)
+    add("twilight", field_s, start, own.fill(source, own.Sizes(altitude_km=altitudes), {}, quiet).files())
+    start = time.process_time()
+    his = bruneton.fill(source, np.ones(3), mapping=warm, scale=1.0, facts={}, progress=quiet)
+    add("bruneton2017, takram", field_s, start, his.files("bin", True))
+    spectral, field_s = source_of(options.climate, options.quality, calcmysky.WAVELENGTHS_NM)
+    start = time.process_time()
+    visible = solar_at_visible()
+    solar = np.interp(spectral.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
+    add("calcmysky", field_s, start, calcmysky.fill(spectral, solar, visible, facts={}, progress=quiet))
+    note = f"{options.climate}, zones {options.quality}; processor time of the field, and of the tables from it"
+    write(HERE / "tables_time.csv", ("layout", "size_mb", "field_cpu_s", "tables_cpu_s"), rows, notes=[note])
+
+
+def main() -> None:
+    parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parse.add_argument("what", nargs="?", choices=("errors", "times"), default="errors")
+    parse.add_argument("--climate", default="continental-average")
+    parse.add_argument("--quality", default="draft")
+    options = parse.parse_args()
+    {"errors": errors, "times": times}[options.what](options)
 
 
 if __name__ == "__main__":

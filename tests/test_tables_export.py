@@ -48,8 +48,7 @@ def his(source):
     return bruneton.fill(
         source,
         np.array([1.9, 1.8, 1.5]),
-        bottom_km=6360.0,
-        top_km=6420.0,
+        mapping=bruneton.make_mapping(6360.0, 6420.0),
         scale=4096.0,
         facts={},
         progress=lambda doing, share: None,
@@ -104,7 +103,7 @@ def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
     with pytest.raises(TwilightError):
         write_folder(tmp_path / "file" / "sky", {"a": b"1"})
     with pytest.raises(TwilightError):
-        write_folder(tmp_path / "sky", {"no/such/place": b"1"})
+        write_folder(tmp_path / "sky", {"a": b"1", "a/b": b"2"})
     assert [f.name for f in tmp_path.iterdir()] == ["file"]
 
 
@@ -149,7 +148,12 @@ def test_his_files_have_his_sizes(his):
 def test_a_layout_higher_than_the_air_is_refused(source):
     with pytest.raises(TwilightError, match="reaches up to 100 km"):
         bruneton.fill(
-            source, np.ones(3), bottom_km=6360.0, top_km=6460.0, scale=1.0, facts={}, progress=lambda a, b: None
+            source,
+            np.ones(3),
+            mapping=bruneton.make_mapping(6360.0, 6460.0),
+            scale=1.0,
+            facts={},
+            progress=lambda a, b: None,
         )
 
 

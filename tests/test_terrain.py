@@ -4,11 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from airs import pure_air
+from airs import pure_air, turbid
 
 from twilight.config.terrain import Terrain
+from twilight.config.view import View
+from twilight.engine.solve import Problem
+from twilight.engine.view import landscape, see
 from twilight.errors import TwilightError
 from twilight.geometry import distance_to_sphere
+from twilight.solvers import zones
 from twilight.terrain.heights import Heights, heights_of
 from twilight.terrain.march import Air, Shadow, dark_parts, first_hits, height_at, shadow_over
 from twilight.terrain.scene import Place, add_terrain
@@ -125,6 +129,26 @@ def test_shadows_only_take_light(air, shadows):
     clear = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, "none").radiance
     dark = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, shadows).radiance
     assert (dark <= clear + 1e-6).all() and (dark < clear - 1e-3).any() and (dark >= 0).all()
+
+
+def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
+    """A solved field, from the problem to the picture: flat terrain at the ground's height with the ground's albedo."""
+    medium = turbid(3.0, wavelength_nm=np.array([550.0]))
+    sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
+    block = Problem(medium, zones, zones.QUALITIES["draft"], 2.0, (sun,)).block(0)
+    seen = see(block, view, sun).whole()
+    np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
+    plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
+    made = landscape(block, seen, plain, sun)
+    assert made.hidden is not None and made.hidden.all()
+    np.testing.assert_allclose(made.radiance, seen.radiance, rtol=0.03)
+    # a crest 4 km away towards the sun shades what is behind it, and none of it gets brighter
+    crest = Terrain(heights="ridge", size_km=60.0, height_km=1.5, albedo=plain.albedo, ahead_km=10.0)
+    shaded = landscape(block, seen, crest, sun)
+    open_ = landscape(block, seen, crest.model_copy(update={"shadows": "none"}), sun)
+    assert shaded.hidden is not None and shaded.hidden.any() and np.isfinite(shaded.radiance).all()
+    assert (shaded.radiance <= open_.radiance * (1.0 + 1e-6)).all()
+    assert shaded.radiance.min() < 0.95 * seen.radiance.min()
 
 
 def test_heights_come_from_files_and_formulas(tmp_path):

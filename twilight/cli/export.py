@@ -20,7 +20,8 @@ TAKRAM_KM = (6360.0, 6420.0)
 def tables(
     climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.")],
     layout: Annotated[
-        Literal["twilight", "bruneton2017", "takram"], option("NAME", "twilight, bruneton2017 or takram.")
+        Literal["twilight", "bruneton2017", "takram", "calcmysky"],
+        option("NAME", "twilight, bruneton2017, takram or calcmysky."),
     ] = "twilight",
     output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-LAYOUT.")] = None,
     solver: Annotated[Literal["zones", "tables"], option("NAME", "Whose field fills them: zones or tables.")] = "zones",
@@ -31,8 +32,8 @@ def tables(
     ] = None,
 ) -> None:
     """Write the sky of a climate, for every sun, as tables that a graphics card reads."""
-    if layout == "twilight" and (half or scale is not None):
-        raise TwilightError("--half and --scale: are for bruneton2017 and takram; twilight holds logarithms in float32")
+    if layout in ("twilight", "calcmysky") and (half or scale is not None):
+        raise TwilightError(f"--half and --scale: are for bruneton2017 and takram; {layout} is float32")
     if scale is not None and not 1e-6 <= scale <= 1e9:
         raise TwilightError(f"--scale: {scale:g} is not allowed, 1e-6 to 1e9 is")
     import numpy as np
@@ -41,30 +42,32 @@ def tables(
     from twilight.config import load_climate
     from twilight.config.solver import resolve_solver
     from twilight.config.validate import Origins
-    from twilight.export import bruneton, own
+    from twilight.export import bruneton, calcmysky, own
     from twilight.export.folder import check_new, write_folder
     from twilight.export.values import Source
     from twilight.scene.medium import climate_medium
     from twilight.solvers import load
-    from twilight.spectrum import solar_spectrum
+    from twilight.spectrum import solar_at_visible, solar_spectrum
 
     model = load_climate(climate)
     folder = output or Path("out") / f"{model.name}-{layout}"
     check_new(folder)
-    medium = climate_medium(model, np.array(RGB_NM[::-1]))
+    nm = calcmysky.WAVELENGTHS_NM if layout == "calcmysky" else RGB_NM[::-1]
+    medium = climate_medium(model, np.array(nm))
+    if layout == "calcmysky":
+        calcmysky.check(medium)
     if medium.has_water:
         raise TwilightError(f"{climate}: ground.kind is water; the tables of real-time renderers know land alone")
     _, _, settings = resolve_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
     facts: dict[str, Any] = {
         "program": f"twilight {__version__}",
         "climate": model.name,
-        "wavelength_nm": list(RGB_NM),
+        "wavelength_nm": list(nm[::-1]),
         "solver": solver,
         "quality": quality,
         "refraction": solver == "zones" and medium.has_refraction,
     }
-    nm, spectrum = solar_spectrum()
-    solar = np.interp(medium.wavelength_nm, nm, spectrum)
+    solar = np.interp(medium.wavelength_nm, *solar_spectrum())
     with progress_bar() as bar:
         field = load(solver).prepare(medium, settings, progress=lambda doing, share: bar(doing, 0.2 * share))
         source = Source(field, medium, facts["refraction"])
@@ -76,6 +79,8 @@ def tables(
             facts["solar_irradiance"] = solar[::-1].tolist()
             altitudes = own.altitudes_of(medium.bottom_km, medium.top_km)
             files = own.fill(source, own.Sizes(altitude_km=altitudes), facts, tell).files()
+        elif layout == "calcmysky":
+            files = calcmysky.fill(source, solar, solar_at_visible(), facts=facts, progress=tell)
         else:
             r = medium.earth_radius_km
             radii = TAKRAM_KM if layout == "takram" else (r + medium.bottom_km, r + medium.top_km)
@@ -83,8 +88,7 @@ def tables(
             made = bruneton.fill(
                 source,
                 solar,
-                bottom_km=radii[0],
-                top_km=radii[1],
+                mapping=bruneton.make_mapping(*radii),
                 scale=scale or (4096.0 if half else 1.0),
                 facts={**facts, "layout": layout, "number": "float16" if half else "float32"},
                 progress=tell,

@@ -4,9 +4,9 @@
     index, y = mu, z = r; RGBA, headerless, little-endian
 
 Their shaders read `C P_R(nu) + M P_M(nu)`, with C the RGB of scattering and M from its alpha, the red of it, as
-C (M_r / C_r) (beta_R,r / beta_M,r) (beta_M / beta_R), faded out where mu_s falls from 0.01 to 0.  Where M counts,
-alpha is what aerosol scattered once without its phase function; C is such that the sum is the field's radiance at the
-texel.
+C (M_r / C_r) (beta_R,r / beta_M,r) (beta_M / beta_R); in aerial perspective, not in the sky, they fade M out where mu_s
+falls from 0.01 to 0.  Above that alpha is what aerosol scattered once without its phase function, below 0; C is such
+that the sum is the field's radiance at the texel.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ import numpy as np
 from twilight.errors import TwilightError
 from twilight.export.values import JUST_DEG, Source
 from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nu
-from twilight.solvers.tables.passes import depths, fill_depth, read
+from twilight.solvers.tables.passes import fill_depth, read
+from twilight.solvers.tables.solve import stored
 from twilight.transport.profile import Profile, prepare_profile
 
 LARGEST_HALF = 65504.0
 FADED_MU_S = 0.01
-"""The shaders fade single Mie scattering out below this."""
+"""The shaders fade single Mie scattering out of aerial perspective below this."""
 MOST_SINGLE = 0.9
 """Largest share of red light that may be left to what aerosol scattered once."""
 
@@ -81,8 +82,7 @@ def fill(
     source: Source,
     solar_irradiance: np.ndarray,
     *,
-    bottom_km: float,
-    top_km: float,
+    mapping: Mapping,
     scale: float,
     facts: dict,
     progress: Callable[[str, float], None],
@@ -90,10 +90,9 @@ def fill(
 ) -> BrunetonTables:
     """The tables of a field; solar_irradiance (3,) [W m^-2 nm^-1], shortest wavelength first.
 
-    bottom_km, top_km: radii of the layout; heights above the ground stay what they are.  rows: how many of the 32 rows
-    of r are filled, from the ground up.
+    mapping: as `make_mapping` has it; heights above its ground stay what they are.  rows: how many of the rows of r are
+    filled, from the ground up.
     """
-    mapping = make_mapping(bottom_km, top_km)
     medium = source.medium
     heights, view, sun, nus = grid(mapping)
     if heights[-1] > medium.top_km - medium.bottom_km + 1e-6:
@@ -108,18 +107,19 @@ def fill(
     for i in range(min(rows, mapping.n_r)):
         for j in range(mapping.n_mu_s):
             rays = _rays(source, mapping, heights[i], view[i], sun[j], nus)
-            light = _without_ground(source, mapping, heights[i], sun[j], rays)
+            where = rays.elevation_deg[:, None], rays.azimuth_deg
+            light = source.inscattered(medium.bottom_km + heights[i], math.degrees(math.asin(sun[j])), *where)
             scattering[i, j] = _packed(source, heights[i], sun[j], rays, light, g, ratio).transpose(1, 0, 2)
             progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
     scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, 3))
-    fill_depth(_unscaled(source, bottom_km), mapping, depth, 0, mapping.n_t_r)
+    fill_depth(_unscaled(source, mapping.bottom_km), mapping, depth, 0, mapping.n_t_r)
     progress("irradiance", 0.95)
     irradiance = _irradiance(source, mapping, min(rows, mapping.n_e_r))[..., ::-1] * solar_irradiance[::-1] * scale
     constants = {
         **facts,
-        "bottom_radius_km": bottom_km,
-        "top_radius_km": top_km,
+        "bottom_radius_km": mapping.bottom_km,
+        "top_radius_km": mapping.bottom_km + mapping.thickness_km,
         "mu_s_min": mapping.mu_s_min,
         "mie_phase_function_g": g,
         "rayleigh_scattering_per_km": beta_r[::-1].tolist(),
@@ -131,8 +131,13 @@ def fill(
     return BrunetonTables(mapping, constants, scattering, np.exp(-depth)[..., ::-1], irradiance)
 
 
-def sky_radiance(tables: BrunetonTables, height_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
-    """What the shaders make of it (D, 3), with `scale` divided out: W m^-2 sr^-1 nm^-1 of red, green and blue."""
+def sky_radiance(
+    tables: BrunetonTables, height_km: float, sun_deg: float, elevation_deg, azimuth_deg, *, logarithmic: bool = False
+) -> np.ndarray:
+    """What the shaders make of it (D, 3), with `scale` divided out: W m^-2 sr^-1 nm^-1 of red, green and blue.
+
+    logarithmic: interpolate the logarithms of the texels, as no shader of these layouts does.
+    """
     c, m = tables.constants, tables.mapping
     e, a, s = np.radians(elevation_deg), np.radians(azimuth_deg), math.radians(sun_deg)
     mu, mu_s = np.sin(e), np.full(np.shape(e), math.sin(s))
@@ -140,18 +145,16 @@ def sky_radiance(tables: BrunetonTables, height_km: float, sun_deg: float, eleva
     rho = math.sqrt(height_km * (2 * m.bottom_km + height_km))
     ground = mu < -rho / (m.bottom_km + height_km)
     out = np.zeros((mu.size, 4))
-    table = np.ascontiguousarray(tables.scattering, np.float32)
-    read(m, table, False, np.full(mu.size, height_km), mu, mu_s, nu, ground, out, 0, mu.size)
+    table = stored(np.ascontiguousarray(tables.scattering, np.float32), logarithmic)
+    read(m, table, logarithmic, np.full(mu.size, height_km), mu, mu_s, nu, ground, out, 0, mu.size)
     beta_r, beta_m = np.array(c["rayleigh_scattering_per_km"]), np.array(c["mie_scattering_per_km"])
     rest, red = out[:, :3], out[:, :1]
     single = np.zeros_like(rest)
     if beta_m[0] > 0.0:
         share = np.divide(out[:, 3:], red, out=np.zeros_like(red), where=red > 0.0)
         single = rest * share * (beta_r[0] / beta_m[0]) * (beta_m / beta_r)
-    t = np.clip(mu_s / FADED_MU_S, 0.0, 1.0)
-    faded = (t * t * (3.0 - 2.0 * t))[:, None]
     rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + nu**2)
-    total = rest * rayleigh[:, None] + single * faded * phase_of(c["mie_phase_function_g"], nu)[:, None]
+    total = rest * rayleigh[:, None] + single * phase_of(c["mie_phase_function_g"], nu)[:, None]
     return total / c["scale"]
 
 
@@ -191,28 +194,6 @@ def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, mu_
     across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - mu_s**2)))[:, None]
     cosine = np.divide(nu - view[:, None] * mu_s, across, out=np.ones_like(nu), where=across > 1e-9)
     return _Rays(elevation, ground, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), nu)
-
-
-def _without_ground(source: Source, mapping: Mapping, height: float, mu_s: float, rays: _Rays) -> np.ndarray:
-    """Inscattered light (mu, nu, W): the field's, less the ground in view through the air."""
-    medium = source.medium
-    sun = math.degrees(math.asin(mu_s))
-    altitude = medium.bottom_km + height
-    seen = source.radiance(altitude, sun, np.broadcast_to(rays.elevation_deg[:, None], rays.nu.shape), rays.azimuth_deg)
-    down = rays.ground
-    mu = np.sin(np.radians(rays.elevation_deg[down]))
-    r = medium.earth_radius_km + altitude
-    below = height * (2.0 * (medium.earth_radius_km + medium.bottom_km) + height)
-    root = np.sqrt(np.maximum((r * mu) ** 2 - below, 0.0))
-    distance = below / np.maximum(root - r * mu, 1e-12)
-    there = (r * mu_s + distance[:, None] * rays.nu[down]) / (r - height)
-    local = np.degrees(np.arcsin(np.clip(there, -1.0, 1.0)))
-    tau = np.zeros((mu.size, medium.n_wavelengths))
-    own = mapping._replace(bottom_km=medium.earth_radius_km + medium.bottom_km)
-    each = np.ones(mu.size)
-    depths(source.profile, own, height * each, mu, each > 0.0, np.inf * each, tau)
-    seen[down] = np.maximum(seen[down] - np.exp(-tau)[:, None] * source.ground(local), 0.0)
-    return seen
 
 
 def _packed(source: Source, height, mu_s, rays: _Rays, light, g: float, ratio: np.ndarray) -> np.ndarray:

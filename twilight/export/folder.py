@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from twilight.errors import TwilightError
 
+Buffer = bytes | bytearray | memoryview
 
-def write_folder(folder: str | Path, files: dict[str, bytes]) -> None:
-    """Write the files into a new folder.
+
+def write_folder(folder: str | Path, files: Mapping[str, Buffer]) -> None:
+    """Write the files into a new folder; a name may stand in a folder of its own.
 
     Errors: TwilightError where there is something already, and where the system refuses; nothing is left behind then.
     """
@@ -23,7 +26,9 @@ def write_folder(folder: str | Path, files: dict[str, bytes]) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         for name, content in files.items():
-            (temporary / name).write_bytes(content)
+            path = temporary / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
         temporary.chmod(0o755)
         os.replace(temporary, folder)
     except OSError as error:

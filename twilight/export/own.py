@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight.errors import TwilightError
-from twilight.export.values import JUST_DEG, Source, read_phase
+from twilight.export.values import JUST_DEG, Filling, read_phase
 
 SUN_CENTRE_DEG, SUN_WIDTH_DEG = -8.0, 8.0
 LOWEST_SUN_DEG = -20.0
@@ -51,9 +51,14 @@ def altitudes_of(bottom_km: float, top_km: float) -> tuple[float, ...]:
     return (*inner, top_km)
 
 
+def sun_position(elevation_deg):
+    """Elevations of the sun [deg] as they run evenly along the texels, in no unit."""
+    return np.arcsinh((elevation_deg - SUN_CENTRE_DEG) / SUN_WIDTH_DEG)
+
+
 def sun_nodes(count: int) -> np.ndarray:
     """Elevations of the sun [deg] of the texels."""
-    low, high = (math.asinh((v - SUN_CENTRE_DEG) / SUN_WIDTH_DEG) for v in (LOWEST_SUN_DEG, 90.0))
+    low, high = sun_position(LOWEST_SUN_DEG), sun_position(90.0)
     return np.minimum(90.0, SUN_CENTRE_DEG + SUN_WIDTH_DEG * np.sinh(np.linspace(low, high, count)))
 
 
@@ -75,7 +80,7 @@ def azimuth_nodes(count: int) -> np.ndarray:
 class SkyTables:
     """sky, aureole (altitude, sun, elevation, azimuth, W): logarithms; phase (N, W); horizon_deg (altitude,).
 
-    W: red, green, blue.  aureole and phase are None in air without aerosol.
+    W: red, green, blue, or other channels of a source.  aureole and phase are None in air without aerosol.
     """
 
     header: dict
@@ -102,17 +107,17 @@ class SkyTables:
             )
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         e, a = elevation.ravel(), np.abs((azimuth.ravel() + 180.0) % 360.0 - 180.0)
-        ends = [math.asinh((v - SUN_CENTRE_DEG) / SUN_WIDTH_DEG) for v in (low, 90.0)]
-        t = math.asinh((sun_elevation_deg - SUN_CENTRE_DEG) / SUN_WIDTH_DEG)
+        t, first_t, last_t = (sun_position(v) for v in (sun_elevation_deg, low, 90.0))
         n_sun, n_azimuth = self.sky.shape[1], self.sky.shape[3]
-        s = (t - ends[0]) / (ends[1] - ends[0]) * (n_sun - 1)
+        s = float((t - first_t) / (last_t - first_t)) * (n_sun - 1)
         z = (a / 180.0) ** (1.0 / AZIMUTH_POWER) * (n_azimuth - 1)
         roots = np.sqrt(altitudes - altitudes[0])
         where = float(np.interp(math.sqrt(observer_altitude_km - altitudes[0]), roots, np.arange(roots.size)))
         first = min(int(where), max(0, roots.size - 2))
         above = where - first
         horizon = np.interp(where, np.arange(roots.size), h["horizon_deg"])
-        total = np.zeros((2, e.size, 3))
+        channels = self.sky.shape[-1]
+        total = np.zeros((2, e.size, channels))
         up = e >= horizon
         n_ground = h["texels"]["ground"]
         for i, weight in ((first, 1.0 - above), (first + 1, above)):
@@ -130,7 +135,7 @@ class SkyTables:
                 np.radians(a)
             )
             out += read_phase(self.phase, cosine) * np.exp(total[1])
-        return out.reshape(*elevation.shape, 3)
+        return out.reshape(*elevation.shape, channels)
 
     @property
     def n_bytes(self) -> int:
@@ -161,10 +166,10 @@ def _trilinear(table: np.ndarray, s: float, y: np.ndarray, z: np.ndarray, first:
     return out
 
 
-def fill(source: Source, sizes: Sizes, facts: dict, progress: Callable[[str, float], None]) -> SkyTables:
-    """The tables of a field.  facts go into the header."""
+def fill(source: Filling, sizes: Sizes, facts: dict, progress: Callable[[str, float], None]) -> SkyTables:
+    """The tables of a field, or of another source's channels in reverse order.  facts go into the header."""
     suns, azimuths = sun_nodes(sizes.suns), azimuth_nodes(sizes.azimuths)
-    shape = (len(sizes.altitude_km), sizes.suns, sizes.ground + sizes.sky, sizes.azimuths, 3)
+    shape = (len(sizes.altitude_km), sizes.suns, sizes.ground + sizes.sky, sizes.azimuths, source.channels)
     sky, aureole = np.empty(shape), np.zeros(shape)
     horizons = []
     for i, altitude in enumerate(sizes.altitude_km):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
 from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, prepare_beam
+from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, DISTANCE, by_species, new_line, trace_line
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
@@ -50,9 +50,28 @@ def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, be
                                 out[k, s, e, a, w] += source[p, 1 + k, w] * light[w]
 
 
+class Filling(Protocol):
+    """What `own.fill` asks; methods as `Source` has them."""
+
+    @property
+    def channels(self) -> int: ...
+
+    phase: np.ndarray | None
+
+    def horizon_deg(self, altitude_km: float) -> float: ...
+
+    def radiance(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray: ...
+
+    def single_aerosol(
+        self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+
+    def phase_at(self, cosine: np.ndarray) -> np.ndarray: ...
+
+
 @dataclass
 class Source:
-    """A solved field and its medium at the three wavelengths of the tables, shortest first."""
+    """A solved field and its medium at the wavelengths of the tables, three for most of them, shortest first."""
 
     field: Any
     medium: Medium
@@ -64,6 +83,11 @@ class Source:
         self.profile = prepare_profile(self.scaled.medium)
         self._ground: tuple[np.ndarray, np.ndarray] | None = None
         self.phase = self._effective_phase() if self.medium.has_aerosol else None
+
+    @property
+    def channels(self) -> int:
+        """How many numbers a radiance has."""
+        return self.medium.n_wavelengths
 
     def _effective_phase(self) -> np.ndarray:
         """Phase function (PHASE_ANGLES, W) of all the aerosol of a column, at angles pi u^2; of the unscaled one."""
@@ -88,6 +112,29 @@ class Source:
 
     def radiance(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         return self.field.radiance(sun_deg, elevation_deg, azimuth_deg, observer_altitude_km=altitude_km)
+
+    def inscattered(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Radiance (..., W) of elevations (..., 1) or (...) and azimuths less that of the ground in view."""
+        seen = self.radiance(altitude_km, sun_deg, elevation_deg, azimuth_deg)
+        elevation, azimuth = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
+        down = elevation < math.radians(self.horizon_deg(altitude_km))
+        if not down.any():
+            return seen
+        sun, mu = math.radians(sun_deg), np.sin(elevation[down])
+        nu = mu * math.sin(sun) + np.cos(elevation[down]) * math.cos(sun) * np.cos(azimuth[down])
+        height = altitude_km - self.medium.bottom_km
+        r = self.medium.earth_radius_km + altitude_km
+        unique, back = np.unique(mu, return_inverse=True)
+        below = height * (2.0 * r - height)
+        distance = below / np.maximum(np.sqrt(np.maximum((r * unique) ** 2 - below, 0.0)) - r * unique, 1e-12)
+        passed = np.zeros((unique.size, self.medium.n_wavelengths))
+        for i in range(unique.size):
+            chord_depth(self.profile, altitude_km, unique[i], distance[i], passed[i])
+        passed = np.exp(-passed)
+        there = (r * math.sin(sun) + distance[back] * nu) / (r - height)
+        local = np.degrees(np.arcsin(np.clip(there, -1.0, 1.0)))
+        seen[down] = np.maximum(seen[down] - passed[back] * self.ground(local), 0.0)
+        return seen
 
     def single_aerosol(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray]:
         """(with the phase functions [sr^-1], without) of light that aerosol scattered once, each (S, E, A, W)."""
@@ -118,9 +165,3 @@ def read_phase(table: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     u = np.sqrt(np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi)
     nodes = np.linspace(0.0, 1.0, table.shape[0])
     return np.stack([np.exp(np.interp(u, nodes, np.log(column))) for column in table.T], axis=-1)
-
-
-def check_source(medium: Medium) -> None:
-    """Raise TwilightError unless the medium has the three wavelengths of red, green and blue."""
-    if medium.n_wavelengths != 3:
-        raise TwilightError(f"tables hold three wavelengths, {medium.name or 'the medium'} has {medium.n_wavelengths}")

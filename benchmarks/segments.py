@@ -1,0 +1,101 @@
+"""Aerial perspective: light that a segment of air scatters in, and its transmittance, against Monte-Carlo.
+
+    python benchmarks/segments.py [--climate NAME] [--solvers zones,tables] [--wavelengths 550]
+
+Writes benchmarks/segments.csv: for each solver, sun and distance how far it is from the referee in percent of the
+radiance scale (the largest sky radiance of the wavelength in the same directions): median, 95th percentile and largest
+over directions and wavelengths, and the median standard error of the referee.  Observers stand on the ground and fly at
+3 km.  `tables` refract nothing; it is judged in the air without refraction.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from results import write
+
+from twilight.atmosphere.medium import Medium
+from twilight.config import load_climate
+from twilight.scene.medium import climate_medium
+from twilight.solvers import load
+from twilight.solvers.montecarlo import MonteCarloSettings
+
+OUT = Path(__file__).with_name("segments.csv")
+SUNS_DEG = (30.0, 5.0, 0.0, -4.0, -6.0)
+DISTANCES_KM = (0.1, 1.0, 10.0, 50.0, 300.0)
+DIRECTIONS = ((0.2, 30.0), (0.2, 150.0), (2.0, 80.0), (10.0, 40.0), (40.0, 120.0))
+"""(elevation, azimuth from the sun) [deg] from the ground."""
+DOWN = ((-0.5, 30.0), (-0.5, 150.0), (-3.0, 80.0), (-15.0, 40.0))
+"""From 3 km."""
+PLACES = ((0.0, DIRECTIONS), (3.0, DOWN))
+
+
+def questions(directions, distances) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevation (D, 1), azimuth (D, 1) and distance (1, N)."""
+    elevation, azimuth = np.array(directions).T
+    return elevation[:, None], azimuth[:, None], np.array(distances)[None, :]
+
+
+def truth(air: Medium, error: float) -> dict:
+    """(radiance, standard error, transmittance) of the referee by (altitude, sun)."""
+    found = {}
+    for altitude, directions in PLACES:
+        settings = MonteCarloSettings(target_stderr=error)
+        field = load("montecarlo").prepare(air, settings, observer_altitude_km=altitude)
+        for sun in SUNS_DEG:
+            seen, passed = field.inscatter_with_error(sun, *questions(directions, DISTANCES_KM))
+            found[altitude, sun] = seen.radiance, seen.standard_error, passed
+            print(f"referee {altitude:g} km, sun {sun:+g}", flush=True)
+    return found
+
+
+def judged(name: str, air: Medium, quality: str, true: dict) -> list[list[str]]:
+    """Rows of one solver."""
+    solver = load(name)
+    field, rows = solver.prepare(air, solver.QUALITIES[quality]), []
+    for sun in SUNS_DEG:
+        off: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
+        grain: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
+        passing = [0.0] * len(DISTANCES_KM)
+        for altitude, directions in PLACES:
+            where = questions(directions, DISTANCES_KM)
+            light, passed = field.inscatter(sun, *where, observer_altitude_km=altitude)
+            radiance, error, seen = true[altitude, sun]
+            scale = field.radiance(sun, *where[:2], observer_altitude_km=altitude).max(axis=(0, 1))
+            for i in range(len(DISTANCES_KM)):
+                off[i].append(np.abs(light - radiance)[:, i] / scale)
+                grain[i].append(error[:, i] / scale)
+                passing[i] = max(passing[i], float(np.abs(passed - seen)[:, i].max()))
+        for i, distance in enumerate(DISTANCES_KM):
+            errors = 100.0 * np.concatenate(off[i])
+            numbers = np.median(errors), np.quantile(errors, 0.95), errors.max()
+            noise = 100.0 * np.median(np.concatenate(grain[i]))
+            rows.append([name, f"{sun:g}", f"{distance:g}", *(f"{v:.3f}" for v in numbers), f"{noise:.3f}"])
+            rows[-1].append(f"{passing[i]:.1e}")
+            print(*rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--climate", default="continental-average")
+    parser.add_argument("--solvers", default="zones,tables")
+    parser.add_argument("--quality", default="standard")
+    parser.add_argument("--wavelengths", default="550")
+    parser.add_argument("--error", type=float, default=0.004, help="relative standard error of the referee")
+    args = parser.parse_args()
+    medium = climate_medium(load_climate(args.climate), np.array([float(w) for w in args.wavelengths.split(",")]))
+    rows = []
+    for name in args.solvers.split(","):
+        air = medium if name == "zones" else replace(medium, refractivity=np.zeros_like(medium.refractivity))
+        rows += judged(name, air, args.quality, truth(air, args.error))
+    columns = "solver,sun_deg,distance_km,median_percent,p95_percent,largest_percent,referee_percent,transmittance_off"
+    note = f"{args.climate}, {args.quality}, {args.wavelengths} nm; referee to {100 * args.error:g} % of each segment"
+    write(OUT, columns.split(","), rows, notes=[note, "percent of the largest radiance of the sky in the directions"])
+
+
+if __name__ == "__main__":
+    main()

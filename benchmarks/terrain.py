@@ -1,0 +1,67 @@
+"""Light shafts exactly and by eq. 17 and 18 of Bruneton and Neyret 2008: python benchmarks/terrain.py
+
+The two shipped pictures with mountains' shadows (configs/light-shafts.yaml, mountain-shadow.yaml), smaller, at 450, 550
+and 650 nm.  Where shadows darken a line of sight: what they take away, in percent of the light without shadows, exactly
+(sunlight scattered once, out of every dark part) and by cutting the dark length off one end, and how far the second is
+from the first.  Writes benchmarks/terrain.csv.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from results import write
+
+from twilight.config import load_series
+from twilight.engine.solve import Problem
+from twilight.engine.view import landscape, see
+from twilight.scene.medium import climate_medium
+from twilight.solvers import zones
+
+OUT = Path(__file__).with_name("terrain.csv")
+CONFIGS = ("light-shafts", "mountain-shadow")
+WIDTH, HEIGHT = 224, 126
+NM = (450.0, 550.0, 650.0)
+LEAST_PERCENT = 0.5
+"""Lines of sight that lose less by either are not counted."""
+
+
+def main() -> None:
+    rows = []
+    for name in CONFIGS:
+        config = load_series(f"configs/{name}.yaml")[0].config
+        assert config.terrain is not None and config.observer.view is not None
+        sun = config.sun.elevation_deg
+        view = config.observer.view.model_copy(update={"width": WIDTH, "height": HEIGHT})
+        medium = climate_medium(config.climate, np.array(NM))
+        problem = Problem(medium, zones, zones.QUALITIES["draft"], config.observer.altitude_km, (sun,))
+        block = problem.block(0)
+        seen = see(block, view, sun).whole()
+        made = {
+            shadows: landscape(block, seen, config.terrain.model_copy(update={"shadows": shadows}), sun)
+            for shadows in ("none", "exact", "segments")
+        }
+        clear = made["none"].radiance.astype(float)
+        taken = {how: 100.0 * (1.0 - made[how].radiance / clear) for how in ("exact", "segments")}
+        ground = made["none"].hidden
+        for part, where in (("ground", ground), ("sky", ~ground)):
+            loses = np.maximum(taken["exact"], taken["segments"]).max(axis=-1) > LEAST_PERCENT
+            for w, nm in enumerate(NM):
+                a, b = (taken[how][where & loses, w] for how in ("exact", "segments"))
+                off = b - a
+                numbers = [a.mean(), b.mean(), np.median(off), np.sqrt(np.mean(off**2)), np.quantile(np.abs(off), 0.95)]
+                rows.append(
+                    [name, part, f"{nm:g}", f"{100.0 * np.mean(loses[where]):.0f}", *(f"{v:.1f}" for v in numbers)]
+                )
+                print(*rows[-1], flush=True)
+    columns = (
+        "config", "lines_end_on", "wavelength_nm", "darkened_percent", "exact_takes_percent", "segments_take_percent",
+        "median_difference_percent", "rms_difference_percent", "p95_difference_percent",
+    )  # fmt: skip
+    note = f"{WIDTH} x {HEIGHT} pixels, zones draft; darkened: share of the lines that lose over {LEAST_PERCENT} %"
+    write(OUT, columns, rows, notes=[note])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,169 @@
+"""Tables of layout `takram` in a headless browser: @takram/three-atmosphere loads them and its sky's pixels are read.
+
+The packages come with `npm install --prefix tests/npm`; without them the tests skip.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from airs import turbid
+from browser import open_page
+
+from twilight.export import bruneton
+from twilight.export.folder import write_folder
+from twilight.export.values import Source
+from twilight.solvers import zones
+
+PACKAGES = Path(__file__).parent / "npm" / "node_modules"
+MODULES = {
+    "three": "three/build/three.module.js",
+    "three/addons/": "three/examples/jsm/",
+    "postprocessing": "postprocessing/build/index.js",
+    "@takram/three-atmosphere": "@takram/three-atmosphere/build/index.js",
+    "@takram/three-geospatial": "@takram/three-geospatial/build/index.js",
+    "@takram/three-geospatial/shaders": "@takram/three-geospatial/build/shaders.js",
+    "@petamoriken/float16": "@petamoriken/float16/src/index.mjs",
+    "tiny-invariant": "tiny-invariant/dist/esm/tiny-invariant.js",
+    "url-join": "url-join/lib/url-join.js",
+    "astronomy-engine": "astronomy-engine/esm/astronomy.js",
+}
+SIZE, FIELD_OF_VIEW_DEG = 48, 100.0
+PAGE = """<!doctype html><p id="message"></p>
+<script type="importmap">IMPORTS</script>
+<script type="module">
+import { Camera, FloatType, HalfFloatType, Mesh, NearestFilter, PerspectiveCamera, PlaneGeometry, Scene, Vector3,
+  WebGLRenderer, WebGLRenderTarget } from "three";
+import { AtmosphereParameters, PrecomputedTexturesLoader, SkyMaterial } from "@takram/three-atmosphere";
+window.onerror = message => { document.querySelector("#message").innerText = "cannot: " + message; };
+try {
+  const facts = await (await fetch("sky/tables.json")).json();
+  const renderer = new WebGLRenderer();
+  const loader = new PrecomputedTexturesLoader({ format: "binary", type: HalfFloatType, higherOrderScattering: false });
+  const textures = await loader.loadAsync("sky");
+  const atmosphere = new AtmosphereParameters({
+    solarIrradiance: new Vector3(...facts.solar_irradiance),
+    bottomRadius: 1000 * facts.bottom_radius_km,
+    topRadius: 1000 * facts.top_radius_km,
+    rayleighScattering: new Vector3(...facts.rayleigh_scattering_per_km),
+    mieScattering: new Vector3(...facts.mie_scattering_per_km),
+    miePhaseFunctionG: facts.mie_phase_function_g,
+    muSMin: facts.mu_s_min,
+  });
+  const material = new SkyMaterial({ ...textures, sun: false, moon: false, correctAltitude: false }, atmosphere);
+  material.uniforms.ATMOSPHERE = atmosphere.toUniform();
+  material.uniforms.SKY_SPECTRAL_RADIANCE_TO_LUMINANCE.value.set(1, 1, 1);
+  const sky = new Mesh(new PlaneGeometry(2, 2), material), scene = new Scene();
+  sky.frustumCulled = false;
+  scene.add(sky);
+  const nearest = { minFilter: NearestFilter, magFilter: NearestFilter };
+  const target = new WebGLRenderTarget(SIZE, SIZE, { type: FloatType, ...nearest });
+  const camera = new PerspectiveCamera(FIELD, 1, 1, 1e6);
+  camera.up.set(0, 0, 1);
+  window.twilight = { look: (sun, forward) => {
+    camera.position.set(0, 0, atmosphere.bottomRadius);
+    camera.lookAt(forward[0], forward[1], atmosphere.bottomRadius + forward[2]);
+    camera.updateMatrixWorld();
+    material.sunDirection.set(Math.cos(sun), 0, Math.sin(sun));
+    renderer.setRenderTarget(target);
+    renderer.render(scene, camera);
+    const out = new Float32Array(SIZE * SIZE * 4);
+    renderer.readRenderTargetPixels(target, 0, 0, SIZE, SIZE, out);
+    return [Array.from(out), renderer.getContext().getError()];
+  } };
+} catch (error) {
+  document.querySelector("#message").innerText = "cannot: " + error.message;
+}
+</script>
+"""
+
+
+@pytest.fixture
+def show(tmp_path):
+    """A function that opens tables in the browser: (radiance (D, 3) of a sun, elevations, azimuths [deg] of pixels)."""
+    if not PACKAGES.is_dir():
+        pytest.skip("needs @takram/three-atmosphere: npm install --prefix tests/npm")
+
+    def opened(tables: bruneton.BrunetonTables):
+        write_folder(tmp_path / "sky", tables.files("bin", True))
+        (tmp_path / "node_modules").symlink_to(PACKAGES)
+        imports = json.dumps({"imports": {name: f"./node_modules/{path}" for name, path in MODULES.items()}})
+        page = PAGE.replace("IMPORTS", imports).replace("SIZE", str(SIZE)).replace("FIELD", str(FIELD_OF_VIEW_DEG))
+        (tmp_path / "page.html").write_text(page)
+        return open_page(tmp_path / "page.html")
+
+    return opened
+
+
+def pixels(azimuth_deg: float, elevation_deg: float) -> tuple[list[float], np.ndarray, np.ndarray]:
+    """Where a camera looks (3,), and elevations and azimuths [deg] of its pixels, the lowest row first."""
+    a, e = math.radians(azimuth_deg), math.radians(elevation_deg)
+    forward = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    across = np.tan(np.radians(FIELD_OF_VIEW_DEG / 2.0)) * (2.0 * (np.arange(SIZE) + 0.5) / SIZE - 1.0)
+    rays = forward + across[None, :, None] * right + across[:, None, None] * up
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    elevation, azimuth = np.arcsin(rays[..., 2]), np.arctan2(rays[..., 1], rays[..., 0])
+    return forward.tolist(), np.degrees(elevation).ravel(), np.degrees(azimuth).ravel()
+
+
+def looked(page, sun_deg: float, azimuth_deg: float, elevation_deg: float, scale: float):
+    """(radiance (D, 3), elevations, azimuths) of the pixels that see the sky."""
+    forward, elevation, azimuth = pixels(azimuth_deg, elevation_deg)
+    found, error = page.evaluate("([sun, forward]) => twilight.look(sun, forward)", [math.radians(sun_deg), forward])
+    assert error == 0
+    sky = elevation > 0.5
+    return np.array(found).reshape(-1, 4)[sky, :3] / scale, elevation[sky], azimuth[sky]
+
+
+def test_the_package_reads_what_python_reads(show):
+    """Texels at random within a factor of 1.5 from one to the next."""
+    mapping = bruneton.make_mapping(6360.0, 6420.0)
+    random = np.random.default_rng(8)
+    scattering = random.uniform(1.0, 1.5, (32, 32, 8, 128, 4)) * np.array([1.0, 0.8, 0.6, 0.1])
+    constants = {
+        "bottom_radius_km": 6360.0,
+        "top_radius_km": 6420.0,
+        "mu_s_min": mapping.mu_s_min,
+        "mie_phase_function_g": 0.72,
+        "rayleigh_scattering_per_km": [0.006, 0.013, 0.032],
+        "mie_scattering_per_km": [0.004, 0.005, 0.007],
+        "solar_irradiance": [1.5, 1.8, 1.9],
+        "scale": 4.0,
+    }
+    tables = bruneton.BrunetonTables(mapping, constants, scattering, np.ones((64, 256, 3)), np.ones((16, 64, 3)))
+    with show(tables) as (page, errors):
+        assert page.inner_text("#message") == ""
+        for sun, azimuth, elevation in ((10.0, 0.0, 30.0), (0.0, 60.0, 50.0), (-6.0, 200.0, 20.0), (-12.0, 90.0, 40.0)):
+            found, e, a = looked(page, sun, azimuth, elevation, 4.0)
+            expected = bruneton.sky_radiance(tables, 0.0, sun, e, a)
+            off = np.abs(found / expected - 1.0)
+            assert np.median(off) < 3e-3 and off.max() < 0.03, (sun, np.median(off), off.max())
+        assert errors == []
+
+
+@pytest.mark.slow
+def test_the_package_shows_the_sky_of_zones(show):
+    """As near as eight texels of the scattering angle and 32 suns allow: the 95th percentile of the relative error."""
+    medium = turbid(3.0, wavelength_nm=np.array([440.0, 550.0, 680.0]))
+    field = zones.prepare(medium, zones.QUALITIES["draft"])
+    source = Source(field, medium, medium.has_refraction)
+    mapping = bruneton.make_mapping(6360.0, 6420.0)
+    tables = bruneton.fill(
+        source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=lambda doing, share: None, rows=1
+    )
+    allowed = {10.0: 0.08, 0.0: 0.3, -6.0: 0.4, -9.0: 0.4}
+    with show(replace(tables, irradiance=np.zeros_like(tables.irradiance))) as (page, errors):
+        for sun, most in allowed.items():
+            for azimuth in (20.0, 150.0):
+                found, e, a = looked(page, sun, azimuth, 40.0, 4096.0)
+                off = np.abs(found / field.radiance(sun, e, a)[:, ::-1] - 1.0)
+                assert np.percentile(off, 95) < most, (sun, azimuth, np.percentile(off, 95))
+        assert errors == []
