@@ -41,6 +41,7 @@ GREEN = 1
 HORIZON_KM, HORIZON_SUN_DEG = 2.0, 10.3
 AEROSOLS = {"fig. 6": (2.0e-2, 0.76), "fig. 7": (2.2e-2, 0.73)}
 """Scattering at the ground [km^-1] and g; 0.9 of the extinction."""
+AS_IN_THE_PAPER = replace(load("tables").QUALITIES["bruneton2008"], aerosol_packing="proportional", storage="float16")
 CIE_SUNS_DEG = (70.0, 50.0, 30.0, 15.0, 5.0)
 
 
@@ -125,7 +126,7 @@ def filled(table: Errors) -> None:
             return bruneton.sky_radiance(of, 0.0, sun, *table.where, **how)[:, GREEN]
 
         table.add(f"exact, {name}", size, seconds, lambda sun, of=made: read(sun, of))
-        if name == "2008":
+        if name in ("2008", "2017"):
             for scale in (1.0, 4096.0):
                 half = replace(made, scattering=(made.scattering * scale).astype(np.float16).astype(float) / scale)
                 words = f"exact, {name}, half floats" + (f" x {scale:g}" if scale > 1.0 else "")
@@ -257,7 +258,9 @@ def cie() -> None:
     grid = np.meshgrid(np.arange(2.5, 90.0, 5.0), np.arange(0.0, 181.0, 10.0), indexing="ij")
     for panel, (name, (scattering, g)) in zip(panels, AEROSOLS.items(), strict=True):
         medium = air(wavelength, scattering, g)
-        field = load("tables").prepare(medium)
+        begin = time.process_time()
+        field = load("tables").prepare(medium, AS_IN_THE_PAPER)
+        cost = [f"{field.stored_bytes / 1e6:.1f}", f"{time.process_time() - begin:.0f}"]
         reference = standard.prepare(medium, replace(standard.QUALITIES["standard"], sky_type=12, turbidity=3.0))
         for colour, sun in enumerate(CIE_SUNS_DEG):
             at_zenith = luminance(field, medium, sun, 90.0, 0.0)
@@ -273,6 +276,7 @@ def cie() -> None:
                     f"{100 * (np.exp(np.sqrt(np.average(ratio[~low] ** 2, weights=weight[~low]))) - 1):.1f}",
                     f"{100 * (np.exp(np.average(ratio[~low], weights=weight[~low])) - 1):+.1f}",
                     f"{100 * (np.exp(np.average(ratio[low], weights=weight[low])) - 1):+.1f}",
+                    *cost,
                 ]
             )
             print(*rows[-1], flush=True)
@@ -287,10 +291,19 @@ def cie() -> None:
     panels[0].set_ylabel("luminance over that of the zenith")
     panels[0].legend(fontsize=7)
     figure.savefig(HERE.parent / "docs" / "bruneton2008-cie.png", dpi=90)
-    columns = ("aerosol", "sun_zenith_deg", "rms_percent", "mean_percent", "mean_below_10deg_percent")
+    columns = (
+        "aerosol",
+        "sun_zenith_deg",
+        "rms_percent",
+        "mean_percent",
+        "mean_below_10deg_percent",
+        "megabytes",
+        "cpu_s",
+    )
     notes = [
-        "luminance over that of the zenith, tables standard over CIE standard sky 12, weighted by solid angle;",
-        "rms and mean of the logarithm above 10 deg, and the mean below 10 deg, which the paper finds too bright",
+        "luminance over that of the zenith, tables as in the paper over CIE standard sky 12, weighted by solid angle;",
+        "rms and mean of the logarithm above 10 deg, and the mean below 10 deg, which the paper finds too bright;",
+        "three wavelengths, 16 bit, four values a texel, five orders; cpu_s to fill the tables",
     ]
     write(HERE / "bruneton2008_cie.csv", columns, rows, notes=notes)
 

@@ -38,8 +38,8 @@ FAINT = 1e-5
 class Sizes:
     """Texels of each axis, and the altitudes of the observer [km]."""
 
-    suns: int = 96
-    sky: int = 32
+    suns: int = 112
+    sky: int = 36
     ground: int = 12
     azimuths: int = 24
     altitude_km: tuple[float, ...] = (0.0, 2.0, 10.0, 30.0, 100.0)
