@@ -107,14 +107,23 @@ def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
     assert [f.name for f in tmp_path.iterdir()] == ["file"]
 
 
-def test_his_shader_finds_the_field_at_the_texels(source, his):
+@pytest.mark.parametrize("separate", [False, True])
+def test_his_shader_finds_the_field_at_the_texels(source, his, separate):
+    if separate:
+        few = his.mapping._replace(n_mu_s=4, n_nu=4, n_mu=12)
+        his = bruneton.fill(
+            source, np.array([1.9, 1.8, 1.5]), mapping=few, scale=4096.0, facts={}, progress=lambda doing, share: None,
+            rows=1, separate=True,
+        )  # fmt: skip
+        assert his.single_mie is not None and his.single_mie.max() > 0.0
+        assert "single_mie_scattering.bin" in his.files("bin", False)
     heights, view, sun, nus = grid(his.mapping)
     solar = np.array([1.5, 1.8, 1.9])
-    for j in (4, 12, 20, 28):
+    for j in (1, 2) if separate else (4, 12, 20, 28):
         sun_deg = math.degrees(math.asin(sun[j]))
         if abs(sun[j]) < 0.02:
             continue  # where the shader fades single Mie scattering
-        for m in (70, 90, 120):
+        for m in (7, 9, 10) if separate else (70, 90, 120):
             mu = view[0, m]
             across = math.sqrt((1.0 - mu**2) * (1.0 - sun[j] ** 2))
             inside = [nu for nu in nus[:-1] if abs(nu - mu * sun[j]) < across]
@@ -162,6 +171,7 @@ def test_a_layout_higher_than_the_air_is_refused(source):
     [
         (["pure-air", "--half"], "--half and --scale: are for bruneton2017"),
         (["pure-air", "--layout", "takram", "--scale", "0"], "--scale: 0 is not allowed"),
+        (["pure-air", "--single-mie"], "--single-mie: is for takram"),
         (["pure-air", "--quality", "best"], "quality"),
         (["nowhere"], "nowhere"),
     ],

@@ -44,7 +44,8 @@ window.onerror = message => { document.querySelector("#message").innerText = "ca
 try {
   const facts = await (await fetch("sky/tables.json")).json();
   const renderer = new WebGLRenderer();
-  const loader = new PrecomputedTexturesLoader({ format: "binary", type: HalfFloatType, higherOrderScattering: false });
+  const loader = new PrecomputedTexturesLoader({
+    format: "binary", type: HalfFloatType, higherOrderScattering: false, combinedScattering: COMBINED });
   const textures = await loader.loadAsync("sky");
   const atmosphere = new AtmosphereParameters({
     solarIrradiance: new Vector3(...facts.solar_irradiance),
@@ -93,7 +94,13 @@ def show(tmp_path):
         write_folder(tmp_path / "sky", tables.files("bin", True))
         (tmp_path / "node_modules").symlink_to(PACKAGES)
         imports = json.dumps({"imports": {name: f"./node_modules/{path}" for name, path in MODULES.items()}})
-        page = PAGE.replace("IMPORTS", imports).replace("SIZE", str(SIZE)).replace("FIELD", str(FIELD_OF_VIEW_DEG))
+        combined = "true" if tables.single_mie is None else "false"
+        page = (
+            PAGE.replace("IMPORTS", imports)
+            .replace("COMBINED", combined)
+            .replace("SIZE", str(SIZE))
+            .replace("FIELD", str(FIELD_OF_VIEW_DEG))
+        )
         (tmp_path / "page.html").write_text(page)
         return open_page(tmp_path / "page.html")
 
@@ -123,7 +130,8 @@ def looked(page, sun_deg: float, azimuth_deg: float, elevation_deg: float, scale
     return np.array(found).reshape(-1, 4)[sky, :3] / scale, elevation[sky], azimuth[sky]
 
 
-def test_the_package_reads_what_python_reads(show):
+@pytest.mark.parametrize("separate", [False, True])
+def test_the_package_reads_what_python_reads(show, separate):
     """Texels at random within a factor of 1.5 from one to the next."""
     mapping = bruneton.make_mapping(6360.0, 6420.0)
     random = np.random.default_rng(8)
@@ -139,6 +147,8 @@ def test_the_package_reads_what_python_reads(show):
         "scale": 4.0,
     }
     tables = bruneton.BrunetonTables(mapping, constants, scattering, np.ones((64, 256, 3)), np.ones((16, 64, 3)))
+    if separate:
+        tables = replace(tables, single_mie=random.uniform(0.1, 0.15, (32, 32, 8, 128, 3)))
     with show(tables) as (page, errors):
         assert page.inner_text("#message") == ""
         for sun, azimuth, elevation in ((10.0, 0.0, 30.0), (0.0, 60.0, 50.0), (-6.0, 200.0, 20.0), (-12.0, 90.0, 40.0)):

@@ -28,6 +28,9 @@ def tables(
     solver: Annotated[Literal["zones", "tables"], option("NAME", "Whose field fills them: zones or tables.")] = "zones",
     quality: Annotated[str, option("NAME", "Preset of the solver.")] = "standard",
     half: Annotated[bool, typer.Option("--half", help="Half floats, in bruneton2017; takram always has them.")] = False,
+    single_mie: Annotated[
+        bool, typer.Option("--single-mie", help="single_mie_scattering.bin too, in takram: aerosol in its own colours.")
+    ] = False,
     scale: Annotated[
         float | None, option("FACTOR", "On scattering and irradiance; 4096 for half floats, 1 otherwise.")
     ] = None,
@@ -35,6 +38,8 @@ def tables(
     """Write the sky of a climate, for every sun, as tables that a graphics card reads."""
     if layout in ("twilight", "calcmysky") and (half or scale is not None):
         raise TwilightError(f"--half and --scale: are for bruneton2017 and takram; {layout} is float32")
+    if single_mie and layout != "takram":
+        raise TwilightError(f"--single-mie: is for takram, {layout} has no such file")
     if scale is not None and not 1e-6 <= scale <= 1e9:
         raise TwilightError(f"--scale: {scale:g} is not allowed, 1e-6 to 1e9 is")
     import numpy as np
@@ -95,6 +100,7 @@ def tables(
                 scale=scale or (4096.0 if half else 1.0),
                 facts={**facts, "layout": layout, "number": "float16" if half else "float32"},
                 progress=tell,
+                separate=single_mie,
             )
             files = made.files("bin" if layout == "takram" else "dat", half)
     write_folder(folder, files)

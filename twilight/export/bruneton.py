@@ -47,7 +47,8 @@ def phase_of(g: float, nu: np.ndarray) -> np.ndarray:
 class BrunetonTables:
     """scattering (r, mu_s, nu, mu, 4), transmittance (r, mu, 3), irradiance (r, mu_s, 3): red, green, blue first.
 
-    Scattering and irradiance hold the sun's irradiance above the air times `scale`.
+    single_mie (r, mu_s, nu, mu, 3): what aerosol scattered once at every wavelength; None: it follows from alpha.
+    Scattering, single_mie and irradiance hold the sun's irradiance above the air times `scale`.
     """
 
     mapping: Mapping
@@ -55,13 +56,18 @@ class BrunetonTables:
     scattering: np.ndarray
     transmittance: np.ndarray
     irradiance: np.ndarray
+    single_mie: np.ndarray | None = None
 
     def rgba(self) -> dict[str, np.ndarray]:
         """The textures as they are laid out, (z, y, x, 4) or (y, x, 4)."""
-        r, mu_s, nu, mu, _ = self.scattering.shape
-        volume = self.scattering.transpose(0, 3, 2, 1, 4).reshape(r, mu, nu * mu_s, 4)
-        flat = [np.concatenate([t, np.ones((*t.shape[:2], 1))], axis=-1) for t in (self.transmittance, self.irradiance)]
-        return {"transmittance": flat[0], "scattering": volume, "irradiance": flat[1]}
+        out = {
+            "transmittance": _with_alpha(self.transmittance),
+            "scattering": _volume(self.scattering),
+            "irradiance": _with_alpha(self.irradiance),
+        }
+        return (
+            out if self.single_mie is None else {**out, "single_mie_scattering": _volume(_with_alpha(self.single_mie))}
+        )
 
     def files(self, suffix: str, half: bool) -> dict[str, bytes]:
         """Name and content of every file.
@@ -78,6 +84,15 @@ class BrunetonTables:
         return out
 
 
+def _with_alpha(texture: np.ndarray) -> np.ndarray:
+    return np.concatenate([texture, np.ones((*texture.shape[:-1], 1))], axis=-1)
+
+
+def _volume(texture: np.ndarray) -> np.ndarray:
+    r, mu_s, nu, mu, _ = texture.shape
+    return texture.transpose(0, 3, 2, 1, 4).reshape(r, mu, nu * mu_s, 4)
+
+
 def fill(
     source: Source,
     solar_irradiance: np.ndarray,
@@ -87,11 +102,12 @@ def fill(
     facts: dict,
     progress: Callable[[str, float], None],
     rows: int = 32,
+    separate: bool = False,
 ) -> BrunetonTables:
     """The tables of a field; solar_irradiance (3,) [W m^-2 nm^-1], shortest wavelength first.
 
     mapping: as `make_mapping` has it; heights above its ground stay what they are.  rows: how many of the rows of r are
-    filled, from the ground up.
+    filled, from the ground up.  separate: with `single_mie`.
     """
     medium = source.medium
     heights, view, sun, nus = grid(mapping)
@@ -100,6 +116,7 @@ def fill(
             f"--layout: its air reaches up to {heights[-1]:g} km, that of the climate to {medium.top_km:g} km"
         )
     scattering = np.zeros((mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, 4))
+    single = np.zeros((*scattering.shape[:-1], 3))
     g = _asymmetry(source)
     at = medium.at(medium.bottom_km)
     beta_r, beta_m = at.air_scattering, at.aerosol_scattering
@@ -109,9 +126,11 @@ def fill(
             rays = _rays(source, mapping, heights[i], view[i], sun[j], nus)
             where = rays.elevation_deg[:, None], rays.azimuth_deg
             light = source.inscattered(medium.bottom_km + heights[i], math.degrees(math.asin(sun[j])), *where)
-            scattering[i, j] = _packed(source, heights[i], sun[j], rays, light, g, ratio).transpose(1, 0, 2)
+            packed = _packed(source, heights[i], sun[j], rays, light, g, None if separate else ratio)
+            scattering[i, j], single[i, j] = (part.transpose(1, 0, 2) for part in packed)
             progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
     scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
+    single *= solar_irradiance[::-1] * scale
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, 3))
     fill_depth(_unscaled(source, mapping.bottom_km), mapping, depth, 0, mapping.n_t_r)
     progress("irradiance", 0.95)
@@ -128,7 +147,8 @@ def fill(
         "ground_albedo": medium.ground_albedo[::-1].tolist(),
         "scale": scale,
     }
-    return BrunetonTables(mapping, constants, scattering, np.exp(-depth)[..., ::-1], irradiance)
+    transmittance = np.exp(-depth)[..., ::-1]
+    return BrunetonTables(mapping, constants, scattering, transmittance, irradiance, single if separate else None)
 
 
 def sky_radiance(
@@ -149,8 +169,11 @@ def sky_radiance(
     read(m, table, logarithmic, np.full(mu.size, height_km), mu, mu_s, nu, ground, out, 0, mu.size)
     beta_r, beta_m = np.array(c["rayleigh_scattering_per_km"]), np.array(c["mie_scattering_per_km"])
     rest, red = out[:, :3], out[:, :1]
-    single = np.zeros_like(rest)
-    if beta_m[0] > 0.0:
+    single = np.zeros((mu.size, 3))
+    if tables.single_mie is not None:
+        kept = np.ascontiguousarray(tables.single_mie, np.float32)
+        read(m, kept, False, np.full(mu.size, height_km), mu, mu_s, nu, ground, single, 0, mu.size)
+    elif beta_m[0] > 0.0:
         share = np.divide(out[:, 3:], red, out=np.zeros_like(red), where=red > 0.0)
         single = rest * share * (beta_r[0] / beta_m[0]) * (beta_m / beta_r)
     rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + nu**2)
@@ -196,13 +219,18 @@ def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, mu_
     return _Rays(elevation, ground, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), nu)
 
 
-def _packed(source: Source, height, mu_s, rays: _Rays, light, g: float, ratio: np.ndarray) -> np.ndarray:
-    """RGBA (mu, nu, 4) of light (mu, nu, W), over F0."""
+def _packed(
+    source: Source, height, mu_s, rays: _Rays, light, g: float, ratio: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """RGBA (mu, nu, 4) of light (mu, nu, W), over F0, and what aerosol scattered once (mu, nu, 3).
+
+    ratio (W,): by which the shaders find the latter from alpha; None: they do not, and read it.
+    """
     rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + rays.nu**2)[..., None]
     out = np.zeros((*rays.nu.shape, 4))
     if source.phase is None or mu_s < FADED_MU_S:
         out[..., :3] = (light / rayleigh)[..., ::-1]
-        return out
+        return out, np.zeros_like(light)
     altitude = source.medium.bottom_km + height
     sun = math.degrees(math.asin(mu_s))
     # at the azimuths of the texels, one elevation after the other
@@ -213,12 +241,16 @@ def _packed(source: Source, height, mu_s, rays: _Rays, light, g: float, ratio: n
     # towards the sun the aerosol's peak is not the shaders': it would be smeared over the 44 deg to the next texel
     towards = rays.nu > 0.99
     light = np.where(towards[..., None], np.maximum(light - true, 0.0) + mie * bare, light)
-    red = np.minimum(bare[..., -1], MOST_SINGLE * light[..., -1] / mie[..., 0])
+    bare = np.minimum(bare, MOST_SINGLE * light / mie)
+    red = bare[..., -1]
+    out[..., 3] = red
+    if ratio is None:
+        out[..., :3] = ((light - mie * bare) / rayleigh)[..., ::-1]
+        return out, bare[..., ::-1]
     rest = (light[..., -1] - mie[..., 0] * red) / rayleigh[..., 0]
     share = np.divide(red, rest, out=np.zeros_like(red), where=rest > 0.0)[..., None]
     out[..., :3] = (light / (rayleigh + mie * share * ratio))[..., ::-1]
-    out[..., 3] = red
-    return out
+    return out, bare[..., ::-1]
 
 
 def _irradiance(source: Source, mapping: Mapping, rows: int) -> np.ndarray:
