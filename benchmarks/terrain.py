@@ -35,7 +35,7 @@ def main() -> None:
         sun = config.sun.elevation_deg
         view = config.observer.view.model_copy(update={"width": WIDTH, "height": HEIGHT})
         medium = climate_medium(config.climate, np.array(NM))
-        problem = Problem(medium, zones, zones.QUALITIES["draft"], config.observer.altitude_km, (sun,))
+        problem = Problem(medium, zones, zones.QUALITIES["draft"], config.observer.altitude_km)
         block = problem.block(0)
         seen = see(block, view, sun).whole()
         made = {

@@ -135,7 +135,7 @@ def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
     """A solved field, from the problem to the picture: flat terrain at the ground's height with the ground's albedo."""
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
-    block = Problem(medium, zones, zones.QUALITIES["draft"], 2.0, (sun,)).block(0)
+    block = Problem(medium, zones, zones.QUALITIES["draft"], 2.0).block(0)
     seen = see(block, view, sun).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
