@@ -157,8 +157,7 @@ def test_the_package_reads_what_python_reads(show, separate):
             found, e, a = looked(page, sun, azimuth, elevation, 4.0)
             expected = bruneton.sky_radiance(tables, 0.0, sun, e, a)
             off = np.abs(found / expected - 1.0)
-            print(separate, sun, np.median(off), off.max())
-            assert np.median(off) < 2e-3 and np.percentile(off, 95) < 0.01 and off.max() < 0.06, (sun, off.max())
+            assert np.median(off) < 2e-3 and np.percentile(off, 95) < 0.03 and off.max() < 0.1, (sun, off.max())
         assert errors == []
 
 
@@ -170,7 +169,7 @@ def test_the_package_shows_the_sky_of_zones(show):
     source = Source(field, medium, medium.has_refraction)
     mapping = bruneton.make_mapping(6360.0, 6420.0)
     tables = bruneton.fill(
-        source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=lambda doing, share: None, rows=1
+        source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=lambda doing, share: None, rows=2
     )
     allowed = {10.0: 0.08, 0.0: 0.3, -6.0: 0.4, -9.0: 0.4}
     with show(replace(tables, irradiance=np.zeros_like(tables.irradiance))) as (page, errors):
@@ -179,5 +178,5 @@ def test_the_package_shows_the_sky_of_zones(show):
                 found, e, a = looked(page, sun, azimuth, 40.0, 4096.0)
                 off = np.abs(found / field.radiance(sun, e, a)[:, ::-1] - 1.0)
                 print(sun, azimuth, np.percentile(off, 50), np.percentile(off, 95))
-                # assert np.percentile(off, 95) < most, (sun, azimuth, np.percentile(off, 95))
+                assert np.percentile(off, 95) < most, (sun, azimuth, np.percentile(off, 95))
         assert errors == []

@@ -203,26 +203,35 @@ def _ground_light(heights, field, medium, beam, place: Place, sun, e, a, far, al
         ),
         e.size,
     )
-    sky = _sky_irradiance(field, place, radius, about[:, 1])
+    r = radius + place.altitude_km
+    altitude = np.sqrt(r * r + far * (far + 2.0 * r * np.sin(e))) - radius
+    sky = _sky_irradiance(field, place, radius, about[:, 1], np.maximum(altitude, medium.bottom_km))
     reflects = np.where(about[:, 2:] > 0.0, albedo, medium.ground_albedo)
     return reflects / np.pi * (direct + 0.5 * (1.0 + about[:, :1]) * sky)
 
 
-def _sky_irradiance(field, place: Place, radius_km: float, ahead_km: np.ndarray) -> np.ndarray:
-    """Of the sky on a horizontal plane over F0, (D, W), at places so far towards the sun."""
+def _sky_irradiance(field, place: Place, radius_km: float, ahead_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
+    """Of the sky on a horizontal plane over F0, (D, W), at places so far towards the sun and so high."""
     turn = np.degrees(ahead_km / radius_km)
     suns = np.unique(np.clip(place.sun_elevation_deg + np.linspace(turn.min(), turn.max(), 3), -90.0, 90.0))
+    low, high = altitude_km.min(), altitude_km.max()
+    levels = np.linspace(low, high, 3) if high - low > 1e-3 else np.array([high])
     node, weight = np.polynomial.legendre.leggauss(10)
     sine = np.sqrt(0.5 * (node + 1.0))  # even in sin^2: what a horizontal plane weighs with
     azimuth = (np.arange(12) + 0.5) * 15.0
     grid = np.meshgrid(np.degrees(np.arcsin(sine)), azimuth, indexing="ij")
-    found = []
-    for sun in suns:
-        seen = field.radiance(float(sun), *grid, observer_altitude_km=place.altitude_km).mean(axis=1)
-        found.append(np.pi * (0.5 * weight) @ seen)
-    logs = np.log(np.maximum(np.array(found), 1e-30))
+    logs = []
+    for level in levels:
+        seen = [field.radiance(float(sun), *grid, observer_altitude_km=float(level)).mean(axis=1) for sun in suns]
+        logs.append(np.log(np.maximum(np.pi * (0.5 * weight) @ np.array(seen), 1e-30)))
     where = place.sun_elevation_deg + turn
-    return np.exp(np.stack([np.interp(where, suns, column) for column in logs.T], axis=-1))
+    by_level = [np.stack([np.interp(where, suns, column) for column in log.T], axis=-1) for log in logs]
+    i = np.clip(np.searchsorted(levels, altitude_km, side="right") - 1, 0, max(levels.size - 2, 0))
+    if levels.size == 1:
+        return np.exp(by_level[0])
+    share = np.clip((altitude_km - levels[i]) / (levels[i + 1] - levels[i]), 0.0, 1.0)[:, None]
+    stacked, row = np.stack(by_level), np.arange(i.size)
+    return np.exp((1.0 - share) * stacked[i, row] + share * stacked[i + 1, row])
 
 
 def _shadow(heights: Heights, radius_km: float, sun: float) -> Shadow:
