@@ -1,4 +1,4 @@
-"""How many directions and harmonics the air's phase functions need: more than the settings say beside coarse particles."""
+"""How many directions and harmonics the air's phase functions need: more beside coarse particles."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     The harmonics of order m in azimuth that scattering sends towards the horizon have the size of its phase moment of
     degree m, and equal azimuths tell fewer orders apart than there are of them.  So there are as many in the first
     events as moments of the mixture of air and particles anywhere exceed EARLY_MOMENT: 11 do for the molecules and the
-    fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light 0
+    fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
-    moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep twilight;
-    they take as many polar angles a side and azimuths as that degree.
+    moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
+    twilight; they take as many polar angles a side and azimuths as that degree.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """

@@ -19,8 +19,7 @@ LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
 HORIZON_WIDTH = 0.03
 CENTRE = 0.75
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from: those above it around
-this share of its cosine.  From high up the glow is a line on the horizon: 14 angles that cluster around half of its
-cosine lose 2 % of the red light of pure air with the sun at -18 deg, around this share 0.4 %."""
+this share of its cosine, since from high up the glow is a line on the horizon."""
 MOST_FITTED, AWAY = 4, 0.25
 """Terms of the polynomials in light away from the horizon, and the cosine from it that counts as away."""
 LOW_DEGREE = 2
@@ -141,7 +140,7 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
 def smooth_exact(
     cosine: np.ndarray, weight: np.ndarray, horizon: float, below: int, degree: np.ndarray, order: np.ndarray
 ) -> np.ndarray:
-    """Rows (C, M) that find the harmonics in light at M polar angles, exact for light that is smooth but at the horizon.
+    """Rows (C, M) that find harmonics in light at M polar angles, exact for light smooth on both sides of the horizon.
 
     Polar angles that crowd at the horizon are missing elsewhere.  Weights alone, 14 of them find up to 7 % of light
     that is the same all over the hemisphere in a harmonic of degree 20, and a phase function with a strong forward peak

@@ -18,10 +18,10 @@ USUAL_TURN_RAD, LEAST_TURN_RAD = math.radians(0.5), math.radians(0.01)
 def reference_turns(rays, elevation: np.ndarray, lift: float) -> tuple[float, np.ndarray]:
     """By how much the sun is lifted and each of R rays is lowered [rad] to take its phase functions again.
 
-    Refraction does both, by more or by less at each point of a ray, and phase functions are linear between these two and
-    the sun and the ray as they are.  So the two are the most that the points of the ray see: the lift of the sun at the
-    observer, and the bending of the ray to its end.  With one fixed turn of half a degree the peak of coarse particles,
-    which doubles within that, was too bright by 5 % a degree from a sun at 5 deg.
+    Refraction does both, by more or by less at each point of a ray, and phase functions are linear between these two
+    and the sun and the ray as they are.  So the two are the most that the points of the ray see: the lift of the sun at
+    the observer, and the bending of the ray to its end.  A turn of half a degree for all would make the peak of coarse
+    particles, which doubles within that, 5 % too bright a degree from a sun at 5 deg.
 
     rays: `Rays`; elevation (R,): apparent [rad]; lift: of the sun at the observer [rad]
     """
