@@ -145,8 +145,8 @@ class Film:
             if made.aureole is not None and made.phase is not None:
                 kept |= {"aureole": made.aureole, "phase": made.phase}
             if self.config.sun.disc:
-                horizon = float(made.horizon_deg[0])
-                kept["lifted"], kept["beam"] = lines.sunbeam(solved, channels, altitude, horizon)
+                nodes = lines.sky_elevations(float(made.horizon_deg[0]))
+                kept["lifted"], kept["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **kept)
         with np.load(path) as there:
