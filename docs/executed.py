@@ -1,8 +1,8 @@
 """Pages that are run when the site is built: what they show is what the program says, and one that fails breaks it.
 
 In the pages of `PAGES` every `yaml` block that has a name is written to NAME.yaml, every line `twilight ...` of a
-`sh` block is run, and all `python` blocks are run in one process; blocks marked `no-run` are left out.  All of a page runs in one
-empty folder, in the order of the page.  What is printed stands below its block.
+`sh` block is run, and all `python` blocks are run in one process; blocks marked `no-run` are left out.  All of a page
+runs in one empty folder, in the order of the page.  What is printed stands below its block.
 """
 
 from __future__ import annotations

@@ -85,6 +85,9 @@ vec4 spaceTable(int first, bool up, float s, float y, float x) {
   int low = up ? ground : 0, high = up ? ground + uLimb - 1 : ground - 1;
   int l = clamp(int(floor(s)), 0, suns - 2), j = clamp(int(floor(y)), low, high - 1), i = clamp(int(floor(x)), 0, n - 2);
   vec4 ws = cubic(s - float(l)), wy = cubic(y - float(j)), wx = cubic(x - float(i)), sum = vec4(0.0);
+  // beyond the first and the last sun the table goes on as a straight line
+  if (l == 0) ws = vec4(0.0, ws.y + 2.0 * ws.x, ws.z - ws.x, ws.w);
+  if (l == suns - 2) ws = vec4(ws.x, ws.y - ws.w, ws.z + 2.0 * ws.w, 0.0);
   ivec4 c = ivec4(abs(i - 1), i, i + 1, i + 2 < n ? i + 2 : 2 * n - 4 - i);
   for (int a = 0; a < 4; a++) {
     int layer = clamp(l + a - 1, 0, suns - 1);
