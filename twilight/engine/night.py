@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def night_light(
     dip = -horizon_dip_deg(medium, altitude_km)
     elevation = dip + (90.0 - dip) * np.linspace(0.0, 1.0, ROWS) ** 2
     azimuth = np.arange(0.0, 360.0 + COLUMN_DEG, COLUMN_DEG)
-    where = {"sun_elevation_deg": sun_elevation_deg, "sun_azimuth_deg": sun_azimuth_deg, "place": place}
+    where: dict[str, Any] = {"sun_elevation_deg": sun_elevation_deg, "sun_azimuth_deg": sun_azimuth_deg, "place": place}
 
     def radiance(rows, columns, observer_km):
         return night_radiance(medium, rows, columns, levels, **where, observer_altitude_km=observer_km)
