@@ -52,7 +52,7 @@ def main() -> None:
                 off = b - a
                 numbers = [a.mean(), b.mean(), np.median(off), np.sqrt(np.mean(off**2)), np.quantile(np.abs(off), 0.95)]
                 rows.append(
-                    [name, part, f"{nm:g}", f"{100.0 * np.mean(loses[where]):.0f}", *(f"{v:.1f}" for v in numbers)]
+                    [name, part, f"{nm:g}", f"{100.0 * np.mean(loses[where]):.1f}", *(f"{v:.1f}" for v in numbers)]
                 )
                 print(*rows[-1], flush=True)
     columns = (

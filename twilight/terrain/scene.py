@@ -39,6 +39,8 @@ SHADOW_POINTS = 700
 """Along a side of the shadows' grid, at most."""
 ELEVATIONS, DISTANCES = 25, 12
 """Nodes of aerial perspective."""
+NEAREST = 1e-3
+"""The nearest of them, over the length of the line."""
 
 
 class Place(NamedTuple):
@@ -92,7 +94,7 @@ def add_terrain(
     sun = np.radians(place.sun_elevation_deg + place.bending_deg)
     light = np.array(sky[inside], dtype=float)
     hit = np.isfinite(far)
-    bridge = _Perspective(field, place, np.degrees(e), np.degrees(a), far)
+    bridge = _Perspective(field, place, medium, np.degrees(e), np.degrees(a), far)
     if hit.any():
         ground = _ground_light(heights, field, medium, beam, place, sun, e[hit], a[hit], far[hit], albedo)
         near, passed = bridge.at(hit, far[hit])
@@ -143,9 +145,14 @@ def _cut(light, bridge: _Perspective, hit, far, dark) -> np.ndarray:
 
 
 class _Perspective:
-    """Aerial perspective of a field on nodes of elevation, azimuth and distance, between them by logarithms."""
+    """Aerial perspective of a field on nodes of elevation, azimuth and distance, between them by logarithms.
 
-    def __init__(self, field: Any, place: Place, elevation_deg, azimuth_deg, far_km):
+    Distances are counted in the length of the line, which ends on the medium's ground or at the farthest terrain.
+    """
+
+    def __init__(self, field: Any, place: Place, medium: Medium, elevation_deg, azimuth_deg, far_km):
+        self.radius_km = medium.earth_radius_km + place.altitude_km
+        self.height_km = place.altitude_km - medium.bottom_km
         self.elevation, self.folded = elevation_deg, np.minimum(azimuth_deg, 360.0 - azimuth_deg)
         low, high = float(elevation_deg.min()), float(elevation_deg.max())
         self.e = np.unique(
@@ -154,23 +161,32 @@ class _Perspective:
         first, last = float(self.folded.min()), float(self.folded.max())
         around = np.array([0, 0.5, 1, 2, 3.5, 5, 7.5, 10, 15, 20, 30, 45, 60, 80, 100, 120, 150, 180.0])
         self.a = np.unique(np.concatenate([[first, last], around[(around > first) & (around < last)]]))
-        reach = far_km[np.isfinite(far_km)].max(initial=100.0)
-        self.d = np.geomspace(0.05, max(reach, 1.0), DISTANCES)
-        grid = np.meshgrid(self.e, self.a, self.d, indexing="ij")
+        self.reach_km = max(1.0, float(far_km[np.isfinite(far_km)].max(initial=100.0)))
+        self.share = np.geomspace(NEAREST, 1.0, DISTANCES)
+        e, a, share = np.meshgrid(self.e, self.a, self.share, indexing="ij")
+        d = share * self._length_km(e)
         light, passed = field.inscatter(
-            place.sun_elevation_deg, *grid, observer_altitude_km=place.altitude_km, peak_passes=True
+            place.sun_elevation_deg, e, a, d, observer_altitude_km=place.altitude_km, peak_passes=True
         )
         # per length: almost even close to the eye
-        self.log_light = np.log(np.maximum(light, 1e-30) / self.d[:, None])
-        self.depth = -np.log(np.maximum(passed, 1e-30)) / self.d[:, None]
+        self.log_light = np.log(np.maximum(light, 1e-30) / d[..., None])
+        self.depth = -np.log(np.maximum(passed, 1e-30)) / d[..., None]
+
+    def _length_km(self, elevation_deg: np.ndarray) -> np.ndarray:
+        down = -self.radius_km * np.sin(np.radians(elevation_deg))
+        below = self.height_km * (2.0 * self.radius_km - self.height_km)
+        root = np.sqrt(np.maximum(down**2 - below, 0.0))
+        ground = np.where((down > 0.0) & (down**2 > below), below / np.maximum(down + root, 1e-9), np.inf)
+        return np.clip(ground, 1e-3, self.reach_km)
 
     def at(self, which: np.ndarray, distance_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(light scattered in, transmittance), (D, W) each, of the lines `which` up to distances."""
-        s = np.clip(distance_km, 1e-6, self.d[-1])
+        length = self._length_km(self.elevation[which])
+        s = np.clip(distance_km, 1e-6, length)
         spots = [
             _between(self.e, self.elevation[which]),
             _between(self.a, self.folded[which]),
-            _between(np.log(self.d), np.log(np.maximum(s, self.d[0]))),
+            _between(np.log(self.share), np.log(np.maximum(s / length, self.share[0]))),
         ]
         light, depth = np.zeros((2, s.size, self.log_light.shape[-1]))
         for corner in range(8):
