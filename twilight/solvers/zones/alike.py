@@ -1,0 +1,35 @@
+"""Which wavelengths may be solved together without one of them moving another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
+from twilight.solvers.zones.settings import ZonesSettings
+from twilight.transport.profile import Profile, expected_factor, prepare_profile
+from twilight.transport.scaling import delta_scaled
+
+
+def field_altitudes(medium: Medium, profile: Profile, density: float) -> np.ndarray:
+    """Altitudes [km] of the nodes of a field; profile: of the scaled medium."""
+    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density)
+    return resolve_layers(nodes, profile, density)
+
+
+def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
+    """A key for each wavelength: those with equal keys share nodes, and points on every line, as if each were alone.
+
+    All the wavelengths of a field share its grids, which follow the one that needs the finest.  At a low quality the
+    finer grid moves the others by per cents.  Air that is thicker than any that steps are made for shortens them by its
+    own extinction: it is like no other wavelength's.
+    """
+    scaled = delta_scaled(medium, settings.degree).medium
+    keys = []
+    for w in range(medium.n_wavelengths):
+        profile = prepare_profile(scaled.select(slice(w, w + 1)))
+        nodes = field_altitudes(medium, profile, settings.altitude_density)
+        factor = expected_factor(profile.altitude_km, profile.extinction[:, 0])
+        steps = f"as expected times {factor}" if factor else f"of wavelength {w}"
+        keys.append(steps.encode() + nodes.tobytes() + profile.stop_km.tobytes())
+    return keys
