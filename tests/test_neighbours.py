@@ -10,7 +10,7 @@ from twilight.config.load import load_climate
 from twilight.engine.solve import Problem
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.transport.profile import expected_factor, prepare_profile
+from twilight.transport.profile import expected_factors, prepare_profile
 
 WAVELENGTH_NM = np.array([300.0, 550.0, 700.0, 1000.0])
 SUNS_DEG = (30.0, 0.0, -4.0, -9.0)
@@ -57,6 +57,6 @@ def test_only_wavelengths_that_need_other_grids_are_solved_apart():
 
 def test_steps_follow_the_air_where_it_is_thicker_than_they_are_made_for():
     profile = prepare_profile(medium_of(Air(aerosol=1.0), Air(aerosol=20.0)))
-    assert expected_factor(profile.altitude_km, profile.extinction[:, 0]) == 4.0
-    assert expected_factor(profile.altitude_km, profile.extinction[:, 1]) is None
+    assert expected_factors(profile.altitude_km, profile.extinction[:, 0]) == (4.0, 1.0)
+    assert expected_factors(profile.altitude_km, profile.extinction[:, 1]) is None
     assert np.all(profile.thickest_per_km >= profile.extinction.max(axis=1))

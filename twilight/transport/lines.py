@@ -28,7 +28,7 @@ GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)
 GAUSS_HIGH = 0.5 + 0.5 / math.sqrt(3.0)
 ALTITUDE, ANGLE, COSINE, DISTANCE = range(4)
 """Columns of `Line.place`."""
-MAX_POINTS = 1200
+MAX_POINTS = 3000
 """Points of a line in air without stops; each stop may add four."""
 LONG_STEP_KM = 5.0
 """A longer step is two points: the sunbeam changes by e within tens of km along a line near the terminator."""
@@ -126,11 +126,11 @@ def advance(profile, z, psi, a, h):
 
 
 @njit(cache=True)
-def step_length(profile, z, slope, travelled, fineness, depth, depth_guide):
+def step_length(profile, z, slope, travelled, fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
     z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
-    depth, depth_guide: optical depth so far at the clearest wavelength and of the profile's guide.
+    depth: optical depth so far at the clearest wavelength; darkest: the largest, of air that steps follow.
     """
     height = max(z - profile.altitude_km[0], 0.0)
     ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
@@ -142,7 +142,7 @@ def step_length(profile, z, slope, travelled, fineness, depth, depth_guide):
     if k_max * ds * fineness > 0.7:
         limit = 0.7 if depth < 12.0 else 3.0
         shortest = max(limit / (k_max * fineness), SHORTEST_KM)
-        if depth_guide > 30.0:
+        if darkest > 30.0:
             # a wavelength that is black by now must not use up the steps of the others
             shortest = max(shortest, 0.25 * travelled / fineness)
         ds = min(ds, shortest)
@@ -238,7 +238,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     passed = np.zeros(n_w)
     start = travelled
     n = 0
-    depth = depth_guide = 0.0
+    depth = darkest = 0.0
     status = -1
     j = min(max(np.searchsorted(stop, z, side="right") - 1, 0), stop.size - 2)
     for _ in range(4 * rows):
@@ -247,7 +247,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
         left = max(0.02, min(1.0, 2.0 - 2.0 * n / rows))
         lowest, highest = stop[j] + _INSIDE_KM, stop[j + 1] - _INSIDE_KM
         inside = max(lowest, min(highest, z))
-        h = step_length(profile, inside, math.sin(a), travelled - start, fineness * left, depth, depth_guide)
+        h = step_length(profile, inside, math.sin(a), travelled - start, fineness * left, depth, darkest)
         h = min(h, far_km - travelled)
         h, z_end, psi_end, a_end, j_end = _step(profile, j, z, psi, a, h)
         if h > 0.0:
@@ -255,15 +255,14 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             z1, psi1, a1 = advance(profile, z, psi, a, GAUSS_HIGH * h)
             i0, f0 = locate(profile, max(lowest, min(highest, z0)))
             i1, f1 = locate(profile, max(lowest, min(highest, z1)))
-            thickest = max(
-                most[i0] * (1 - f0) + most[i0 + 1] * f0,
-                most[i1] * (1 - f1) + most[i1 + 1] * f1,
-            )
+            low_most = most[i0] * (1 - f0) + most[i0 + 1] * f0
+            thickest = max(low_most, most[i1] * (1 - f1) + most[i1 + 1] * f1)
             two = pairs or h > LONG_STEP_KM or thickest * h > THICK_STEP
-            # where the one point of a step is, and how deep it is, shall not depend on who else is looked at
+            # where the one point of a step is shall not depend on who else is looked at
             low_guide = guide[i0] * (1 - f0) + guide[i0 + 1] * f0
             high_guide = guide[i1] * (1 - f1) + guide[i1 + 1] * f1
-            depth_guide += 0.5 * h * (low_guide + high_guide)
+            if low_guide >= low_most:
+                darkest += 0.5 * h * (low_guide + high_guide)
             high_guide *= math.exp((GAUSS_LOW - GAUSS_HIGH) * 0.5 * h * (low_guide + high_guide))
             strongest = 0.0
             clearest = 1e300

@@ -7,7 +7,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.transport.profile import Profile, expected_factor, prepare_profile
+from twilight.transport.profile import Profile, expected_factors, prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 
@@ -29,7 +29,7 @@ def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     for w in range(medium.n_wavelengths):
         profile = prepare_profile(scaled.select(slice(w, w + 1)))
         nodes = field_altitudes(medium, profile, settings.altitude_density)
-        factor = expected_factor(profile.altitude_km, profile.extinction[:, 0])
-        steps = f"as expected times {factor}" if factor else f"of wavelength {w}"
+        factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
+        steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
         keys.append(steps.encode() + nodes.tobytes() + profile.stop_km.tobytes())
     return keys
