@@ -8,7 +8,7 @@ from toy_sky import glow_sky
 
 from twilight.config.scene import Config
 from twilight.config.view import View
-from twilight.engine.solve import Answer
+from twilight.engine import Answer
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import elevation_nodes, see, with_sun
 from twilight.errors import TwilightError

@@ -17,10 +17,10 @@ from numba import njit
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import LEG_PIECES, LENGTH, PLAIN, START, Cuts, Sun, new_leg, trace
+from twilight.solvers.montecarlo.leg import trace
 from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, altitude_at
 from twilight.solvers.montecarlo.matrix import any_normal
-from twilight.solvers.montecarlo.paths import steered_light
+from twilight.solvers.montecarlo.pieces import LEG_PIECES, LENGTH, PLAIN, START, Cuts, new_leg, steered_light
 from twilight.solvers.montecarlo.steering import (
     DARK,
     N_AZIMUTHS,
@@ -31,6 +31,7 @@ from twilight.solvers.montecarlo.steering import (
     source_directions,
     sun_index,
 )
+from twilight.solvers.montecarlo.sunlight import Sun
 from twilight.threads import in_slices
 
 CUTS = Cuts(max_length=80.0, max_depth=1.0, sag_km=0.0, bent=False, polarised=False, random=False)

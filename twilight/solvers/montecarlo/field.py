@@ -17,12 +17,13 @@ from twilight.progress import Progress
 from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo.air import Air, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
+from twilight.solvers.montecarlo.chunks import Jobs, Pixels, Sums, run_chunks, sight_transmittance
 from twilight.solvers.montecarlo.coarse import solve_steering
-from twilight.solvers.montecarlo.leg import Sun
 from twilight.solvers.montecarlo.matrix import N_STOKES
-from twilight.solvers.montecarlo.paths import N_ORDERS, Jobs, Pixels, Sums, run_chunks, sight_transmittance
+from twilight.solvers.montecarlo.paths import N_ORDERS
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.steering import Steering
+from twilight.solvers.montecarlo.sunlight import Sun
 from twilight.solvers.montecarlo.suntable import prepare_sun_table
 from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, StokesResult, Tally
 from twilight.threads import in_slices

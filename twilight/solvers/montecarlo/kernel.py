@@ -1,4 +1,10 @@
-"""How the innermost kernels are compiled."""
+"""How the innermost kernels are compiled, and the arguments that they share.
+
+air: `air.Air`; sun: `sunlight.Sun`; beam: `transport.beam.Beam`; steering: `steering.Steering`; walk: `paths.Walk`;
+w: index of the wavelength; stream (1,): state of a stream of random numbers, moved on by every draw; to_sun (3,): unit
+vector to the true sun, in the Cartesian frame of the point or ray; ray (9,), chord (9,): columns named in `lines`;
+event (EVENT_COLUMNS,): columns named in `events`; polarised: whether Q and U count.  A kernel's own text has the rest.
+"""
 
 from __future__ import annotations
 
