@@ -211,8 +211,13 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
 
 @njit(cache=True)
 def down_table(profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, log_down):
-    """Table over (wavelength W, lowest point of its own ray Y, u of the reference ray D): log irradiance + that of the
-    mirrored ray + log(1 + u/far)."""
+    """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below.
+
+    profile: `RayProfile`; reference: index of the wavelength whose rays the coordinates follow; lowest_km (Y,): lowest
+    points of a wavelength's own rays, invariant (Y,) [km]: n r there at the reference; distances (D,) [km]: u of the
+    reference ray; scale (W,): refractivity over the reference's; shift (Y, D) [km]: of `shift_table`; slope (Y,): of
+    `limb_table`; spreading: whether the beam thins out; far [km].
+    """
     mirror = np.empty(1)
     for w in range(scale.size):
         for m in range(lowest_km.size):
@@ -281,7 +286,11 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
 
 @njit(cache=True)
 def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowest_km, slope, guess):
-    """guess (J, G, 2): bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6."""
+    """guess (J, G, 2): bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6.
+
+    profile: `RayProfile`; reference: index of its wavelength; altitudes (J,) [km]; depths (G,); edge_chi (J,) [rad],
+    edge_cos (J,): true zenith angle and apparent cosine of the shadow's edge; lowest_km, slope (Y,): of `limb_table`.
+    """
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         apparent = math.acos(max(-1.0, min(1.0, edge_cos[j])))
