@@ -13,4 +13,6 @@ from typing import Any
 # Kernels that only read and write arrays they are given need no reference counting.  Numba counts all the same whenever
 # an array is taken out of a named tuple, which took 40 % of the time of a path.  `_nrt=False` leaves the counting out;
 # such a kernel may not create arrays (it would not compile).
+# A constant that is handed to a kernel is written np.int64(1) or np.bool_(False): of plain 1 and False numba makes
+# types of their own, and compiles the kernel once more for them.
 INNER: dict[str, Any] = {"cache": True, "_nrt": False}

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, air_at, column, depth_from_ground, place_in
@@ -145,8 +146,8 @@ def trace(air, sun, steering, w, ray, to_sun, cuts, stream, leg):
     scale = radius / REFERENCE_RADIUS_KM
     longest = cuts.max_length * scale
     sun_i, sun_q, sun_u = 0.0, 0.0, 0.0
-    n = 0
-    n_chords = 0
+    n = np.int64(0)
+    n_chords = np.int64(0)
     depth = 0.0
     steered = 0.0
     plain = 0.0

@@ -233,8 +233,8 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
     for m in range(9):
         matrix[m] = 1.0 if m % 4 == 0 else 0.0
     size, known = push_events(
-        air, w, walk, walk.first, at_observer, memory.sight, sight, 1.0 / walk.sub_paths, matrix, walk.sub_paths, 1,
-        stack, 0, stream,
+        air, w, walk, walk.first, at_observer, memory.sight, sight, 1.0 / walk.sub_paths, matrix, walk.sub_paths,
+        np.int64(1), stack, np.int64(0), stream,
     )  # fmt: skip
     orders[0, COARSE] -= control * known
     if size < 0:

@@ -190,8 +190,8 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
     table = air.table[w]
     n_shells = air.shell_first.size
     light_i, light_q, light_u = 0.0, 0.0, 0.0
-    n = 0
-    n_chords = 0
+    n = np.int64(0)
+    n_chords = np.int64(0)
     depth = 0.0
     steered = 0.0
     plain = 0.0
@@ -248,7 +248,10 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
                     piece[FIRST] = step.first
                     piece[LAST] = step.last
                     piece[CHORD] = n_chords
-                    found = quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer, 1, False)
+                    found = quadrature(
+                        air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer,
+                        np.int64(1), np.bool_(False),
+                    )  # fmt: skip
                     darkest, brightest = found.darkest, found.brightest
                     lit_before = lit
                     lit = is_lit(air, sun.beam, w, chord, row, to_sun, start + length)
