@@ -36,7 +36,7 @@ def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, be
     r = profile.earth_radius_km + altitude_km
     for e in range(begin, end):
         mu = math.sin(elevation[e])
-        n, _ = trace_line(profile, altitude_km, mu, 1.0, True, line)
+        n, _ = trace_line(profile, altitude_km, mu, 1.0, np.bool_(True), line, math.inf)
         for p in range(n):
             by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
         for s in range(sun.size):

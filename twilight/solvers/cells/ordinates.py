@@ -68,7 +68,7 @@ def once_scattered(
                 phi = 2.0 * math.pi * a / n_azimuth
                 dx, dy, dz = sine * math.cos(phi), sine * math.sin(phi), cosine[m]
                 mu = (x[p] * dx + z[p] * dz) / rho
-                points, status = trace_line(profile, altitude[p], mu, 1.0, False, line)
+                points, status = trace_line(profile, altitude[p], mu, 1.0, np.bool_(False), line, math.inf)
                 for k in range(points):
                     _unit(x[p], z[p], dx, dy, dz, line.place[k, DISTANCE], position[k])
                     by_species(profile, line.place[k, ALTITUDE], line.weight[k], coefficient[k])

@@ -111,7 +111,7 @@ def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, o
     """
     corner, corner_weight, azimuth, weight = out
     mu = (x0 * dx + z0 * dz) / math.sqrt(x0 * x0 + z0 * z0)
-    n, status = trace_line(profile, altitude0, mu, fineness, False, line)
+    n, status = trace_line(profile, altitude0, mu, fineness, np.bool_(False), line, math.inf)
     n_wavelengths = profile.extinction.shape[1]
     collected = np.zeros(n_wavelengths)
     stored = 0

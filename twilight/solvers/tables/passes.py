@@ -133,7 +133,7 @@ def fill_depth(profile, mapping, depth, begin, end):
 def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
     """Both points of every step along a view into `line`, which carry light scattered there; returns their number."""
     up = off_horizon(mapping, height_km, mu, ground)
-    return trace_line(profile, profile.altitude_km[0] + height_km, up, fineness, True, line)[0]
+    return trace_line(profile, profile.altitude_km[0] + height_km, up, fineness, np.bool_(True), line, math.inf)[0]
 
 
 @njit(cache=True, nogil=True)
