@@ -17,7 +17,7 @@ SUNS_DEG = (30.0, 0.0, -4.0, -9.0)
 ELEVATION_DEG, AZIMUTH_DEG = np.array([1.0, 5.0, 20.0, 90.0, 2.0]), np.array([0.0, 0.0, 40.0, 0.0, 180.0])
 LEAST, MOST = 5e-4, 3e-3
 """What 90 % of the directions and suns stay below, and all of them: tables of the sunbeam are laid out for the most
-refracted wavelength and up to 1 % off for others where it grazes a layer, which one node in the shadow's edge may see."""
+refracted wavelength and up to 1 % off for others where it grazes a layer, which a node in the shadow's edge may see."""
 
 
 def sky(medium, quality):
