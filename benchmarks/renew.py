@@ -62,6 +62,14 @@ BENCHMARKS = {
     "polarisation_sky": Benchmark(
         "polarisation.py sky", "polarisation_sky.csv", "neutral points, polarisation of the zenith"
     ),
+    "polarisation_volcano": Benchmark(
+        "polarisation.py volcano",
+        "polarisation_volcano.csv, ../docs/polarisation-volcano.png",
+        "the same under volcanic stratospheres",
+    ),
+    "polarisation_cost": Benchmark(
+        "polarisation.py cost", "polarisation_cost.csv", "what polarisation costs in time and memory"
+    ),
     "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
     "cells_active_shells": Benchmark(
         "cells_active_shells.py", "cells_active_shells.csv", "what active shells cost and save"
