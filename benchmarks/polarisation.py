@@ -2,7 +2,8 @@
 
     python benchmarks/polarisation.py scalar     error of scalar theory in I, luminance and colour: polarisation.csv
     python benchmarks/polarisation.py referee    `zones` against `montecarlo` in I, Q and U: polarisation_referee.csv
-    python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv
+    python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv, and
+                                                 docs/polarisation.png
     python benchmarks/polarisation.py volcano    the same under volcanic stratospheres: polarisation_volcano.csv, and
                                                  docs/polarisation-volcano.png
 
@@ -28,9 +29,11 @@ import montecarlo_reference
 import numpy as np
 import results
 
+import twilight
 from twilight.atmosphere.table import medium_from_table
 from twilight.compare.accuracy import colour_spread
 from twilight.config.load import load, load_climate
+from twilight.io import write_polarisation_png
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
 from twilight.validate.phenomena.neutral import neutral_points, zenith_polarisation
@@ -172,6 +175,8 @@ def sky(climates) -> None:
                 rows.append([climate, f"{sun:g}", f"{nm:g}", *places, f"{zenith[w]:.3f}"])
                 print(*rows[-1], sep="\t", flush=True)
     results.write(HERE / "polarisation_sky.csv", SKY_COLUMNS, rows, notes=SKY_NOTES)
+    picture = twilight.render("continental-average", sun_elevation_deg=-4.0)
+    write_polarisation_png(picture, HERE.parent / "docs" / "polarisation.png")
 
 
 def volcano(_climates) -> None:

@@ -60,7 +60,7 @@ BENCHMARKS = {
         "polarisation.py referee", "polarisation_referee.csv", "I, Q, U of `zones` against the referee"
     ),
     "polarisation_sky": Benchmark(
-        "polarisation.py sky", "polarisation_sky.csv", "neutral points, polarisation of the zenith"
+        "polarisation.py sky", "polarisation_sky.csv, ../docs/polarisation.png", "neutral points, zenith's polarisation"
     ),
     "polarisation_volcano": Benchmark(
         "polarisation.py volcano",
