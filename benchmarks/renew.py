@@ -39,6 +39,9 @@ BENCHMARKS = {
         "montecarlo_reference.py", "reference/*.csv", "radiances of the referee, by which all other errors are judged"
     ),
     "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of the referee to 1 %"),
+    "montecarlo_steering": Benchmark(
+        "montecarlo_speed.py steering", "montecarlo_steering.csv", "what finer steering of the referee would bring"
+    ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in six climates"),
     "coarse_particles": Benchmark(
         "coarse_particles.py", "coarse_particles*.csv", "what the errors of `zones` beside coarse particles consist of"

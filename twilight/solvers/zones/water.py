@@ -25,6 +25,8 @@ N_COSINES, COSINE_WIDTH = 48, 0.3
 together within the second of the horizon."""
 N_SLOPES, N_TURNS = 64, 72
 """Facets of the quadrature: sizes of the slope x its azimuths over half a turn, the other half being alike."""
+LEAST_LIGHT, LEAST_SHARE = 1e-30, 1e-3
+"""Of the light of an azimuth: at least, and over the mean of all azimuths."""
 N_CELL = 5
 """Points in each of two directions over which sunlight on the water is taken in the cell of a direction."""
 
@@ -152,14 +154,38 @@ def reflected_sky(table: np.ndarray, radiance: np.ndarray, azimuth: np.ndarray) 
     """Amplitudes (N_COSINES, S, orders, T, LANES) of the reflected light.
 
     table: of `reflection`, a matrix for every lane; radiance (P, T, F, S', LANES) at its cosines and azimuths (F,), S'
-    being S or 1.
+    being S or 1.  Orders may be more than F: see `_more_azimuths`.
     """
-    known = radiance.shape[3]
-    m = np.arange(table.shape[1])[:, None]
-    norm = np.where(m == 0, 1.0, 2.0) / azimuth.size
-    cos_m, sin_m = norm * np.cos(m * azimuth), norm * np.sin(m * azimuth)
-    parts = [np.einsum("mf,ptfw->mptw", sin_m if s == 2 else cos_m, radiance[..., s, :]) for s in range(known)]
+    known, orders = radiance.shape[3], table.shape[1]
+    fine, light = _more_azimuths(radiance, azimuth, 2 * orders)
+    m = np.arange(orders)[:, None]
+    norm = np.where(m == 0, 1.0, 2.0) / fine.size
+    cos_m, sin_m = norm * np.cos(m * fine), norm * np.sin(m * fine)
+    parts = [np.einsum("mf,ptfw->mptw", sin_m if s == 2 else cos_m, light[..., s, :]) for s in range(known)]
     return np.einsum("wmkapb,bmptw->kamtw", table[..., :known], np.stack(parts), optimize=True)
+
+
+def _more_azimuths(radiance: np.ndarray, azimuth: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """n azimuths [rad] and the light (P, T, n, S, LANES) at them, from that at the middles (F,) of equal parts.
+
+    Through the logarithm of I, and Q and U over I, goes a trigonometric polynomial: the sky beside a low sun is sharper
+    than one of F orders, its logarithm is not.
+    """
+    fine = (np.arange(n) + 0.5) * np.pi / n
+    m = np.arange(azimuth.size)[:, None]
+    even = np.cos(m * fine).T @ (np.where(m == 0, 1.0, 2.0) / azimuth.size * np.cos(m * azimuth))
+    odd = np.sin((m + 1) * fine).T @ (
+        np.where(m + 1 == azimuth.size, 1.0, 2.0) / azimuth.size * np.sin((m + 1) * azimuth)
+    )
+    intensity = radiance[..., 0, :].astype(float)
+    mean = np.maximum(intensity.mean(axis=2, keepdims=True), LEAST_LIGHT)
+    intensity = np.maximum(intensity, LEAST_SHARE * mean)
+    found = np.exp(np.einsum("nf,ptfw->ptnw", even, np.log(intensity)))
+    shares = [
+        np.einsum("nf,ptfw->ptnw", odd if s == 2 else even, radiance[..., s, :] / intensity)
+        for s in range(1, radiance.shape[3])
+    ]
+    return fine, np.stack([found, *(found * share for share in shares)], axis=3)
 
 
 def surface_of(medium: Medium, lanes: np.ndarray) -> Surface:
@@ -183,17 +209,19 @@ def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
     h1 = place - k
     h0 = 1.0 - h1
     b0 = 1.0 - b1
-    angle = math.acos(min(1.0, max(-1.0, c)))
-    for s in range(out.shape[0]):
-        for w in range(out.shape[1]):
+    c1 = min(1.0, max(-1.0, c))
+    s1 = math.sqrt(1.0 - c1 * c1)
+    for w in range(out.shape[1]):
+        scale = transmittance[w] * math.exp(b0 * log_ground[j, w] + b1 * log_ground[j + 1, w])
+        for s in range(out.shape[0]):
             total = 0.0
+            cosine, sine = 1.0, 0.0
             for m in range(waves.shape[3]):
                 near = h0 * waves[j, k, s, m, w] + h1 * waves[j, k + 1, s, m, w]
                 far = h0 * waves[j + 1, k, s, m, w] + h1 * waves[j + 1, k + 1, s, m, w]
-                total += (b0 * near + b1 * far) * (math.sin(m * angle) if s == 2 else math.cos(m * angle))
-            if s == 0:
-                total = max(0.0, total)
-            out[s, w] += transmittance[w] * math.exp(b0 * log_ground[j, w] + b1 * log_ground[j + 1, w]) * total
+                total += (b0 * near + b1 * far) * (sine if s == 2 else cosine)
+                cosine, sine = cosine * c1 - sine * s1, sine * c1 + cosine * s1
+            out[s, w] += scale * (max(0.0, total) if s == 0 else total)
 
 
 @njit(cache=True, nogil=True)
