@@ -172,7 +172,7 @@ class Block:
         self.problem, self.wavelengths, self.medium, self.bands = problem, wavelengths, medium, bands
         self.capabilities = problem.capabilities
         self._lanes = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self._lanes)
+        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain)
         self._progress = progress
         self._altitude_km = problem.altitude_km
         self.from_disk = False

@@ -18,8 +18,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
