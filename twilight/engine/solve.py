@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight import solvers
+from twilight import ahead, solvers
 from twilight.atmosphere.bands import Bands
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
@@ -223,6 +223,7 @@ class Block:
         of a wavelength's lanes are added, for their noise may be alike.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
+        ahead.wait()
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:

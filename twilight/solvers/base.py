@@ -46,6 +46,7 @@ class Capabilities:
     field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
+    ahead: name of a module that, run by itself, compiles what a look at a field needs (`twilight.ahead`)
     plain: nothing of it is compiled; the engine then takes the sun's light at the ground from numpy alone too
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
@@ -65,6 +66,7 @@ class Capabilities:
     field_file: bool = False
     reads_files: bool = False
     wavelengths_at_once: int = 32
+    ahead: str = ""
     plain: bool = False
     formula: bool = False
     package: str = ""

@@ -315,18 +315,23 @@ def write_model(model: CompactSky, path: Path) -> int:
     return buffer.tell()
 
 
-def seconds_per_value(model: CompactSky, directions: int = 20000, wavelengths: int = 8) -> tuple[float, float]:
-    """(seconds of a processor per direction and wavelength of `radiance`, seconds of `sky`), the best of five."""
+def seconds_per_value(model: CompactSky, wavelengths: int = 8) -> tuple[float, float, float]:
+    """Processor seconds per direction and wavelength of `radiance` and of `on_grid`, and of `sky`: the best of five."""
     rng = np.random.default_rng(0)
-    e, a = np.degrees(np.arcsin(rng.random(directions))), rng.uniform(0.0, 180.0, directions)
+    rows, columns = np.linspace(0.5, 89.5, 100), np.linspace(0.0, 180.0, 200)
+    n = rows.size * columns.size
+    e, a = np.degrees(np.arcsin(rng.random(n))), rng.uniform(0.0, 180.0, n)
     nm = np.linspace(model.wavelength_nm[0], model.wavelength_nm[-1], wavelengths)
     depth = float(np.sqrt(model.optical_depth_550nm[0] * model.optical_depth_550nm[-1]))
-    best = [np.inf, np.inf]
+    best = np.full(3, np.inf)
     for _ in range(5):
-        begin = time.process_time()
+        marks = [time.process_time()]
         sky = model.sky(-4.0, nm, depth, 0.2)
-        middle = time.process_time()
+        marks.append(time.process_time())
         sky.radiance(e, a)
-        end = time.process_time()
-        best = [min(best[0], (end - middle) / (directions * wavelengths)), min(best[1], middle - begin)]
-    return best[0], best[1]
+        marks.append(time.process_time())
+        sky.on_grid(rows, columns)
+        marks.append(time.process_time())
+        of_sky, directions, grid = np.diff(marks)
+        best = np.minimum(best, [directions / (n * wavelengths), grid / (n * wavelengths), of_sky])
+    return float(best[0]), float(best[1]), float(best[2])

@@ -14,6 +14,7 @@ CAPABILITIES = Capabilities(
     water=True,
     target_error=True,
     field_file=True,
+    ahead="twilight.solvers.zones.ahead",
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]
