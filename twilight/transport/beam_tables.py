@@ -23,6 +23,8 @@ from twilight.transport.rays import (
 
 _SMALLEST_WIDENING = 0.05
 """Bound on d(true zenith angle)/d(apparent): below it rays cross (a mirage), which the table does not follow."""
+FIRST, BELOW_GROUND = np.int64(0), np.bool_(True)
+"""Arguments that are not literals: for a literal numba compiles the kernel once more."""
 
 
 @njit(cache=True)
@@ -156,7 +158,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, b
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
             bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], 0
+                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], FIRST
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
@@ -204,7 +206,7 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
             widening = max(0.2, 1.0 + up_slope(profile, reference, z, u) - slope[reference, m] * u)
             own = apparent_angle(profile, other, z, chi, apparent, widening)
             x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, other, z))
-            lowest, _ = lowest_point(profile, other, z, max(0.0, -x * math.cos(own)), True)
+            lowest, _ = lowest_point(profile, other, z, max(0.0, -x * math.cos(own)), BELOW_GROUND)
             p_own = (profile.radius_km + lowest) * (1.0 + refractivity_at(profile, reference, lowest))
             shift[m, d] = min(0.0, p_own - p)
 
@@ -296,7 +298,7 @@ def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowes
                     bending = value
                     derivative = up_slope(profile, reference, altitudes[j], abs(u))
                     if u < 0.0:
-                        lowest, _ = lowest_point(profile, reference, altitudes[j], -u, True)
+                        lowest, _ = lowest_point(profile, reference, altitudes[j], -u, BELOW_GROUND)
                         derivative += interpolate(lowest, lowest_km, slope) * u
                 residual = apparent + bending - chi
                 if abs(residual) < 1e-7:

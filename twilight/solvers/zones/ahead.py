@@ -62,7 +62,7 @@ def compile_look() -> None:
     rule = Refinement(_none(1, 4, dtype=np.int64), _none(1, 4, dtype=single), 1)
     _compile(
         view_multiple, rays.first, rays.place, points, directions, _none(2), _none(2), light, rule, Series(1, 1, 0, 0),
-        _none(0, LANES, dtype=single), _none(0), _none(0), _none(0, 3, LANES, dtype=single), 0, 0,
+        _none(0, LANES, dtype=single), _none(0), _none(0), _none(0, 3, LANES), 0, 0,
     )  # fmt: skip
 
 
