@@ -177,6 +177,7 @@ class Block:
         self._altitude_km = problem.altitude_km
         self.from_disk = False
         self.field = self._prepare(self._altitude_km)
+        ahead.wait()  # for what a look at the field calls
 
     def _prepare(self, altitude_km: float) -> Field:
         prepare: Any = self.problem.solver.prepare
@@ -223,7 +224,6 @@ class Block:
         of a wavelength's lanes are added, for their noise may be alike.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
-        ahead.wait()
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:
