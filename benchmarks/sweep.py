@@ -6,7 +6,8 @@ Three runs of the same sweep, each on machine code that is there: one worker wit
 threads, two workers with one thread each.  Processor time hardly depends on what else the machine does; `busy` is the
 share of the workers' wall time that went into tasks, and the rest is Dask and the dataset.
 
-Writes benchmarks/sweep.csv.
+Writes benchmarks/sweep.csv, of another CONFIG than sweep-haze benchmarks/CONFIG.csv: `sweep-compact` is 10,000 skies by the
+compact model.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ def main() -> None:
     notes.append(f"1,000 skies: {1e3 * cost:.0f} s of processor time; 1,000,000: {1e6 * cost * HOURS_PER_S:.0f} h")
     print(notes[1])
     columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share".split()
-    results.write(Path(__file__).with_suffix(".csv"), columns, rows, notes=notes)
+    name = "sweep" if options.config == parser.get_default("config") else Path(options.config).stem
+    results.write(Path(__file__).with_name(f"{name}.csv"), columns, rows, notes=notes)
 
 
 def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, float, int]:
