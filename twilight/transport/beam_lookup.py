@@ -86,7 +86,7 @@ def _weights(f):
     return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _locate(pool, index, value, low, bins, at, n, at_hash):
     """First of four nodes and the position behind it (0..3) for a coordinate that is cut in segments."""
     h = int((value - low) * bins)
@@ -118,7 +118,7 @@ def _cubic(pool, at, w0, w1, w2, w3):
     return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _ray(pool, index, z, c):
     """The ray of the reference wavelength at a point inside the air.
 
@@ -235,7 +235,7 @@ def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _place(pool, index, altitude_km, cos_sun_zenith):
     """(lit, bending, p, u, first altitude node, position behind it); altitude node -1 above the top of the air."""
     c = min(1.0, max(-1.0, cos_sun_zenith))
@@ -249,7 +249,7 @@ def _place(pool, index, altitude_km, cos_sun_zenith):
     return lit, bending, p, u, jz, fz
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _place_up(index, p, u, jz):
     """Offset of the first of the sixteen values from above at wavelength 0, and the position behind its cosine node."""
     n_c = index[N_COSINE]
@@ -258,12 +258,12 @@ def _place_up(index, p, u, jz):
     return index[AT_UP] + (jz * (n_c + 1) + m) * index[N_W], fm
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _limb_node(pool, index, p):
     return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _place_down(pool, index, p, u):
     """(first distance node, position behind it, shift of the lowest point per unit of dispersion [km])."""
     n_d = index[N_DISTANCE]
