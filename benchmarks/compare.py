@@ -28,8 +28,7 @@ DRAWN = "continental-average"
 EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie,sunsky"
 SOLVERS = {
     DRAWN: (
-        "zones,compact,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,"
-        "preetham,cie,sunsky,sasktran2"
+        "zones,compact,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,preetham,cie,sunsky,sasktran2"
     ),
     "urban": EVERYWHERE,
     "desert": EVERYWHERE,
