@@ -116,7 +116,7 @@ def _check_arrays(model: CompactSky, name: str) -> None:
         "place": (len(PLACE),),
         "gases": (2, gases),
     }
-    fits = nodes > 1 and gases > 1 and all(np.shape(air.get(key)) == shape for key, shape in shapes.items())
+    fits = nodes > 1 and gases > 1 and all(key in air and air[key].shape == shape for key, shape in shapes.items())
     if not fits or not all(np.isfinite(values).all() for values in air.values()):
         raise TwilightError(f"the compact model {name} is damaged: the arrays air_* do not fit together")
 
