@@ -14,7 +14,7 @@ has what `Solver` lists:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import MappingProxyType
@@ -48,6 +48,8 @@ class Capabilities:
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
     ahead: name of a module that, run by itself, compiles what a look at a field needs (`twilight.ahead`)
     plain: nothing of it is compiled; the engine then takes the sun's light at the ground from numpy alone too
+    alike: keys of the wavelengths of a medium under settings; those with different keys share no block, for one would
+        move the other; None: none moves another
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
@@ -68,6 +70,7 @@ class Capabilities:
     wavelengths_at_once: int = 32
     ahead: str = ""
     plain: bool = False
+    alike: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     formula: bool = False
     package: str = ""
 

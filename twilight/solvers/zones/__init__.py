@@ -1,6 +1,7 @@
 """Zones: cells that are rings about the direction of the sun; one solve serves every sun and every observer."""
 
 from twilight.solvers.base import Capabilities
+from twilight.solvers.zones.alike import alike
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
@@ -15,6 +16,7 @@ CAPABILITIES = Capabilities(
     target_error=True,
     field_file=True,
     ahead="twilight.solvers.zones.ahead",
+    alike=alike,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]
