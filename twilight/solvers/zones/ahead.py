@@ -41,9 +41,10 @@ def compile_look() -> None:
     _compile(
         scattered_once, beam, rays, share, _none(0), directions, phases, 0.0, 0.0, _none(0), _none(0, 3, 1), 0, 0,
     )  # fmt: skip
-    profile = Profile(
-        _none(1), _none(1, 1), _none(1, 1), _none(1, 1, 1), _none(1, dtype=np.int64), _none(1), _none(1), _none(1), 1.0
-    )
+    profile = Profile(*(_none(1) for _ in Profile._fields))._replace(
+        extinction=_none(1, 1), scattering=_none(1, 1), species_scattering=_none(1, 1, 1),
+        level_of_bin=_none(1, dtype=np.int64), earth_radius_km=1.0,
+    )  # fmt: skip
     peak = Peak(_none(1, 1, 1), _none(1, 1), profile)
     _compile(
         widen, beam, peak, rays.first, rays.place, rays.weight, share, 0.0, directions.first, _none(0), _none(0, 1, 1),
