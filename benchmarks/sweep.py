@@ -6,7 +6,7 @@ Three runs of the same sweep, each on machine code that is there: one worker wit
 threads, two workers with one thread each.  Processor time hardly depends on what else the machine does; `busy` is the
 share of the workers' wall time that went into tasks, and the rest is Dask and the dataset.
 
-Writes benchmarks/sweep.csv, of another CONFIG than sweep-haze benchmarks/CONFIG.csv: `sweep-compact` is 10,000 skies by
+Writes benchmarks/sweep.csv, of another CONFIG than sweep-haze benchmarks/CONFIG.csv: `sweep-compact` is 1,000 skies by
 the compact model.
 """
 
