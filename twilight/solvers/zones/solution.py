@@ -179,7 +179,7 @@ class Passes:
         )  # fmt: skip
         if self.water is not None:
             surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
-            of_rays = cells(self.rays.ground_cosine, n_polar)
+            of_rays = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
             in_slices(
                 lambda begin, end: mirror_sunlight(
                     self.turning.place, beams, ground_weight, ground_angle, of_rays, surface, out, begin, end
