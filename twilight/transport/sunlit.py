@@ -35,7 +35,7 @@ AROUND, DIM = 1e-3, 1e-3
 azimuth's.  The sum over points is itself rough to some 1e-4 from one direction to the next."""
 HOPELESS = 0.1
 """From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
-LEAST, DARKEST = 1e-5, 1e-100
+LEAST, DARKEST = 1e-3, 1e-100
 """What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
 
 

@@ -25,7 +25,7 @@ from twilight.solvers.zones.paths import (
 )
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.sights import KeptSights, Sights
+from twilight.solvers.zones.sights import KeptLines, LinesOfSight, make_lines
 from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
@@ -34,8 +34,8 @@ from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of
 from twilight.threads import in_slices
 from twilight.transport.around import Directions, smooth_around
 from twilight.transport.beam import Beam, prepare_beam
-from twilight.transport.bundle import species_share, trace_rays
-from twilight.transport.lines import ALTITUDE, ANGLE, with_refraction
+from twilight.transport.bundle import trace_rays
+from twilight.transport.lines import ANGLE, with_refraction
 from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
@@ -47,8 +47,6 @@ LEAST_OBSERVER_KM, MARGIN_DEG = 12.0, 2.0
 """A field for known suns serves observers up to this altitude at least, and this far beyond what they see."""
 BRIGHT_ZENITH_DEG = 85.0
 """Air under a sun of this zenith angle or larger is always part of the field: in deep twilight its light comes far."""
-SHARP, LEAST_SHARP = 1.5, 2.25
-"""Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
 THICK_PER_DEGREE = 2
 """Polar angles a side for each degree of the light in thick white air: fewer let through 3 to 5 % too much of it."""
 SLOW_DEPTH = 2.0
@@ -99,7 +97,7 @@ class Field(BareField):
         """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = self._checked(observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
-        self._sights = KeptSights()
+        self._sights = KeptLines()
         tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
@@ -337,8 +335,10 @@ class Field(BareField):
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
         with_ground = distance_km is None
+        density = self.settings.sight_density
         sights = self._sights.get(
-            (altitude, with_ground, rows.tobytes()), lambda: self._make_sights(altitude, rows, with_ground)
+            (altitude, with_ground, rows.tobytes()),
+            lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
         )
         sorted_elevation = np.radians(e[order])
         out = self._single(sights, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
@@ -354,19 +354,11 @@ class Field(BareField):
         result[order] = out
         return result.reshape(*elevation.shape, *out.shape[1:])
 
-    def _make_sights(self, altitude_km: float, ends: np.ndarray, with_ground: bool) -> Sights:
-        """Lines of sight at ends (2, R): elevation [deg], and distance [km] at which each stops."""
-        start, cosine = np.full(ends.shape[1], altitude_km), np.sin(np.radians(ends[0]))
-        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, far_km=ends[1])
-        sharp = max(LEAST_SHARP, SHARP * self.settings.sight_density)
-        pairs = trace_rays(self.sight_profile, start, cosine, sharp, pairs=True, far_km=ends[1])
-        if not with_ground:
-            rays, pairs = (r._replace(ground_weight=np.zeros_like(r.ground_weight)) for r in (rays, pairs))
-        return Sights(rays, pairs, np.ascontiguousarray(species_share(self.scaled.medium, pairs.place[:, ALTITUDE])))
-
-    def _single(self, sights: Sights, directions: Directions, row_elevation, elevation, n_stokes: int) -> np.ndarray:
+    def _single(
+        self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, n_stokes: int
+    ) -> np.ndarray:
         """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) [rad]."""
-        rays, share = sights.pairs, sights.share
+        rays, share = sights.pairs, sights.pairs_share
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
         # the sun and the ray as they are, the sun lifted, the ray lowered
@@ -379,7 +371,7 @@ class Field(BareField):
         p11 = species_phase(self.medium, self.scaled.forward_share, cosine.ravel())
         p11 = p11.reshape(*cosine.shape, *p11.shape[1:])
         if self.peak is not None:
-            widen_peaks(self.peak, self.scaled, self.beam, p11, cosine, rays, share, directions)
+            widen_peaks(self.peak, self.scaled, self.beam, p11, cosine, sights.rays, sights.rays_share, directions)
         stokes = [p11]
         if n_stokes > 1:
             p12 = species_polarising_phase(self.medium, self.scaled.forward_share, cosine.ravel()).reshape(p11.shape)
@@ -407,7 +399,7 @@ class Field(BareField):
         return out
 
     def _multiple(
-        self, sights: Sights, directions: Directions, block: int, solution: Solution, n_stokes: int
+        self, sights: LinesOfSight, directions: Directions, block: int, solution: Solution, n_stokes: int
     ) -> np.ndarray:
         """Light scattered at least twice, (D, Stokes, LANES)."""
         n, rays = self.nodes, sights.rays
