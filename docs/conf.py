@@ -19,7 +19,7 @@ myst_heading_anchors = 3
 html_theme = "furo"
 html_title = f"twilight {release}"
 html_static_path: list[str] = []
-exclude_patterns = []
+exclude_patterns: list[str] = []
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 suppress_warnings = ["myst.header"]
@@ -35,9 +35,22 @@ def to_the_repository(app, docname, source):
     source[0] = source[0].replace("(../README.md)", "(index.md)")
 
 
+def run_what_it_shows(app, docname, source):
+    """Pages that show the program at work are run."""
+    from executed import PAGES, PageError, run_page
+    from sphinx.errors import ExtensionError
+
+    if docname in PAGES:
+        try:
+            source[0] = run_page(source[0])
+        except PageError as error:
+            raise ExtensionError(f"docs/{docname}.md: a block failed: {error}") from None
+
+
 def setup(app):
     from reference import write_command_line
 
     write_command_line(HERE / "command-line.md")
     app.connect("autodoc-process-docstring", as_written)
     app.connect("source-read", to_the_repository)
+    app.connect("source-read", run_what_it_shows)

@@ -52,6 +52,7 @@ def open_page(path: Path, width: int = 320, height: int = 180, **options: Any) -
             page.on("pageerror", lambda error: errors.append(str(error)))
             page.goto(f"http://127.0.0.1:{server.server_port}/{path.name}")
             until(page, "!!window.twilight || document.querySelector('#message').innerText.includes('cannot')")
+            assert page.evaluate("!!window.twilight"), f"{page.inner_text('#message')} {errors}"
             yield page, errors
             browser.close()
     finally:

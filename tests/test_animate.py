@@ -153,6 +153,44 @@ def test_other_pictures_are_not_taken_for_these(tmp_path, monkeypatch):
     assert film(path, exposure=4.0).make().drawn == 5
 
 
+def test_a_film_of_the_night_is_the_night(tmp_path):
+    """What is added to the sun's light is `night_radiance` of the place and hour, in the middle of a step too."""
+    from datetime import timedelta
+
+    from twilight.io.exr import read_latlong_exr
+    from twilight.night import NightLevels, Place, night_radiance
+    from twilight.sun.ephemeris import parse_time, sun_position
+
+    evening = {"sun.start": "2026-08-12T20:40+02:00", "sun.stop": "2026-08-12T21:40+02:00"}
+    evening |= {"sun.latitude_deg": 47.0, "sun.longitude_deg": 11.0, "observer.view.kind": "fisheye"}
+    evening |= {"observer.view.elevation_deg": 90.0}
+    times = {"from_deg": None, "to_deg": None, "speed": 1200.0}
+    dark, lit = (tmp_path / name for name in ("dark", "lit"))
+    film(dark, scene(**evening), **times).make()
+    made = film(lit, scene(**evening, **{"night.airglow": 1.0}), **times)
+    made.make()
+    assert len(made.line) == 4
+    elevation, azimuth = made._directions(made.view)
+    for i in (0, 3):
+        when = parse_time("2026-08-12T20:40+02:00") + timedelta(seconds=1200.0 * i)
+        sun = sun_position(when, 47.0, 11.0)
+        [with_night, without] = (
+            read_latlong_exr(folder / f"{i + 1:05d}.exr").rgb @ [0.2126, 0.7152, 0.0722] * 683.0
+            for folder in (lit, dark)
+        )
+        rows, columns = np.arange(5.0, 91.0, 1.0), np.arange(0.0, 360.0, 3.0)
+        night = night_radiance(
+            MEDIUM, rows, columns, NightLevels(), sun_elevation_deg=float(sun.elevation_deg),
+            sun_azimuth_deg=float(sun.azimuth_deg), place=Place(47.0, 11.0, when),
+        )  # fmt: skip
+        channels = Channels(NM)
+        exact = channels.of(night / channels.solar_irradiance)[..., 1]
+        keep = np.isfinite(elevation) & (elevation > 6.0)
+        r = np.rint(elevation[keep] - 5.0).astype(int)
+        c = np.rint(np.mod(azimuth[keep] - sun.azimuth_deg, 360.0) / 3.0).astype(int) % columns.size
+        assert np.median((with_night - without)[keep] / exact[r, c]) == pytest.approx(1.0, abs=0.03)
+
+
 def test_exr_are_luminances(tmp_path):
     from twilight.io.exr import read_latlong_exr
 
@@ -231,7 +269,6 @@ def test_a_sequence_is_a_path(tmp_path):
         (["--from", "-30"], "-18 to 90 deg is what can be drawn"),
         (["--from", "3", "--to", "3"], "a film needs a sun that moves"),
         (["--set", "output.tone_mapping=camera"], "output.tone_mapping: camera is not drawn in films"),
-        (["--set", "night.airglow=1"], "night is not drawn in films"),
         (["--set", "solver.name=cie"], "zones has"),
     ],
 )

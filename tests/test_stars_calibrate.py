@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from twilight.camera import Camera, camera_axes
 from twilight.camera.image import read_image
 from twilight.errors import TwilightError
+from twilight.stars import blended
 from twilight.validate.stars.calibrate import calibrate
-from twilight.validate.stars.catalogue import blended
 from twilight.validate.stars.coordinates import Place, equatorial, horizontal
 from twilight.validate.stars.match import chance_matches, match
 from twilight.validate.stars.planets import date_by_planets

@@ -10,7 +10,7 @@ import pytest
 
 from twilight.camera import azimuth_elevation, direction
 from twilight.errors import TwilightError
-from twilight.validate.stars.catalogue import Stars, blended, bright_stars
+from twilight.stars import Stars, blended, bright_stars
 from twilight.validate.stars.coordinates import Place, equatorial, horizontal, planet_tracks, precession
 from twilight.validate.stars.refraction import lifted, refraction_rad
 

@@ -1,6 +1,6 @@
 """Pictures from any place: nodes and interpolation against the function itself, the sun's disc, configurations."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -8,9 +8,10 @@ from toy_sky import glow_sky
 
 from twilight.config.scene import Config
 from twilight.config.view import View
+from twilight.engine.night import NightLight
 from twilight.engine.solve import Answer
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import elevation_nodes, see, with_sun
+from twilight.engine.view import elevation_nodes, see, with_night, with_sun
 from twilight.errors import TwilightError
 from twilight.io.outputs import write_outputs
 from twilight.io.rendered import Seen
@@ -98,6 +99,23 @@ def test_the_disc_holds_the_suns_irradiance():
     hidden = Seen("perspective", rays, seen.radiance, 0.01, hidden=np.ones((200, 200), bool))
     assert not with_sun(hidden, direct, 10.0).radiance.any()
     assert with_sun(seen, Direct(np.zeros(1), 0.0), 10.0) is seen
+
+
+def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
+    elevation, azimuth = np.linspace(-2.0, 90.0, 40), np.arange(0.0, 361.0, 5.0)
+    shape = 1.0 + np.sin(np.radians(elevation))[:, None] + 0.1 * np.cos(np.radians(azimuth - 70.0))
+    night = NightLight(elevation, azimuth, np.stack([shape, 2.0 * shape], axis=-1), np.array([0.3, 0.4]))
+    block, view = Block(0.0), View.model_validate({"kind": "latlong", "width": 64})
+    plain = see(block, view, 10.0)
+    off = replace(plain, night=night).whole().radiance - plain.whole().radiance
+    a, e = azimuth_elevation(view.rays())
+    exact = 1.0 + np.sin(np.radians(e)) + 0.1 * np.cos(np.radians(a - 70.0))
+    up = e > -2.0
+    assert off[up] == pytest.approx(np.stack([exact, 2.0 * exact], axis=-1)[up], rel=3e-3)
+    assert off[~up] == pytest.approx(np.broadcast_to([0.3, 0.4], off[~up].shape), rel=1e-4)
+    hidden = replace(plain.whole(), hidden=np.ones(view.shape, bool))
+    lit = with_night(hidden, night).radiance - hidden.radiance
+    assert lit == pytest.approx(np.broadcast_to([0.3, 0.4], lit.shape), rel=1e-4)
 
 
 def configuration(**more):

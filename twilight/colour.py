@@ -167,12 +167,17 @@ def expose(rgb: np.ndarray, ev100: float) -> np.ndarray:
 def into_gamut(rgb: np.ndarray) -> np.ndarray:
     """Move colours with a negative channel towards the grey of the same luminance until no channel is negative."""
     rgb = np.asarray(rgb, float)
-    outside = rgb.min(axis=-1) < 0
+    outside = _over_channels(np.minimum, rgb) < 0
     if not outside.any():
         return rgb
     mapped = rgb.copy()
     mapped[outside] = _towards_grey(rgb[outside])
     return mapped
+
+
+def _over_channels(pick: np.ufunc, rgb: np.ndarray) -> np.ndarray:
+    """The least or the largest channel (...): several times as fast as a reduction of so short an axis."""
+    return pick(pick(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
 
 
 def _towards_grey(rgb: np.ndarray) -> np.ndarray:
@@ -194,11 +199,13 @@ def photographic(linear: np.ndarray) -> np.ndarray:
     128 times white, where no sky is but the sun's disc, the share of the first grows to all: it burns out.
     """
     x = np.maximum(np.asarray(linear, float), 0.0)
-    largest = np.maximum(x.max(axis=-1, keepdims=True), 1e-300)
-    burnt = np.clip((np.log2(largest) - 2.6) / 4.4, 0.0, 1.0)
-    each = (1.0 + 2.0 * burnt * burnt * (3.0 - 2.0 * burnt)) / 3.0
-    leaking = x + 0.2 * burnt * (largest - x)  # light in one layer of a film that is not of its colour
-    mixed = each * _sigmoid(leaking) + (1.0 - each) * x * (_sigmoid(largest) / largest)
+    largest = np.maximum(_over_channels(np.maximum, x), 1e-300)[..., None]
+    each, leaking = 1.0 / 3.0, x
+    if largest.size and largest.max() > 2.0**2.6:
+        burnt = np.clip((np.log2(largest) - 2.6) / 4.4, 0.0, 1.0)
+        each = (1.0 + 2.0 * burnt * burnt * (3.0 - 2.0 * burnt)) / 3.0
+        leaking = x + 0.2 * burnt * (largest - x)  # light in one layer of a film that is not of its colour
+    mixed = each * _sigmoid(leaking) + x * ((1.0 - each) * _sigmoid(largest) / largest)
     grey = (mixed @ REC709_LUMINANCE)[..., None]
     return np.clip(grey + PHOTOGRAPHIC_SATURATION * (mixed - grey), 0.0, None)
 

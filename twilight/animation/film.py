@@ -18,6 +18,7 @@ from twilight.animation.disc import Disc
 from twilight.animation.draw import Painter, suns_between
 from twilight.animation.encode import check_output, encode, write_exr
 from twilight.animation.exposure import meter, smoothed
+from twilight.animation.night import NightPainter, Nights, nights_of
 from twilight.animation.timeline import Timeline, timeline
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
@@ -62,6 +63,28 @@ class Made:
 
     drawn: int
     processor_s: float
+
+
+class Lights:
+    """Draws directions (elevation, azimuth) (H, W) [deg]: sunlight, and the night's light where there is one."""
+
+    def __init__(
+        self,
+        tables: Tables,
+        nights: Nights | None,
+        sizes: Sizes,
+        suns_deg: np.ndarray,
+        directions: tuple[np.ndarray, np.ndarray],
+    ):
+        self.directions = directions
+        self._sunlight = Painter(tables, sizes, suns_deg, *directions)
+        self._night = None if nights is None else NightPainter(nights, *directions)
+        self.outside = self._sunlight.outside
+
+    def light(self, time_s: float, *sun: float) -> np.ndarray:
+        """X, Y, Z and scotopic luminance [cd m^-2], (H, W, 4), without the disc; sun: as `Painter.light`."""
+        light = self._sunlight.light(*sun)
+        return light if self._night is None else light + self._night.light(time_s)
 
 
 class Film:
@@ -113,9 +136,9 @@ class Film:
         self.folder.mkdir(parents=True, exist_ok=True)
         drawn, processor_s = 0, 0.0
         with open_journal(self.folder / "film.jsonl", "another film") as journal:
-            tables, disc = self._tables(part_of(tell, 0.0, 0.4))
-            painter = Painter(tables, self.sizes, self.suns_deg, *self._directions(self.view))
-            looks = self._looks(tables, part_of(tell, 0.4, 0.1))
+            tables, disc, nights = self._tables(part_of(tell, 0.0, 0.4))
+            painter = Lights(tables, nights, self.sizes, self.suns_deg, self._directions(self.view))
+            looks = self._looks(tables, nights, part_of(tell, 0.4, 0.1))
             paths, share = [], part_of(tell, 0.5, 0.4)
             for i, look in enumerate(looks):
                 facts = self._facts(i, look)
@@ -132,8 +155,8 @@ class Film:
         shutil.rmtree(self.folder)
         return Made(drawn, processor_s)
 
-    def _tables(self, progress: Progress) -> tuple[Tables, Disc | None]:
-        """The field's tables and the disc where it is asked for, from the folder where they are there."""
+    def _tables(self, progress: Progress) -> tuple[Tables, Disc | None, Nights | None]:
+        """The field's tables, the disc and the nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         if not path.is_file():
             solved = self.problem.solve(part_of(progress, 0.0, 0.5, "field"))
@@ -145,15 +168,18 @@ class Film:
             if made.aureole is not None and made.phase is not None:
                 kept |= {"aureole": made.aureole, "phase": made.phase}
             if self.config.sun.disc:
-                horizon = float(made.horizon_deg[0])
-                kept["lifted"], kept["beam"] = lines.sunbeam(solved, channels, altitude, horizon)
+                nodes = lines.sky_elevations(float(made.horizon_deg[0]))
+                kept["lifted"], kept["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
+            nights = nights_of(self.config, solved.medium, channels, self.line)
+            if nights is not None:
+                kept |= nights.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **kept)
         with np.load(path) as there:
             kept = dict(there)
         tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"])
         disc = Disc(kept["lifted"], kept["beam"], float(kept["horizon"][0])) if "beam" in kept else None
-        return tables, disc
+        return tables, disc, Nights.from_arrays(kept) if "night_time_s" in kept else None
 
     @cached_property
     def _scene(self) -> str:
@@ -176,8 +202,17 @@ class Film:
                 "sizes": vars(self.sizes),
                 "solar_spectrum": self.config.solar_spectrum,
                 "disc": self.config.sun.disc,
+                "night": self._night_depends_on,
             }
         )
+
+    @property
+    def _night_depends_on(self) -> list[Any] | None:
+        config, line = self.config, self.line
+        if config.night is None:
+            return None
+        ends = [[float(v[0]), float(v[-1])] for v in (line.time_s, line.elevation_deg, line.azimuth_deg)]
+        return [config.night.model_dump(mode="json"), config.sun.model_dump(mode="json"), ends]
 
     def _directions(self, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Elevation and azimuth [deg] of the pixels; a view's azimuth is from the sun's halfway through the film."""
@@ -189,16 +224,16 @@ class Film:
     def _middle_deg(self) -> float:
         return float(self.line.azimuth_deg[0] + self.line.azimuth_deg[-1]) / 2.0
 
-    def _looks(self, tables: Tables, progress: Progress) -> list[Look]:
+    def _looks(self, tables: Tables, nights: Nights | None, progress: Progress) -> list[Look]:
         """The exposure of every picture, from small ones of all."""
         n, output = len(self.line), self.config.output
         if not self.output.suffix or isinstance(self.exposure, float):
             return [Look(self.exposure if isinstance(self.exposure, float) else 0.0, None)] * n
         small = _smaller(self.view)
-        painter = Painter(tables, self.sizes, self.suns_deg, *self._directions(small))
+        painter = Lights(tables, nights, self.sizes, self.suns_deg, self._directions(small))
         found = np.empty((n, 2))
         for i in range(n):
-            found[i] = meter(painter.light(*self._sun(i)))
+            found[i] = meter(painter.light(float(self.line.time_s[i]), *self._sun(i)))
             progress(f"metering {i + 1} of {n}", (i + 1) / n)
         metered, mean = found.T
         if self.exposure == "constant":
@@ -224,17 +259,18 @@ class Film:
             "sun_elevation_deg": elevation,
             "sun_azimuth_deg": azimuth,
             "distance_au": distance,
+            "time_s": float(self.line.time_s[i]),
             "tone_mapping": self.config.output.tone_mapping,
             "exposure_ev100": look.ev100,
             "adapted_cd_per_m2": look.adapted,
             "acuity": self.config.output.eye.acuity,
         }
 
-    def _draw(self, painter: Painter, disc: Disc | None, i: int, look: Look, path: Path, facts: dict[str, Any]) -> None:
+    def _draw(self, painter: Lights, disc: Disc | None, i: int, look: Look, path: Path, facts: dict[str, Any]) -> None:
         pixel_deg = _pixel_deg(self.view)
-        light, share = painter.light(*self._sun(i)), None
+        light, share = painter.light(float(self.line.time_s[i]), *self._sun(i)), None
         if disc is not None:
-            more, share = disc.light(painter.elevation_deg, painter.azimuth_deg, pixel_deg, *self._sun(i))
+            more, share = disc.light(*painter.directions, pixel_deg, *self._sun(i))
             light += more
         if path.suffix == ".exr":
             header = {"twilightSunElevationDeg": facts["sun_elevation_deg"], "twilightScene": facts["scene"]}
@@ -285,7 +321,6 @@ def _check_layers(config: Config) -> None:
     output = config.output
     for name, there in (
         ("terrain", config.terrain is not None),
-        ("night", config.night is not None),
         ("output.polariser_deg", output.polariser_deg is not None),
         ("output.tone_mapping: camera", output.tone_mapping == "camera"),
         ("output.colour_observer: cie1931_2deg", output.colour_observer != colour.DEFAULT_OBSERVER),

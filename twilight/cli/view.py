@@ -28,7 +28,11 @@ def view(
     ] = None,
     altitudes_km: Annotated[
         str | None,
-        option("KM,...", "Altitudes of the observer above sea level, increasing; between them the page interpolates."),
+        option(
+            "KM,...",
+            "Altitudes of the observer above sea level, increasing; the page interpolates in between, and one above "
+            "the air lets it go up to there. Without it from the ground to an orbit at 1000 km.",
+        ),
     ] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
@@ -50,8 +54,11 @@ def view(
     path = output or Path("out") / f"{'-'.join(file_stem(name, 'sky') for name in title)}.html"
 
     from twilight.io.whole import check_folder
-    from twilight.window import check_altitudes, view_fields
+    from twilight.window import check_altitudes, ground_to_orbit, view_fields
 
+    first = found[0][0]
+    if altitudes is None and first.capabilities.every_observer:
+        altitudes = list(ground_to_orbit(first.medium))
     for name, (problem, _) in zip(title, found, strict=True):
         check_altitudes(problem, altitudes, name)
     check_folder(path.parent)

@@ -17,9 +17,10 @@ from twilight.engine.directions import texture_rows
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
+from twilight.engine.night import NightLight, levels_of, night_light, place_of
 from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import Look, check_view, landscape, see, together, with_sun
+from twilight.engine.view import Look, check_view, landscape, see, together, with_night, with_sun
 from twilight.errors import TwilightError, TwilightWarning
 from twilight.grids import texture_centres
 from twilight.io.provenance import configuration_hash
@@ -28,6 +29,7 @@ from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
 from twilight.sky import Sky, latlong_grid
+from twilight.spectrum import solar_irradiance
 from twilight.transport.apparent import horizon_dip_deg
 
 
@@ -65,8 +67,6 @@ def frames(
     tell = progress or silent
     tell("setting up", 0.0)
     check_size(config)
-    if config.observer.view is not None and config.night is not None:
-        raise TwilightError("night: a view of the observer (observer.view) has no night sky; leave one of both out")
     started = time.perf_counter()
     suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
     if not suns:
@@ -199,10 +199,12 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
 
     width = config.texture.latlong_width
     panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
-    view: Sight | None = together(found.view, direct) if found.view else None
+    night = _night_of_view(config, problem, sun)
+    view: Sight | None = replace(together(found.view, direct), night=night) if found.view else None
     if found.landscape:
         radiance = np.concatenate([one.radiance for one in found.landscape], axis=-1)
-        view = with_sun(replace(found.landscape[0], radiance=radiance), direct, sun.elevation_deg)
+        seen = replace(found.landscape[0], radiance=radiance)
+        view = with_sun(seen if night is None else with_night(seen, night), direct, sun.elevation_deg)
     return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama, view)
 
 
@@ -249,17 +251,31 @@ def _night(
     """Radiance of the night sky (E, A, W) where the configuration asks for it."""
     if config.night is None:
         return None
-    from twilight.night import NightLevels, Place, night_radiance
+    from twilight.night import night_radiance
 
-    at = sun.section
-    place = Place(at.latitude_deg, at.longitude_deg, sun.time) if isinstance(at, SunAt) and sun.time else None
     return night_radiance(
         problem.medium,
         elevation_deg,
         azimuth_deg,
-        NightLevels(**config.night.model_dump()),
+        levels_of(config.night),
         sun_elevation_deg=sun.elevation_deg,
         sun_azimuth_deg=sun.azimuth_deg,
-        place=place,
+        place=place_of(sun),
         observer_altitude_km=config.observer.altitude_km,
     )
+
+
+def _night_of_view(config: Config, problem: Problem, sun: SunPosition) -> NightLight | None:
+    """The night in a view, over the sun's irradiance above the air [sr^-1]."""
+    if config.night is None or config.observer.view is None:
+        return None
+    made = night_light(
+        problem.medium,
+        levels_of(config.night),
+        config.observer.altitude_km,
+        sun_elevation_deg=sun.elevation_deg,
+        sun_azimuth_deg=sun.azimuth_deg,
+        place=place_of(sun),
+    )
+    over = solar_irradiance(problem.medium.wavelength_nm, config.solar_spectrum, sun.distance_au)
+    return replace(made, radiance=made.radiance / over, ground=made.ground / over)

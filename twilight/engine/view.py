@@ -15,6 +15,7 @@ import numpy as np
 
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
+from twilight.engine.night import NightLight
 from twilight.engine.solve import Block, Solved
 from twilight.engine.sunbeam import Direct
 from twilight.errors import TwilightError
@@ -100,7 +101,8 @@ class Look:
     """What a view shows, on nodes; its pixels are made when they are asked for.
 
     elevation_deg (E,), azimuth_deg (A,): the nodes, azimuths from the sun within 0..180; radiance (E, A, W):
-    sun-normalised [sr^-1]; pitch_deg: angle between pixels; direct: the sun's light at the observer, None: no disc.
+    sun-normalised [sr^-1]; pitch_deg: angle between pixels; direct: the sun's light at the observer, None: no disc;
+    night: in the same unit, None: there is none.
     """
 
     view: View
@@ -110,6 +112,7 @@ class Look:
     pitch_deg: float
     sun_elevation_deg: float
     direct: Direct | None = None
+    night: NightLight | None = None
 
     @property
     def kind(self) -> str:
@@ -130,6 +133,8 @@ class Look:
         picture = np.full((*elevation.shape, self.radiance.shape[-1]), np.nan, np.float32)
         picture[inside] = interpolate(self.elevation_deg, self.azimuth_deg, self.radiance, elevation[inside], folded)
         seen = Seen(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
+        if self.night is not None:
+            seen = with_night(seen, self.night)
         return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
 
     def whole(self) -> Seen:
@@ -216,6 +221,12 @@ def interpolate(e: np.ndarray, a: np.ndarray, values: np.ndarray, elevation: np.
     np.exp(out, out=out)
     out[out <= 2 * DARK] = 0.0
     return out
+
+
+def with_night(seen: Seen, night: NightLight) -> Seen:
+    """The view with the night's light behind and in the air; terrain in it is lit as the ground is."""
+    lit = night.seen_by(seen.rays.astype(float), seen.hidden)
+    return replace(seen, radiance=(seen.radiance + lit).astype(np.float32))
 
 
 def with_sun(seen: Seen, direct: Direct, sun_elevation_deg: float) -> Seen:

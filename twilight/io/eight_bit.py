@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+
+KEPT_VALUES = 1 << 23
+"""The pattern of pictures with more values is made anew each time."""
 
 
 def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
@@ -13,9 +18,21 @@ def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
     mean and not in every pixel; it is fixed: equal skies give equal files.  NaN is black.  first_row: of the
     whole picture, where this is a part of it.
     """
-    height, width, channels = picture.shape
+    noise = _noise(picture.shape, first_row) if picture.size > KEPT_VALUES else _kept_noise(picture.shape, first_row)
+    return np.clip(np.floor(np.nan_to_num(picture) * 255.0 + noise), 0, 255).astype(np.uint8)
+
+
+def _noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
+    height, width, channels = shape
     y, x = np.indices((height, width), dtype=float)
     shift = 5.588238 * np.arange(channels)
     phase = 0.06711056 * (x[..., None] + shift) + 0.00583715 * (y[..., None] + first_row + shift)
-    noise = np.mod(52.9829189 * np.mod(phase, 1.0), 1.0)
-    return np.clip(np.floor(np.nan_to_num(picture) * 255.0 + noise), 0, 255).astype(np.uint8)
+    return np.mod(52.9829189 * np.mod(phase, 1.0), 1.0)
+
+
+@lru_cache(maxsize=1)
+def _kept_noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
+    """The pictures of a film have one pattern."""
+    noise = _noise(shape, first_row)
+    noise.flags.writeable = False
+    return noise

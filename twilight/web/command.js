@@ -16,7 +16,7 @@ function renderCommand() {
     words.push(`--at ${state.date}T${clockText(state.hours)}${offsetText(state.zone)}`);
     words.push(`--latitude ${state.latitude} --longitude ${state.longitude}`);
   } else words.push(`--sun-elevation ${+theSun().elevation.toFixed(3)}`);
-  if (HEAD.altitude_km.length > 1 || state.altitude !== 0) words.push(`--altitude-km ${+state.altitude.toFixed(3)}`);
+  if (HEAD.highest_km > HEAD.altitude_km[0] || state.altitude !== 0) words.push(`--altitude-km ${+state.altitude.toFixed(3)}`);
   if (state.night) words.push("--set night.airglow=1");
   if (lastExposed) words.push(`--exposure ${Math.log2(GREY / GREY_LUMINANCE / lastExposed).toFixed(2)}`);
   return words.join(" ");

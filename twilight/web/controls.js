@@ -4,7 +4,7 @@ const clampState = () => {
   state.elevation = clamp(state.elevation, -90, 90);
   state.azimuth = around(state.azimuth, 360);
   state.sun = clamp(state.sun, HEAD.sun_deg[0], HEAD.sun_deg[1]);
-  state.altitude = clamp(state.altitude, HEAD.altitude_km[0], HEAD.altitude_km[HEAD.altitude_km.length - 1]);
+  state.altitude = clamp(state.altitude, HEAD.altitude_km[0], HEAD.highest_km);
   state.hours = clamp(state.hours, 0, 24);
 };
 
@@ -21,8 +21,11 @@ const CONTROLS = ["mode", "sun", "latitude", "longitude", "zone", "hours", "spee
   "split", "labels", "exposure", "ev", "bias", "disc", "night", "stars"];
 
 function set(changes) {
+  const horizon = horizonOf(0);
   Object.assign(state, changes);
   clampState();
+  // whoever rises keeps the horizon where it is in the picture
+  if ("altitude" in changes && !("elevation" in changes)) state.elevation = clamp(state.elevation + horizonOf(0) - horizon, -90, 90);
   showState();
   redraw();
 }
@@ -44,11 +47,11 @@ function showState() {
 function startControls() {
   byId("names").textContent = HEAD.names.join(" | ");
   document.querySelectorAll("[data-for]").forEach((e) => { e.hidden = e.dataset.for !== HEAD.kind; });
-  document.querySelector('[data-if="altitudes"]').hidden = HEAD.altitude_km.length < 2;
+  document.querySelector('[data-if="altitudes"]').hidden = HEAD.highest_km === HEAD.altitude_km[0];
   document.querySelector('[data-if="two"]').hidden = byId("divider").hidden = HEAD.fields.length < 2;
   [byId("sun").min, byId("sun").max] = HEAD.sun_deg;
   byId("altitude").min = 0;
-  byId("altitude").max = SCALES.altitude.to(HEAD.altitude_km[HEAD.altitude_km.length - 1]);
+  byId("altitude").max = SCALES.altitude.to(HEAD.highest_km);
   for (const name of CONTROLS) {
     const c = byId(name);
     c.addEventListener("input", () => {

@@ -4,7 +4,7 @@ let gl, programs, targets = {}, slots = {}, starCount = 0;
 
 function shader(kind, name) {
   const made = gl.createShader(kind);
-  gl.shaderSource(made, SHADERS[name].replace("//#include projection.glsl", SHADERS["projection.glsl"]));
+  gl.shaderSource(made, SHADERS[name].replace(/\/\/#include (\S+)/g, (_, part) => SHADERS[part]));
   gl.compileShader(made);
   if (!gl.getShaderParameter(made, gl.COMPILE_STATUS)) throw new Error(`${name}: ${gl.getShaderInfoLog(made)}`);
   return made;
@@ -30,6 +30,15 @@ function texture(name, width, height, channels, data) {
   gl.texImage2D(gl.TEXTURE_2D, 0, inside, width, height, 0, outside, gl.FLOAT, data);
 }
 
+// The same in three dimensions, of 4 channels; data null: one texel, so that its sampler has something to read.
+function texture3d(name, width, height, depth, data) {
+  const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
+  gl.activeTexture(gl.TEXTURE0 + slot.unit);
+  gl.bindTexture(gl.TEXTURE_3D, slot.made);
+  for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST]]) gl.texParameteri(gl.TEXTURE_3D, key, value);
+  gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA32F, width, height, depth, 0, gl.RGBA, gl.FLOAT, data);
+}
+
 function target(name, width, height, half = false) {
   const there = targets[name];
   if (there && there.width === width && there.height === height) return there;
@@ -53,6 +62,7 @@ function startGpu() {
   const [n, m] = HEAD.arrays.zodiacal?.shape ?? [2, 2], flipped = new Float32Array(n * m);
   if (tables.zodiacal) for (let i = 0; i < n; i++) for (let j = 0; j < m; j++) flipped[j * n + i] = tables.zodiacal[i * m + j];
   texture("uZodiac", n, m, 1, flipped);
+  texture3d("uSpace", 1, 1, 1, null);
   if (tables.stars) {
     starCount = HEAD.arrays.stars.shape[0];
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -68,6 +78,7 @@ function uploadTables(sun) {
   const key = `${sun.shown} ${state.altitude}`;
   if (key === sliced) return;
   sliced = key;
+  if (inSpace()) uploadSpace();
   const t = HEAD.texels, grid = HEAD.kind === "sky", rows = grid ? t.sky : t.ground + t.sky + 1, size = rows * t.azimuth * 4;
   const parts = [], lines = new Float32Array(HEAD.fields.length * 8 * 256 * 4);
   HEAD.fields.forEach((_, k) => {
@@ -97,6 +108,10 @@ function setView(p, aspect) {
   gl.uniform1f(p.at("uSplit"), 2 * splitAt() - 1);
   gl.uniform1i(p.at("uLines"), slots.uLines.unit);
   gl.uniform1fv(p.at("uHorizon"), twice((k) => horizonOf(k) * DEG));
+  gl.uniform1f(p.at("uOrbit"), inSpace() ? orbitRadius(0) : 0);
+  if (!HEAD.space) return;
+  gl.uniform2fv(p.at("uEarth"), twice((k) => [HEAD.fields[k].grazing_km, HEAD.fields[k].top_radius_km]).flat());
+  gl.uniform1f(p.at("uLinesTo"), HEAD.space.lines_to_km);
 }
 
 const splitAt = () => (HEAD.fields.length > 1 ? state.split : 2);
@@ -108,6 +123,9 @@ function drawLight(into, aspect, sun, sky, disc) {
   setView(p, aspect);
   gl.uniform1i(p.at("uSlice"), slots.uSlice.unit);
   gl.uniform1i(p.at("uZodiac"), slots.uZodiac.unit);
+  gl.uniform1i(p.at("uSpace"), slots.uSpace.unit);
+  gl.uniform1i(p.at("uLimb"), HEAD.space?.limb ?? 0);
+  gl.uniform3fv(p.at("uSunAxis"), HEAD.sun_axis ?? [0, 0, 1]);
   gl.uniform3i(p.at("uTexels"), t.ground, t.sky, t.azimuth);
   gl.uniform1i(p.at("uGrid"), HEAD.kind === "sky" ? 1 : 0);
   gl.uniform1f(p.at("uAzimuthPower"), HEAD.azimuth_power ?? 1);

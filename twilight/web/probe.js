@@ -24,14 +24,23 @@ function figuresOf(d) {
 
 // Spectral radiance [W m^-2 sr^-1 nm^-1] of air, ground and night at the wavelengths of the field; the disc is not in it.
 function spectrumOf(d, field) {
-  const sun = theSun(), t = HEAD.texels, name = `spectrum${field}`, shape = HEAD.arrays[name].shape;
-  const values = underSun(name, sun.shown), bands = shape[0], rows = shape[3], columns = shape[4];
+  const sun = theSun(), t = HEAD.texels, foot = inSpace() ? footOf(d, field, sun) : null;
+  const name = `${inSpace() ? "space_" : ""}spectrum${field}`, shape = HEAD.arrays[name].shape;
+  const values = underSun(name, foot?.sun ?? sun.shown), bands = shape[0], rows = shape[3], columns = shape[4];
   const e = elevationOf(d), away = around(azimuthOf(d) - sun.azimuth, 360), h = horizonOf(field), up = e >= h;
   let y, x, low = 0, high = rows - 1, u = 0;
   if (HEAD.kind === "sky") {
     if (!up) return new Array(bands).fill(0);
     y = e / 90 * (rows - 1);
     x = away / 360 * columns;
+  } else if (inSpace()) {
+    if (foot) {
+      const ground = (t.ground + 1) / 2;
+      [low, high] = foot.ground ? [0, ground - 1] : [ground, rows - 1];
+      y = foot.ground ? foot.y / 2 : ground + (foot.y - t.ground) / 2;
+      x = (foot.azimuth / 180) ** (1 / HEAD.azimuth_power) * (columns - 1);
+    } else [x, y] = [0, 0];
+    u = lineHeight(d, field);
   } else {
     const ground = (t.ground + 1) / 2;
     u = Math.sqrt(clamp(up ? (e - h) / (90 - h) : (h - e) / (90 + h), 0, 1));
@@ -44,7 +53,8 @@ function spectrumOf(d, field) {
   const at = (row, column, b) => values[(row * columns + column % columns) * bands + b];
   const night = state.night && HEAD.kind === "field" ? nightSpectrum(field, up, u, d, celestial(sun)) : null;
   const near = 1 / (HEAD.distance_au ?? sun.distance) ** 2;
-  return HEAD.fields[field].solar_irradiance.map((f, b) => f * near * Math.exp(
+  const lit = inSpace() ? (foot ? near * Math.exp(Math.min(0, foot.sun - HEAD.sun_axis[0])) : 0) : near;
+  return HEAD.fields[field].solar_irradiance.map((f, b) => f * lit * Math.exp(
     (1 - v) * ((1 - w) * at(j, i, b) + w * at(j, i + 1, b)) + v * ((1 - w) * at(j + 1, i, b) + w * at(j + 1, i + 1, b)),
   ) + (night ? night[b] : 0));
 }

@@ -3,11 +3,16 @@
 precision highp float;
 precision highp int;
 precision highp sampler2D;
+precision highp sampler3D;
 //#include projection.glsl
+//#include space.glsl
 in vec2 place;
 out vec4 light;
 
 uniform sampler2D uSlice;    // logarithms under this sun: for each field the rows of sky, then those of aureole
+uniform sampler3D uSpace;     // above the air: logarithms, layers by the sun at the foot, rows as of uSlice
+uniform int uLimb;           // its rows of the limb
+uniform vec3 uSunAxis;       // lowest sun of the tables, centre and width of their axis, deg
 uniform sampler2D uLines;    // rows of 256 for each field: phase, beam, lifted, 5 of the night
 uniform sampler2D uZodiac;   // logarithm by longitude from the sun and latitude
 uniform ivec3 uTexels;       // rows of ground, rows of sky, columns
@@ -74,8 +79,53 @@ vec4 line(int row, float x) {
 
 float between(vec3 a, vec3 b) { return 2.0 * asin(min(1.0, 0.5 * length(a - b))); }
 
+// Cubic in sun, row and column of the tables above the air; `first` is the row where a table begins.
+vec4 spaceTable(int first, bool up, float s, float y, float x) {
+  int ground = uTexels.x, n = uTexels.z, suns = textureSize(uSpace, 0).z;
+  int low = up ? ground : 0, high = up ? ground + uLimb - 1 : ground - 1;
+  int l = clamp(int(floor(s)), 0, suns - 2), j = clamp(int(floor(y)), low, high - 1), i = clamp(int(floor(x)), 0, n - 2);
+  vec4 ws = cubic(s - float(l)), wy = cubic(y - float(j)), wx = cubic(x - float(i)), sum = vec4(0.0);
+  // beyond the first and the last sun the table goes on as a straight line
+  if (l == 0) ws = vec4(0.0, ws.y + 2.0 * ws.x, ws.z - ws.x, ws.w);
+  if (l == suns - 2) ws = vec4(ws.x, ws.y - ws.w, ws.z + 2.0 * ws.w, 0.0);
+  ivec4 c = ivec4(abs(i - 1), i, i + 1, i + 2 < n ? i + 2 : 2 * n - 4 - i);
+  for (int a = 0; a < 4; a++) {
+    int layer = clamp(l + a - 1, 0, suns - 1);
+    for (int b = 0; b < 4; b++) {
+      int row = first + clamp(j + b - 1, low, high);
+      sum += ws[a] * wy[b] * (wx.x * texelFetch(uSpace, ivec3(c.x, row, layer), 0) + wx.y * texelFetch(uSpace, ivec3(c.y, row, layer), 0)
+           + wx.z * texelFetch(uSpace, ivec3(c.z, row, layer), 0) + wx.w * texelFetch(uSpace, ivec3(c.w, row, layer), 0));
+    }
+  }
+  return sum;
+}
+
+// Light of the limb (up), or of the ground through the air, from above it.
+vec4 fromSpace(int field, bool up, vec3 d, float angle) {
+  float low = uEarth[field].x, top = uEarth[field].y, p = uOrbit * length(d.xy);
+  if (up && (d.z >= 0.0 || p >= top)) return vec4(0.0);
+  p = up ? max(p, low) : min(p, low);
+  float t = -uOrbit * d.z - (up ? 0.0 : sqrt(max(0.0, low * low - p * p)));
+  vec3 n = normalize(vec3(0.0, 0.0, uOrbit) + t * d), level = d - dot(d, n) * n;
+  float size = length(level), above = clamp(dot(uSun, n), -1.0, 1.0);
+  float ahead = size > 1e-6 ? dot(uSun, level) / size : 0.0;
+  float azimuth = atan(sqrt(max(0.0, 1.0 - above * above - ahead * ahead)), ahead);
+  float y = up ? float(uTexels.x) + pow((p - low) / (top - low), 1.0 / 1.5) * float(uLimb - 1)
+               : (1.0 - sqrt(1.0 - asin(min(1.0, p / low)) / (0.5 * PI))) * float(uTexels.x - 1);
+  float x = pow(azimuth / PI, 1.0 / uAzimuthPower) * float(uTexels.z - 1);
+  float sun = degrees(asin(above)), first = asinh((uSunAxis.x - uSunAxis.y) / uSunAxis.z);
+  float s = (asinh((sun - uSunAxis.y) / uSunAxis.z) - first) / (asinh((90.0 - uSunAxis.y) / uSunAxis.z) - first);
+  s = clamp(s, 0.0, 1.0) * float(textureSize(uSpace, 0).z - 1);
+  int rows = uTexels.x + uLimb, begin = 2 * rows * field;
+  vec4 sum = exp(spaceTable(begin, up, s, y, x));
+  if (uAureole[field]) sum += exp(spaceTable(begin + rows, up, s, y, x) + line(LINES * field, sqrt(angle / PI)));
+  // below the lowest sun of the tables the light falls by e per degree
+  return sum * uNear * exp(min(0.0, sun - uSunAxis.x));
+}
+
 // Light of the air, or of the ground through it.
-vec4 scattered(int field, bool up, float e, float a, float angle) {
+vec4 scattered(int field, bool up, vec3 d, float e, float a, float angle) {
+  if (uOrbit > 0.0) return fromSpace(field, up, d, angle);
   float h = uHorizon[field];
   if (uGrid) {
     if (!up) return vec4(0.0);
@@ -137,14 +187,14 @@ void main() {
   if (across > 1e-7) a = atan(d.x * uSunSide.y - d.y * uSunSide.x, dot(d.xy, uSunSide));
   float h = uHorizon[field], angle = between(d, uSun);
   float above = clamp((e - h) / max(fwidth(e), 1e-7) + 0.5, 0.0, 1.0);
-  float u = sqrt(clamp((e - h) / (0.5 * PI - h), 0.0, 1.0));
+  float u = linePlace(field, e, h, across);
   light = vec4(0.0);
   if (above > 0.0) {
-    light += above * scattered(field, true, e, a, angle);
+    light += above * scattered(field, true, d, e, a, angle);
     if (uNight) light += above * nightLight(field, true, u, d);
   }
   if (above < 1.0) {
-    light += (1.0 - above) * scattered(field, false, e, a, angle);
+    light += (1.0 - above) * scattered(field, false, d, e, a, angle);
     if (uNight) light += (1.0 - above) * nightLight(field, false, u, d);
   }
   if (uDisc) light += above * disc(field, e, u, d);

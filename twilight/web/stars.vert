@@ -1,6 +1,7 @@
 #version 300 es
 precision highp float;
 //#include projection.glsl
+//#include space.glsl
 layout(location = 0) in vec4 star;   // direction in the equator's frame, magnitude
 uniform mat3 uToWorld;
 uniform sampler2D uLines;
@@ -16,7 +17,7 @@ void main() {
   int field = p.x < uSplit ? 0 : 1;
   float e = atan(d.z, length(d.xy)), h = uHorizon[field];
   gl_Position = there && e > h && max(abs(p.x), abs(p.y)) < 1.05 ? vec4(p, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
-  float u = sqrt(clamp((e - h) / (0.5 * PI - h), 0.0, 1.0));
+  float u = linePlace(field, e, h, length(d.xy));
   // luminance of one star of magnitude 10 per square degree, as it comes through the air
   float through = texelFetch(uLines, ivec2(int(u * 255.0), 8 * field + 4), 0).y;
   float lux = through * 3.04617e-4 * exp(-0.921034 * (star.w - 10.0));

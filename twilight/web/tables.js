@@ -1,9 +1,15 @@
 // The arrays of the page, and what is left of the tables under one sun at one altitude.
 const tables = {};
 
+function bytesOf(text) {
+  const out = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) out[i] = text.charCodeAt(i);
+  return out;
+}
+
 async function readTables() {
   const text = document.getElementById("data").textContent.trim();
-  const bytes = Uint8Array.fromBase64 ? Uint8Array.fromBase64(text) : Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const bytes = Uint8Array.fromBase64 ? Uint8Array.fromBase64(text) : bytesOf(atob(text));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   const buffer = await new Response(stream).arrayBuffer();
   for (const [name, a] of Object.entries(HEAD.arrays)) {
@@ -62,15 +68,16 @@ function altitudeWeights(altitude) {
   return [[i, 1 - t], [i + 1, t]].filter(([, w]) => w > 0);
 }
 
-const horizonOf = (field) => altitudeWeights(state.altitude).reduce((sum, [i, w]) => sum + w * HEAD.fields[field].horizon_deg[i], 0);
+// Apparent elevation of the horizon [deg].
+const horizonOf = (field) => inSpace() ? -Math.acos(HEAD.fields[field].grazing_km / orbitRadius(field)) / DEG : altitudeWeights(state.altitude).reduce((sum, [i, w]) => sum + w * HEAD.fields[field].horizon_deg[i], 0);
 
 // One array of shape (C, altitude, sun, ...rest) under a sun: (rest, C), channels last.
 function underSun(name, elevation) {
   const values = tables[name], [c, nz, ns, ...rest] = HEAD.arrays[name].shape;
   const size = rest.reduce((p, n) => p * n, 1), out = new Float32Array(size * c);
-  const suns = sunWeights(sunPlace(elevation, ns), ns);
+  const suns = sunWeights(sunPlace(elevation, ns), ns), altitudes = nz > 1 ? altitudeWeights(state.altitude) : [[0, 1]];
   for (let k = 0; k < c; k++) {
-    for (const [i, wz] of altitudeWeights(state.altitude)) {
+    for (const [i, wz] of altitudes) {
       for (const [j, ws] of suns) {
         const start = ((k * nz + i) * ns + j) * size, w = wz * ws;
         for (let p = 0; p < size; p++) out[p * c + k] += w * values[start + p];
@@ -82,6 +89,7 @@ function underSun(name, elevation) {
 
 // Rows by altitude ("beam0_2" ...) at the altitude of the state.
 function atAltitude(name, field) {
+  if (inSpace()) return tables[`${name}${field}_space`];
   let out = null;
   for (const [i, w] of altitudeWeights(state.altitude)) {
     const values = tables[`${name}${field}_${i}`];

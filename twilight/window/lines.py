@@ -21,10 +21,11 @@ def sky_elevations(horizon_deg: float) -> np.ndarray:
 
 
 def sunbeam(
-    solved: Solved, channels: Channels, altitude_km: float, horizon_deg: float
+    solved: Solved, channels: Channels, altitude_km: float, nodes_deg: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """By the apparent elevation of a point of the sun's disc: how far it is lifted [deg] (N,), and what the whole disc
-    would give there at normal incidence, X, Y, Z and scotopic [lx], (N, 4)."""
+    """By the apparent elevations (N,) [deg], from the horizon up, of a point of the sun's disc: how far it is lifted
+    [deg] (N,), and what the whole disc would give there at normal incidence, X, Y, Z and scotopic [lx], (N, 4)."""
+    horizon_deg = float(nodes_deg[0])
     true = np.concatenate(
         [np.arange(horizon_deg - 1.5, horizon_deg + 2.0, 0.01), np.arange(horizon_deg + 2.0, 90.0, 0.1)]
     )
@@ -34,21 +35,21 @@ def sunbeam(
     true = true[seen]
     apparent = true + np.array([one.bending_deg for one, there in zip(found, seen, strict=True) if there])
     factor = np.stack([one.irradiance for one, there in zip(found, seen, strict=True) if there])
-    nodes = sky_elevations(horizon_deg)
-    lifted = np.interp(nodes, apparent, apparent - true)
+    lifted = np.interp(nodes_deg, apparent, apparent - true)
     logs = np.log(np.maximum(channels.of(factor), 1e-30))
-    light = np.stack([np.interp(nodes, apparent, column) for column in logs.T], axis=-1)
+    light = np.stack([np.interp(nodes_deg, apparent, column) for column in logs.T], axis=-1)
     return lifted, np.exp(light)
 
 
-def night(medium: Medium, channels: Channels, altitude_km: float, horizon_deg: float) -> tuple[np.ndarray, np.ndarray]:
+def night(medium: Medium, altitude_km: float, nodes_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The night's light at usual brightness, as `night.night_radiance` has it, taken apart.
 
-    By elevation and for the ground, (5, N, W) and (3, W) [W m^-2 nm^-1 sr^-1]: airglow; starlight of 1 S10 that comes
-    through, and what is scattered of a mean of 1 S10; the same of zodiacal light that is 1 W m^-2 nm^-1 sr^-1 at
-    500 nm.  The ground sends back what falls on it (airglow; of mean starlight; of mean zodiacal light).
+    By elevation (N,) [deg] and for the ground, (5, N, W) and (3, W) [W m^-2 nm^-1 sr^-1]: airglow; starlight of 1 S10
+    that comes through, and what is scattered of a mean of 1 S10; the same of zodiacal light that is
+    1 W m^-2 nm^-1 sr^-1 at 500 nm.  The ground sends back what falls on it (airglow; of mean starlight; of mean
+    zodiacal light).
     """
-    wavelength_nm, nodes = medium.wavelength_nm, sky_elevations(horizon_deg)
+    wavelength_nm, nodes = medium.wavelength_nm, nodes_deg
     zenith = light.airglow_zenith(wavelength_bounds(wavelength_nm))
 
     def glow(elevation: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ SCRIPTS = (
     "vector.js",
     "sun.js",
     "tables.js",
+    "space.js",
     "night.js",
     "projection.js",
     "gpu.js",
@@ -38,7 +39,7 @@ def _program() -> dict[str, str]:
     def text(name: str) -> str:
         return folder.joinpath(name).read_text(encoding="utf-8")
 
-    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl")}
+    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl")}
     script = "\n".join(text(name) for name in SCRIPTS)
     return {
         "page": text("page.html"),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
+from twilight.atmosphere.medium import Medium
 from twilight.engine import Problem, Solved
 from twilight.errors import TwilightError
 from twilight.export import own
@@ -15,13 +16,16 @@ from twilight.export.values import Source
 from twilight.progress import Progress, part_of, silent
 from twilight.sky import Sky
 from twilight.spectrum import DEFAULT_SOLAR_SPECTRUM
-from twilight.window import lines, tables
+from twilight.window import lines, space, tables
 from twilight.window.colours import Channels
 from twilight.window.pack import Pack
 from twilight.window.page import View
 
 MOST_FIELDS = 2
 LOWEST_SUN_DEG = -18.0
+INNER_KM = (2.0, 5.0, 10.0, 20.0, 40.0, 65.0)
+"""Heights above the ground of the observers of `ground_to_orbit` within the air."""
+ORBIT_KM, HIGHEST_KM = 1000.0, 40000.0
 GRID_ROWS, GRID_COLUMNS = 91, 180
 """Of one computed sky: each degree of elevation, every second of azimuth."""
 
@@ -45,7 +49,8 @@ def view_fields(
     """The page of one field, or of two side by side.
 
     names: what the page calls them; scenes: what `twilight render` is to be given in their place.  altitudes_km: of the
-    observer, increasing, above sea level; None: the one of the field.  Between several the page interpolates.
+    observer, increasing, above sea level; None: the one of the field.  Between several the page interpolates; one above
+    the air, the last, lets it go up to there, with tables of the top of the air.  `ground_to_orbit` has a usual choice.
     start: the page's first settings, by the names of `web/state.js`.
     Errors: TwilightError for a field that cannot show every sun and direction, and an altitude it does not reach.
     """
@@ -53,40 +58,101 @@ def view_fields(
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
     tell, sizes = progress or silent, sizes or tables.Sizes()
     names = names or [solved.medium.name or f"field {i + 1}" for i, solved in enumerate(fields)]
-    altitudes = check_altitudes(fields[0].problem, altitudes_km, names[0])
+    asked = check_altitudes(fields[0].problem, altitudes_km, names[0])
+    altitudes, orbit_km = within_air(fields[0].medium, asked)
     pack = Pack(_about("field", names, scenes or names, start or {}))
     pack.header |= {
         "altitude_km": list(altitudes),
+        "highest_km": asked[-1],
         "texels": {"sun": sizes.suns, "ground": sizes.ground, "sky": sizes.sky, "azimuth": sizes.azimuths},
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
         "sun_axis": [own.LOWEST_SUN_DEG, own.SUN_CENTRE_DEG, own.SUN_WIDTH_DEG],
         "azimuth_power": own.AZIMUTH_POWER,
     }
+    if orbit_km:
+        pack.header["space"] = {
+            "from_km": altitudes[-1],
+            "limb": sizes.limb,
+            "limb_power": space.LIMB_POWER,
+            "lines_to_km": space.LINES_TO_KM,
+        }
     for k, solved in enumerate(fields):
-        check_altitudes(solved.problem, altitudes, names[k])
+        check_altitudes(solved.problem, asked, names[k])
         _check_suns(solved, names[k])
-        channels = Channels(solved.medium.wavelength_nm, solar_spectrum)
-        source = Source(solved, solved.medium, bool(getattr(solved.problem.settings, "refraction", False)))
         share = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
-        made = tables.fill(source, channels, altitudes, sizes, share)
-        pack.header["fields"].append(_facts(channels) | {"horizon_deg": made.horizon_deg.tolist()})
-        pack.logarithm(f"sky{k}", made.sky)
-        pack.logarithm(f"spectrum{k}", made.spectrum)
-        if made.aureole is not None and made.phase is not None:
-            pack.logarithm(f"aureole{k}", made.aureole)
-            pack.numbers(f"phase{k}", np.log(made.phase))
-        for i, altitude in enumerate(altitudes):
-            horizon = float(made.horizon_deg[i])
-            lifted, beam = lines.sunbeam(solved, channels, altitude, horizon)
-            pack.numbers(f"lifted{k}_{i}", lifted)
-            pack.numbers(f"beam{k}_{i}", np.log(beam))
-            night, ground = lines.night(solved.medium, channels, altitude, horizon)
-            for name, values in (("night", night), ("night_ground", ground)):
-                pack.numbers(f"{name}{k}_{i}", channels.of(values / channels.solar_irradiance))
-                pack.numbers(f"{name}_spectrum{k}_{i}", values)
+        _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, sizes, share)
     pack.numbers("zodiacal", np.log(lines.zodiacal_table()))
     pack.numbers("stars", _stars())
     return View(pack, f"{' and '.join(names)}: sky")
+
+
+def _add_field(
+    pack: Pack,
+    k: int,
+    solved: Solved,
+    channels: Channels,
+    altitudes: tuple[float, ...],
+    sizes: tables.Sizes,
+    progress: Progress,
+) -> None:
+    """The tables and lines of one field."""
+    source = Source(solved, solved.medium, bool(getattr(solved.problem.settings, "refraction", False)))
+    steps = len(altitudes) + 2 * ("space" in pack.header)
+    made = tables.fill(source, channels, altitudes, sizes, part_of(progress, 0.0, len(altitudes) / steps))
+    pack.header["fields"].append(_facts(channels) | {"horizon_deg": made.horizon_deg.tolist()})
+    _add_tables(pack, k, "", made)
+    for i, altitude in enumerate(altitudes):
+        nodes = lines.sky_elevations(float(made.horizon_deg[i]))
+        _add_lines(pack, channels, f"{k}_{i}", lines.sunbeam(solved, channels, altitude, nodes),
+                   lines.night(solved.medium, altitude, nodes))  # fmt: skip
+    if "space" not in pack.header:
+        return
+    made, geometry = space.fill_space(source, channels, sizes, part_of(progress, len(altitudes) / steps, 2.0 / steps))
+    pack.header["fields"][k] |= {
+        "radius_km": solved.medium.earth_radius_km,
+        "grazing_km": geometry.grazing_km,
+        "top_radius_km": geometry.top_radius_km,
+    }
+    _add_tables(pack, k, "space_", made)
+    above = solved.medium.earth_radius_km + space.ABOVE_AIRGLOW_KM
+    _add_lines(
+        pack,
+        channels,
+        f"{k}_space",
+        lines.sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
+        lines.night(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
+    )
+
+
+def _add_tables(pack: Pack, k: int, where: str, made: tables.Tables) -> None:
+    pack.logarithm(f"{where}sky{k}", made.sky)
+    pack.logarithm(f"{where}spectrum{k}", made.spectrum)
+    if made.aureole is not None and made.phase is not None:
+        pack.logarithm(f"{where}aureole{k}", made.aureole)
+        pack.numbers(f"phase{k}", np.log(made.phase))
+
+
+def _add_lines(pack: Pack, channels: Channels, which: str, sun: tuple, night: tuple) -> None:
+    lifted, beam = sun
+    pack.numbers(f"lifted{which}", lifted)
+    pack.numbers(f"beam{which}", np.log(beam))
+    for name, values in zip(("night", "night_ground"), night, strict=True):
+        pack.numbers(f"{name}{which}", channels.of(values / channels.solar_irradiance))
+        pack.numbers(f"{name}_spectrum{which}", values)
+
+
+def ground_to_orbit(medium: Medium) -> tuple[float, ...]:
+    """Altitudes of the observer [km above sea level] from the ground through the air to an orbit, for `view_fields`."""
+    inner = (medium.bottom_km + z for z in INNER_KM)
+    return (medium.bottom_km, *(z for z in inner if z < 0.9 * medium.top_km), medium.top_km, ORBIT_KM)
+
+
+def within_air(medium: Medium, altitudes_km: tuple[float, ...]) -> tuple[tuple[float, ...], float]:
+    """The altitudes within the air, its top among them where there are higher ones, and the highest of those, or 0."""
+    inside = tuple(z for z in altitudes_km if z <= medium.top_km)
+    if len(inside) == len(altitudes_km):
+        return inside, 0.0
+    return (*(z for z in inside if z < medium.top_km), medium.top_km), altitudes_km[-1]
 
 
 def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -> View:
@@ -102,6 +168,7 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     spectra = sky.smooth(np.maximum(sky.normalised_radiance, tables.DARK), rows[::5][:, None], columns[::5][None, :])
     pack.header |= {
         "altitude_km": [sky.observer_altitude_km],
+        "highest_km": sky.observer_altitude_km,
         "texels": {"sun": 1, "ground": 0, "sky": GRID_ROWS, "azimuth": GRID_COLUMNS},
         "sun_deg": [sky.sun_elevation_deg, sky.sun_elevation_deg],
         "sun_azimuth_deg": sky.sun_azimuth_deg,
@@ -132,7 +199,7 @@ def _facts(channels: Channels) -> dict[str, Any]:
 
 
 def check_altitudes(problem: Problem, altitudes_km: Sequence[float] | None, name: str) -> tuple[float, ...]:
-    """The altitudes of the observer [km] that a page will have, None: the one of the problem.
+    """The altitudes of the observer [km] that a page will go through, None: the one of the problem.
 
     Errors: TwilightError for a solver that cannot show every sun and direction, and an altitude it does not reach.
     """
@@ -144,10 +211,12 @@ def check_altitudes(problem: Problem, altitudes_km: Sequence[float] | None, name
         raise TwilightError(f"{name}: its solver serves one altitude of the observer, not {len(altitudes)}; zones does")
     if list(altitudes) != sorted(set(altitudes)):
         raise TwilightError(f"altitudes: {', '.join(f'{z:g}' for z in altitudes)} km must increase")
-    low, high = medium.bottom_km, medium.top_km
+    low, high = medium.bottom_km, HIGHEST_KM
     for z in altitudes:
         if not low <= z <= high:
-            raise TwilightError(f"altitudes: {z:g} km is not allowed, {low:g} (the ground) to {high:g} km (the top) is")
+            raise TwilightError(f"altitudes: {z:g} km is not allowed, {low:g} (the ground) to {high:g} km is")
+    if altitudes[-1] > medium.top_km and not able.every_observer:
+        raise TwilightError(f"{name}: its solver serves one altitude of the observer, in the air; zones serves all")
     return altitudes
 
 
@@ -160,7 +229,7 @@ def _check_suns(solved: Solved, name: str) -> None:
 
 def _stars() -> np.ndarray:
     """Unit vectors (equator and equinox of J2000) and magnitudes of the brighter stars, (N, 4)."""
-    from twilight.validate.stars.catalogue import bright_stars
+    from twilight.stars import bright_stars
 
     stars = bright_stars(2026.0)
     return np.column_stack([stars.directions, stars.magnitude])

@@ -33,6 +33,8 @@ class Sizes:
     sky: int = 33
     ground: int = 13
     azimuths: int = 25
+    limb: int = 41
+    """Above the air alone, in place of `sky`."""
 
 
 def elevation_rows(horizon_deg: float, sizes: Sizes) -> np.ndarray:
@@ -91,13 +93,13 @@ def fill(
             spectra[j] = source.radiance(altitude, float(sun), elevation, azimuth)
             progress(f"{altitude:g} km", (i + 0.9 * (j + 1) / suns.size) / len(altitudes_km))
         light = np.maximum(channels.of(spectra), DARK)
-        kept = _every_second(sizes)
+        kept = every_second(sizes.ground, sizes.sky)
         coarse.append(np.maximum(spectra[::2][:, kept][:, :, ::2], DARK))
         if aureole is not None and phase is not None:
             once = _once_scattered(source, channels, altitude, row, azimuths, suns)
             once = np.minimum(once, LARGEST_SHARE * light)
             once += REST_IN_AUREOLE * (light - once)
-            cosine = _scattering_cosine(elevation, azimuth, suns)
+            cosine = scattering_cosine(elevation, azimuth, suns)
             aureole[:, i] = np.moveaxis(once / read_phase(phase, cosine), -1, 0)
             light = light - once
         sky[:, i] = np.moveaxis(light, -1, 0)
@@ -106,9 +108,9 @@ def fill(
     return Tables(sky, aureole, spectrum, phase, np.array(horizons))
 
 
-def _every_second(sizes: Sizes) -> np.ndarray:
-    """Rows of the spectral table."""
-    return np.concatenate([np.arange(0, sizes.ground, 2), sizes.ground + np.arange(0, sizes.sky, 2)])
+def every_second(ground: int, above: int) -> np.ndarray:
+    """Rows of the spectral table: every second one of those of the ground, and of those above the horizon."""
+    return np.concatenate([np.arange(0, ground, 2), ground + np.arange(0, above, 2)])
 
 
 def _once_scattered(source: Source, channels: Channels, altitude: float, row, azimuths, suns) -> np.ndarray:
@@ -118,6 +120,7 @@ def _once_scattered(source: Source, channels: Channels, altitude: float, row, az
     return channels.of(np.concatenate([inside, beyond], axis=1))
 
 
-def _scattering_cosine(elevation: np.ndarray, azimuth: np.ndarray, suns: np.ndarray) -> np.ndarray:
+def scattering_cosine(elevation: np.ndarray, azimuth: np.ndarray, suns: np.ndarray) -> np.ndarray:
+    """(S, ...) of directions (...) and suns (S,) [deg]."""
     e, a, s = np.radians(elevation), np.radians(azimuth), np.radians(suns)[:, None, None]
     return np.sin(s) * np.sin(e) + np.cos(s) * np.cos(e) * np.cos(a)

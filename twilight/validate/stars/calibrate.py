@@ -11,7 +11,7 @@ import numpy as np
 from twilight.camera.model import Camera
 from twilight.errors import TwilightError
 from twilight.orientation import orientation_angles
-from twilight.validate.stars.catalogue import Stars, blended
+from twilight.stars import Stars, blended
 from twilight.validate.stars.coordinates import Place, equatorial, horizontal
 from twilight.validate.stars.detect import Sources, detect
 from twilight.validate.stars.match import Air, State

@@ -12,7 +12,7 @@ import numpy as np
 
 from twilight.errors import TwilightError
 from twilight.extras import missing
-from twilight.validate.stars.catalogue import Stars, bright_stars
+from twilight.stars import Stars, bright_stars
 from twilight.validate.stars.refraction import lifted
 
 LOWEST_RAD = np.radians(2.0)

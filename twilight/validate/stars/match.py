@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.camera.model import Camera
-from twilight.validate.stars.catalogue import Stars
+from twilight.stars import Stars
 from twilight.validate.stars.detect import Sources
 from twilight.validate.stars.refraction import lifted
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.validate.stars.catalogue import Stars
+from twilight.stars import Stars
 
 SEEDS = 26
 """Sources that pairs are made of."""

@@ -1,0 +1,194 @@
+"""`twilight view` from the ground to orbit: pixels above the air against a sky in closed form, and against a field."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from airs import turbid
+from browser import light_of, open_page
+
+import twilight
+from twilight.engine import Problem
+from twilight.errors import TwilightError
+from twilight.orientation import azimuth_elevation, direction
+from twilight.solvers.base import BareField, Capabilities
+from twilight.views import view_directions, view_rays
+from twilight.window import ground_to_orbit, view_fields
+from twilight.window.colours import Channels
+from twilight.window.scene import within_air
+from twilight.window.space import at_entry
+from twilight.window.tables import Sizes
+
+NM = np.array([400.0, 450.0, 520.0, 580.0, 640.0, 700.0])
+SIZES = Sizes(suns=49, sky=9, ground=9, azimuths=13, limb=25)
+BARE = {"disc": False, "night": False, "stars": False, "path": False}
+MEDIUM = turbid(wavelength_nm=NM)
+RADIUS = MEDIUM.earth_radius_km
+
+
+def at_foot(d, sun, altitude_km):
+    """(p, sine of the sun's elevation at the foot, cosine of its azimuth from the line) of straight lines (..., 3)."""
+    o = np.array([0.0, 0.0, RADIUS + altitude_km])
+    along = -(d @ o)
+    p = np.linalg.norm(o + along[..., None] * d, axis=-1)
+    along = along - np.sqrt(np.maximum(0.0, RADIUS**2 - p**2))
+    n = o + along[..., None] * d
+    n /= np.linalg.norm(n, axis=-1, keepdims=True)
+    level = d - (d * n).sum(-1, keepdims=True) * n
+    level /= np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-12)
+    sine = n @ sun
+    return p, sine, (level @ sun) / np.sqrt(np.maximum(1e-12, 1.0 - sine**2))
+
+
+@dataclass
+class Planet(BareField):
+    """Light that falls by e in 25 km of height and in 2 deg beyond the terminator, and is brighter towards the sun."""
+
+    medium: object
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        e, a = np.broadcast_arrays(elevation_deg, azimuth_deg)
+        d = direction(a, e)
+        sun = np.array([0.0, math.cos(math.radians(sun_elevation_deg)), math.sin(math.radians(sun_elevation_deg))])
+        p, sine, cosine = at_foot(d, sun, observer_altitude_km)
+        degrees = np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0)))
+        lit = -np.logaddexp(0.0, -(degrees + 4.0) / 2.0)
+        log = lit - np.maximum(p - RADIUS, 0.0) / 25.0 + 0.3 * cosine * np.minimum(p / RADIUS, 1.0) ** 2
+        return np.exp(log)[..., None] * (NM / 550.0) ** (-1.0 + sine[..., None])
+
+
+@pytest.fixture(scope="module")
+def planet():
+    solver = SimpleNamespace(
+        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
+        QUALITIES={},
+        prepare=lambda medium, settings, **options: Planet(medium),
+    )
+    return Problem(MEDIUM, solver, SimpleNamespace(refraction=False), 0.0, title="planet").solve()
+
+
+@pytest.fixture(scope="module")
+def page_file(planet, tmp_path_factory):
+    path = tmp_path_factory.mktemp("space") / "planet.html"
+    return view_fields([planet], altitudes_km=[0.0, 400.0], sizes=SIZES).save(path)
+
+
+def test_a_line_is_the_same_at_its_entry_and_its_foot():
+    """The sun seen from where a line enters the air, by rotation of vectors."""
+    for sun, azimuth, turned in ((20.0, 70.0, 8.0), (-3.0, 150.0, 10.0), (89.0, 10.0, 5.0)):
+        s = direction(azimuth, sun)  # x to azimuth 90, y ahead, z up
+        psi = math.radians(turned)
+        up = np.array([0.0, -math.sin(psi), math.cos(psi)])
+        ahead = np.array([0.0, math.cos(psi), math.sin(psi)])
+        elevation, away = at_entry(np.array(sun), np.array(azimuth), turned)
+        assert float(elevation) == pytest.approx(math.degrees(math.asin(s @ up)), abs=1e-9)
+        assert float(away) == pytest.approx(math.degrees(math.atan2(s[0], s @ ahead)), abs=1e-9)
+
+
+@pytest.mark.parametrize("altitude", [130.0, 400.0])
+def test_pixels_above_the_air_are_the_field(planet, page_file, altitude):
+    dip = math.degrees(math.acos(RADIUS / (RADIUS + altitude)))
+    channels = Channels(NM)
+    views = [
+        # the limb, 8 deg across, towards the sun and away from it; then the ground
+        ("perspective", {"field_of_view_deg": 8.0, "elevation_deg": -dip + 1.0, "azimuth_deg": 20.0}),
+        ("perspective", {"field_of_view_deg": 8.0, "elevation_deg": -dip + 1.0, "azimuth_deg": 130.0}),
+        ("perspective", {"field_of_view_deg": 120.0, "elevation_deg": -90.0, "azimuth_deg": 0.0}),
+    ]
+    compared = 0
+    with open_page(page_file, 64, 36) as (page, errors):
+        for kind, pointing in views:
+            rays = view_rays(kind, 64, 36, **pointing)
+            azimuth, elevation = azimuth_elevation(rays)
+            state = {"fov": pointing["field_of_view_deg"], "elevation": pointing["elevation_deg"]}
+            state |= {"azimuth": pointing["azimuth_deg"], "projection": kind, "altitude": altitude}
+            for sun in (30.0, 2.0, -14.0):
+                found = light_of(page, {**BARE, **state, "sun": sun})[::-1]
+                exact = channels.of(planet.radiance(sun, elevation, azimuth, altitude))
+                p = (RADIUS + altitude) * np.cos(np.radians(elevation))
+                # the tables hold suns at the foot from -20 deg
+                _, sine, _ = at_foot(rays, direction(0.0, sun), altitude)
+                inside = (
+                    (sine > math.sin(math.radians(-19.5)))
+                    & (elevation < 0.0)
+                    & (p < RADIUS + MEDIUM.top_km - 5.0)
+                    & (np.abs(p - RADIUS) > 8.0)
+                )
+                if inside.any():
+                    off = np.abs(found[inside] / exact[inside] - 1.0)
+                    assert np.percentile(off, 95) < 0.01, (pointing, sun)
+                    compared += 1
+                beyond = (p > RADIUS + MEDIUM.top_km + 2.0) | (elevation > 0.0)
+                assert (found[beyond] == 0.0).all()
+        assert compared >= 7
+        found = page.evaluate("s => { twilight.set(s); return twilight.at(-60, 40); }", {"sun": 10.0, "stars": False})
+        factor = planet.radiance(10.0, found["elevation"], found["azimuth"], altitude)
+        assert found["spectrum"] == pytest.approx(factor * channels.solar_irradiance, rel=0.05)
+        assert errors == []
+
+
+def test_whoever_rises_keeps_the_horizon_in_the_picture(page_file):
+    with open_page(page_file, 64, 36) as (page, errors):
+        page.evaluate("twilight.set({ elevation: 5, altitude: 0 })")
+        page.evaluate(
+            "const c = document.getElementById('altitude'); c.value = 20; c.dispatchEvent(new Event('input'));"
+        )
+        state = page.evaluate("({ ...twilight.state })")
+        dip = math.degrees(math.acos(RADIUS / (RADIUS + 400.0)))
+        assert state["altitude"] == pytest.approx(400.0) and state["elevation"] == pytest.approx(5.0 - dip, abs=0.05)
+        assert page.evaluate("twilight.command()").find("--altitude-km 400") > 0
+        assert errors == []
+
+
+def test_altitudes_of_a_page():
+    assert within_air(MEDIUM, (0.0, 10.0)) == ((0.0, 10.0), 0.0)
+    assert within_air(MEDIUM, (0.0, 10.0, 400.0)) == ((0.0, 10.0, MEDIUM.top_km), 400.0)
+    altitudes = ground_to_orbit(MEDIUM)
+    assert altitudes[0] == MEDIUM.bottom_km and altitudes[-2:] == (MEDIUM.top_km, 1000.0)
+    assert list(altitudes) == sorted(altitudes)
+
+
+def test_a_solver_of_one_altitude_does_not_rise(planet):
+    solver = SimpleNamespace(
+        CAPABILITIES=Capabilities(every_sun=True), QUALITIES={}, prepare=lambda medium, settings, **o: Planet(medium)
+    )
+    one = Problem(MEDIUM, solver, SimpleNamespace(refraction=False), 0.0, title="one").solve()
+    with pytest.raises(TwilightError, match="in the air; zones serves all"):
+        view_fields([one], altitudes_km=[400.0])
+
+
+@pytest.mark.slow
+def test_a_climate_from_the_ground_to_orbit(tmp_path):
+    """95 % of the pixels at 10 and 400 km within 2 %, and between tables of the air within 10 % of the field."""
+    solved = twilight.solve("continental-average", quality="draft")
+    page_file = view_fields([solved], altitudes_km=ground_to_orbit(solved.medium)).save(tmp_path / "sky.html")
+    print(f"{page_file.stat().st_size / 1e6:.1f} MB", flush=True)
+    assert page_file.stat().st_size < 25e6
+    channels, missed = Channels(solved.medium.wavelength_nm), []
+    with open_page(page_file, 64, 36) as (page, errors):
+        for altitude, limit in ((10.0, 0.02), (400.0, 0.02), (100.5, 0.02), (3.2, 0.1), (14.0, 0.1), (30.0, 0.1)):
+            dip = math.degrees(math.acos(RADIUS / (RADIUS + altitude)))
+            for fov, below in ((100.0, 20.0), (8.0, -1.0)):
+                for turned in (30.0, 150.0):
+                    elevation, azimuth = view_directions(
+                        "perspective", 64, 36, field_of_view_deg=fov, elevation_deg=-dip - below, azimuth_deg=turned
+                    )
+                    state = {"fov": fov, "elevation": -dip - below, "azimuth": turned, "projection": "perspective"}
+                    for sun in (20.0, 1.0, -6.0):
+                        found = light_of(page, {**BARE, **state, "altitude": altitude, "sun": sun})[::-1]
+                        exact = channels.of(solved.radiance(sun, elevation, azimuth, altitude))
+                        bright = exact[..., 1] > 1e-3 * np.percentile(exact[..., 1], 99)
+                        bright &= np.abs(elevation + dip) > 0.5 * fov / 36.0 + 0.3
+                        off = np.percentile(np.abs(found[bright] / exact[bright] - 1.0), 95, axis=0).max()
+                        print(
+                            f"{altitude:g} km, {fov:g} deg across, azimuth {turned:g}, sun {sun:g}: {100 * off:.2f} %",
+                            flush=True,
+                        )
+                        if off > limit:
+                            missed.append((altitude, fov, turned, sun, off))
+        assert errors == []
+    assert missed == []

@@ -1,0 +1,99 @@
+"""The night's light in a film: found at some moments, drawn once for each, mixed in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import timedelta
+from functools import lru_cache
+
+import numpy as np
+
+from twilight.animation.timeline import Timeline
+from twilight.atmosphere.medium import Medium
+from twilight.config.scene import Config, SunInterval
+from twilight.engine.night import NightLight, levels_of, night_light
+from twilight.night import Place
+from twilight.window.colours import Channels
+
+STEP_S = 900.0
+"""Largest time between two moments: the stars turn by 3.75 deg."""
+
+
+@dataclass(frozen=True)
+class Nights:
+    """time_s (K,): of the moments; sun_azimuth_deg (K,), from which the azimuths of `lights` count.
+
+    lights: X, Y, Z and scotopic luminance [cd m^-2].
+    """
+
+    time_s: np.ndarray
+    sun_azimuth_deg: np.ndarray
+    lights: tuple[NightLight, ...]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """As `from_arrays` takes them."""
+        return {
+            "night_time_s": self.time_s,
+            "night_sun_azimuth_deg": self.sun_azimuth_deg,
+            "night_elevation_deg": self.lights[0].elevation_deg,
+            "night_azimuth_deg": self.lights[0].azimuth_deg,
+            "night_radiance": np.stack([one.radiance for one in self.lights]),
+            "night_ground": np.stack([one.ground for one in self.lights]),
+        }
+
+    @classmethod
+    def from_arrays(cls, kept: dict[str, np.ndarray]) -> Nights:
+        """What `arrays` gave."""
+        axes = kept["night_elevation_deg"], kept["night_azimuth_deg"]
+        pairs = zip(kept["night_radiance"], kept["night_ground"], strict=True)
+        return cls(
+            kept["night_time_s"], kept["night_sun_azimuth_deg"], tuple(NightLight(*axes, r, g) for r, g in pairs)
+        )
+
+
+def nights_of(config: Config, medium: Medium, channels: Channels, line: Timeline) -> Nights | None:
+    """The nights of a film, None where its configuration has none."""
+    if config.night is None:
+        return None
+    span = float(line.time_s[-1])
+    times = np.linspace(0.0, span, 1 + int(np.ceil(span / STEP_S)))
+    elevation, azimuth = (np.interp(times, line.time_s, v) for v in (line.elevation_deg, line.azimuth_deg))
+    lights = []
+    for t, e, a in zip(times, elevation, azimuth, strict=True):
+        sun, place = config.sun, None
+        if isinstance(sun, SunInterval):
+            place = Place(sun.latitude_deg, sun.longitude_deg, sun.aware(sun.start) + timedelta(seconds=float(t)))
+        made = night_light(
+            medium,
+            levels_of(config.night),
+            config.observer.altitude_km,
+            sun_elevation_deg=float(e),
+            sun_azimuth_deg=None if place is None else float(a),
+            place=place,
+        )
+        radiance, ground = (channels.of(v / channels.solar_irradiance) for v in (made.radiance, made.ground))
+        lights.append(NightLight(made.elevation_deg, made.azimuth_deg, radiance, ground))
+    return Nights(times, azimuth, tuple(lights))
+
+
+class NightPainter:
+    """Draws the night in a fixed set of directions (H, W) [deg], at any time of the film."""
+
+    def __init__(self, nights: Nights, elevation_deg: np.ndarray, azimuth_deg: np.ndarray):
+        self.nights = nights
+
+        @lru_cache(maxsize=2)
+        def picture(k: int) -> np.ndarray:
+            away = azimuth_deg - nights.sun_azimuth_deg[k]
+            return np.nan_to_num(nights.lights[k].at(elevation_deg, away)).astype(np.float32)
+
+        self._picture = picture
+
+    def light(self, time_s: float) -> np.ndarray:
+        """X, Y, Z and scotopic luminance [cd m^-2], (H, W, 4); 0 outside the picture."""
+        times = self.nights.time_s
+        k = int(np.clip(np.searchsorted(times, time_s, side="right") - 1, 0, max(times.size - 2, 0)))
+        if times.size == 1:
+            return self._picture(0)
+        share = float(np.clip((time_s - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
+        return (1.0 - share) * self._picture(k) + share * self._picture(k + 1)

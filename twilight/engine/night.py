@@ -1,0 +1,91 @@
+"""The night's light of a scene in any direction: the sky down to the horizon, and the ground that it lights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.config.scene import Night, SunAt
+from twilight.night import NightLevels, Place, night_radiance
+from twilight.orientation import azimuth_elevation
+from twilight.scene.suns import SunPosition
+from twilight.transport.apparent import horizon_dip_deg
+
+ROWS, COLUMN_DEG = 46, 3.0
+"""Elevations from the horizon to the zenith, closer towards the horizon; azimuths all round."""
+MEAN_ROWS_DEG, MEAN_COLUMNS_DEG = np.arange(3.0, 90.0, 6.0), np.arange(0.0, 360.0, 30.0)
+
+
+@dataclass(frozen=True)
+class NightLight:
+    """elevation_deg (E,) from the horizon to 90; azimuth_deg (A,) from 0 to 360, both; radiance (E, A, K) and that of
+    the ground (K,), in one unit.  Azimuths as those that are asked for."""
+
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    radiance: np.ndarray
+    ground: np.ndarray
+
+    def at(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """(..., K) in directions: bilinear, the ground below the horizon, NaN where a direction is NaN."""
+        e, a = self.elevation_deg, np.mod(azimuth_deg, 360.0)
+        inside = np.isfinite(elevation_deg)
+        elevation = np.where(inside, elevation_deg, 0.0)
+        i = np.clip(np.searchsorted(e, elevation, side="right") - 1, 0, e.size - 2)
+        place = np.where(inside, a, 0.0) / self.azimuth_deg[1]
+        j = np.minimum(place.astype(int), self.azimuth_deg.size - 2)
+        f = np.clip((elevation - e[i]) / (e[i + 1] - e[i]), 0.0, 1.0)[..., None]
+        g = (place - j)[..., None]
+        r = self.radiance
+        out = (1 - f) * ((1 - g) * r[i, j] + g * r[i, j + 1]) + f * ((1 - g) * r[i + 1, j] + g * r[i + 1, j + 1])
+        out = np.where((elevation < e[0])[..., None], self.ground, out)
+        return np.where(inside[..., None], out, np.nan)
+
+    def seen_by(self, rays: np.ndarray, hidden: np.ndarray | None = None) -> np.ndarray:
+        """(H, W, K) of directions (H, W, 3); hidden (H, W): where terrain, lit as the ground, stands before the sky."""
+        azimuth, elevation = azimuth_elevation(rays)
+        out = self.at(elevation, azimuth)
+        return out if hidden is None else np.where(hidden[..., None], self.ground, out)
+
+
+def levels_of(night: Night) -> NightLevels:
+    """How bright each part is."""
+    return NightLevels(**night.model_dump())
+
+
+def place_of(sun: SunPosition) -> Place | None:
+    """Where and when the observer stands, where a scene says it."""
+    at = sun.section
+    return Place(at.latitude_deg, at.longitude_deg, sun.time) if isinstance(at, SunAt) and sun.time else None
+
+
+def night_light(
+    medium: Medium,
+    levels: NightLevels,
+    altitude_km: float,
+    *,
+    sun_elevation_deg: float,
+    sun_azimuth_deg: float | None = None,
+    place: Place | None = None,
+) -> NightLight:
+    """The night [W m^-2 nm^-1 sr^-1] from an altitude, azimuths from the sun.
+
+    Between the horizon of a high observer and 0 deg the sky is as at 0 deg.  The ground sends back by its albedo what
+    falls on it, and no air stands before it.
+    """
+    dip = -horizon_dip_deg(medium, altitude_km)
+    elevation = dip + (90.0 - dip) * np.linspace(0.0, 1.0, ROWS) ** 2
+    azimuth = np.arange(0.0, 360.0 + COLUMN_DEG, COLUMN_DEG)
+    where: dict[str, Any] = {"sun_elevation_deg": sun_elevation_deg, "sun_azimuth_deg": sun_azimuth_deg, "place": place}
+
+    def radiance(rows, columns, observer_km):
+        return night_radiance(medium, rows, columns, levels, **where, observer_altitude_km=observer_km)
+
+    half = radiance(np.maximum(elevation, 0.0), azimuth[:-1], altitude_km)
+    falling = radiance(MEAN_ROWS_DEG, MEAN_COLUMNS_DEG, medium.bottom_km).mean(axis=1)
+    weight = np.sin(2.0 * np.radians(MEAN_ROWS_DEG))
+    ground = medium.ground_albedo * (weight @ falling) / weight.sum()
+    return NightLight(elevation, azimuth, np.concatenate([half, half[:, :1]], axis=1), ground)

@@ -1,0 +1,152 @@
+"""The tables of a field above the air, where a line of sight is known by where it passes the Earth.
+
+An observer above the air sees along a line what any other one on it does.  A line is named by its impact parameter p
+(its least distance from the Earth's centre were the air not there) and by the sun's elevation and azimuth at its foot:
+where it is nearest to the Earth, or meets the sphere of the grazing ray.  There the terminator stands at the same sun
+for all lines, so that tables over the foot's sun stay smooth where the Earth's edge is half lit.
+
+    ground    angle of the line to the vertical at its foot, 90 (1 - u^2) deg
+    limb      p = p_h + (r_top - p_h) v^1.5; p_h: of the ray that grazes the ground, by Bouguer's invariant
+
+u and v from 0 to 1 over the rows; suns and azimuths are those of the other tables.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from twilight.export import own
+from twilight.export.values import JUST_DEG, Source, read_phase
+from twilight.progress import Progress
+from twilight.window.colours import Channels
+from twilight.window.lines import NODES
+from twilight.window.tables import (
+    DARK,
+    LARGEST_SHARE,
+    REST_IN_AUREOLE,
+    Sizes,
+    Tables,
+    every_second,
+    scattering_cosine,
+)
+
+LIMB_POWER = 1.5
+LINES_TO_KM = 300.0
+"""Height above the grazing ray up to which the sun's beam and the night's light are listed: over all airglow."""
+ABOVE_AIRGLOW_KM = 320.0
+ENTRY_LOWEST_SUN_DEG, ENTRY_SUNS, ENTRY_AZIMUTHS = -33.0, 97, 33
+"""Where a line enters the air the field is asked for these; the foot's suns are read from there by splines."""
+SUNS_AT_ONCE = 24
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Lines of sight past one planet [km]: p_h of the grazing ray, the radius of the top of the air, and its altitude
+    above sea level."""
+
+    grazing_km: float
+    top_radius_km: float
+    top_km: float
+
+    @classmethod
+    def of(cls, source: Source) -> Geometry:
+        """Of the medium of a field."""
+        medium = source.medium
+        radius = medium.earth_radius_km + medium.top_km
+        return cls(radius * math.cos(math.radians(source.horizon_deg(medium.top_km))), radius, medium.top_km)
+
+    def rows(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:
+        """(elevation at the top of the air, angle from there to the foot) (G + L,) [deg].
+
+        Ground from the nadir up, then limb from the horizon up.
+        """
+        foot = 90.0 * (1.0 - np.linspace(1.0, 0.0, sizes.ground) ** 2)
+        ground = self.grazing_km * np.sin(np.radians(foot))
+        limb = (
+            self.grazing_km + (self.top_radius_km - self.grazing_km) * np.linspace(0.0, 1.0, sizes.limb) ** LIMB_POWER
+        )
+        elevation = -np.degrees(np.arccos(np.concatenate([ground, limb]) / self.top_radius_km))
+        elevation[sizes.ground - 1] -= JUST_DEG
+        elevation[sizes.ground] += JUST_DEG
+        elevation[-1] = -0.02  # a line that is in the air at all
+        turned = np.concatenate([foot - (90.0 + elevation[: sizes.ground]), -elevation[sizes.ground :]])
+        return elevation, np.maximum(turned, 0.0)
+
+    def line_elevations(self, radius_km: float) -> np.ndarray:
+        """Elevations (NODES,) [deg] of lines by their height above the grazing ray, LINES_TO_KM x^1.5, seen from a
+        distance from the Earth's centre; positive where they pass above it."""
+        p = self.grazing_km + LINES_TO_KM * np.linspace(0.0, 1.0, NODES) ** LIMB_POWER
+        below = -np.degrees(np.arccos(np.minimum(1.0, p / radius_km)))
+        return np.where(p < radius_km, below, 1.0 + p - radius_km)
+
+
+def at_entry(
+    foot_sun_deg: np.ndarray, foot_azimuth_deg: np.ndarray, turned_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The sun's elevation and azimuth from the line [deg] a geocentric angle before the foot."""
+    s, a, psi = np.radians(foot_sun_deg), np.radians(foot_azimuth_deg), math.radians(turned_deg)
+    ahead, across, up = np.cos(s) * np.cos(a), np.cos(s) * np.sin(a), np.sin(s)
+    elevation = np.arcsin(np.clip(math.cos(psi) * up - math.sin(psi) * ahead, -1.0, 1.0))
+    return np.degrees(elevation), np.degrees(np.arctan2(across, math.cos(psi) * ahead + math.sin(psi) * up))
+
+
+def fill_space(source: Source, channels: Channels, sizes: Sizes, progress: Progress) -> tuple[Tables, Geometry]:
+    """The tables of a field above the air, with one altitude, and the lines that they are over.
+
+    `Tables.spectrum` has every second texel; horizon_deg is the one at the top of the air.
+    """
+    geometry = Geometry.of(source)
+    top = geometry.top_km
+    rows, turned = geometry.rows(sizes)
+    places = np.linspace(_sun_place(ENTRY_LOWEST_SUN_DEG), _sun_place(90.0), ENTRY_SUNS)
+    suns = np.clip(own.SUN_CENTRE_DEG + own.SUN_WIDTH_DEG * np.sinh(places), ENTRY_LOWEST_SUN_DEG, 90.0)
+    azimuths = np.linspace(0.0, 180.0, ENTRY_AZIMUTHS)
+    elevation, azimuth = np.meshgrid(rows, azimuths, indexing="ij")
+    spectra = np.empty((suns.size, rows.size, azimuths.size, channels.wavelength_nm.size))
+    for j, sun in enumerate(suns):
+        spectra[j] = source.radiance(top, float(sun), elevation, azimuth)
+        progress("above the air", 0.8 * (j + 1) / suns.size)
+    light = np.maximum(channels.of(spectra), DARK)
+    aureole = phase = None
+    if source.phase is not None:
+        phase = channels.of(source.phase) / channels.of(np.ones_like(source.phase))
+        once = np.empty_like(light)
+        for first in range(0, suns.size, SUNS_AT_ONCE):
+            part = slice(first, first + SUNS_AT_ONCE)
+            once[part] = channels.of(source.single_aerosol(top, rows, azimuths, suns[part])[0])
+        once = np.minimum(once, LARGEST_SHARE * light)
+        once += REST_IN_AUREOLE * (light - once)
+        aureole = once / read_phase(phase, scattering_cosine(elevation, azimuth, suns))
+        light = light - once
+    foot_suns, foot_azimuths = own.sun_nodes(sizes.suns), own.azimuth_nodes(sizes.azimuths)
+
+    def at_feet(values: np.ndarray, kept: np.ndarray, step: int) -> np.ndarray:
+        """(C, 1, foot's sun, row, azimuth) of values (S, E, A, C) where lines enter: splines of their logarithms."""
+        s, a = np.meshgrid(foot_suns[::step], foot_azimuths[::step], indexing="ij")
+        out = np.empty((values.shape[-1], 1, s.shape[0], kept.size, s.shape[1]))
+        for r, row in enumerate(kept):
+            sun, away = at_entry(s, a, float(turned[row]))
+            place = _sun_place(np.maximum(sun, ENTRY_LOWEST_SUN_DEG))
+            for c in range(values.shape[-1]):
+                log = np.log(np.maximum(values[:, row, :, c], DARK))
+                out[c, 0, :, r] = np.exp(RectBivariateSpline(places, azimuths, log).ev(place, away))
+        return out
+
+    every = np.arange(rows.size)
+    made = Tables(
+        at_feet(light, every, 1),
+        None if aureole is None else at_feet(aureole, every, 1),
+        at_feet(spectra, every_second(sizes.ground, sizes.limb), 2),
+        phase,
+        np.array([source.horizon_deg(top)]),
+    )
+    progress("above the air", 1.0)
+    return made, geometry
+
+
+def _sun_place(elevation_deg):
+    return np.arcsinh((elevation_deg - own.SUN_CENTRE_DEG) / own.SUN_WIDTH_DEG)
