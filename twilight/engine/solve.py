@@ -13,6 +13,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -121,22 +122,25 @@ class Problem:
         """Of the observer."""
         return self.medium.bottom_km if self.observer_altitude_km is None else self.observer_altitude_km
 
-    @property
+    @cached_property
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as places in those of the medium.
 
-        A block holds as many lanes as the solver takes at once, at least one wavelength.  Wavelengths in a band share
-        no block with others, whose grids would follow the band's darkest lane, unless a file is to hold them all.
+        A block holds as many lanes as the solver takes at once, at least one wavelength.  Wavelengths that are not
+        alike to the solver share no block, nor do those in a band with others, whose grids would follow the band's
+        darkest lane, unless a file is to hold them all.
         """
         step, count = self.capabilities.wavelengths_at_once, self.medium.n_wavelengths
-        if self.bands is None:
-            return [slice(start, min(start + step, count)) for start in range(0, count, step)]
-        lanes = self.bands.lanes
-        apart = not (self.capabilities.field_file and self.settings.field_file)
+        lanes = np.ones(count, int) if self.bands is None else self.bands.lanes
+        keys: list[Any] = [0] * count
+        if count > 1 and not (self.capabilities.field_file and self.settings.field_file):
+            if self.capabilities.alike is not None:
+                keys = list(self.capabilities.alike(self.medium, self.settings))
+            keys = [key if lanes[w] == 1 else 1 for w, key in enumerate(keys)]
         starts, held = [0], int(lanes[0])
         for w in range(1, count):
             held += int(lanes[w])
-            if held > step or (apart and (lanes[w] > 1) != (lanes[w - 1] > 1)):
+            if held > step or keys[w] != keys[w - 1]:
                 starts.append(w)
                 held = int(lanes[w])
         return [slice(start, stop) for start, stop in zip(starts, [*starts[1:], count], strict=True)]

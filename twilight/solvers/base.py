@@ -14,7 +14,7 @@ has what `Solver` lists:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import MappingProxyType
@@ -46,6 +46,8 @@ class Capabilities:
     field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
+    alike: keys of the wavelengths of a medium under settings; those with different keys share no block, for one would
+        move the other; None: none moves another
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
@@ -64,6 +66,7 @@ class Capabilities:
     field_file: bool = False
     reads_files: bool = False
     wavelengths_at_once: int = 32
+    alike: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     formula: bool = False
     package: str = ""
 

@@ -13,9 +13,10 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.zones.alike import field_altitudes
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
 from twilight.solvers.zones.directions import needed
-from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
+from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
     LANES,
@@ -125,8 +126,7 @@ class Field(BareField):
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile
         breaks = self.profile.break_km
-        altitude = altitude_nodes(medium.bottom_km, medium.top_km, breaks, settings.altitude_density)
-        altitude = resolve_layers(altitude, self.profile, settings.altitude_density)
+        altitude = field_altitudes(medium, self.profile, settings.altitude_density)
         self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
