@@ -70,6 +70,8 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Peak
 def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosine, narrow, out, begin, end):
     """Add to out (V, D, K, W) what the phase functions over 1 - f change by, at V scattering angles `cosine` (V, D).
 
+    beam: `Beam`; peak: `Peak`; rays_first (R + 1,), place (P, 4), weight (P, W): of the rays, as in `Rays`, for
+    begin..end; zenith [rad]: of the sun; row_first (R + 1,): of the directions, as in `Directions`
     share (1 + K, P, W): of air and of each aerosol in what points scatter
     narrow (V, D, K, W): f/(1 - f) P'' at the scattering angles
     """
