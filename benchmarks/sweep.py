@@ -24,7 +24,7 @@ import xarray
 
 from twilight.batch.cluster import Place, connect
 from twilight.batch.run import run_sweep
-from twilight.batch.store import open_store
+from twilight.batch.store import COMPUTED, open_store
 from twilight.batch.sweep import Sweep
 from twilight.config.load import load_axes, parse_setting
 
@@ -88,9 +88,10 @@ def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, fl
             raise SystemExit(f"a task failed: {next(iter(outcome.failed.values()))}")
         begin = time.perf_counter()
         with xarray.open_zarr(path) as dataset:
-            mean = dataset["sun_normalised_radiance"].mean(("elevation", "azimuth", "wavelength")).compute()
+            mean = dataset["sun_normalised_radiance"].mean(("elevation", "azimuth", "wavelength")).values
+            computed = dataset["status"].values == COMPUTED
         read = time.perf_counter() - begin
-    if mean.size != sweep.scenes or not np.isfinite(mean).all():
+    if mean.size != sweep.scenes or not np.isfinite(mean[computed]).all():
         raise SystemExit(f"{mean.size} skies were read of {sweep.scenes}, not all of them whole")
     return outcome.wall_s, outcome.cpu_s, inside, size, read
 
