@@ -1,16 +1,18 @@
 """What the errors of zones beside coarse particles consist of: python benchmarks/coarse_particles.py
 
-Writes benchmarks/coarse_particles.csv, of `desert` with the sun at 5 and -6 deg, per direction and wavelength: the
+Writes benchmarks/coarse_particles.csv, of `desert` with the sun at 5, -6 and -18 deg, per direction and wavelength: the
 error of `standard` against benchmarks/reference/desert.csv with the referee's own, and by how much settings change the
 radiance, one at a time.  Changes are taken on fewer altitudes and solar zenith angles than `standard` has (`NODES`).
 
-Writes benchmarks/coarse_particles_quadrature.csv, of all types of aerosol half a kilometre above the ground: what
-share of light that is the same all around is missing (negative) or too much after one scattering into an elevation,
-because the sum over the polar angles is not the integral of a phase function cut at `degree`.
+Writes benchmarks/coarse_particles_quadrature.csv, of all types of aerosol half a kilometre above the ground: what is
+missing (negative) or too much after one scattering into an elevation, in shares of the mean over the elevations, of
+light from above the horizon that is even or falls by e within a cosine of 0.3 from it.  By the weights of the polar
+angles alone, and by the analysis that `zones` uses, which takes smooth light out first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,17 +22,19 @@ import results
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.grid import make_angles
+from twilight.solvers.zones.grid import even_harmonics, make_angles
 from twilight.transport.bundle import species_share
 from twilight.transport.scaling import delta_scaled
 
 HERE = Path(__file__).parent
-SUNS_DEG = (5.0, -6.0)
+SUNS_DEG = (5.0, -6.0, -18.0)
 STANDARD = zones.QUALITIES["standard"]
 NODES = {"altitude_density": 0.5, "zenith_density": 0.6, "tolerance": 1e-2}
-CHANGES: dict[str, dict[str, int]] = {
-    "azimuth_directions_21": {"azimuth_directions": 21},
+CHANGES: dict[str, dict[str, float]] = {
+    "degree_28": {"degree": 28},
     "polar_directions_24": {"polar_directions": 24},
+    "early_events_6": {"early_events": 6},
+    "step_density_1.4": {"step_density": 1.4},
 }
 TYPES = (
     "antarctic",
@@ -44,8 +48,10 @@ TYPES = (
     "maritime-tropical",
     "urban",
 )
-QUADRATURES = ((20, 14), (20, 24), (32, 18), (32, 32))
-"""degree and polar_directions; the first are those of `standard`, the third of `reference`."""
+QUADRATURES = ((20, 14), (32, 20))
+"""degree and polar_directions of `standard` and of `reference`."""
+SKIES: dict[str, Callable[[np.ndarray], np.ndarray]] = {"even": np.ones_like, "falling": lambda x: np.exp(-x / 0.3)}
+"""Light by the cosine of the zenith angle, above the horizon."""
 ELEVATIONS_DEG = (1.0, 6.0, 20.0, 45.0, 60.0, 75.0, 82.0, 90.0)
 WAVELENGTHS_NM = (450.0, 550.0, 680.0)
 ABOVE_GROUND_KM = 0.5
@@ -86,6 +92,8 @@ def skies() -> None:
 def quadrature() -> None:
     """coarse_particles_quadrature.csv"""
     rows = []
+    x, w = np.polynomial.legendre.leggauss(2000)
+    fine, fine_weight = 0.5 * (x + 1.0), 0.25 * w
     for name in TYPES:
         medium = climate_medium(load_climate(name), np.array(WAVELENGTHS_NM))
         for degree, polar in QUADRATURES:
@@ -95,15 +103,19 @@ def quadrature() -> None:
             # level with the ground, whose horizon is at 90 deg
             angles = make_angles(np.array([0.0]), polar, STANDARD.azimuth_directions, degree)
             cosine, weight = angles.cosine[0], angles.weight[0]
-            of_light = weight @ np.polynomial.legendre.legvander(cosine, degree)
-            seen = np.polynomial.legendre.legvander(np.sin(np.radians(ELEVATIONS_DEG)), degree)
-            total = np.einsum("el,l,lw->ew", seen * (2 * np.arange(degree + 1) + 1), of_light, aerosol)
-            for elevation, of_wavelength in zip(ELEVATIONS_DEG, 100.0 * (total - 1.0), strict=True):
-                rows.append(
-                    [name, degree, polar, f"{elevation:g}", *(f"{round(x, 2) + 0.0:.2f}" for x in of_wavelength)]
-                )
-    header = ["climate", "degree", "polar_directions", "elevation_deg"]
-    header += [f"percent_{nm:g}nm" for nm in WAVELENGTHS_NM]
+            same = angles.analysis[0][angles.order == 0].sum(axis=2)
+            seen = even_harmonics(np.sin(np.radians(ELEVATIONS_DEG)), degree, 0)
+            for light, sky in SKIES.items():
+                truth = (fine_weight * sky(fine)) @ even_harmonics(fine, degree, 0)
+                at_angles = np.where(cosine > 0.0, sky(cosine), 0.0)
+                by_weights = (weight * at_angles) @ even_harmonics(cosine, degree, 0)
+                found = [np.einsum("el,l,lw->ew", seen, m, aerosol) for m in (truth, by_weights, same @ at_angles)]
+                errors = [100.0 * (part - found[0]) / found[0].mean() for part in found[1:]]
+                for i, elevation in enumerate(ELEVATIONS_DEG):
+                    numbers = [f"{round(v, 2) + 0.0:.2f}" for v in np.concatenate([part[i] for part in errors])]
+                    rows.append([name, degree, polar, light, f"{elevation:g}", *numbers])
+    header = ["climate", "degree", "polar_directions", "light", "elevation_deg"]
+    header += [f"{how}_percent_{nm:g}nm" for how in ("weights", "analysis") for nm in WAVELENGTHS_NM]
     results.write(HERE / "coarse_particles_quadrature.csv", header, rows)
 
 

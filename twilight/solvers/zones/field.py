@@ -14,6 +14,7 @@ from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.zones.aureole import forward_peak, widen
+from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import Series, altitude_nodes, make_angles, resolve_layers, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
@@ -28,12 +29,12 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.view import REFERENCE_TURN_RAD, view_multiple
+from twilight.solvers.zones.view import USUAL_TURN_RAD, reference_turns, view_multiple
 from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of, view_sunlit_water
 from twilight.threads import in_slices
-from twilight.transport.beam import Beam, prepare_beam
+from twilight.transport.beam import Beam, beam_at, prepare_beam
 from twilight.transport.bundle import species_share, trace_rays
-from twilight.transport.lines import ALTITUDE, ANGLE, with_refraction
+from twilight.transport.lines import ALTITUDE, ANGLE, horizon_cosine, with_refraction
 from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
@@ -116,6 +117,8 @@ class Field(BareField):
         else:
             self.beam = solved[0]
         self.profile = prepare_profile(self.scaled.medium)
+        self.directions = needed(settings, self.scaled, self.profile)
+        """The settings with as many directions and harmonics as this air needs."""
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
         bent = with_refraction(self.profile, medium)
@@ -174,7 +177,7 @@ class Field(BareField):
         return float(observer_altitude_km)
 
     def _solve(self, tell: Progress) -> None:
-        s = self.settings
+        s = self.directions
         tell("rays", 0.05)
         early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
         late_patterns = s.late_polarisation_degree if s.polarisation else 0
@@ -211,9 +214,7 @@ class Field(BareField):
         """What orders of scattering need at one number of directions, harmonics and patterns, for each block of
         wavelengths."""
         n = self.nodes
-        radius = self.medium.earth_radius_km
-        height = n.altitude_km - self.medium.bottom_km
-        horizon = -np.sqrt(height * (2.0 * (radius + self.medium.bottom_km) + height)) / (radius + n.altitude_km)
+        horizon = horizon_cosine(self.path_profile, n.altitude_km)
         angles = make_angles(horizon, polar, around, degree, pattern_degree)
         start = np.repeat(n.altitude_km, angles.cosine.shape[1])
         rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
@@ -221,7 +222,7 @@ class Field(BareField):
         longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
-        orders = min(self.settings.azimuth_directions, self.settings.late_azimuth_directions)
+        orders = min(self.directions.azimuth_directions, self.directions.late_azimuth_directions)
         above = angles.cosine[0, angles.below :]
 
         def of(block: int) -> Passes:
@@ -341,7 +342,8 @@ class Field(BareField):
             rays = rays._replace(ground_weight=np.zeros_like(rays.ground_weight))
             pairs = pairs._replace(ground_weight=np.zeros_like(pairs.ground_weight))
         sorted_elevation = np.radians(e[order])
-        out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, n_stokes)
+        lift = self._sun_lift(altitude, directions.zenith_rad)
+        out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, lift, n_stokes)
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
             seen = self._multiple(rays, directions, block, solution, n_stokes)
@@ -353,13 +355,21 @@ class Field(BareField):
         result[order] = out
         return result.reshape(*elevation.shape, *out.shape[1:])
 
-    def _single(self, rays, directions: Directions, row_elevation, elevation, n_stokes: int) -> np.ndarray:
-        """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) [rad]."""
+    def _sun_lift(self, altitude_km: float, zenith_rad: float) -> float:
+        """By how much refraction lifts the sun [rad] that an observer sees; by USUAL_TURN_RAD where it has set."""
+        light = np.zeros(self.medium.n_wavelengths)
+        bending = beam_at(self.beam, altitude_km, math.cos(zenith_rad), light)
+        return bending if light.max() > 0.0 else USUAL_TURN_RAD
+
+    def _single(self, rays, directions: Directions, row_elevation, elevation, lift: float, n_stokes: int) -> np.ndarray:
+        """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) and lift of the sun [rad]."""
         share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, ALTITUDE]))
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
         values = []
-        for lifted, lowered in ((0.0, 0.0), (REFERENCE_TURN_RAD, 0.0), (0.0, REFERENCE_TURN_RAD)):
+        of_sun, of_rays = reference_turns(rays, row_elevation, lift)
+        of_ray = np.repeat(of_rays, np.diff(directions.first))
+        for lifted, lowered in ((0.0, 0.0), (of_sun, 0.0), (0.0, of_ray)):
             t, e = directions.zenith_rad - lifted, elevation - lowered
             cosine = np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth
             phase = species_phase(self.medium, self.scaled.forward_share, cosine)
@@ -372,7 +382,8 @@ class Field(BareField):
                 _, twice_cos, twice_sin = rotated(np.sin(e), cos_azimuth, sin_azimuth, t)
                 stokes += [p12 * twice_cos[:, None, None], p12 * twice_sin[:, None, None]]
             values.append(np.stack(stokes))
-        phases = Phases(values[0], *((turned - values[0]) / REFERENCE_TURN_RAD for turned in values[1:]))
+        plain, lifted_sun, lowered_ray = values
+        phases = Phases(plain, (lifted_sun - plain) / of_sun, (lowered_ray - plain) / of_ray[:, None, None])
         out = np.zeros((cos_azimuth.size, n_stokes, self.medium.n_wavelengths))
         in_slices(
             lambda begin, end: scattered_once(
@@ -410,7 +421,7 @@ class Field(BareField):
     def _multiple(self, rays, directions: Directions, block: int, solution: Solution, n_stokes: int) -> np.ndarray:
         """Light scattered at least twice, (D, Stokes, LANES)."""
         n = self.nodes
-        s = self.settings
+        s = self.directions
         series = Series.of(s.degree, self._pattern_degree, s.azimuth_directions)
         points = make_points(rays, self.scattering, n.fine_altitude_km, 1.0, series, block)
         out = np.zeros((directions.cos_azimuth.size, n_stokes, LANES))

@@ -13,9 +13,11 @@ class ZonesSettings:
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
     polar_directions: directions per hemisphere
-    azimuth_directions: directions over half a turn; orders of the series in azimuth are fewer than these
+    azimuth_directions: directions over half a turn, more beside coarse particles; orders of the series in azimuth are
+        fewer than these
     early_events: scattering events that are followed with these; the light of later ones is smooth
-    late_degree, late_polar_directions, late_azimuth_directions: the same for the events after early_events
+    late_degree, late_polar_directions, late_azimuth_directions: the same for the events after early_events, all three
+        more beside coarse particles
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky
         of a sun at -6 deg is off by up to 13 %
     step_density: of the points along the rays between nodes
@@ -120,7 +122,7 @@ QUALITIES: dict[str, ZonesSettings] = {
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
         degree=32,
-        polar_directions=18,
+        polar_directions=20,
         azimuth_directions=15,
         late_degree=8,
         late_polar_directions=10,

@@ -1,0 +1,118 @@
+"""How many directions the zones solver takes, where they lie, and what their sums lose."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twilight.atmosphere.build import build_medium
+from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
+from twilight.solvers import zones
+from twilight.solvers.zones.directions import needed
+from twilight.solvers.zones.grid import even_harmonics, make_angles
+from twilight.transport.bundle import trace_rays
+from twilight.transport.lines import horizon_cosine, with_refraction
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled
+
+STANDARD = zones.QUALITIES["standard"]
+WAVELENGTH_NM = np.array([450.0, 680.0])
+
+
+@pytest.fixture(scope="module")
+def desert():
+    return climate_medium(load_climate("desert"), WAVELENGTH_NM)
+
+
+@pytest.mark.parametrize("horizon", [0.0, -0.1])
+@pytest.mark.parametrize(
+    ("above", "below", "allowed"),
+    [
+        (lambda x: 1.0 + 0.0 * x, lambda x: 0.3 + 0.0 * x, 1e-9),
+        (lambda x: 1.0 - 0.7 * x, lambda x: 0.3 + 0.2 * x, 1e-9),
+        (lambda x: np.exp(-x / 0.3), lambda x: 0.3 * np.exp(-x / 0.5), 4e-3),
+        (lambda x: np.exp(-x / 0.02), lambda x: 0.0 * x, 1e-3),
+    ],
+    ids=["even", "linear", "smooth", "glow at the horizon"],
+)
+def test_few_polar_angles_find_no_harmonics_in_light_that_has_none(horizon, above, below, allowed):
+    """Moments of light that is the same all around, jumps at the horizon and is smooth or narrow above it; error
+    relative to its mean, as large as 0.4 if the quadrature's weights alone do it."""
+
+    def light(cosine):
+        x = np.abs(cosine - horizon)
+        return np.where(cosine > horizon, above(x), below(x))
+
+    angles = make_angles(np.array([horizon]), STANDARD.polar_directions, STANDARD.azimuth_directions, STANDARD.degree)
+    x, w = np.polynomial.legendre.leggauss(2000)
+    fine = np.concatenate([0.5 * (x + 1.0) * (horizon + 1.0) - 1.0, 0.5 * (x + 1.0) * (1.0 - horizon) + horizon])
+    weight = np.concatenate([w * (horizon + 1.0), w * (1.0 - horizon)]) / 4.0
+    same = angles.order == 0
+    truth = (weight * light(fine)) @ even_harmonics(fine, STANDARD.degree, 0)
+    got = angles.analysis[0][same].sum(axis=2) @ light(angles.cosine[0])
+    assert np.abs(got - truth).max() < allowed * truth[0]
+
+
+def test_a_narrow_peak_scatters_even_light_into_the_zenith_without_loss(desert):
+    scaled = delta_scaled(desert, STANDARD.degree)
+    angles = make_angles(np.array([0.0]), STANDARD.polar_directions, STANDARD.azimuth_directions, STANDARD.degree)
+    same = angles.order == 0
+    of_light = angles.analysis[0][same].sum(axis=(1, 2))
+    degree = np.arange(STANDARD.degree + 1)
+    in_zenith = np.einsum("l,klw->kw", np.sqrt(2 * degree + 1.0) * of_light, scaled.moments)
+    np.testing.assert_allclose(in_zenith, 1.0, atol=1e-6)
+
+
+def test_rays_part_at_the_horizon_bent_or_straight():
+    """A ray a hundredth of a degree above `horizon_cosine` misses the ground, one as much below hits it."""
+    medium = build_medium(WAVELENGTH_NM, aerosol=None)
+    straight = prepare_profile(medium)
+    bent = with_refraction(straight, medium)
+    altitude = np.array([0.5, 3.0, 20.0, 60.0])
+    for profile in (straight, bent):
+        horizon = np.arccos(horizon_cosine(profile, altitude))
+        for aside, hits in ((-1e-4, False), (1e-4, True)):
+            rays = trace_rays(profile, altitude, np.cos(horizon + aside), 2.0)
+            assert np.array_equal(rays.ground_weight.max(axis=1) > 0.0, np.full(4, hits))
+    radius = medium.earth_radius_km
+    np.testing.assert_allclose(
+        horizon_cosine(straight, altitude), -np.sqrt(1.0 - (radius / (radius + altitude)) ** 2), rtol=1e-9
+    )
+    assert horizon_cosine(bent, np.zeros(1))[0] == 0.0
+    raised = np.degrees(np.arccos(horizon_cosine(straight, altitude)) - np.arccos(horizon_cosine(bent, altitude)))
+    assert np.all(raised > 0.05) and np.all(raised < 0.2)
+
+
+def test_only_coarse_particles_take_more_directions(desert):
+    def of(medium):
+        scaled = delta_scaled(medium, STANDARD.degree)
+        return needed(STANDARD, scaled, prepare_profile(scaled.medium))
+
+    for climate in ("pure-air", "continental-average", "urban"):
+        assert of(climate_medium(load_climate(climate), WAVELENGTH_NM)) == STANDARD
+    more = of(desert)
+    assert 15 <= more.azimuth_directions <= STANDARD.degree + 1
+    assert more.late_degree >= 9 and more.late_polar_directions >= 9 and more.late_azimuth_directions >= 9
+    asked = replace(STANDARD, azimuth_directions=30, late_degree=18, late_polar_directions=24)
+    scaled = delta_scaled(desert, STANDARD.degree)
+    assert needed(asked, scaled, prepare_profile(scaled.medium)) == asked
+
+
+def test_the_glow_beside_the_sun_is_that_of_a_sun_where_it_appears(desert):
+    """Refraction lifts a sun at 5 deg by 0.15 deg: dust glows beside it as beside a sun that stands there.
+
+    Behind as much air: the bent ways are longer, by the same share for all these directions.
+    """
+    alone = replace(zones.QUALITIES["draft"], max_events=1)
+    bent, straight = (
+        zones.prepare(desert, replace(alone, refraction=on, bent_lines_of_sight=on, bent_paths=on))
+        for on in (True, False)
+    )
+    lift = np.degrees(bent._sun_lift(0.0, np.radians(85.0)))
+    assert 0.13 < lift < 0.18
+    elevation = np.array([6.0, 5.6, 4.2, 8.0])
+    glow = bent.radiance(5.0, elevation, np.zeros(4)) / straight.radiance(5.0 + lift, elevation, np.zeros(4))
+    np.testing.assert_allclose(glow / glow[-1], 1.0, atol=0.01)

@@ -1,0 +1,50 @@
+"""How many directions and harmonics the air's phase functions need: more beside coarse particles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twilight.solvers.zones.settings import ZonesSettings
+from twilight.transport.bundle import species_share
+from twilight.transport.profile import Profile
+from twilight.transport.scaling import ScaledMedium
+
+EARLY_MOMENT, LATE_MOMENT = 0.03, 0.1
+"""A phase moment of the air's mixture below the first needs no order in azimuth of its own in the first events, one
+below the second no degree in the later ones."""
+SEEN = 0.01
+"""Share of the largest scattering coefficient below which air does not count."""
+
+
+def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
+    """The settings with the directions and harmonics that this air needs, which are at least those asked for.
+
+    The harmonics of order m in azimuth that scattering sends towards the horizon have the size of its phase moment of
+    degree m, and equal azimuths tell fewer orders apart than there are of them.  So there are as many in the first
+    events as moments of the mixture of air and particles anywhere exceed EARLY_MOMENT: 11 do for the molecules and the
+    fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
+    to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
+    moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
+    twilight; they take as many polar angles a side and azimuths as that degree.
+
+    scaled: the air and its phase moments; profile: of the scaled air
+    """
+    z = profile.altitude_km
+    scattering = profile.species_scattering.sum(axis=0)
+    counts = scattering >= SEEN * scattering.max(axis=0)
+    share = np.where(counts, species_share(scaled.medium, z), 0.0)
+    moments = np.einsum("kzw,klw->lzw", share, scaled.moments).max(axis=(1, 2))
+    degrees = moments.size
+    around = min(int(np.sum(moments > EARLY_MOMENT)), degrees)
+    late = min(int(np.sum(moments > LATE_MOMENT)), settings.degree)
+    out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
+    if late > settings.late_degree:
+        out = replace(
+            out,
+            late_degree=late,
+            late_polar_directions=max(settings.late_polar_directions, late),
+            late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
+        )
+    return out
