@@ -163,8 +163,8 @@ def test_a_solver_of_one_altitude_does_not_rise(planet):
 
 @pytest.mark.slow
 def test_a_climate_from_the_ground_to_orbit(tmp_path):
-    """95 % of the pixels at 10 and 400 km within 2 %, of the limb 8 deg across within 5 %, between the tables' altitudes
-    in the air within 20 % of the field."""
+    """95 % of the pixels at 10 and 400 km are within 2 % of the field, of the limb 8 deg across within 5 %, and between
+    the tables' altitudes in the air within 20 %."""
     solved = twilight.solve("continental-average", quality="draft")
     page_file = view_fields([solved], altitudes_km=ground_to_orbit(solved.medium)).save(tmp_path / "sky.html")
     print(f"{page_file.stat().st_size / 1e6:.1f} MB", flush=True)
