@@ -18,7 +18,7 @@ function draw(seconds) {
 }
 
 function statusOf(sun) {
-  const outside = sun.shown !== sun.elevation ? ` (the light is that of ${sun.shown.toFixed(0)}°)` : "";
+  const outside = sun.shown !== sun.elevation && !inSpace() ? ` (the light is that of ${sun.shown.toFixed(0)}°)` : "";
   const where = state.mode === "clock" ? `, azimuth ${sun.azimuth.toFixed(1)}°` : "";
   return `sun at ${sun.elevation.toFixed(2)}°${where}${outside}, EV100 ${Math.log2(GREY / GREY_LUMINANCE / lastExposed).toFixed(1)}`;
 }
