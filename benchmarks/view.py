@@ -1,6 +1,7 @@
-"""Four pictures of the page for docs/view.md, and how long it takes to load.
+"""Pictures of the page for docs/view.md, and how long it takes to load.
 
-    twilight view continental-average --quality draft --output sky.html && python benchmarks/view.py sky.html
+    twilight view continental-average --quality draft --altitudes-km 0,400 --output sky.html
+    python benchmarks/view.py sky.html
 
 Needs playwright and chromium-headless-shell, which draws in software; writes docs/view/*.jpg.
 """
@@ -27,7 +28,24 @@ PICTURES = {
         "elevation": 90,
         "exposure": "camera",
     },
-    "path": {**CLOCK, "date": "2026-06-21", "hours": 20.5, "projection": "latlong", "fov": 360, "elevation": 0},
+    "orbit": {
+        "mode": "elevation",
+        "projection": "perspective",
+        "altitude": 400,
+        "sun": -19.4,
+        "fov": 50,
+        "azimuth": 0,
+        "elevation": -17,
+    },
+    "path": {
+        **CLOCK,
+        "altitude": 0,
+        "date": "2026-06-21",
+        "hours": 20.5,
+        "projection": "latlong",
+        "fov": 360,
+        "elevation": 0,
+    },
 }
 
 
@@ -37,6 +55,7 @@ def main() -> None:
     start = time.perf_counter()
     with open_page(Path(sys.argv[1]), 800, 600) as (page, errors):
         print(f"loaded after {time.perf_counter() - start:.1f} s, with the start of the browser")
+        print(page.evaluate("twilight.loaded"))
         for name, state in PICTURES.items():
             page.evaluate("s => { twilight.set(s); twilight.draw(); }", state)
             if name == "path":
