@@ -1,10 +1,15 @@
-"""Programs that are killed and caches that two fill at once: python benchmarks/faults.py [TIMES_OF_EACH_KIND] [SEED]
+"""Programs that are killed and caches that two fill at once.
 
-A render of a series, a sweep and a comparison are killed (signal 9, with all their processes) at a random moment of the
-time that they take undisturbed, and the same command is given again.  A Dask scheduler is killed under a sweep, which
-must say so in one sentence, and the sweep is given again on this machine.  Two renders fill one empty cache folder at
-once.  A fault is a traceback, an exit status that is not 0 in the end, or a result that differs from the undisturbed
-one.  Writes benchmarks/faults.csv: kind, times, killed while it ran, faults, seed.
+    python benchmarks/faults.py [TIMES_OF_EACH_KIND] [SEED] [KIND]
+
+A render of a series, a sweep, a comparison and an estimate from a photograph are killed (signal 9, with all their
+processes) at a random moment of the time that they take undisturbed, and the same command is given again.  A Dask
+scheduler is killed under a sweep, which must say so in one sentence, and the sweep is given again on this machine.  Two
+renders fill one empty cache folder at once.  A fault is a traceback, an exit status that is not 0 in the end, or a
+result that differs from the undisturbed one.
+
+Writes benchmarks/faults.csv: kind, times, killed while it ran, faults, seed; a KIND alone (compare, scheduler, cold,
+...) is told and not written.
 """
 
 from __future__ import annotations
@@ -25,6 +30,10 @@ import numpy as np
 import results
 import xarray as xr
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from photographs import latlong, take
+
 COMMON = """\
 version: 1
 climate: {version: 1, name: test, refraction: {model: none}}
@@ -35,6 +44,10 @@ output: {width: 64, spectral_width: 32}
 SERIES = COMMON + "sun: {elevations_deg: [40, 35, 30, 25, 20, 15]}\nsolver: {name: cie, turbidity: 3}\n"
 SWEPT = COMMON + (
     "solver: {name: cie}\nvary: {solver.turbidity: [2, 2.5, 3, 3.5, 4, 5], sun.elevation_deg: [40, 20, 10]}\n"
+)
+SEEN = (
+    "version: 1\nclimate: continental-average\nsun: {elevation_deg: 20}\nsolver: {name: preetham}\n"
+    "texture: {resolution_deg: 6}\n"
 )
 COMPARED = COMMON + "sun: {elevation_deg: 30}\nsolver: {name: cie, turbidity: 3}\n"
 SOLVED = COMMON + "sun: {elevation_deg: -4}\nsolver: {name: zones, quality: draft, max_events: 2, tolerance: 0}\n"
@@ -99,6 +112,28 @@ def compared(folder: Path) -> dict[str, np.ndarray]:
     return found
 
 
+def estimated(folder: Path) -> dict[str, np.ndarray]:
+    """What was found in the photograph, and the air that was written."""
+    files = (folder / "out" / name for name in ("estimate.json", "climate.yaml"))
+    return {file.name: np.array(file.read_text(encoding="utf-8")) for file in files}
+
+
+def photograph() -> tuple[bytes, bytes]:
+    """A photograph of SEEN and its camera, as files."""
+    from twilight.camera import write_camera
+    from twilight.camera.image import write_exr
+    from twilight.config import load
+    from twilight.engine import run
+
+    settings = {"sun.elevation_deg": 20.0, "solver.name": "preetham", "texture.resolution_deg": 6}
+    camera = latlong(180)
+    with tempfile.TemporaryDirectory() as name:
+        image, file = Path(name) / "photo.exr", Path(name) / "camera.yaml"
+        write_exr(image, take(run(load("continental-average", settings)), camera, 0.0))
+        write_camera(file, camera)
+        return image.read_bytes(), file.read_bytes()
+
+
 COMMANDS: dict[str, tuple[str, list[str], Callable[[Path], dict[str, np.ndarray]]]] = {
     "render": (SERIES, ["render", "scene.yaml", "--output", "out"], skies),
     "sweep": (SWEPT, ["sweep", "scene.yaml", "--output", "out.zarr", "--workers", "2"], dataset),
@@ -107,6 +142,12 @@ COMMANDS: dict[str, tuple[str, list[str], Callable[[Path], dict[str, np.ndarray]
         ["compare", "scene.yaml", "--solvers", "cie,preetham", "--reference-stderr", "0.05", "--directions", "4",
          "--repeats", "1", "--output", "out"],
         compared,
+    ),
+    "estimate": (
+        SEEN,
+        ["validate", "estimate", "photo.exr", "--camera", "camera.yaml", "--config", "scene.yaml", "--types",
+         "continental_average", "--parameters", "none", "--resolution", "6", "--library", "skies", "--output", "out"],
+        estimated,
     ),
 }  # fmt: skip
 
@@ -119,6 +160,9 @@ def folder_with(place: Path, name: str, text: str) -> Path:
     folder = place / name
     folder.mkdir()
     (folder / "scene.yaml").write_text(text)
+    for file in (place / "photo.exr", place / "camera.yaml"):
+        if text == SEEN:
+            (folder / file.name).write_bytes(file.read_bytes())
     return folder
 
 
@@ -203,8 +247,11 @@ def main() -> int:
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     rng = random.Random(seed)
     rows, worst = [], 0
+    only = sys.argv[3] if len(sys.argv) > 3 else ""
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
+        for file, content in zip(("photo.exr", "camera.yaml"), photograph(), strict=True):
+            (place / file).write_bytes(content)
         kinds: dict[str, Callable[[], tuple[int, list[str]]]] = {
             f"{kind} killed": lambda kind=kind: killed(place, kind, times, rng)  # type: ignore[misc]
             for kind in COMMANDS
@@ -212,13 +259,15 @@ def main() -> int:
         kinds["Dask scheduler killed"] = lambda: scheduler_killed(place, times, rng)
         kinds["two cold caches filled at once"] = lambda: cold_caches(place, times)
         for kind, run in kinds.items():
+            if only not in kind:
+                continue
             hit, faults = run()
             print(f"{kind}: {times} times, {hit} while it ran, {len(faults)} faults", *faults, sep="\n", flush=True)
             rows.append((kind, times, hit, len(faults), seed))
             worst = max(worst, len(faults))
-    results.write(
-        Path(__file__).with_name("faults.csv"), ("kind", "times", "killed while it ran", "faults", "seed"), rows
-    )
+    if not only:
+        columns = ("kind", "times", "killed while it ran", "faults", "seed")
+        results.write(Path(__file__).with_name("faults.csv"), columns, rows)
     return 1 if worst else 0
 
 

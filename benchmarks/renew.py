@@ -1,6 +1,7 @@
 """Renew the tables of benchmarks, one after the other, and note what each took.
 
     python benchmarks/renew.py --list                what there is
+    python benchmarks/renew.py --readme              the table of benchmarks/README.md alone
     python benchmarks/renew.py                       all, hours of processor time
     python benchmarks/renew.py zones_error compare   some
 
@@ -66,6 +67,10 @@ BENCHMARKS = {
     "cells_active_shells": Benchmark(
         "cells_active_shells.py", "cells_active_shells.csv", "what active shells cost and save"
     ),
+    "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
+    "tables": Benchmark("tables.py", "tables.csv", "error of tables for real-time renderers"),
+    "montecarlo_tables": Benchmark("montecarlo_tables.py", "", "orders of scattering; Haber's isotropic assumption"),
+    "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
@@ -115,14 +120,26 @@ def note(name: str, cpu: float, wall: float) -> None:
     results.write(path, COLUMNS, [rows[n] for n in BENCHMARKS if n in rows], command="python benchmarks/renew.py")
 
 
+def made_at(benchmark: Benchmark) -> str:
+    """The commits in the first lines of the files that it writes; a word where none of these is kept, or none says."""
+    kept = [path for name in benchmark.writes.split(", ") if name for path in sorted(HERE.glob(name))]
+    first = [path.read_text(encoding="utf-8").partition("\n")[0] for path in kept if path.suffix == ".csv"]
+    commits = sorted({found[1] for line in first if (found := re.search(r"commit (\w+)", line))})
+    if commits:
+        return ", ".join(commits)
+    if first:
+        return "the table does not say"
+    return "" if not benchmark.writes or "../" in benchmark.writes else "no table is kept"
+
+
 def readme() -> None:
     """The table of benchmarks/README.md, between its two marks."""
     done = {row["name"]: row for row in results.read_rows(HERE / "renewed.csv")}
     lines = ["| command | writes | says | processor minutes | made at commit |", "|---|---|---|---|---|"]
     for name, b in BENCHMARKS.items():
-        run = done.get(name)
-        took, commit = (run["processor_minutes"], run["commit"]) if run else ("", "see the table's first line")
-        lines.append(f"| `python benchmarks/{b.command}` | `{b.writes}` | {b.says} | {took} | {commit} |")
+        took = done[name]["processor_minutes"] if name in done else ""
+        writes = f"`{b.writes}`" if b.writes else "what it prints"
+        lines.append(f"| `python benchmarks/{b.command}` | {writes} | {b.says} | {took} | {made_at(b)} |")
     path = HERE / "README.md"
     text = path.read_text(encoding="utf-8")
     begin, end = "<!-- table -->", "<!-- end of table -->"
@@ -134,6 +151,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--list", action="store_true")
+    parser.add_argument("--readme", action="store_true")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in BENCHMARKS]
     if unknown:
@@ -141,6 +159,9 @@ def main() -> None:
     if options.list:
         for name, b in BENCHMARKS.items():
             print(f"{name:22} {b.says}")
+        return
+    if options.readme:
+        readme()
         return
     for name in options.names or BENCHMARKS:
         print(f"== {name}", flush=True)

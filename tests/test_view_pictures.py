@@ -8,8 +8,8 @@ from toy_sky import glow_sky
 
 from twilight.config.scene import Config
 from twilight.config.view import View
+from twilight.engine.answer import Answer
 from twilight.engine.night import NightLight
-from twilight.engine.solve import Answer
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import elevation_nodes, see, with_night, with_sun
 from twilight.errors import TwilightError

@@ -116,8 +116,8 @@ def render(
         return
     from twilight.cli.first_run import say_that_it_compiles
     from twilight.cli.render_files import render_files
-    from twilight.config.scene import SunElevation
     from twilight.config.solver import resolve_solver
+    from twilight.config.sun import SunElevation
 
     for case in cases:
         check_polarised(case.config)

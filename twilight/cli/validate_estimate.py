@@ -117,7 +117,7 @@ def _suns(config: Any) -> list[float]:
 
     import numpy as np
 
-    from twilight.config.scene import SunElevation, SunElevations, SunInterval
+    from twilight.config.sun import SunElevation, SunElevations, SunInterval
     from twilight.sun.ephemeris import sun_position
 
     sun = config.sun
@@ -226,7 +226,7 @@ def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None
     """The sun's azimuth in the camera's azimuths, as `twilight validate photo` takes it."""
     from types import SimpleNamespace
 
-    from twilight.config.scene import SunAt
+    from twilight.config.sun import SunAt
     from twilight.sun.ephemeris import sun_position
 
     known = None

@@ -110,7 +110,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
 
 def _start(config: Any) -> dict[str, Any]:
     """What the page shows first."""
-    from twilight.config.scene import SunElevation, SunElevations
+    from twilight.config.sun import SunElevation, SunElevations
     from twilight.scene.suns import suns_of
 
     start: dict[str, Any] = {"altitude": config.observer.altitude_km}

@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.config.scene import Config, SunAt
+from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.config.sun import SunAt
+from twilight.engine.answer import Answer, joined, sky_of
 from twilight.engine.directions import texture_rows
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.night import NightLight, levels_of, night_light, place_of
-from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
+from twilight.engine.solve import Block, Problem, problem_of
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import Look, check_view, landscape, see, together, with_night, with_sun
 from twilight.errors import TwilightError, TwilightWarning

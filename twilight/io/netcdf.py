@@ -12,6 +12,7 @@ import numpy as np
 from twilight.conventions import STOKES_REFERENCE
 from twilight.disc import Disc
 from twilight.errors import TwilightError
+from twilight.io.facts import coordinates_of, fields_from
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
@@ -34,48 +35,6 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``."""
     import xarray
 
-    scalars = {
-        "solar_elevation_angle": (
-            sky.sun_elevation_deg,
-            {
-                "standard_name": "solar_elevation_angle",
-                "long_name": "true (unrefracted) elevation of the centre of the sun's disc",
-                "units": "degree",
-            },
-        ),
-        "apparent_solar_elevation_angle": (
-            sky.apparent_sun_elevation_deg,
-            {"long_name": "refracted elevation of the centre of the sun's disc", "units": "degree"},
-        ),
-        "solar_azimuth_angle": (
-            sky.sun_azimuth_deg,
-            {
-                "standard_name": "solar_azimuth_angle",
-                "long_name": "azimuth of the sun, clockwise from north",
-                "units": "degree",
-            },
-        ),
-        "earth_sun_distance": (
-            sky.distance_au,
-            {"long_name": "distance between the Earth and the sun", "units": "astronomical_unit"},
-        ),
-        "observer_altitude": (
-            sky.observer_altitude_km,
-            {"standard_name": "altitude", "long_name": "altitude of the observer", "units": "km", "positive": "up"},
-        ),
-        "latitude": (sky.latitude_deg, {"standard_name": "latitude", "units": "degrees_north"}),
-        "longitude": (sky.longitude_deg, {"standard_name": "longitude", "units": "degrees_east"}),
-        "time": (
-            None if sky.time is None else sky.time.timestamp(),
-            {
-                "standard_name": "time",
-                "units": "seconds since 1970-01-01 00:00:00",
-                "calendar": "standard",
-                "units_metadata": "leap_seconds: none",
-                "axis": "T",
-            },
-        ),
-    }
     coords: dict = {
         "wavelength": (
             "wavelength",
@@ -105,7 +64,19 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
             },
         ),
     }
-    coords.update({name: ((), value, attrs) for name, (value, attrs) in scalars.items() if value is not None})
+    coords |= coordinates_of(sky)
+    if sky.time is not None:
+        coords["time"] = (
+            (),
+            sky.time.timestamp(),
+            {
+                "standard_name": "time",
+                "units": "seconds since 1970-01-01 00:00:00",
+                "calendar": "standard",
+                "units_metadata": "leap_seconds: none",
+                "axis": "T",
+            },
+        )
     edges = sky.elevation_edges_deg
     radiance_attrs = {
         "units": "sr-1",
@@ -323,8 +294,8 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         both = array(q), array(u)
         return None if both[0] is None or both[1] is None else np.stack(both, axis=2)  # type: ignore[arg-type]
 
-    def scalar(name: str, default: float | None = None) -> float | None:
-        return float(dataset[name]) if name in dataset.variables else default
+    def number(*names: str) -> float | None:
+        return next((float(dataset[name]) for name in names if name in dataset.variables), None)
 
     fields = dict(dataset.attrs)
     for name in ("configuration", "provenance"):
@@ -336,12 +307,6 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         elevation_deg=dataset["elevation"].values,
         azimuth_deg=dataset["azimuth"].values,
         sun_normalised_radiance=array("sun_normalised_radiance"),  # type: ignore[arg-type]
-        sun_elevation_deg=float(dataset["solar_elevation_angle"]),
-        sun_azimuth_deg=scalar("solar_azimuth_angle"),
-        distance_au=scalar("earth_sun_distance", 1.0),  # type: ignore[arg-type]
-        observer_altitude_km=scalar("observer_altitude", 0.0),  # type: ignore[arg-type]
-        latitude_deg=scalar("latitude"),
-        longitude_deg=scalar("longitude"),
         time=None if time is None else datetime.fromisoformat(time),
         ground_albedo=array("surface_albedo"),
         standard_error=array("standard_error"),
@@ -349,10 +314,10 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         polarisation_error=pair("standard_error_q", "standard_error_u"),
         night_radiance=array("night_radiance"),
         direct_irradiance=array("direct_irradiance_factor"),
-        apparent_sun_elevation_deg=scalar("apparent_solar_elevation_angle"),
         solar_spectrum=str(dataset.attrs.get("solar_spectrum", "astm_g173_etr")),
         disc=_disc(dataset),
         provenance=provenance_from_fields(fields),
+        **fields_from(number),
     )
 
 

@@ -64,7 +64,8 @@ def trace_rays(
     pairs: two points for every step; otherwise one for short steps.  far_km (R,): distance at which each ends at the
     latest; None: none does.
     """
-    far = np.full(altitude_km.size, np.inf) if far_km is None else np.asarray(far_km, dtype=float)
+    # in C order: the kernel is compiled for each order of its arrays
+    far = np.full(altitude_km.size, np.inf) if far_km is None else np.ascontiguousarray(far_km, dtype=float)
     n_rays, n_w = altitude_km.size, profile.extinction.shape[1]
     first = np.zeros(n_rays + 1, np.int64)
 

@@ -28,7 +28,7 @@ GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)
 GAUSS_HIGH = 0.5 + 0.5 / math.sqrt(3.0)
 ALTITUDE, ANGLE, COSINE, DISTANCE = range(4)
 """Columns of `Line.place`."""
-MAX_POINTS = 1200
+MAX_POINTS = 3000
 """Points of a line in air without stops; each stop may add four."""
 LONG_STEP_KM = 5.0
 """A longer step is two points: the sunbeam changes by e within tens of km along a line near the terminator."""
@@ -141,11 +141,11 @@ def advance(profile, z, psi, a, h):
 
 
 @njit(cache=True)
-def step_length(profile, z, slope, travelled, fineness, depth, depth_max):
+def step_length(profile, z, slope, travelled, fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
     z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
-    depth, depth_max: optical depth so far at the clearest and at the darkest wavelength.
+    depth: optical depth so far at the clearest wavelength; darkest: the largest, of air that steps follow.
     """
     height = max(z - profile.altitude_km[0], 0.0)
     ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
@@ -153,13 +153,11 @@ def step_length(profile, z, slope, travelled, fineness, depth, depth_max):
     # |slope| ds + ds^2 / 2R is the change of altitude
     ds = min(ds, 2.0 * dz / (abs(slope) + math.sqrt(slope * slope + 2.0 * dz / profile.earth_radius_km)))
     i, f = locate(profile, z)
-    k_max = 0.0
-    for w in range(profile.extinction.shape[1]):
-        k_max = max(k_max, profile.extinction[i, w] * (1.0 - f) + profile.extinction[i + 1, w] * f)
+    k_max = profile.thickest_per_km[i] * (1.0 - f) + profile.thickest_per_km[i + 1] * f
     if k_max * ds * fineness > 0.7:
         limit = 0.7 if depth < 12.0 else 3.0
         shortest = max(limit / (k_max * fineness), SHORTEST_KM)
-        if depth_max > 30.0:
+        if darkest > 30.0:
             # a wavelength that is black by now must not use up the steps of the others
             shortest = max(shortest, 0.25 * travelled / fineness)
         ds = min(ds, shortest)
@@ -232,6 +230,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     bottom, top = stop[0], stop[stop.size - 1]
     radius = profile.earth_radius_km
     k, sigma = profile.extinction, profile.scattering
+    most, guide = profile.thickest_per_km, profile.guide_per_km
     n_w = transmittance.size
     rows = place.shape[0]
     z, psi, a = altitude_km, 0.0, math.asin(min(1.0, max(-1.0, cos_zenith)))
@@ -254,7 +253,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     passed = np.zeros(n_w)
     start = travelled
     n = 0
-    depth = depth_max = 0.0
+    depth = darkest = 0.0
     status = -1
     j = min(max(np.searchsorted(stop, z, side="right") - 1, 0), stop.size - 2)
     for _ in range(4 * rows):
@@ -263,7 +262,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
         left = max(0.02, min(1.0, 2.0 - 2.0 * n / rows))
         lowest, highest = stop[j] + _INSIDE_KM, stop[j + 1] - _INSIDE_KM
         inside = max(lowest, min(highest, z))
-        h = step_length(profile, inside, math.sin(a), travelled - start, fineness * left, depth, depth_max)
+        h = step_length(profile, inside, math.sin(a), travelled - start, fineness * left, depth, darkest)
         h = min(h, far_km - travelled)
         h, z_end, psi_end, a_end, j_end = _step(profile, j, z, psi, a, h)
         if h > 0.0:
@@ -271,14 +270,17 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             z1, psi1, a1 = advance(profile, z, psi, a, GAUSS_HIGH * h)
             i0, f0 = locate(profile, max(lowest, min(highest, z0)))
             i1, f1 = locate(profile, max(lowest, min(highest, z1)))
-            thickest = 0.0
-            for w in range(n_w):
-                thickest = max(
-                    thickest, k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0, k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1
-                )
+            low_most = most[i0] * (1 - f0) + most[i0 + 1] * f0
+            thickest = max(low_most, most[i1] * (1 - f1) + most[i1 + 1] * f1)
             two = pairs or h > LONG_STEP_KM or thickest * h > THICK_STEP
-            low_sum = high_sum = strongest = 0.0
-            clearest, darkest = 1e300, 0.0
+            # where the one point of a step is shall not depend on who else is looked at
+            low_guide = guide[i0] * (1 - f0) + guide[i0 + 1] * f0
+            high_guide = guide[i1] * (1 - f1) + guide[i1 + 1] * f1
+            if low_guide >= low_most:
+                darkest += 0.5 * h * (low_guide + high_guide)
+            high_guide *= math.exp((GAUSS_LOW - GAUSS_HIGH) * 0.5 * h * (low_guide + high_guide))
+            strongest = 0.0
+            clearest = 1e300
             for w in range(n_w):
                 k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
                 k1 = 0.5 * h * (k[i1, w] * (1 - f1) + k[i1 + 1, w] * f1)
@@ -291,25 +293,22 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                 low = t * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
                 high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
-                low_sum += low
-                high_sum += high
                 strongest = max(strongest, low + high)
                 clearest = min(clearest, passed[w])
-                darkest = max(darkest, passed[w])
                 if two:
                     weight[n, w] = low
                     weight[n + 1, w] = high
                 else:
                     weight[n, w] = low + high
             s_low, s_high = travelled + GAUSS_LOW * h, travelled + GAUSS_HIGH * h
-            depth, depth_max = clearest, darkest
+            depth = clearest
             if strongest > NEGLIGIBLE:
                 if two:
                     _put(place[n], z0, psi0, a0, s_low)
                     n += 1
                     _put(place[n], z1, psi1, a1, s_high)
                 else:
-                    g = high_sum / (low_sum + high_sum)
+                    g = high_guide / (low_guide + high_guide)
                     _put(
                         place[n],
                         z0 + g * (z1 - z0),

@@ -14,6 +14,16 @@ SMOOTH_STEP_KM, SMOOTH_STEP_GROWTH = 0.5, 0.08
 """Altitude that a step may cross where the air is not layered: at the ground [km], and per height."""
 LAYER_STEP = 0.35
 """Change of the logarithm of a coefficient between two stops, beyond that of air that is not layered."""
+SMOOTH_CHANGE, SMOOTH_PER_KM = 0.6, 0.6
+"""Air is not layered where the logarithms of its coefficients change by no more than the first in a step as above, or
+by no more than the second per km: the stratosphere is not, at whatever wavelength it is looked at."""
+EXPECTED_PER_KM, EXPECTED_SCALE_KM, EXPECTED_HIGH_PER_KM = 0.4, 4.0, 0.025
+"""Extinction that steps are made for: at the ground, its scale height, and its least at any altitude."""
+EXPECTED_FACTORS = ((1.0, 4.0), (1.0, 4.0, 16.0))
+"""The smallest of these multiples of both parts that hold all of the air are taken, so that steps are alike for many
+wavelengths; in air that exceeds them steps follow the extinction itself."""
+GUIDE_PER_KM, GUIDE_SCALE_KM = 0.1, 7.0
+"""Extinction by which the one point of a step is placed, the same for all wavelengths."""
 THIN_PER_KM = 3e-6
 FOOT = 0.02
 """A layer is resolved down to this share of its largest coefficient: below, what it adds is lost in the rest of it."""
@@ -32,6 +42,9 @@ class Profile(NamedTuple):
     stop_km (S,): altitudes that no step crosses: bottom, top, jumps, and where the air is layered as many as it takes
     break_km: those of them that are jumps or the ends of sudden changes, without the bottom and the top
     gradient_per_km (N,): d ln n/dz that bends rays, 0 where they are straight
+    thickest_per_km (N,): extinction by which steps are shortened: as expected, or the largest of all wavelengths
+    guide_per_km (N,): extinction by which the one point of a step is placed: air's, or where steps follow the largest
+    extinction, that
     """
 
     altitude_km: np.ndarray
@@ -42,6 +55,8 @@ class Profile(NamedTuple):
     stop_km: np.ndarray
     break_km: np.ndarray
     gradient_per_km: np.ndarray
+    thickest_per_km: np.ndarray
+    guide_per_km: np.ndarray
     earth_radius_km: float
 
 
@@ -55,6 +70,9 @@ def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: fl
     level = np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2)
     scattering = species.sum(axis=0)
     stops, breaks = _stops(z, np.concatenate([fine.extinction_per_km, scattering], axis=1))
+    largest = fine.extinction_per_km.max(axis=1)
+    expected = expected_extinction(z, expected_factors(z, largest) or (1.0, 1.0))
+    guide = GUIDE_PER_KM * np.exp((z[0] - z) / GUIDE_SCALE_KM)
     return Profile(
         np.ascontiguousarray(z),
         np.ascontiguousarray(fine.extinction_per_km),
@@ -64,15 +82,36 @@ def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: fl
         stops,
         breaks,
         np.zeros(z.size),
+        np.maximum(expected, largest),
+        np.where(largest > expected, largest, guide),
         float(medium.earth_radius_km),
     )
+
+
+def expected_extinction(altitude_km: np.ndarray, factors: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
+    """Extinction [km^-1] that steps are made for at levels (N,); factors: of its part that falls, and of its least."""
+    falling = EXPECTED_PER_KM * np.exp((altitude_km[0] - altitude_km) / EXPECTED_SCALE_KM)
+    return np.maximum(factors[0] * falling, factors[1] * EXPECTED_HIGH_PER_KM)
+
+
+def expected_factors(altitude_km: np.ndarray, extinction_per_km: np.ndarray) -> tuple[float, float] | None:
+    """The least factors that make extinction (N,) no larger than expected; None where none do."""
+    height = altitude_km - altitude_km[0]
+    high = height > EXPECTED_SCALE_KM * np.log(EXPECTED_PER_KM / EXPECTED_HIGH_PER_KM)
+    share = extinction_per_km / expected_extinction(altitude_km)
+    found = [
+        next((f for f in factors if np.max(share[part], initial=0.0) <= f), None)
+        for part, factors in zip((~high, high), EXPECTED_FACTORS, strict=True)
+    ]
+    return None if found[0] is None or found[1] is None else (found[0], found[1])
 
 
 def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`stop_km` and `break_km` of coefficients per_km (N, C) at levels altitude_km (N,)."""
     z = altitude_km
     thickness = np.diff(z)
-    smooth = LAYER_STEP * thickness / (SMOOTH_STEP_KM + SMOOTH_STEP_GROWTH * (z[:-1] - z[0]))
+    step = SMOOTH_STEP_KM + SMOOTH_STEP_GROWTH * (z[:-1] - z[0])
+    smooth = thickness * np.maximum(SMOOTH_CHANGE / step, SMOOTH_PER_KM)
     # the largest coefficient of the run of steep intervals that a level belongs to
     steep = np.abs(np.diff(np.log(np.maximum(per_km, THIN_PER_KM)), axis=0)) > smooth[:, None]
     foot = np.full(per_km.shape, THIN_PER_KM)

@@ -1,6 +1,7 @@
 """Zones: cells that are rings about the direction of the sun; one solve serves every sun and every observer."""
 
 from twilight.solvers.base import Capabilities
+from twilight.solvers.zones.alike import alike
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
@@ -14,6 +15,7 @@ CAPABILITIES = Capabilities(
     water=True,
     target_error=True,
     field_file=True,
+    alike=alike,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]

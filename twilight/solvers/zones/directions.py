@@ -14,6 +14,9 @@ from twilight.transport.scaling import ScaledMedium
 EARLY_MOMENT, LATE_MOMENT = 0.03, 0.1
 """A phase moment of the air's mixture below the first needs no order in azimuth of its own in the first events, one
 below the second no degree in the later ones."""
+AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
+"""Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
+nearly the same share them, and none moves its neighbours."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
 
@@ -37,8 +40,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     share = np.where(counts, species_share(scaled.medium, z), 0.0)
     moments = np.einsum("kzw,klw->lzw", share, scaled.moments).max(axis=(1, 2))
     degrees = moments.size
-    around = min(int(np.sum(moments > EARLY_MOMENT)), degrees)
-    late = min(int(np.sum(moments > LATE_MOMENT)), settings.degree)
+    around = min(_grown(settings.azimuth_directions, int(np.sum(moments > EARLY_MOMENT)), AROUND_STEP), degrees)
+    late = min(_grown(settings.late_degree, int(np.sum(moments > LATE_MOMENT)), LATE_STEP), settings.degree)
     out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
     if late > settings.late_degree:
         out = replace(
@@ -48,3 +51,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
             late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
         )
     return out
+
+
+def _grown(least: int, wanted: int, step: tuple[int, int]) -> int:
+    """The least, and so many steps more that no more than the second of `step` are missing."""
+    return least + step[0] * max(0, -(-(wanted - step[1] - least) // step[0]))

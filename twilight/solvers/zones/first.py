@@ -56,7 +56,6 @@ def scatter_sunlight(
     """
     n_zenith, n_azimuth, n_stokes = out.shape[2], out.shape[3], out.shape[4]
     n_species = point.share.shape[1]
-    light = np.zeros((N_ANGLE + 1, LANES), np.float32)
     of_ray = np.zeros((n_zenith, n_azimuth, n_species, LANES), np.float32)
     of_ray_12 = np.zeros((n_zenith, n_azimuth, n_species, LANES) if n_stokes > 1 else (1, 1, 1, LANES), np.float32)
     exponent = np.zeros(LANES, np.float32)
@@ -75,9 +74,6 @@ def scatter_sunlight(
                 f = beams.share[k]
                 g = ONE - f
                 lower, upper = beams.log_light[row], beams.log_light[row + 1]
-                for j in range(N_ANGLE + 1):
-                    for w in range(LANES):
-                        light[j, w] = g * lower[j, w] + f * upper[j, w]
                 shadow = g * np.float32(beams.edge_rad[row]) + f * np.float32(beams.edge_rad[row + 1])
                 place = point.angle[k]
                 step = min(int(place), last)
@@ -94,9 +90,10 @@ def scatter_sunlight(
                         j = min(int(x), N_ANGLE - 1)
                         b1 = x - np.float32(j)
                         b0 = ONE - b1
-                        u, v = light[j], light[j + 1]
+                        c0, c1, c2, c3 = g * b0, g * b1, f * b0, f * b1
+                        u0, u1, v0, v1 = lower[j], lower[j + 1], upper[j], upper[j + 1]
                         for w in range(LANES):
-                            exponent[w] = b0 * u[w] + b1 * v[w]
+                            exponent[w] = c0 * u0[w] + c1 * u1[w] + c2 * v0[w] + c3 * v1[w]
                             source[w] = ZERO
                         of_species = of_ray[t, a]
                         for s in range(n_species):

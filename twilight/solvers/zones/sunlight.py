@@ -18,7 +18,8 @@ from twilight.transport.beam import Beam, beam_at, beam_on_ground
 
 DARK = np.float32(-690.0)
 """Logarithm that counts as no light."""
-N_ANGLE = 320
+N_ANGLE = 1280
+"""Nodes are 0.01 deg apart where light that grazes a hazy layer changes by e within 0.05 deg."""
 
 
 class Sunlight(NamedTuple):
@@ -37,6 +38,10 @@ class Sunlight(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
+    """Fill edge (Z,) [rad], log_light (Z, angles, W) and ground (angles, W) for the altitudes (Z,) [km] begin..end.
+
+    beam: `Beam`; span [rad]: of the angles from the shadow's edge.
+    """
     n_w = log_light.shape[2]
     light = np.empty(n_w)
     for k in range(begin, end):
