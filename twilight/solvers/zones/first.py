@@ -52,7 +52,7 @@ def scatter_sunlight(
 
     rays_first, point, turning, ground_weight, ground_angle, n_polar, begin, end: as in `passes.scatter`
     beams: `Beams`; scattered: `Scattered`; ground_factor (LANES,): albedo / pi
-    ground_cells: two (R,) of `cells`; surface: `Surface`
+    ground_cells (R, 3): of `cells`; surface: `Surface`
     """
     n_zenith, n_azimuth, n_stokes = out.shape[2], out.shape[3], out.shape[4]
     n_species = point.share.shape[1]
@@ -120,8 +120,8 @@ def scatter_sunlight(
             if ground_weight[ray].max() > ZERO:
                 add_sunlit_ground(turning, ground_angle[ray], beams, ground_weight[ray], ground_factor, sums)
                 if surface.slope2 > 0.0:
-                    low, high = ground_cells[0][ray], ground_cells[1][ray]
-                    add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, low, high, sums)
+                    cell = ground_cells[ray]
+                    add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, sums)
 
 
 @njit(cache=True, nogil=True)

@@ -163,7 +163,7 @@ class Passes:
         factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
         surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
         ground_weight, ground_angle = self.ground()
-        of_rays = cells(self.rays.ground_cosine, self.angles.cosine.shape[1])
+        of_rays = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
         in_slices(
             lambda begin, end: scatter_sunlight(
                 self.rays.first, self.points, self.turning.place, beams, scattered, ground_weight, ground_angle,
