@@ -93,6 +93,11 @@ BENCHMARKS = {
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),
     "dawn": Benchmark("gallery.py dawn", "../docs/dawn.jpg", "the photograph of README"),
+    "sunset": Benchmark("sunset.py", "../docs/sunset.jpg", "README's first picture"),
+    "photographs": Benchmark(
+        "sunset.py ../shared/data/photos", "../docs/photographs.jpg", "photographs and skies in one view"
+    ),
+    "films": Benchmark("films.py", "../docs/films/*", "stills of three films"),
     "view": Benchmark("view.py sky.html", "../docs/view/*.jpg", "pictures of the page that `twilight view` writes"),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(
