@@ -41,7 +41,8 @@ def compile_look() -> None:
     _compile(
         scattered_once, beam, rays, share, _none(0), directions, phases, 0.0, 0.0, _none(0), _none(0, 3, 1), 0, 0,
     )  # fmt: skip
-    profile = Profile(*(_none(1) for _ in Profile._fields))._replace(
+    fields: list[Any] = [_none(1) for _ in Profile._fields]
+    profile = Profile(*fields)._replace(
         extinction=_none(1, 1), scattering=_none(1, 1), species_scattering=_none(1, 1, 1),
         level_of_bin=_none(1, dtype=np.int64), earth_radius_km=1.0,
     )  # fmt: skip
