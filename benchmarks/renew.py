@@ -40,6 +40,9 @@ BENCHMARKS = {
         "montecarlo_reference.py", "reference/*.csv", "radiances of the referee, by which all other errors are judged"
     ),
     "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of the referee to 1 %"),
+    "montecarlo_steering": Benchmark(
+        "montecarlo_speed.py steering", "montecarlo_steering.csv", "what finer steering of the referee would bring"
+    ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in six climates"),
     "coarse_particles": Benchmark(
         "coarse_particles.py", "coarse_particles*.csv", "what the errors of `zones` beside coarse particles consist of"
@@ -61,7 +64,15 @@ BENCHMARKS = {
         "polarisation.py referee", "polarisation_referee.csv", "I, Q, U of `zones` against the referee"
     ),
     "polarisation_sky": Benchmark(
-        "polarisation.py sky", "polarisation_sky.csv", "neutral points, polarisation of the zenith"
+        "polarisation.py sky", "polarisation_sky.csv, ../docs/polarisation.png", "neutral points, zenith's polarisation"
+    ),
+    "polarisation_volcano": Benchmark(
+        "polarisation.py volcano",
+        "polarisation_volcano.csv, ../docs/polarisation-volcano.png",
+        "the same under volcanic stratospheres",
+    ),
+    "polarisation_cost": Benchmark(
+        "polarisation.py cost", "polarisation_cost.csv", "what polarisation costs in time and memory"
     ),
     "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
     "cells_active_shells": Benchmark(
@@ -75,12 +86,21 @@ BENCHMARKS = {
     ),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
+    "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
     "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
+    "sweep_compact": Benchmark(
+        "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"
+    ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),
     "dawn": Benchmark("gallery.py dawn", "../docs/dawn.jpg", "the photograph of README"),
+    "sunset": Benchmark("sunset.py", "../docs/sunset.jpg", "README's first picture"),
+    "photographs": Benchmark(
+        "sunset.py ../shared/data/photos", "../docs/photographs.jpg", "photographs and skies in one view"
+    ),
+    "films": Benchmark("films.py", "../docs/films/*", "stills of three films"),
     "view": Benchmark("view.py sky.html", "../docs/view/*.jpg", "pictures of the page that `twilight view` writes"),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(

@@ -184,7 +184,8 @@ class Field(BareField):
         longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
-        orders = min(self.directions.azimuth_directions, self.directions.late_azimuth_directions)
+        # as many as the first light of the early events can have
+        orders = self.settings.degree + 1
         above = angles.cosine[0, angles.below :]
 
         def of(block: int) -> Passes:
