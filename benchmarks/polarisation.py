@@ -13,8 +13,9 @@
 
 Names of climates behind limit the table to them; `referee` takes all that have a reference.  Errors of the first are
 those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
-and `volcano` use `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.  The
-referee's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26 directions.
+and `volcano` use `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
+The referee's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
+directions.
 """
 
 from __future__ import annotations
