@@ -1,9 +1,11 @@
 """Seconds to 1 % standard error with the Monte-Carlo solver: one direction, one wavelength, one thread.
 
-    python benchmarks/montecarlo_speed.py [CLIMATE]
+    python benchmarks/montecarlo_speed.py [CLIMATE]      writes montecarlo_speed.csv
+    python benchmarks/montecarlo_speed.py steering       writes montecarlo_steering.csv
 
-The solver runs a fixed number of samples; the time to 1 % is time x (relative error / 1 %)^2.  Prints a CSV table
-(committed as benchmarks/montecarlo_speed.csv).
+The solver runs a fixed number of samples; the time to 1 % is time x (relative error / 1 %)^2, in processor time.  The
+second table says what finer nodes of the coarse field's solar zenith angles about the terminator, and more
+continuations of a sample (whose numbers are a lattice), change at -4 and -6 deg.
 """
 
 from __future__ import annotations
@@ -11,14 +13,17 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numba
 import numpy as np
+import results
 
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
-from twilight.solvers.montecarlo import MonteCarloSettings, prepare
+from twilight.solvers.montecarlo import MonteCarloSettings, prepare, steering
 
+HERE = Path(__file__).parent
 WAVELENGTH_NM = 550.0
 SUNS_DEG = (30.0, 10.0, 0.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
 VIEWS = {
@@ -27,36 +32,85 @@ VIEWS = {
     "10 deg antisolar": (10.0, 180.0),
     "(45, 90)": (45.0, 90.0),
 }
-SAMPLES = 400
+SAMPLES, SEEDS = 400, (1, 2, 3, 4)
+
+
+FINER_DEG = (87.5, 104.0)
+"""Solar zenith angles between which the coarse field is given more nodes."""
+
+
+def seconds(field, sun: float, settings) -> tuple[list[float], float]:
+    """(seconds to 1 % in every view, seconds of a sample)."""
+    found, cost = [], []
+    for elevation, azimuth in VIEWS.values():
+        runs = []
+        for seed in SEEDS:
+            begin = time.process_time()
+            r = replace(field, settings=replace(settings, seed=seed)).radiance_with_error(sun, elevation, azimuth)
+            cost.append((time.process_time() - begin) / r.samples[0])
+            runs.append((r.standard_error[0] / r.radiance[0]) ** 2 * r.samples[0] / 0.01**2)
+        found.append(float(np.mean(runs)))
+    return [x * float(np.median(cost)) for x in found], float(np.median(cost))
+
+
+def compiled_medium(climate: str):
+    """The air at one wavelength, after a run that compiles."""
+    numba.set_num_threads(1)
+    medium = climate_medium(load_climate(climate), np.array([WAVELENGTH_NM]))
+    prepare(medium, MonteCarloSettings(target_stderr=None, samples=8)).radiance(1.0, 1.0, 1.0)
+    return medium
 
 
 def main(climate: str) -> None:
-    """Print the table."""
-    numba.set_num_threads(1)
-    medium = climate_medium(load_climate(climate), np.array([WAVELENGTH_NM]))
+    medium = compiled_medium(climate)
     settings = MonteCarloSettings(target_stderr=None, samples=SAMPLES)
     started = time.process_time()
-    prepare(medium, settings).radiance(1.0, 1.0, 1.0)
-    compiled = time.process_time() - started
-    started = time.process_time()
     field = prepare(medium, settings)
-    print(
-        f"# {climate}, {WAVELENGTH_NM:g} nm; first call {compiled:.0f} s, prepare {time.process_time() - started:.1f} s"
-    )
-    print("sun_elevation_deg," + ",".join(f"{name} [s]" for name in VIEWS) + ",median [s],microseconds per sample")
+    notes = [f"{climate}, {WAVELENGTH_NM:g} nm; prepare {time.process_time() - started:.1f} s"]
+    rows = []
     for sun in SUNS_DEG:
-        seconds, cost = [], []
-        for elevation, azimuth in VIEWS.values():
-            runs = []
-            for seed in (1, 2, 3):
-                begin = time.process_time()
-                r = replace(field, settings=replace(settings, seed=seed)).radiance_with_error(sun, elevation, azimuth)
-                cost.append((time.process_time() - begin) / r.samples[0])
-                runs.append((r.standard_error[0] / r.radiance[0]) ** 2 * r.samples[0] / 0.01**2)
-            seconds.append(np.mean(runs) * np.median(cost))
-        row = ",".join(f"{s:.4f}" for s in (*seconds, np.median(seconds)))
-        print(f"{sun:g},{row},{1e6 * np.median(cost):.0f}", flush=True)
+        found, cost = seconds(field, sun, settings)
+        rows.append([f"{sun:g}", *(f"{s:.4f}" for s in (*found, np.median(found))), f"{1e6 * cost:.0f}"])
+        print(*rows[-1], sep="\t", flush=True)
+    columns = ["sun_elevation_deg", *(f"{name} [s]" for name in VIEWS), "median [s]", "microseconds per sample"]
+    results.write(HERE / "montecarlo_speed.csv", columns, rows, notes=notes)
+
+
+def finer(step_deg: float) -> np.ndarray:
+    """Solar zenith angles of the coarse field with these steps about the terminator."""
+    return np.unique(np.concatenate([steering.SUN_ZENITH_DEG, np.arange(*FINER_DEG, step_deg)]))
+
+
+def tried() -> None:
+    medium = compiled_medium("continental-average")
+    plain, rows = steering.SUN_ZENITH_DEG, []
+    for name, zenith_deg, sub_paths in (
+        ("as it is", plain, 8),
+        ("zenith nodes 0.5 deg apart", finer(0.5), 8),
+        ("zenith nodes 0.25 deg apart", finer(0.25), 8),
+        ("4 continuations", plain, 4),
+        ("32 continuations", plain, 32),
+        ("128 continuations", plain, 128),
+        ("zenith nodes 0.5 deg apart, 32 continuations", finer(0.5), 32),
+    ):
+        steering.SUN_ZENITH_DEG = zenith_deg
+        settings = MonteCarloSettings(target_stderr=None, samples=8 * SAMPLES // sub_paths, sub_paths=sub_paths)
+        started = time.process_time()
+        field = prepare(medium, settings)
+        took = time.process_time() - started
+        for sun in (-4.0, -6.0):
+            found, cost = seconds(field, sun, settings)
+            numbers = (f"{s:.4f}" for s in (*found, np.median(found)))
+            rows.append([name, f"{sun:g}", *numbers, f"{1e6 * cost:.0f}", f"{took:.1f}"])
+            print(*rows[-1], sep="\t", flush=True)
+    steering.SUN_ZENITH_DEG = plain
+    columns = ["tried", "sun_elevation_deg", *(f"{name} [s]" for name in VIEWS), "median [s]"]
+    columns += ["microseconds per sample", "prepare [s]"]
+    results.write(HERE / "montecarlo_steering.csv", columns, rows)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "continental-average")
+    if sys.argv[1:] == ["steering"]:
+        tried()
+    else:
+        main(sys.argv[1] if len(sys.argv) > 1 else "continental-average")

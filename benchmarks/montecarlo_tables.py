@@ -1,6 +1,6 @@
 """What the referee says about orders of scattering and about Haber's isotropic assumption.
 
-    python benchmarks/montecarlo_tables.py            prints a CSV table, committed as benchmarks/montecarlo_tables.csv
+    python benchmarks/montecarlo_tables.py            prints a CSV table
 
 Per climate and sun: orders that give 99 % of the radiance (median and largest over the views; an order is an event, the
 ground's reflections included), the relative error of `isotropic_after_first` (median and largest over the views, with

@@ -2,30 +2,38 @@
 
     python benchmarks/polarisation.py scalar     error of scalar theory in I, luminance and colour: polarisation.csv
     python benchmarks/polarisation.py referee    `zones` against `montecarlo` in I, Q and U: polarisation_referee.csv
-    python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv
+    python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv, and
+                                                 docs/polarisation.png
     python benchmarks/polarisation.py volcano    the same under volcanic stratospheres: polarisation_volcano.csv, and
                                                  docs/polarisation-volcano.png
 
+    python benchmarks/polarisation.py cost       time and memory of polarised and scalar fields: polarisation_cost.csv
+
     python benchmarks/polarisation.py stored     the referee's Stokes vectors in clear air that a test of `zones` reads
 
-Names of climates behind limit the table to them.  Errors of the first are those of the scalar solution against the
-polarised one of the same solver, over a texture of half the sky.  `scalar` and `volcano` use `zones` at quality draft,
-polarised, whose steps cancel in the comparison, the others at standard.  The referee's
+Names of climates behind limit the table to them; `referee` takes all that have a reference.  Errors of the first are
+those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
+uses `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.  The referee's
 Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26 directions.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
+import montecarlo_reference
 import numpy as np
 import results
 
+import twilight
 from twilight.atmosphere.table import medium_from_table
 from twilight.compare.accuracy import colour_spread
 from twilight.config.load import load, load_climate
+from twilight.io import write_polarisation_png
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
 from twilight.validate.phenomena.neutral import neutral_points, zenith_polarisation
@@ -34,6 +42,7 @@ HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
 DRAFT = replace(zones.QUALITIES["draft"], polarisation=True)
 CLIMATES = ("pure-air", "continental-average", "desert", "volcanic-extreme")
+SKY_CLIMATES = ("pure-air", "continental-average", "urban")
 STRATOSPHERES = ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
 EIGHT_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
 THREE_NM = (450.0, 550.0, 650.0)
@@ -41,6 +50,7 @@ SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0)
 SKY_SUNS_DEG = (30.0, 20.0, 10.0, 5.0, 2.0, 0.0, -1.0, -2.0, -3.0, -4.0, -5.0, -6.0, -7.0, -8.0)
 VOLCANO_SUNS_DEG = (20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -1.5, -2.0, -3.0, -3.5, -4.0, -4.5, -5.0, -6.0, -7.0, -8.0)
 VOLCANO_NM = (450.0, 550.0, 700.0)
+MAUNA_LOA_KM, SEA_ALBEDO = 3.4, 0.06
 SKY_COLUMNS = [
     "climate", "sun_elevation_deg", "wavelength_nm", "babinet_deg", "brewster_deg", "arago_deg", "zenith_degree",
 ]  # fmt: skip
@@ -59,7 +69,7 @@ def texture() -> tuple[np.ndarray, np.ndarray]:
 def scalar(climates) -> None:
     elevation, azimuth = texture()
     rows = []
-    for climate in climates:
+    for climate in climates or CLIMATES:
         medium = climate_medium(load_climate(climate), np.array(EIGHT_NM))
         right = zones.prepare(medium, DRAFT)
         plain = zones.prepare(medium, replace(DRAFT, polarisation=False))
@@ -85,13 +95,17 @@ def scalar(climates) -> None:
     results.write(HERE / "polarisation.csv", columns, rows, notes=notes)
 
 
+def reference_file(climate: str) -> Path:
+    """Where montecarlo_reference.py keeps the referee's Stokes vectors of a climate."""
+    return HERE / "reference" / f"{'pure-air-climate' if climate == 'pure-air' else climate}.csv"
+
+
 def referee(climates) -> None:
     rows = []
-    for climate in climates:
-        file = HERE / "reference" / f"{'pure-air-climate' if climate == 'pure-air' else climate}.csv"
+    for climate in climates or [c for c in montecarlo_reference.CLIMATES if reference_file(c).exists()]:
+        file = reference_file(climate)
         if not file.exists():
-            print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
-            continue
+            sys.exit(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
         table = results.read_numbers(file)
         medium = climate_medium(load_climate(climate), np.unique(table["wavelength_nm"]))
         field = zones.prepare(medium, STANDARD)
@@ -152,7 +166,7 @@ def stored(_climates) -> None:
 
 def sky(climates) -> None:
     rows = []
-    for climate in climates:
+    for climate in climates or SKY_CLIMATES:
         field = zones.prepare(climate_medium(load_climate(climate), np.array(THREE_NM)), STANDARD)
         for sun in SKY_SUNS_DEG:
             points, zenith = neutral_points(field, sun), zenith_polarisation(field, sun)
@@ -161,14 +175,17 @@ def sky(climates) -> None:
                 rows.append([climate, f"{sun:g}", f"{nm:g}", *places, f"{zenith[w]:.3f}"])
                 print(*rows[-1], sep="\t", flush=True)
     results.write(HERE / "polarisation_sky.csv", SKY_COLUMNS, rows, notes=SKY_NOTES)
+    picture = twilight.render("continental-average", sun_elevation_deg=-4.0)
+    write_polarisation_png(picture, HERE.parent / "docs" / "polarisation.png")
 
 
 def volcano(_climates) -> None:
-    """Clean air above a high mountain, as at Mauna Loa, under the stratospheres of LOWTRAN."""
+    """Clean air seen from a high mountain in the sea, as Mauna Loa, under the stratospheres of LOWTRAN."""
     rows, drawn = [], {}
     for kind in STRATOSPHERES:
-        config = load("pure-air", {"ground.altitude_km": 3.4, "stratosphere.kind": kind})
-        field = zones.prepare(climate_medium(config.climate, np.array(VOLCANO_NM)), DRAFT)
+        config = load("pure-air", {"ground.albedo": SEA_ALBEDO, "stratosphere.kind": kind})
+        medium = climate_medium(config.climate, np.array(VOLCANO_NM))
+        field = zones.prepare(medium, STANDARD, observer_altitude_km=MAUNA_LOA_KM)
         for sun in VOLCANO_SUNS_DEG:
             points, zenith = neutral_points(field, sun), zenith_polarisation(field, sun)
             for w, nm in enumerate(VOLCANO_NM):
@@ -179,6 +196,55 @@ def volcano(_climates) -> None:
                 print(*rows[-1], sep="\t", flush=True)
     results.write(HERE / "polarisation_volcano.csv", ["stratosphere", *SKY_COLUMNS[1:]], rows, notes=SKY_NOTES)
     draw_volcano(drawn)
+
+
+def cost(climates) -> None:
+    """Processor time of a field at eight wavelengths and of a sky from it, and the memory that they need beside what
+    the process had; each alone in a process, after a smaller field that compiles."""
+    rows = []
+    for climate in climates or ("pure-air", "continental-average"):
+        for quality in ("draft", "standard"):
+            found = {}
+            for polarised in (False, True):
+                command = [sys.executable, __file__, "one_cost", climate, quality, str(int(polarised))]
+                text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+                found[polarised] = [float(x) for x in text.split()]
+            (field, sky_s, mib), (plain_field, plain_sky, plain_mib) = found[True], found[False]
+            times = (plain_field, field, plain_sky, sky_s)
+            ratios = ((field + sky_s) / (plain_field + plain_sky), mib / plain_mib)
+            rows.append(
+                [climate, quality, *(f"{x:.2f}" for x in times), f"{ratios[0]:.2f}",
+                 f"{plain_mib:.0f}", f"{mib:.0f}", f"{ratios[1]:.2f}"]
+            )  # fmt: skip
+            print(*rows[-1], sep="\t", flush=True)
+    columns = (
+        "climate,quality,scalar_field_s,polarised_field_s,scalar_sky_s,polarised_sky_s,times_time,"
+        "scalar_mib,polarised_mib,times_memory"
+    )
+    notes = ["eight wavelengths, any sun, processor time; the sky: one sun over a texture of half of it"]
+    results.write(HERE / "polarisation_cost.csv", columns.split(","), rows, notes=notes)
+
+
+def one_cost(arguments) -> None:
+    """Print seconds of the field and of a sky, and MiB, for a climate, a quality and whether polarised."""
+    climate, quality, polarised = arguments
+    settings = replace(zones.QUALITIES[quality], polarisation=polarised == "1")
+    elevation, azimuth = texture()
+    small = replace(zones.QUALITIES["draft"], polarisation=settings.polarisation, altitude_density=0.2, max_events=3)
+    zones.prepare(climate_medium(load_climate(climate), np.array([550.0])), small).radiance(-4.0, elevation, azimuth)
+    medium = climate_medium(load_climate(climate), np.array(EIGHT_NM))
+    # the most that the process has had starts anew
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    before, start = _peak_mib(), time.process_time()
+    field = zones.prepare(medium, settings)
+    solved = time.process_time()
+    (field.stokes if field.polarised else field.radiance)(-4.0, elevation, azimuth)
+    print(solved - start, time.process_time() - solved, _peak_mib() - before)
+
+
+def _peak_mib() -> float:
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM"))
 
 
 def draw_volcano(drawn: dict) -> None:
@@ -208,6 +274,7 @@ def draw_volcano(drawn: dict) -> None:
 
 if __name__ == "__main__":
     tables = {"scalar": scalar, "referee": referee, "sky": sky, "stored": stored, "volcano": volcano}
+    tables |= {"cost": cost, "one_cost": one_cost}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")
-    tables[sys.argv[1]](sys.argv[2:] or CLIMATES)
+    tables[sys.argv[1]](sys.argv[2:])

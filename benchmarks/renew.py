@@ -1,6 +1,7 @@
 """Renew the tables of benchmarks, one after the other, and note what each took.
 
     python benchmarks/renew.py --list                what there is
+    python benchmarks/renew.py --readme              the table of benchmarks/README.md alone
     python benchmarks/renew.py                       all, hours of processor time
     python benchmarks/renew.py zones_error compare   some
 
@@ -39,6 +40,9 @@ BENCHMARKS = {
         "montecarlo_reference.py", "reference/*.csv", "radiances of the referee, by which all other errors are judged"
     ),
     "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of the referee to 1 %"),
+    "montecarlo_steering": Benchmark(
+        "montecarlo_speed.py steering", "montecarlo_steering.csv", "what finer steering of the referee would bring"
+    ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in six climates"),
     "coarse_particles": Benchmark(
         "coarse_particles.py", "coarse_particles*.csv", "what the errors of `zones` beside coarse particles consist of"
@@ -60,23 +64,44 @@ BENCHMARKS = {
         "polarisation.py referee", "polarisation_referee.csv", "I, Q, U of `zones` against the referee"
     ),
     "polarisation_sky": Benchmark(
-        "polarisation.py sky", "polarisation_sky.csv", "neutral points, polarisation of the zenith"
+        "polarisation.py sky", "polarisation_sky.csv, ../docs/polarisation.png", "neutral points, zenith's polarisation"
+    ),
+    "polarisation_volcano": Benchmark(
+        "polarisation.py volcano",
+        "polarisation_volcano.csv, ../docs/polarisation-volcano.png",
+        "the same under volcanic stratospheres",
+    ),
+    "polarisation_cost": Benchmark(
+        "polarisation.py cost", "polarisation_cost.csv", "what polarisation costs in time and memory"
     ),
     "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
     "cells_active_shells": Benchmark(
         "cells_active_shells.py", "cells_active_shells.csv", "what active shells cost and save"
     ),
+    "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
+    "tables": Benchmark("tables.py", "tables.csv", "error of tables for real-time renderers"),
+    "montecarlo_tables": Benchmark("montecarlo_tables.py", "", "orders of scattering; Haber's isotropic assumption"),
+    "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
+    "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
     "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
+    "sweep_compact": Benchmark(
+        "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"
+    ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),
     "dawn": Benchmark("gallery.py dawn", "../docs/dawn.jpg", "the photograph of README"),
+    "sunset": Benchmark("sunset.py", "../docs/sunset.jpg", "README's first picture"),
+    "photographs": Benchmark(
+        "sunset.py ../shared/data/photos", "../docs/photographs.jpg", "photographs and skies in one view"
+    ),
+    "films": Benchmark("films.py", "../docs/films/*", "stills of three films"),
     "view": Benchmark("view.py sky.html", "../docs/view/*.jpg", "pictures of the page that `twilight view` writes"),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(
@@ -110,14 +135,26 @@ def note(name: str, cpu: float, wall: float) -> None:
     results.write(path, COLUMNS, [rows[n] for n in BENCHMARKS if n in rows], command="python benchmarks/renew.py")
 
 
+def made_at(benchmark: Benchmark) -> str:
+    """The commits in the first lines of the files that it writes; a word where none of these is kept, or none says."""
+    kept = [path for name in benchmark.writes.split(", ") if name for path in sorted(HERE.glob(name))]
+    first = [path.read_text(encoding="utf-8").partition("\n")[0] for path in kept if path.suffix == ".csv"]
+    commits = sorted({found[1] for line in first if (found := re.search(r"commit (\w+)", line))})
+    if commits:
+        return ", ".join(commits)
+    if first:
+        return "the table does not say"
+    return "" if not benchmark.writes or "../" in benchmark.writes else "no table is kept"
+
+
 def readme() -> None:
     """The table of benchmarks/README.md, between its two marks."""
     done = {row["name"]: row for row in results.read_rows(HERE / "renewed.csv")}
     lines = ["| command | writes | says | processor minutes | made at commit |", "|---|---|---|---|---|"]
     for name, b in BENCHMARKS.items():
-        run = done.get(name)
-        took, commit = (run["processor_minutes"], run["commit"]) if run else ("", "see the table's first line")
-        lines.append(f"| `python benchmarks/{b.command}` | `{b.writes}` | {b.says} | {took} | {commit} |")
+        took = done[name]["processor_minutes"] if name in done else ""
+        writes = f"`{b.writes}`" if b.writes else "what it prints"
+        lines.append(f"| `python benchmarks/{b.command}` | {writes} | {b.says} | {took} | {made_at(b)} |")
     path = HERE / "README.md"
     text = path.read_text(encoding="utf-8")
     begin, end = "<!-- table -->", "<!-- end of table -->"
@@ -129,6 +166,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--list", action="store_true")
+    parser.add_argument("--readme", action="store_true")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in BENCHMARKS]
     if unknown:
@@ -136,6 +174,9 @@ def main() -> None:
     if options.list:
         for name, b in BENCHMARKS.items():
             print(f"{name:22} {b.says}")
+        return
+    if options.readme:
+        readme()
         return
     for name in options.names or BENCHMARKS:
         print(f"== {name}", flush=True)

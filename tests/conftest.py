@@ -1,4 +1,4 @@
-"""Fixtures of more than one file; no test finds a field that another one, or the user, has left on disk."""
+"""Fixtures of several files, and the order of files; no test finds a field that another, or the user, left on disk."""
 
 import hashlib
 import os
@@ -13,6 +13,29 @@ from twilight.engine import sunbeam
 os.environ["TWILIGHT_CACHE_GB"] = "0"
 
 __all__ = ["log", "plain", "table", "toy"]
+
+LONG = (
+    "test_zones",
+    "test_montecarlo_walk",
+    "test_cells",
+    "test_readme",
+    "test_bands",
+    "test_tables",
+    "test_sweep",
+    "test_run",
+    "test_stability_media",
+    "test_photo_estimate",
+    "test_energy",
+    "test_compare",
+    "test_photo",
+)
+"""Files that take longest.  They go first, so that no process has one left when the others are done; the first two
+compile different solvers, so that two processes do not compile the same one at once."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    places = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -11,7 +11,7 @@ import pytest
 from twilight.batch.sweep import Sweep
 from twilight.config import load
 from twilight.config.load import load_axes
-from twilight.config.scene import SunElevation
+from twilight.config.sun import SunElevation
 from twilight.engine import run
 from twilight.errors import TwilightError
 from twilight.scene.record import resolved_configuration

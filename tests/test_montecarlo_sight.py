@@ -8,15 +8,10 @@ from bent_rays import trace_ray
 from montecarlo_media import hazy_earth
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
-from twilight.solvers.montecarlo.leg import (
-    LENGTH,
-    PLAIN,
-    STEERED,
-    new_leg,
-    trace,
-)
+from twilight.solvers.montecarlo.chunks import observer_ray
+from twilight.solvers.montecarlo.leg import trace
 from twilight.solvers.montecarlo.lines import DIRECTION, ORIGIN
-from twilight.solvers.montecarlo.paths import observer_ray
+from twilight.solvers.montecarlo.pieces import LENGTH, PLAIN, STEERED, new_leg
 from twilight.solvers.montecarlo.sight import SIGHT_CHORDS, SIGHT_PIECES, look
 
 SETTINGS = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0)

@@ -11,7 +11,7 @@ from twilight.atmosphere import opac
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.atmosphere.own import Mode, read_phase
 from twilight.config import load, load_climate
-from twilight.config.scene import SunElevation
+from twilight.config.sun import SunElevation
 from twilight.errors import TwilightError
 from twilight.phase import HENYEY_GREENSTEIN, TABLE
 from twilight.scene.medium import climate_medium, table_sha256

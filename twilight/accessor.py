@@ -16,6 +16,7 @@ import numpy as np
 import xarray
 
 from twilight.errors import TwilightError
+from twilight.io.facts import fields_from
 from twilight.sky import Sky
 
 _GRID = ("elevation", "azimuth", "wavelength")
@@ -78,30 +79,24 @@ class SkyAccessor:
         radiance = grid(_RADIANCE)
         if radiance is None:
             raise TwilightError(".sky.scene: this scene holds no radiance")
-        elevation, bending = float(chosen.solar_elevation_angle), one("solar_bending")
+        facts, bending = fields_from(one), one("solar_bending")
+        if bending is not None:
+            facts["apparent_sun_elevation_deg"] = facts["sun_elevation_deg"] + bending
         direct = "direct_irradiance_factor"
         return Sky(
             wavelength_nm=chosen.wavelength.values,
             elevation_deg=chosen.elevation.values,
             azimuth_deg=azimuth,
             sun_normalised_radiance=radiance.astype(float),
-            sun_elevation_deg=elevation,
-            sun_azimuth_deg=one("solar_azimuth_angle"),
-            distance_au=one("earth_sun_distance") or 1.0,
-            observer_altitude_km=one("observer_altitude", "observer_altitude_km") or 0.0,
-            latitude_deg=one("latitude", "sun_latitude_deg"),
-            longitude_deg=one("longitude", "sun_longitude_deg"),
             ground_albedo=chosen["surface_albedo"].values if "surface_albedo" in chosen else None,
             standard_error=grid("standard_error"),
             polarisation=stokes(f"{_RADIANCE}_q", f"{_RADIANCE}_u"),
             polarisation_error=stokes("standard_error_q", "standard_error_u"),
             direct_irradiance=chosen[direct].values.astype(float) if direct in chosen else None,
-            apparent_sun_elevation_deg=one("apparent_solar_elevation_angle")
-            if bending is None
-            else elevation + bending,
             solar_spectrum=str(chosen.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM)),
             night_radiance=grid("night_radiance"),
             provenance={key: chosen.attrs[key] for key in ("sweep_hash",) if key in chosen.attrs},
+            **facts,
         )
 
     def luminance(self) -> xarray.DataArray:

@@ -31,8 +31,11 @@ def _weights(t, out):
 
 @njit(cache=True, nogil=True)
 def _place(n_columns, begin, last, up, y, x, rows, columns, wy, wx):
-    """Rows and columns of the 16 texels around a place and their weights: even about the horizon and about the sun's
-    vertical; there is a row beyond the zenith."""
+    """Rows and columns (4,) of the 16 texels around the place (y, x), and their weights wy, wx (4,).
+
+    The table has n_columns columns, and `last` rows from the row `begin` on; it is even about the sun's vertical and
+    about the horizon, which lies below its rows (`up`) or above; there is a row beyond the zenith.
+    """
     j = min(max(math.floor(y), 0), last - 2)
     i = min(max(math.floor(x), 0), n_columns - 2)
     _weights(y - j, wy)
@@ -67,7 +70,13 @@ def _read(table, rows, columns, wy, wx):
 def _draw(
     sky, aureole, phase, horizon, n_ground, n_sky, elevation, azimuth, above, sun, sun_azimuth, near, out, first, end
 ):
-    """Light (N, 4) of directions first to end; angles in rad; above: share of each pixel that is over the horizon."""
+    """Light out (N, 4) of directions first to end; angles in rad.
+
+    sky (rows, columns, 4): logarithms over the tables' elevation and azimuth, n_ground rows below the horizon (of the
+    elevation `horizon`) and n_sky above; aureole: the same of what the aerosol's phase function multiplies, or empty;
+    phase (angles, 4): its logarithm; elevation, azimuth (N,); above (N,): share of each pixel that is over the horizon;
+    sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its distance.
+    """
     wy, wx = np.empty(4), np.empty(4)
     rows, columns = np.empty(4, np.int64), np.empty(4, np.int64)
     n_columns, n_angles, power = sky.shape[1], phase.shape[0], 1.0 / own.AZIMUTH_POWER

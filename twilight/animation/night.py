@@ -10,7 +10,8 @@ import numpy as np
 
 from twilight.animation.timeline import Timeline
 from twilight.atmosphere.medium import Medium
-from twilight.config.scene import Config, SunInterval
+from twilight.config.scene import Config
+from twilight.config.sun import SunInterval
 from twilight.engine.night import NightLight, levels_of, night_light
 from twilight.night import Place
 from twilight.window.colours import Channels

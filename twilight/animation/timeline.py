@@ -7,7 +7,8 @@ from datetime import timedelta
 
 import numpy as np
 
-from twilight.config.scene import Config, SunAt, SunElevation, SunInterval
+from twilight.config.scene import Config
+from twilight.config.sun import SunAt, SunElevation, SunInterval
 from twilight.errors import TwilightError
 
 SUNSET_DEG = (6.0, -12.0)

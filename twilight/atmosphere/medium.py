@@ -21,6 +21,14 @@ from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 
+ON_LEVELS = (
+    "air_scattering_per_km",
+    "absorption_per_km",
+    "aerosol_extinction_per_km",
+    "aerosol_single_scattering_albedo",
+    "refractivity",
+)
+"""What a medium has on levels and at wavelengths, (L, W)."""
 SMALL_JUMP = 1e-3
 """Relative jump of the refractivity that is taken as a rounding of the table."""
 
@@ -64,13 +72,7 @@ class Medium:
         shape = (z.size, w.size)
         if z.size < 2 or not np.all(np.isfinite(z)) or np.any(np.diff(z) < 0) or z[-1] <= z[0]:
             raise TwilightError(f"medium {self.name}: altitude_km must hold at least two levels that do not decrease")
-        for key in (
-            "air_scattering_per_km",
-            "absorption_per_km",
-            "aerosol_extinction_per_km",
-            "aerosol_single_scattering_albedo",
-            "refractivity",
-        ):
+        for key in ON_LEVELS:
             a = getattr(self, key)
             if a.shape != shape:
                 raise TwilightError(f"medium {self.name}: {key} has shape {a.shape}, expected {shape}")
@@ -115,16 +117,7 @@ class Medium:
         """The same medium at some of its wavelengths."""
         s = wavelengths
         phases = tuple(p.select(s) for p in self.phase_functions)
-        cut = {
-            key: getattr(self, key)[:, s]
-            for key in (
-                "air_scattering_per_km",
-                "absorption_per_km",
-                "aerosol_extinction_per_km",
-                "aerosol_single_scattering_albedo",
-                "refractivity",
-            )
-        }
+        cut = {key: getattr(self, key)[:, s] for key in ON_LEVELS}
         return replace(
             self,
             wavelength_nm=self.wavelength_nm[s],

@@ -9,7 +9,8 @@ from typing import Any
 
 from twilight import solvers
 from twilight.config.climate import Climate
-from twilight.config.scene import Config, SunElevations, SunInterval
+from twilight.config.scene import Config
+from twilight.config.sun import SunElevations, SunInterval
 from twilight.config.vary import LATIN_HYPERCUBE, LIST, Axis
 from twilight.errors import TwilightError
 from twilight.scene.suns import count_suns

@@ -13,7 +13,8 @@ import numpy as np
 from twilight import solvers
 from twilight.batch.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of
 from twilight.config.scene import Config
-from twilight.engine.solve import Answer, Block, Problem, problem_of
+from twilight.engine.answer import Answer
+from twilight.engine.solve import Block, Problem, problem_of
 from twilight.errors import TwilightError
 
 _ONE_AT_A_TIME = threading.Lock()

@@ -104,7 +104,7 @@ def _place_and_time(
     latitude: float | None, longitude: float | None, at: str | None, time_zone: str | None, altitude_km: float
 ) -> tuple[Any, Any]:
     """(Place, moment), or (None, None) where nothing is given."""
-    from twilight.config.scene import SunAt
+    from twilight.config.sun import SunAt
     from twilight.config.validate import Origins, validate
     from twilight.validate.stars.coordinates import Place
 

@@ -6,8 +6,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twilight import __version__, solvers
-from twilight.config.scene import Config, SunElevation
+from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.config.sun import SunElevation
 from twilight.digest import SHOWN, code_digest
 from twilight.io.provenance import configuration_hash
 from twilight.scene.record import resolved_configuration

@@ -14,7 +14,8 @@ import numpy as np
 
 from twilight import solvers
 from twilight.compare.job import Directions, code_of
-from twilight.config.scene import Config, SunElevation
+from twilight.config.scene import Config
+from twilight.config.sun import SunElevation
 from twilight.engine.solve import Solved, problem_of
 from twilight.errors import TwilightError
 from twilight.io.whole import whole_file

@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.config.scene import Config, SunAt
+from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.config.sun import SunAt
+from twilight.engine.answer import Answer, joined, sky_of
 from twilight.engine.directions import texture_rows
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
 from twilight.engine.night import NightLight, levels_of, night_light, place_of
-from twilight.engine.solve import Answer, Block, Problem, joined, problem_of, sky_of
+from twilight.engine.solve import Block, Problem, problem_of
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import Look, check_view, landscape, see, together, with_night, with_sun
 from twilight.errors import TwilightError, TwilightWarning
@@ -57,11 +59,12 @@ def run(config: Config, progress: Progress | None = None) -> Sky:
 
 
 def frames(
-    config: Config, progress: Progress | None = None, *, wanted: Collection[str] | None = None
+    config: Config, progress: Progress | None = None, *, wanted: Collection[str] | None = None, keep: bool = True
 ) -> Iterator[Frame]:
     """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
 
-    wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  Warns (TwilightWarning) of a black sky.
+    wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  keep: whether fields are taken from disk and
+    left there, where the user keeps any.  Warns (TwilightWarning) of a black sky.
     As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
     """
     tell = progress or silent
@@ -73,7 +76,7 @@ def frames(
         return
     # ground far away has another sun than the observer
     asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
-    problem = problem_of(config, asked, kept=kept_fields())
+    problem = problem_of(config, asked, kept=kept_fields() if keep else None)
     if config.observer.view is not None:
         check_view(config.observer.view, problem.capabilities, config.title)
     set_up_s = time.perf_counter() - started

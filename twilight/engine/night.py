@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.config.scene import Night, SunAt
+from twilight.config.scene import Night
+from twilight.config.sun import SunAt
 from twilight.night import NightLevels, Place, night_radiance
 from twilight.orientation import azimuth_elevation
 from twilight.scene.suns import SunPosition

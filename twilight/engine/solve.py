@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight import solvers
+from twilight import ahead, solvers
 from twilight.atmosphere.bands import Bands
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.disc import Disc
+from twilight.engine.answer import Answer, joined, of_stokes, sky_of, summed
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import KeptFields, kept_fields
 from twilight.engine.sunbeam import Direct, Sunbeam
@@ -38,48 +39,11 @@ from twilight.sky import Sky
 from twilight.solvers.base import Capabilities, Field, Solver
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What was found for some directions; sun-normalised [sr^-1].
-
-    radiance: shape of the directions plus (W,), and its standard error where there is one.
-    polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
-        field has them (signs: `twilight.conventions`), and their standard error.
-    """
-
-    radiance: np.ndarray
-    standard_error: np.ndarray | None = None
-    polarisation: np.ndarray | None = None
-    polarisation_error: np.ndarray | None = None
-
-
-def joined(answers: Sequence[Answer]) -> Answer:
-    """One answer for all wavelengths from those of all blocks."""
-    if len(answers) == 1:
-        return answers[0]
-    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
-    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=-1) for part in parts]
-    return Answer(*whole)
-
-
-def _of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
-    """The answer that holds Stokes parameters (..., 3, W)."""
-    found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
-    if error is None:
-        return found
-    return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
-
-
 def check_ground(medium: Medium, solver: Solver) -> None:
     """TwilightError where the ground is water and the solver knows land alone."""
     if medium.has_water and not solver.CAPABILITIES.water:
         name = solver.__name__.rsplit(".", 1)[-1]
         raise TwilightError(f"ground.kind: water cannot be seen by the solver {name}; zones and montecarlo can")
-
-
-def _summed(answer: Answer, bands: Bands) -> Answer:
-    """The answer for wavelengths from that for their lanes."""
-    return Answer(*(None if part is None else bands.summed(part) for part in vars(answer).values()))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -176,11 +140,12 @@ class Block:
         self.problem, self.wavelengths, self.medium, self.bands = problem, wavelengths, medium, bands
         self.capabilities = problem.capabilities
         self._lanes = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self._lanes)
+        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain)
         self._progress = progress
         self._altitude_km = problem.altitude_km
         self.from_disk = False
         self.field = self._prepare(self._altitude_km)
+        ahead.wait()  # for what a look at the field calls
 
     def _prepare(self, altitude_km: float) -> Field:
         prepare: Any = self.problem.solver.prepare
@@ -234,12 +199,12 @@ class Block:
         polarised = polarisation and made.polarised
         if self.capabilities.standard_error and polarised:
             with_noise = made.stokes_with_error(*directions, **more)
-            found = _of_stokes(with_noise.stokes, with_noise.standard_error)
+            found = of_stokes(with_noise.stokes, with_noise.standard_error)
         elif self.capabilities.standard_error:
             estimate = made.radiance_with_error(*directions, **more)
             found = Answer(estimate.radiance, estimate.standard_error)
         elif polarised:
-            found = _of_stokes(made.stokes(*directions, **more))
+            found = of_stokes(made.stokes(*directions, **more))
         else:
             found = Answer(made.radiance(*directions, **more))
         estimated = found.standard_error is not None
@@ -247,7 +212,7 @@ class Block:
             raise TwilightError("the solver gave radiance that is negative or not a number")
         if found.polarisation is not None and not np.isfinite(found.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found if self.bands is None else _summed(found, self.bands)
+        return found if self.bands is None else summed(found, self.bands)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and what to tell it."""
@@ -376,33 +341,6 @@ class Solved:
         from twilight.window import view_field
 
         return view_field(self, **options)
-
-
-def sky_of(
-    medium: Medium,
-    grid: tuple[np.ndarray, np.ndarray],
-    answer: Answer,
-    direct: Direct,
-    sun_elevation_deg: float,
-    observer_altitude_km: float,
-    **facts: Any,
-) -> Sky:
-    """What was found on a grid (elevation (E,), azimuth (A,)) [deg] at all wavelengths of a medium, as a `Sky`."""
-    return Sky(
-        wavelength_nm=medium.wavelength_nm,
-        elevation_deg=grid[0],
-        azimuth_deg=grid[1],
-        sun_normalised_radiance=answer.radiance,
-        standard_error=answer.standard_error,
-        polarisation=answer.polarisation,
-        polarisation_error=answer.polarisation_error,
-        sun_elevation_deg=sun_elevation_deg,
-        observer_altitude_km=observer_altitude_km,
-        ground_albedo=medium.ground_albedo,
-        direct_irradiance=direct.irradiance,
-        apparent_sun_elevation_deg=sun_elevation_deg + direct.bending_deg,
-        **facts,
-    )
 
 
 def problem_of(

@@ -25,7 +25,10 @@ PHASE_ANGLES = 256
 
 @njit(cache=True, nogil=True)
 def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, begin, end):
-    """Light that each aerosol scattered once, without its phase function, out (K, S, E, A, W); angles in rad."""
+    """Light that each aerosol scattered once, without its phase function, out (K, S, E, A, W), for rows begin..end.
+
+    profile: `Profile`; beam: `Beam`; altitude_km: the observer's; elevation (E,), azimuth (A,) and sun (S,) [rad].
+    """
     n_w = out.shape[4]
     line = new_line(profile)
     source = np.empty((line.place.shape[0], 1 + out.shape[0], n_w))
@@ -33,7 +36,7 @@ def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, be
     r = profile.earth_radius_km + altitude_km
     for e in range(begin, end):
         mu = math.sin(elevation[e])
-        n, _ = trace_line(profile, altitude_km, mu, 1.0, True, line)
+        n, _ = trace_line(profile, altitude_km, mu, 1.0, np.bool_(True), line, math.inf)
         for p in range(n):
             by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
         for s in range(sun.size):

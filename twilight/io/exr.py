@@ -14,6 +14,7 @@ from twilight import colour, spectrum
 from twilight.errors import TwilightError
 from twilight.io.disc import add_to_map_factor, add_to_map_xyz
 from twilight.io.environment import environment, environment_directions, ground_factor
+from twilight.io.facts import header_of
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.io.whole import whole_file
 from twilight.reading import check_expansion, first_line
@@ -55,14 +56,9 @@ def _header(sky: Sky, target: str, observer: str, disc: bool = False) -> dict[st
         + ("" if sky.sun_azimuth_deg is not None else "; not known, the sun is put in the north"),
         f"{PREFIX}SolarSpectrum": sky.solar_spectrum,
         f"{PREFIX}SunDisc": "in the map" if disc and sky.disc is not None else "not in the map",
-        "altitude": float(sky.observer_altitude_km * 1000.0),
-    }
+    } | header_of(sky)
     if target != "pbrt":
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
-    if sky.latitude_deg is not None:
-        header["latitude"] = float(sky.latitude_deg)
-    if sky.longitude_deg is not None:
-        header["longitude"] = float(sky.longitude_deg)
     if sky.time is not None:
         header["capDate"] = sky.time.strftime("%Y:%m:%d %H:%M:%S")
         offset = sky.time.utcoffset()

@@ -1,17 +1,22 @@
-"""``sky.h5``: a Sky as HDF5 that is netCDF-4 with CF attributes, written and read through xarray."""
+"""``sky.h5``: a Sky as HDF5 that is netCDF-4 with CF attributes, read through xarray.
+
+It is written through h5netcdf alone, as xarray would: importing xarray takes longer than the rest of a small render.
+"""
 
 from __future__ import annotations
 
 from datetime import datetime
 from os.path import isfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from twilight.conventions import STOKES_REFERENCE
 from twilight.disc import Disc
 from twilight.errors import TwilightError
+from twilight.io.facts import coordinates_of, fields_from
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
@@ -30,52 +35,22 @@ _ATTRIBUTE_LIMIT = 60_000
 """HDF5 keeps an attribute in the object header, at most 64 KiB; longer texts become scalar variables."""
 
 
+class _Contents(NamedTuple):
+    """What ``sky.h5`` holds: variables and coordinates as (dimensions, values[, attributes]), and its attributes."""
+
+    variables: dict[str, Any]
+    coordinates: dict[str, Any]
+    attributes: dict[str, Any]
+
+
 def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``."""
     import xarray
 
-    scalars = {
-        "solar_elevation_angle": (
-            sky.sun_elevation_deg,
-            {
-                "standard_name": "solar_elevation_angle",
-                "long_name": "true (unrefracted) elevation of the centre of the sun's disc",
-                "units": "degree",
-            },
-        ),
-        "apparent_solar_elevation_angle": (
-            sky.apparent_sun_elevation_deg,
-            {"long_name": "refracted elevation of the centre of the sun's disc", "units": "degree"},
-        ),
-        "solar_azimuth_angle": (
-            sky.sun_azimuth_deg,
-            {
-                "standard_name": "solar_azimuth_angle",
-                "long_name": "azimuth of the sun, clockwise from north",
-                "units": "degree",
-            },
-        ),
-        "earth_sun_distance": (
-            sky.distance_au,
-            {"long_name": "distance between the Earth and the sun", "units": "astronomical_unit"},
-        ),
-        "observer_altitude": (
-            sky.observer_altitude_km,
-            {"standard_name": "altitude", "long_name": "altitude of the observer", "units": "km", "positive": "up"},
-        ),
-        "latitude": (sky.latitude_deg, {"standard_name": "latitude", "units": "degrees_north"}),
-        "longitude": (sky.longitude_deg, {"standard_name": "longitude", "units": "degrees_east"}),
-        "time": (
-            None if sky.time is None else sky.time.timestamp(),
-            {
-                "standard_name": "time",
-                "units": "seconds since 1970-01-01 00:00:00",
-                "calendar": "standard",
-                "units_metadata": "leap_seconds: none",
-                "axis": "T",
-            },
-        ),
-    }
+    return xarray.Dataset(*_contents(sky))
+
+
+def _contents(sky: Sky) -> _Contents:
     coords: dict = {
         "wavelength": (
             "wavelength",
@@ -105,7 +80,19 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
             },
         ),
     }
-    coords.update({name: ((), value, attrs) for name, (value, attrs) in scalars.items() if value is not None})
+    coords |= coordinates_of(sky)
+    if sky.time is not None:
+        coords["time"] = (
+            (),
+            sky.time.timestamp(),
+            {
+                "standard_name": "time",
+                "units": "seconds since 1970-01-01 00:00:00",
+                "calendar": "standard",
+                "units_metadata": "leap_seconds: none",
+                "axis": "T",
+            },
+        )
     edges = sky.elevation_edges_deg
     radiance_attrs = {
         "units": "sr-1",
@@ -194,7 +181,7 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
             variables[name] = ((), np.array(value, dtype=object), {"long_name": f"{name}, JSON"})
         else:
             attributes[name] = value
-    return xarray.Dataset(variables, coords, attributes)
+    return _Contents(variables, coords, attributes)
 
 
 def _polarisation(sky: Sky) -> dict:
@@ -256,19 +243,32 @@ def _disc_variables(disc: Disc) -> dict:
 
 def write_sky(sky: Sky, path: str | Path) -> Path:
     """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path."""
-    dataset = sky_to_dataset(sky)
-    encoding: dict = {}
-    for name, variable in dataset.variables.items():
-        encoding[name] = {"_FillValue": None} if variable.dtype.kind == "f" else {}
-        if variable.dims == _GRID:
-            encoding[name] |= {
-                "chunksizes": (sky.elevation_deg.size, sky.azimuth_deg.size, 1),
-                "zlib": True,
-                "complevel": 4,
-                "shuffle": True,
-            }
-    with whole_file(path) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    import h5netcdf
+
+    contents = _contents(sky)
+    # xarray takes what this attribute names for coordinates
+    scalars = " ".join(sorted(name for name, (dims, *_) in contents.coordinates.items() if not dims))
+    with whole_file(path) as temporary, h5netcdf.File(temporary, "w") as file:
+        for name, (dims, values, *about) in (contents.coordinates | contents.variables).items():
+            dims = (dims,) if isinstance(dims, str) else tuple(dims)
+            values = np.asarray(values)
+            for dim, size in zip(dims, values.shape, strict=True):
+                if dim not in file.dimensions:
+                    file.dimensions[dim] = size
+            options: dict[str, Any] = {}
+            if dims == _GRID:
+                chunks = (*values.shape[:2], 1)
+                options = {"chunks": chunks, "compression": "gzip", "compression_opts": 4, "shuffle": True}
+            dtype = h5py.string_dtype() if values.dtype == object else values.dtype
+            variable = file.create_variable(name, dims, dtype, **options)
+            variable[...] = values
+            attributes = dict(about[0]) if about else {}
+            if name in contents.variables and scalars and not name.endswith("_bnds"):
+                attributes["coordinates"] = scalars
+            for key, value in attributes.items():
+                variable.attrs[key] = value
+        for key, value in contents.attributes.items():
+            file.attrs[key] = value
     return Path(path)
 
 
@@ -323,8 +323,8 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         both = array(q), array(u)
         return None if both[0] is None or both[1] is None else np.stack(both, axis=2)  # type: ignore[arg-type]
 
-    def scalar(name: str, default: float | None = None) -> float | None:
-        return float(dataset[name]) if name in dataset.variables else default
+    def number(*names: str) -> float | None:
+        return next((float(dataset[name]) for name in names if name in dataset.variables), None)
 
     fields = dict(dataset.attrs)
     for name in ("configuration", "provenance"):
@@ -336,12 +336,6 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         elevation_deg=dataset["elevation"].values,
         azimuth_deg=dataset["azimuth"].values,
         sun_normalised_radiance=array("sun_normalised_radiance"),  # type: ignore[arg-type]
-        sun_elevation_deg=float(dataset["solar_elevation_angle"]),
-        sun_azimuth_deg=scalar("solar_azimuth_angle"),
-        distance_au=scalar("earth_sun_distance", 1.0),  # type: ignore[arg-type]
-        observer_altitude_km=scalar("observer_altitude", 0.0),  # type: ignore[arg-type]
-        latitude_deg=scalar("latitude"),
-        longitude_deg=scalar("longitude"),
         time=None if time is None else datetime.fromisoformat(time),
         ground_albedo=array("surface_albedo"),
         standard_error=array("standard_error"),
@@ -349,10 +343,10 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         polarisation_error=pair("standard_error_q", "standard_error_u"),
         night_radiance=array("night_radiance"),
         direct_irradiance=array("direct_irradiance_factor"),
-        apparent_sun_elevation_deg=scalar("apparent_solar_elevation_angle"),
         solar_spectrum=str(dataset.attrs.get("solar_spectrum", "astm_g173_etr")),
         disc=_disc(dataset),
         provenance=provenance_from_fields(fields),
+        **fields_from(number),
     )
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from twilight.config.climate import climate_files
-from twilight.config.scene import Config, SunAt, SunElevation
+from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
+from twilight.config.sun import SunAt, SunElevation
 from twilight.scene.medium import name_by_content, wavelengths_of
 
 

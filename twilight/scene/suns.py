@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from twilight.config.scene import Config, SunAt, SunElevation, SunElevations, SunInterval
+from twilight.config.scene import Config
+from twilight.config.sun import SunAt, SunElevation, SunElevations, SunInterval
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,8 @@ def place_on(start_km, radius_km, sine, cosine, s):
 def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km, out, begin, end):
     """Distance [km] of the ground along lines (D,) [rad], azimuth from the sun to the right; inf: there is none.
 
-    bottom_km: altitude of the ground beyond the field.
+    field: `Heights`; radius_km: the Earth's; bottom_km: altitude of the ground beyond the field; start_km: of the
+    observer; elevation, azimuth (D,) of the lines, as far as far_km; out (D,) [km], filled from begin to end.
     """
     finest = 0.5 * min(field.step_x_km, field.step_y_km)
     for d in range(begin, end):
@@ -168,6 +169,7 @@ def dark_parts(
 ):
     """Sunlight scattered once that the shadowed parts of lines (D,) would send, lost (D, W) [sr^-1], and their length.
 
+    shadow: `Shadow`; air: `Air`; beam: `Beam`; radius_km: the Earth's; start_km: altitude of the observer
     to_sun (2,): sine and cosine of the sun's true elevation at the observer; elevation, azimuth [rad], end_km [km]:
     of the lines; phase (D, S, W) [sr^-1]; steps: parts of each line; within one the edge of the shadow is found by
     linear interpolation.  length (D,) [km].

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.ray_profile import ray_profile, refractivity_at
 from twilight.transport.rays import OUTSIDE, sun_ray
 
@@ -22,7 +22,7 @@ def _follow(profile, w, altitude_km, elevation_rad, bending, transmittance):
     n = refractivity_at(profile, w, altitude_km)
     x = (profile.radius_km + altitude_km) * (1.0 + n)
     for i in range(elevation_rad.size):
-        angle, tau, status = sun_ray(profile, w, altitude_km, x * math.sin(elevation_rad[i]), False)
+        angle, tau, status = sun_ray(profile, w, altitude_km, x * math.sin(elevation_rad[i]), np.bool_(False))
         bending[i] = angle
         transmittance[i] = (1.0 + n) ** 2 * math.exp(-tau) if status == OUTSIDE else NO_LIGHT
 

@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from twilight.kernels import njit
 
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
@@ -87,7 +88,11 @@ def _weights(f):
 
 @njit(cache=True, inline="always")
 def _locate(pool, index, value, low, bins, at, n, at_hash):
-    """First of four nodes and the position behind it (0..3) for a coordinate that is cut in segments."""
+    """First of four nodes and the position behind it (0..3) for the value of a coordinate that is cut in segments.
+
+    pool, index: the arrays of a `Beam`; low: the coordinate's least value, bins: of its hash per unit, at_hash: the
+    hash's place in the index; at: place of the first of n segment records in the pool.
+    """
     h = int((value - low) * bins)
     h = min(index[N_HASH], max(0, h))
     s = index[at_hash + h]
@@ -218,7 +223,10 @@ def _ray_from_space(pool, index, z, c):
 
 @njit(cache=True, inline="always")
 def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
-    """Sixteen values at `at` + i row + k step; unsigned offsets save the inner loop a test for negative indices."""
+    """Sixteen values of the pool at `at` + i row + k step, weighted with w_i v_k, i and k being 0 to 3.
+
+    Unsigned offsets save the inner loop a test for negative indices.
+    """
     k0 = np.uint64(at)
     s1 = np.uint64(step)
     s2 = s1 + s1

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.ray_profile import refractivity_at
 from twilight.transport.rays import (
     FAR_KM,
@@ -171,7 +171,7 @@ def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
     """Apparent zenith angle [rad] of a sun whose true one is `chi`: two Newton steps from a near guess."""
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
     for _ in range(2):
-        bending, _, status = sun_ray(profile, w, altitude_km, x * math.cos(apparent), True)
+        bending, _, status = sun_ray(profile, w, altitude_km, x * math.cos(apparent), np.bool_(True))
         if status == TRAPPED:
             break
         residual = apparent + bending - chi
@@ -204,15 +204,20 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
             widening = max(0.2, 1.0 + up_slope(profile, reference, z, u) - slope[reference, m] * u)
             own = apparent_angle(profile, other, z, chi, apparent, widening)
             x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, other, z))
-            lowest, _ = lowest_point(profile, other, z, max(0.0, -x * math.cos(own)), True)
+            lowest, _ = lowest_point(profile, other, z, max(0.0, -x * math.cos(own)), np.bool_(True))
             p_own = (profile.radius_km + lowest) * (1.0 + refractivity_at(profile, reference, lowest))
             shift[m, d] = min(0.0, p_own - p)
 
 
 @njit(cache=True)
 def down_table(profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, log_down):
-    """Table over (wavelength W, lowest point of its own ray Y, u of the reference ray D): log irradiance + that of the
-    mirrored ray + log(1 + u/far)."""
+    """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below.
+
+    profile: `RayProfile`; reference: index of the wavelength whose rays the coordinates follow; lowest_km (Y,): lowest
+    points of a wavelength's own rays, invariant (Y,) [km]: n r there at the reference; distances (D,) [km]: u of the
+    reference ray; scale (W,): refractivity over the reference's; shift (Y, D) [km]: of `shift_table`; slope (Y,): of
+    `limb_table`; spreading: whether the beam thins out; far [km].
+    """
     mirror = np.empty(1)
     for w in range(scale.size):
         for m in range(lowest_km.size):
@@ -268,20 +273,24 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
             hi = x
             for _ in range(60):
                 mid = 0.5 * (lo + hi)
-                _, _, status = sun_ray(profile, reference, altitudes[j], mid, True)
+                _, _, status = sun_ray(profile, reference, altitudes[j], mid, np.bool_(True))
                 if status == OUTSIDE:
                     hi = mid
                 else:
                     lo = mid
             u = hi
-            bending, _, _ = sun_ray(profile, reference, altitudes[j], u, True)
+            bending, _, _ = sun_ray(profile, reference, altitudes[j], u, np.bool_(True))
         edge_chi[j] = math.acos(max(-1.0, min(1.0, u / x))) + bending
         edge_cos[j] = u / x
 
 
 @njit(cache=True)
 def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowest_km, slope, guess):
-    """guess (J, G, 2): bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6."""
+    """guess (J, G, 2): bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6.
+
+    profile: `RayProfile`; reference: index of its wavelength; altitudes (J,) [km]; depths (G,); edge_chi (J,) [rad],
+    edge_cos (J,): true zenith angle and apparent cosine of the shadow's edge; lowest_km, slope (Y,): of `limb_table`.
+    """
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         apparent = math.acos(max(-1.0, min(1.0, edge_cos[j])))
@@ -291,12 +300,12 @@ def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowes
             chi = edge_chi[j] * (1.0 - depths[g])
             for _ in range(4):
                 u = x * math.cos(apparent)
-                value, _, status = sun_ray(profile, reference, altitudes[j], u, True)
+                value, _, status = sun_ray(profile, reference, altitudes[j], u, np.bool_(True))
                 if status == OUTSIDE:
                     bending = value
                     derivative = up_slope(profile, reference, altitudes[j], abs(u))
                     if u < 0.0:
-                        lowest, _ = lowest_point(profile, reference, altitudes[j], -u, True)
+                        lowest, _ = lowest_point(profile, reference, altitudes[j], -u, np.bool_(True))
                         derivative += interpolate(lowest, lowest_km, slope) * u
                 residual = apparent + bending - chi
                 if abs(residual) < 1e-7:

@@ -28,7 +28,12 @@ from twilight.transport.scaling import ScaledMedium, species_phase
 def average_over_cells(
     profile, log_table, altitudes, suns, shells, ring_shell, elevations, observer_radius, sun, n, out, begin, end
 ):
-    """Mean of exp(log_table(altitude, local sun elevation)) over n x n points of a cell, weighted with scattering."""
+    """Mean of exp(log_table(altitude, local sun elevation)) over n x n points of a cell, weighted with scattering.
+
+    profile: `Profile`; log_table (Z, S, W) over altitudes (Z,) [km] and suns (S,) [deg]; shells (N + 1,) [km from the
+    observer] of rings whose shell is ring_shell (R,) and elevation elevations (R,) [rad]; observer_radius [km] from the
+    centre of the Earth; sun [rad]: elevation at the observer; out (R, A, W), filled for the rings begin..end.
+    """
     n_azimuth = out.shape[1]
     n_wavelengths = out.shape[2]
     angle = 2.0 * math.pi / n_azimuth

@@ -44,7 +44,8 @@ def once_scattered(
 
     A ray of direction cosine `m` and relative azimuth `a` is traced once and serves every azimuth of the node.
 
-    phase (D, 1 + K, W): of each species from the sun into each direction; ground_albedo (W,)
+    profile: `Profile`; beam: `Beam`; phase (D, 1 + K, W): of each species from the sun into each direction;
+    ground_albedo (W,)
     x, z, altitude (P,) [km]: of the nodes at azimuth 0, x and z from the centre of the Earth
     cosine (M,): of the directions' zenith angles, D = M n_azimuth/q; n_relative: relative azimuths, 0 to 180 deg
     n_azimuth: of the nodes; q: node azimuths per direction azimuth; sun (2,): sine and cosine of its elevation
@@ -67,7 +68,7 @@ def once_scattered(
                 phi = 2.0 * math.pi * a / n_azimuth
                 dx, dy, dz = sine * math.cos(phi), sine * math.sin(phi), cosine[m]
                 mu = (x[p] * dx + z[p] * dz) / rho
-                points, status = trace_line(profile, altitude[p], mu, 1.0, False, line)
+                points, status = trace_line(profile, altitude[p], mu, 1.0, np.bool_(False), line, math.inf)
                 for k in range(points):
                     _unit(x[p], z[p], dx, dy, dz, line.place[k, DISTANCE], position[k])
                     by_species(profile, line.place[k, ALTITUDE], line.weight[k], coefficient[k])
@@ -160,7 +161,11 @@ def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out)
 
 @njit(cache=True, nogil=True)
 def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out, begin, end):
-    """One event: radiance at the nodes from log J[direction, point, azimuth, wavelength] and the ground's radiance."""
+    """One event: radiance at the nodes, out (D, P, A, W), for the directions begin..end.
+
+    stencils: `Stencils`; log_source (D, P, A, W): logarithm of what the last event scatters; log_ground (P, A, W):
+    of the ground's radiance; n_cos, n_relative, q: as in `once_scattered`.
+    """
     n_directions, n_points, n_azimuth, n_wavelengths = log_source.shape
     n_dir_azimuth = n_directions // n_cos
     entries = (stencils.corner, stencils.corner_weight, stencils.azimuth, stencils.weight)

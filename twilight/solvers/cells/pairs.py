@@ -123,7 +123,11 @@ def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source,
 
 @njit(cache=True)
 def _capture_along(rings, cell, azimuth, dx, dy, dz, distance, depth, out):
-    """Chord through the middle of a cell, taken as a box along its own radius, elevation and azimuth."""
+    """Share of light that a cell captures, out (W,), by the chord through its middle, as a box along its own axes.
+
+    rings: `Rings`; cell: its ring; azimuth [rad]; (dx, dy, dz): unit vector of the light; distance [km] of its origin;
+    depth (W,): optical depth between them.
+    """
     c, s = math.cos(azimuth), math.sin(azimuth)
     horizontal = dx * c + dy * s
     along_r = abs(horizontal * rings.cos_elevation[cell] + dz * rings.sin_elevation[cell])

@@ -63,8 +63,9 @@ def ground_kernels(
     """Shares of light between cells and patches of the ground: to_ground[mode, W, patch, ring], to_cells[.., ring,
     patch].
 
-    A patch at distance `patch_radius` has patch_position (x, z from the centre of the Earth) and sends Lambertian
-    light.
+    profile: `Profile`; rings: `Rings`; patch_radius (N,) [km]: distance of the patches, whose area is patch_area (N,)
+    [km^2] and whose x and z from the centre of the Earth are patch_position (N, 2) [km]; they send Lambertian light.
+    n_azimuth: cells of a ring; transform (modes, half): of azimuths into modes; for the rings begin..end.
     """
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]

@@ -31,10 +31,12 @@ class Mesh(NamedTuple):
 
 
 class Stencils(NamedTuple):
-    """first (rays + 1,): where each ray's entries start.  An entry is one step: corner (E, 4) points, corner_weight
-    (E, 4),
+    """Steps of rays between nodes.
+
+    first (rays + 1,): where each ray's entries start.  An entry is one step: corner, corner_weight (E, 4): its points,
     azimuth (E,) of the step [rad, relative to the ray's node], weight (E, W) on the mean scattered source.
-    ground_* (rays, ...): the same for the point where the ray ends on the ground (weight 0 where it does not)."""
+    ground_* (rays, ...): the same for the point where the ray ends on the ground (weight 0 where it does not).
+    """
 
     first: np.ndarray
     corner: np.ndarray
@@ -103,12 +105,13 @@ def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
 def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, out, at, ground):
     """One ray from (x0, 0, z0) [km from the centre of the Earth] along the unit vector (dx, dy, dz).
 
-    Counts its entries, or stores them from index `at`; returns the count.  line: room for its points
+    Counts its entries or, with `store`, stores them from index `at`; returns the count.  profile: `Profile`; line: room
+    for its points; mesh: `Mesh`; altitude0 [km]: of the start; fineness: density of steps.
     `out` and `ground` are tuples of the arrays of :class:`Stencils`, the second with the index of the ray behind them.
     """
     corner, corner_weight, azimuth, weight = out
     mu = (x0 * dx + z0 * dz) / math.sqrt(x0 * x0 + z0 * z0)
-    n, status = trace_line(profile, altitude0, mu, fineness, False, line)
+    n, status = trace_line(profile, altitude0, mu, fineness, np.bool_(False), line, math.inf)
     n_wavelengths = profile.extinction.shape[1]
     collected = np.zeros(n_wavelengths)
     stored = 0
@@ -144,6 +147,12 @@ def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, o
 
 @njit(cache=True, nogil=True)
 def _trace_all(profile, mesh, x, z, cosine, n_relative, n_azimuth, fineness, store, first, out, ground, begin, end):
+    """`trace` from the nodes begin..end along all directions; counts each ray's entries into `first`, or stores them.
+
+    profile: `Profile`; mesh: `Mesh`; x, z (P,) [km]: of the nodes from the centre of the Earth; cosine (M,): of the
+    directions' zenith angles; n_relative: relative azimuths from 0, in steps of a turn over n_azimuth; fineness:
+    density of steps; first (rays + 1,): index of each ray's first entry; out, ground: as `trace` takes them.
+    """
     n_cos = cosine.size
     line = new_line(profile)
     for p in range(begin, end):

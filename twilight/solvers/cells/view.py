@@ -26,8 +26,12 @@ def coarse_elevations(lowest_deg: float, highest_deg: float, n: int) -> np.ndarr
 def gather_views(
     profile, mesh, altitude0, directions, fineness, log_source, per_direction, log_ground, out, begin, end
 ):
-    """Multiple scattering along lines of sight: out (D, W) from
-    log_source[direction or 0, point, azimuth, wavelength]."""
+    """Multiple scattering along lines of sight begin..end: out (D, W).
+
+    profile: `Profile`; mesh: `Mesh`; altitude0 [km]: of the observer; directions (D, 3): unit vectors; fineness:
+    density of steps; log_source (D or 1, P, A, W): logarithm of the light that points scatter, for each direction where
+    per_direction is true; log_ground (P, A, W): of the ground's radiance.
+    """
     n_wavelengths = profile.extinction.shape[1]
     n_azimuth = log_source.shape[2]
     z0 = profile.earth_radius_km + altitude0

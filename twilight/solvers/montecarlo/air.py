@@ -82,6 +82,22 @@ class Air(NamedTuple):
     earth_radius_km: float
 
 
+class AirAt(NamedTuple):
+    """The air at one wavelength: the arrays of `Air` that innermost loops read, without the axis of wavelengths.
+
+    bottom_km: altitude of the ground.
+    """
+
+    level_km: np.ndarray
+    bin_start: np.ndarray
+    bins_per_km: float
+    per_km: np.ndarray
+    table: np.ndarray
+    moment: np.ndarray
+    refractivity: np.ndarray
+    bottom_km: float
+
+
 def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
     """Tables of one medium; with `forward_moment`, of an equivalent medium for light that has been scattered.
 
@@ -225,7 +241,8 @@ def moments(altitude_km, extinction) -> np.ndarray:
     m1 = d**2 * (lower / 2 + slope / 3)
     m2 = d**3 * (lower / 3 + slope / 4)
     steps = np.stack([m0, m1 + h[:-1] * m0, m2 + 2 * h[:-1] * m1 + h[:-1] ** 2 * m0], axis=-1)
-    return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+    # in C order for any number of wavelengths: kernels are compiled for each order of their arrays
+    return np.ascontiguousarray(np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1))
 
 
 def sampling_cosines() -> np.ndarray:
@@ -290,6 +307,33 @@ def locate(air, z, first, last):
 
 
 @njit(inline="always", **INNER)
+def air_at(air, w):
+    """The air at the wavelength of the index w."""
+    return AirAt(
+        air.level_km,
+        air.bin_start,
+        air.bins_per_km,
+        air.per_km,
+        air.table[w],
+        air.moment[w],
+        air.refractivity[w],
+        air.shell_km[0],
+    )
+
+
+@njit(inline="always", **INNER)
+def place_in(at, z, first, last):
+    """`locate_level` in the levels of an :class:`AirAt`."""
+    return locate_level(at.level_km, at.bin_start, at.bins_per_km, at.per_km, z, first, last)
+
+
+@njit(inline="always", **INNER)
+def column(table, i, f, c):
+    """One coefficient [km^-1] of the table (N, 2 + C) of one wavelength at the place (i, f) of the levels."""
+    return table[i, c] * (1.0 - f) + table[i + 1, c] * f
+
+
+@njit(inline="always", **INNER)
 def interpolate(air, w, i, f, column):
     """One coefficient of the table [km^-1]."""
     return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
@@ -312,6 +356,13 @@ def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
         + c1 * (moment[i, 1] + m1 + h * m0)
         + c2 * (moment[i, 2] + m2 + h * (2.0 * m1 + h * m0))
     )
+
+
+@njit(inline="always", **INNER)
+def depth_from_ground(at, i, f, c0, c1, c2):
+    """`weighted_depth` from the ground to the place (i, f) of the levels of an :class:`AirAt`."""
+    h = at.level_km[i] - at.bottom_km
+    return weighted_depth(at.table, at.moment, h, 1.0 / at.per_km[i], i, f, c0, c1, c2)
 
 
 @njit(**INNER)

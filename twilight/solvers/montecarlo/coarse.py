@@ -17,10 +17,10 @@ from numba import njit
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import LEG_PIECES, LENGTH, PLAIN, START, Cuts, Sun, new_leg, trace
+from twilight.solvers.montecarlo.leg import trace
 from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, altitude_at
 from twilight.solvers.montecarlo.matrix import any_normal
-from twilight.solvers.montecarlo.paths import steered_light
+from twilight.solvers.montecarlo.pieces import LEG_PIECES, LENGTH, PLAIN, START, Cuts, new_leg, steered_light
 from twilight.solvers.montecarlo.steering import (
     DARK,
     N_AZIMUTHS,
@@ -31,6 +31,7 @@ from twilight.solvers.montecarlo.steering import (
     source_directions,
     sun_index,
 )
+from twilight.solvers.montecarlo.sunlight import Sun
 from twilight.threads import in_slices
 
 CUTS = Cuts(max_length=80.0, max_depth=1.0, sag_km=0.0, bent=False, polarised=False, random=False)
@@ -115,6 +116,15 @@ def _store(steering: Steering, w: int, phase: np.ndarray, radiance: np.ndarray) 
     steering.share[w] = np.where(lit[..., None], weighted / np.where(lit, total, 1.0)[..., None], uniform_share)
 
 
+@njit(inline="always", **INNER)
+def _to_node(steering, node, to_sun):
+    """Indices (i, j) of a node among the altitudes and suns; the sun's direction there goes into to_sun (3,)."""
+    i, j = divmod(node, steering.cos_sun.size)
+    cosine = steering.cos_sun[j]
+    to_sun[0], to_sun[1], to_sun[2] = math.sqrt(max(0.0, 1.0 - cosine * cosine)), 0.0, cosine
+    return i, j
+
+
 @njit(**INNER)
 def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ray):
     """Trace from a node at altitude i, radius r [km], towards the centre of the cell d, without randomness.
@@ -142,11 +152,8 @@ def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, firs
     for node in range(first, end):
         if stop[0] != 0:
             break
-        i = node // n_sun
-        j = node % n_sun
-        sz = steering.cos_sun[j]
-        sx = math.sqrt(max(0.0, 1.0 - sz * sz))
-        to_sun[0], to_sun[2] = sx, sz
+        i, j = _to_node(steering, node, to_sun)
+        sx, sz = to_sun[0], to_sun[2]
         r = air.earth_radius_km + altitude_km[i]
         for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS
@@ -196,7 +203,6 @@ def _sweep(air, sun, steering, w, cuts, altitude_km, stop, radiance, first, end)
 
     No further once stop (1,) is not 0.
     """
-    n_sun = steering.cos_sun.size
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.zeros(3)
@@ -204,11 +210,7 @@ def _sweep(air, sun, steering, w, cuts, altitude_km, stop, radiance, first, end)
     for node in range(first, end):
         if stop[0] != 0:
             break
-        i = node // n_sun
-        j = node % n_sun
-        sz = steering.cos_sun[j]
-        sx = math.sqrt(max(0.0, 1.0 - sz * sz))
-        to_sun[0], to_sun[2] = sx, sz
+        i, j = _to_node(steering, node, to_sun)
         r = air.earth_radius_km + altitude_km[i]
         for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS

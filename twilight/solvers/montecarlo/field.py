@@ -14,15 +14,16 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress
-from twilight.solvers.base import BareField
+from twilight.solvers.base import BareField, observer_at
 from twilight.solvers.montecarlo.air import Air, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, fingerprint
+from twilight.solvers.montecarlo.chunks import Jobs, Pixels, Sums, run_chunks, sight_transmittance
 from twilight.solvers.montecarlo.coarse import solve_steering
-from twilight.solvers.montecarlo.leg import Sun
 from twilight.solvers.montecarlo.matrix import N_STOKES
-from twilight.solvers.montecarlo.paths import N_ORDERS, Jobs, Pixels, Sums, run_chunks, sight_transmittance
+from twilight.solvers.montecarlo.paths import N_ORDERS
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.steering import Steering
+from twilight.solvers.montecarlo.sunlight import Sun
 from twilight.solvers.montecarlo.suntable import prepare_sun_table
 from twilight.solvers.montecarlo.tally import N_ARMS, MonteCarloResult, StokesResult, Tally
 from twilight.threads import in_slices
@@ -49,11 +50,7 @@ def prepare(
     Raises TwilightError for an observer below the ground.
     """
     settings = settings or MonteCarloSettings()
-    if not medium.bottom_km <= observer_altitude_km < np.inf:
-        raise TwilightError(
-            f"the observer's altitude must be at or above the ground ({medium.bottom_km:g} km), "
-            f"not {observer_altitude_km}"
-        )
+    altitude_km = observer_at(medium, observer_altitude_km)
     if progress:
         progress("montecarlo: beam and coarse field", 0.0)
     isotropic = settings.approximation == "isotropic_after_first"
@@ -65,7 +62,7 @@ def prepare(
     sun = Sun(beam, prepare_sun_table(air, beam), settings.check_rate)
     with _stop_after(settings.time_limit_s) as stop:
         steering = solve_steering(air, sun, settings.steering_sweeps, stop)
-    return Field(medium, settings, air, sight, sun, steering, float(observer_altitude_km), progress)
+    return Field(medium, settings, air, sight, sun, steering, altitude_km, progress)
 
 
 @contextmanager

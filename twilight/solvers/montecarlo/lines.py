@@ -78,6 +78,13 @@ def refractivity_at(air, w, altitude):
 
 
 @njit(inline="always", **INNER)
+def refractivity_on_ray(air, w, ray):
+    """n - 1 at the start of a ray (9,), that of the ground below it."""
+    x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
+    return refractivity_at(air, w, max(air.shell_km[0], math.sqrt(x * x + y * y + z * z) - air.earth_radius_km))
+
+
+@njit(inline="always", **INNER)
 def relative_index(refractivity, i, f, at_start):
     """(n_start / n)^2; refractivity (N,) of one wavelength, (i, f) a place among the levels, at_start: n_start - 1."""
     nu = refractivity[i] * (1.0 - f) + refractivity[i + 1] * f

@@ -8,7 +8,8 @@ The Stokes vector that the observer sees is a sum over paths.  After n events, a
 water has Fresnel's matrix).
 The path picks up A_n (I, Q, U) of the sunlight scattered along its next leg, times a weight that holds transmittance,
 scattering and P11 over the probability of every choice made so far.  Directions are drawn by P11 and what the first row
-of A makes of it, and A is kept with 1 in its corner, the corner going into the weight.
+of A makes of it, and A is kept with 1 in its corner, the corner going into the weight.  Arguments that kernels share:
+`kernel`.
 """
 
 from __future__ import annotations
@@ -19,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twilight.solvers.montecarlo.air import SPECIES
+from twilight.solvers.montecarlo.directions import Work, choose_direction, local_frame
 from twilight.solvers.montecarlo.events import (
     ALTITUDE,
-    EVENT_COLUMNS,
     FRACTION,
     HEADING,
     LEVEL,
@@ -32,31 +32,18 @@ from twilight.solvers.montecarlo.events import (
     ORDER,
     POINT,
     WEIGHT,
-    Work,
     begin_leg,
-    choose_direction,
     choose_point,
     event_distance,
     event_level,
     event_weight,
-    local_frame,
-    new_work,
 )
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import CHORD, LEG_CHORDS, LEG_PIECES, STEERED, Cuts, Found, Leg, new_leg, trace
-from twilight.solvers.montecarlo.lines import (
-    CHORD_COLUMNS,
-    DIRECTION,
-    ORIGIN,
-    REFERENCE,
-    altitude_at,
-    refractivity_at,
-    relative_index,
-)
-from twilight.solvers.montecarlo.matrix import N_STOKES
-from twilight.solvers.montecarlo.random import start, uniform
-from twilight.solvers.montecarlo.sight import SIGHT_CHORDS, SIGHT_PIECES, look
+from twilight.solvers.montecarlo.leg import trace
+from twilight.solvers.montecarlo.lines import DIRECTION, ORIGIN, altitude_at, refractivity_at, relative_index
+from twilight.solvers.montecarlo.pieces import CHORD, STEERED, Cuts, Leg, steered_light
+from twilight.solvers.montecarlo.random import uniform
 
 N_ORDERS = 20
 COARSE, TOTAL = N_ORDERS, N_ORDERS
@@ -92,40 +79,6 @@ class Walk(NamedTuple):
     max_orders: int
 
 
-class Pixels(NamedTuple):
-    """What is asked, P pixels: key (P,) names their random streams; sun_elevation, elevation, azimuth (P,) [rad],
-    azimuth from the sun; altitude [km] of the observer; wavelength_key (W,); far_km (P,): where lines of sight end."""
-
-    key: np.ndarray
-    sun_elevation: np.ndarray
-    elevation: np.ndarray
-    azimuth: np.ndarray
-    altitude: float
-    wavelength_key: np.ndarray
-    far_km: np.ndarray
-
-
-class Jobs(NamedTuple):
-    """J pieces of work, arrays (J,): pixel, index of the wavelength, number of the chunk, samples to take."""
-
-    pixel: np.ndarray
-    wavelength: np.ndarray
-    chunk: np.ndarray
-    samples: np.ndarray
-
-
-class Sums(NamedTuple):
-    """Results of J jobs: sums of x and of x^2 over samples, (J, S, N_ORDERS + 1), S = 3 components I, Q, U or 1; x is
-    the light of each order and, last, of all.  high (J, 2): sums of x^3 and x^4 for all of I.  samples, limits (J,):
-    samples taken, and those among them that met a limit of the walk."""
-
-    first: np.ndarray
-    second: np.ndarray
-    high: np.ndarray
-    samples: np.ndarray
-    limits: np.ndarray
-
-
 class Memory(NamedTuple):
     """Memory of one thread: the line of sight, a later leg, events that wait (STACK, EVENT_COLUMNS), work space."""
 
@@ -133,24 +86,6 @@ class Memory(NamedTuple):
     leg: Leg
     stack: np.ndarray
     work: Work
-
-
-@njit(**INNER)
-def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_sun):
-    """Fill ray (9,) and to_sun (3,) in the observer's Cartesian frame (towards the sun, to its right, up).
-
-    Angles in rad, altitude and the Earth's radius in km.  The reference of the Stokes vector lies in the vertical plane
-    of the azimuth, also in the zenith, so that Q > 0 is light that vibrates vertically; azimuths grow to the right, and
-    U > 0 is light whose vibration leans from the vertical to the right.
-    """
-    ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, radius + altitude
-    ray[DIRECTION] = math.cos(elevation) * math.cos(azimuth)
-    ray[DIRECTION + 1] = math.cos(elevation) * math.sin(azimuth)
-    ray[DIRECTION + 2] = math.sin(elevation)
-    ray[REFERENCE] = -math.sin(elevation) * math.cos(azimuth)
-    ray[REFERENCE + 1] = -math.sin(elevation) * math.sin(azimuth)
-    ray[REFERENCE + 2] = math.cos(elevation)
-    to_sun[0], to_sun[1], to_sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
 
 
 @njit(**INNER)
@@ -169,7 +104,8 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
     """Draw `copies` stratified events on a leg and put them on the stack.
 
     at_start: n - 1 where the leg begins, for bent legs; leg, found: from `trace` or `look`, cut by `cuts`; weight,
-    matrix (9,): of the path on that leg; order: of the light that the legs after the events gather.
+    matrix (9,): of the path on that leg; order: of the light that the legs after the events gather; stack (STACK,
+    EVENT_COLUMNS), of which `size` rows are in use.
     Returns (new size of the stack or -1 if it is full, the light of the coarse field that the events stand for).
     The numbers of the copies are a shifted lattice (Roberts' sequence in three dimensions), each uniform by itself, so
     that copies do not crowd.
@@ -245,14 +181,6 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
 
 
 @njit(**INNER)
-def steered_light(leg, found):
-    """The coarse field's estimate of the light that is scattered again along a leg [sr^-1]."""
-    if found.pieces > 0:
-        return found.steered_ground + leg.pieces[found.pieces - 1, STEERED]
-    return found.steered_ground
-
-
-@njit(**INNER)
 def next_leg(air, steering, w, walk, event, unit, to_sun, stream, work):
     """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
 
@@ -288,7 +216,7 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
     takes away most of the noise of the orders' sum.
     From every leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none
     (roulette) or many (splitting), so that the weights of long paths do not drift apart.
-    at_observer: n - 1 there; to_sun (3,); sight: `Found` of the line of sight that memory.sight holds.
+    at_observer: n - 1 there; sight: `Found` of the line of sight that memory.sight holds; memory: `Memory`.
     """
     leg = memory.leg
     stack = memory.stack
@@ -305,8 +233,8 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
     for m in range(9):
         matrix[m] = 1.0 if m % 4 == 0 else 0.0
     size, known = push_events(
-        air, w, walk, walk.first, at_observer, memory.sight, sight, 1.0 / walk.sub_paths, matrix, walk.sub_paths, 1,
-        stack, 0, stream,
+        air, w, walk, walk.first, at_observer, memory.sight, sight, 1.0 / walk.sub_paths, matrix, walk.sub_paths,
+        np.int64(1), stack, np.int64(0), stream,
     )  # fmt: skip
     orders[0, COARSE] -= control * known
     if size < 0:
@@ -353,99 +281,3 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
                     orders[m, COARSE] -= control * matrix[3 * m] * known
                 size = full
     return limit_met
-
-
-@njit(**INNER)
-def add_sample(orders, first, second):
-    """Add the orders (S, N_ORDERS + 1) of one sample, and their squares, to the sums of a job; returns the whole I."""
-    intensity = 0.0
-    for m in range(orders.shape[0]):
-        total = orders[m, COARSE]
-        for n in range(N_ORDERS):
-            x = orders[m, n]
-            first[m, n] += x
-            second[m, n] += x * x
-            total += x
-        first[m, TOTAL] += total
-        second[m, TOTAL] += total * total
-        if m == 0:
-            intensity = total
-    return intensity
-
-
-@njit(cache=True, nogil=True)
-def sight_transmittance(air, sun, steering, walk, pixels, begin, end, out):
-    """Transmittance of the lines of sight of pixels begin..end at every wavelength, into out (P, W)."""
-    memory = new_leg(air.table.shape[2] - SPECIES, SIGHT_PIECES, SIGHT_CHORDS)
-    ray = np.empty(CHORD_COLUMNS)
-    to_sun = np.empty(3)
-    for p in range(begin, end):
-        for w in range(out.shape[1]):
-            observer_ray(
-                pixels.sun_elevation[p], pixels.elevation[p], pixels.azimuth[p], pixels.altitude,
-                air.earth_radius_km, ray, to_sun,
-            )  # fmt: skip
-            out[p, w] = look(air, sun, steering, w, walk.first, ray, to_sun, pixels.far_km[p], memory).transmittance
-
-
-@njit(cache=True, nogil=True)
-def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums, stop):
-    """Run the jobs first_job..end_job of :class:`Jobs` for :class:`Pixels` and fill their rows of :class:`Sums`.
-
-    A row depends on its job alone, so neither threads nor the order of jobs change it.  sight_air is the air that
-    single scattering is seen through, the same as `air` unless events are isotropic; seed: an integer; stop (1,): no
-    sample is begun once it is not 0.
-    """
-    n_species = air.table.shape[2] - SPECIES
-    sight_leg = new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS)
-    leg = new_leg(n_species, LEG_PIECES, LEG_CHORDS)
-    memory = Memory(sight_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_work())
-    ray = np.empty(CHORD_COLUMNS)
-    to_sun = np.empty(3)
-    n_stokes = sums.first.shape[1]
-    single = np.zeros(N_STOKES)
-    orders = np.empty((n_stokes, N_ORDERS + 1))
-    stream = np.empty(1, dtype=np.uint64)
-    last_pixel = -1
-    last_wavelength = -1
-    sight = Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
-    at_observer = 0.0
-    for j in range(first_job, end_job):
-        p = jobs.pixel[j]
-        w = jobs.wavelength[j]
-        if p != last_pixel or w != last_wavelength:
-            last_pixel = p
-            last_wavelength = w
-            for own in range(2):
-                if own == 0 and not air.isotropic_events:
-                    continue
-                observer_ray(
-                    pixels.sun_elevation[p], pixels.elevation[p], pixels.azimuth[p], pixels.altitude,
-                    air.earth_radius_km, ray, to_sun,
-                )  # fmt: skip
-                # light scattered once is seen through air that may not be the diffuse light's
-                seen = air if own == 1 else sight_air
-                sight = look(seen, sun, steering, w, walk.first, ray, to_sun, pixels.far_km[p], memory.sight)
-                if own == 0 or not air.isotropic_events:
-                    single[0] = sight.sun_i + sight.sun_ground
-                    single[1] = sight.sun_q
-                    single[2] = sight.sun_u
-            if walk.first.bent:
-                at_observer = refractivity_at(air, w, pixels.altitude)
-        start(stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[j])
-        for _ in range(jobs.samples[j]):
-            if stop[0] != 0:
-                break
-            sums.samples[j] += 1
-            orders[:] = 0.0
-            for m in range(n_stokes):
-                orders[m, 0] = single[m]
-            if sight.pieces < 0:
-                sums.limits[j] += 1
-            else:
-                sums.limits[j] += one_sample(
-                    air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders
-                )
-            total = add_sample(orders, sums.first[j], sums.second[j])
-            sums.high[j, 0] += total * total * total
-            sums.high[j, 1] += total * total * total * total

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from twilight.errors import TwilightError
-from twilight.solvers.montecarlo.leg import Cuts
 from twilight.solvers.montecarlo.paths import Walk
+from twilight.solvers.montecarlo.pieces import Cuts
 
 NO_CUT = 1_000_000_000
 FIRST_SAG_KM, LATER_SAG_KM = 1e-4, 2e-3

@@ -2,19 +2,38 @@
 
 The integral is that of :mod:`twilight.solvers.montecarlo.leg`.  Each piece has three Gauss nodes; where sunlight
 changes steeply along it, it is cut.  Where the edge of the shadow crosses a part, the edge is found by bisection and
-the nodes lie on the lit side, so that no node can stand now on one side of the edge and now on the other.
+the nodes lie on the lit side, so that no node can stand now on one side of the edge and now on the other.  Arguments
+that kernels share: `kernel`.
+
+`look` goes from chord to chord and from step to step as `leg.trace` does.  The loop stands in both: what is done in a
+step differs, and numba keeps no machine code on disk of a kernel that is handed a function.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, locate
+from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, column, locate
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import (
+from twilight.solvers.montecarlo.leg import enter_air, land
+from twilight.solvers.montecarlo.lines import (
+    DIRECTION,
+    LONGEST_KM,
+    ORIGIN,
+    REFERENCE_RADIUS_KM,
+    altitude_at,
+    begin_chord,
+    end_chord,
+    first_shell,
+    refractivity_on_ray,
+    relative_index,
+    step_through,
+)
+from twilight.solvers.montecarlo.pieces import (
     BASE,
     CHORD,
     DEPTH,
@@ -24,32 +43,19 @@ from twilight.solvers.montecarlo.leg import (
     LENGTH,
     LOWER,
     MIDDLE,
+    MOST_PARTS,
     OPAQUE_DEPTH,
     PLAIN,
     START,
     STEERED,
     UPPER,
-    Found,
-    column,
     depth_within,
-    enter_air,
-    land,
-    sunlight,
-)
-from twilight.solvers.montecarlo.lines import (
-    CHORD_COLUMNS,
-    LONGEST_KM,
-    ORIGIN,
-    REFERENCE_RADIUS_KM,
-    altitude_at,
-    begin_chord,
-    end_chord,
-    first_shell,
-    refractivity_at,
-    relative_index,
-    step_through,
+    keep_chord,
+    no_room,
+    without_ground,
 )
 from twilight.solvers.montecarlo.steering import log_source_light
+from twilight.solvers.montecarlo.sunlight import sunlight
 from twilight.transport.beam import beam_at_one
 
 SIGHT_PIECES, SIGHT_CHORDS = 8192, 8192
@@ -63,13 +69,30 @@ _NODE, _WEIGHT = np.polynomial.legendre.leggauss(3)
 GAUSS_NODE, GAUSS_WEIGHT = 0.5 * (_NODE + 1.0), 0.5 * _WEIGHT
 
 
+class Gathered(NamedTuple):
+    """Integrals over one piece.
+
+    light_i, light_q, light_u: I, Q, U of sunlight scattered towards the observer [sr^-1]; steered, plain: weights of
+    the next event there, with the coarse field's light and without; darkest, brightest: the least and the most sunlight
+    scattered at a node [sr^-1 km^-1].
+    """
+
+    light_i: float
+    light_q: float
+    light_u: float
+    steered: float
+    plain: float
+    darkest: float
+    brightest: float
+
+
 @njit(**INNER)
 def local_sun(chord, row, to_sun, earth_radius, s):
     """(altitude [km], cosine of the true sun's zenith angle) at the distance s [km] of a chord, its row (9,) given."""
     z = altitude_at(chord.altitude, chord.radius, chord.mu, s)
     along = 0.0
     for m in range(3):
-        along += (row[m] + s * row[3 + m]) * to_sun[m]
+        along += (row[ORIGIN + m] + s * row[DIRECTION + m]) * to_sun[m]
     return z, min(1.0, max(-1.0, along / (earth_radius + z)))
 
 
@@ -99,16 +122,15 @@ def lit_part(air, beam, w, chord, row, to_sun, a, b):
 
 @njit(**INNER)
 def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer, parts, edge):
-    """Integrals over one piece (a row of `pieces`, filled up to CHORD) in so many parts.
+    """:class:`Gathered` over one piece (a row of `pieces`, filled up to CHORD) in so many parts.
 
-    Returns I, Q, U of sunlight scattered towards the observer [sr^-1]; the weights of the next event, STEERED and
-    PLAIN; the smallest and the largest sunlight at a node [sr^-1 km^-1].  edge: look for the edge of the shadow in
-    every part.  at_observer: n - 1 where the line begins.
+    chord, row (9,): that the piece lies on, as `Chord` and as it is kept; to_sun (3,): unit vector to the true sun;
+    at_observer: n - 1 where the line begins; edge: look for the edge of the shadow in every part.
     """
     bottom = air.shell_km[0]
     per_depth = 1.0 / (air.shell_km[air.shell_km.size - 1] - bottom)
     first, last = int(piece[FIRST]), int(piece[LAST])
-    slope = row[3] * to_sun[0] + row[4] * to_sun[1] + row[5] * to_sun[2]
+    slope = row[DIRECTION] * to_sun[0] + row[DIRECTION + 1] * to_sun[1] + row[DIRECTION + 2] * to_sun[2]
     light_i, light_q, light_u, steered, plain = 0.0, 0.0, 0.0, 0.0, 0.0
     darkest, brightest = math.inf, 0.0
     for part in range(parts):
@@ -156,45 +178,39 @@ def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observ
                 )
                 plain += weight * scattering
                 steered += weight * scattering * math.exp(light)
-    return light_i, light_q, light_u, steered, plain, darkest, brightest
+    return Gathered(light_i, light_q, light_u, steered, plain, darkest, brightest)
 
 
 @njit(**INNER)
 def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
     """Follow the line of sight of a ray (9,): start [km], apparent direction, reference; it is used up.
 
-    to_sun (3,): unit vector to the true sun; cuts: :class:`twilight.solvers.montecarlo.leg.Cuts`; leg: its memory,
+    to_sun (3,): unit vector to the true sun; cuts: :class:`~twilight.solvers.montecarlo.pieces.Cuts`; leg: its memory,
     filled; far_km: distance from the start at which the line ends at the latest, also without the light of the
     ground; infinite: with it.  Returns `Found`.
     """
-    radius = air.earth_radius_km
-    x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
-    scale = radius / REFERENCE_RADIUS_KM
+    scale = air.earth_radius_km / REFERENCE_RADIUS_KM
     table = air.table[w]
     n_shells = air.shell_first.size
     light_i, light_q, light_u = 0.0, 0.0, 0.0
-    n = 0
-    n_chords = 0
+    n = np.int64(0)
+    n_chords = np.int64(0)
     depth = 0.0
     steered = 0.0
     plain = 0.0
     travelled = 0.0
-    at_observer = 0.0
-    if cuts.bent:
-        x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
-        at_observer = refractivity_at(air, w, max(air.shell_km[0], math.sqrt(x * x + y * y + z * z) - radius))
+    x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
+    at_observer = refractivity_on_ray(air, w, ray) if cuts.bent else 0.0
     if not enter_air(air, ray):
-        return Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
+        return without_ground(0, -1, 0.0, 0.0, 0.0, 1.0)
     far_km -= math.sqrt((ray[ORIGIN] - x) ** 2 + (ray[ORIGIN + 1] - y) ** 2 + (ray[ORIGIN + 2] - z) ** 2)
     if far_km <= 0.0:
-        return Found(0, -1, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0)
+        return without_ground(0, -1, 0.0, 0.0, 0.0, 1.0)
     while True:
         chord = begin_chord(air, w, cuts.bent, cuts.sag_km, ray)
         if n_chords >= leg.chords.shape[0] or travelled > LONGEST_KM * scale:
-            return Found(-1, -1, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
-        row = leg.chords[n_chords]
-        for m in range(CHORD_COLUMNS):
-            row[m] = ray[m]
+            return no_room(light_i, light_q, light_u)
+        row = keep_chord(ray, leg.chords, n_chords)
         s = 0.0
         z_enter = chord.altitude
         falling = chord.mu < 0.0
@@ -212,12 +228,12 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
                     dense / cuts.max_depth,
                     abs(step.leave_km - z_enter) / (RISE * cuts.max_length * scale),
                 )
-                parts = int(max(1.0, min(math.ceil(wanted), 100000.0)))
+                parts = int(max(1.0, min(math.ceil(wanted), MOST_PARTS)))
                 length = stretch / parts
                 lit = is_lit(air, sun.beam, w, chord, row, to_sun, s)
                 for part in range(parts):
                     if n >= leg.pieces.shape[0]:
-                        return Found(-1, -1, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
+                        return no_room(light_i, light_q, light_u)
                     piece = leg.pieces[n]
                     start = s + part * length
                     z = altitude_at(chord.altitude, chord.radius, chord.mu, start + 0.5 * length)
@@ -235,8 +251,11 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
                     piece[FIRST] = step.first
                     piece[LAST] = step.last
                     piece[CHORD] = n_chords
-                    found = quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer, 1, False)
-                    darkest, brightest = found[5], found[6]
+                    found = quadrature(
+                        air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer,
+                        np.int64(1), np.bool_(False),
+                    )  # fmt: skip
+                    darkest, brightest = found.darkest, found.brightest
                     lit_before = lit
                     lit = is_lit(air, sun.beam, w, chord, row, to_sun, start + length)
                     edge = lit != lit_before or (darkest == 0.0 and brightest > 0.0)
@@ -245,19 +264,19 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
                             air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer,
                             EDGE_CUTS if edge else CUTS, edge,
                         )  # fmt: skip
-                    light_i += found[0]
-                    light_q += found[1]
-                    light_u += found[2]
-                    steered += found[3]
-                    plain += found[4]
+                    light_i += found.light_i
+                    light_q += found.light_q
+                    light_u += found.light_u
+                    steered += found.steered
+                    plain += found.plain
                     piece[STEERED] = steered
                     piece[PLAIN] = plain
                     depth += length * (piece[LOWER] + 4.0 * piece[MIDDLE] + piece[UPPER]) / 6.0
                     n += 1
                     if depth > OPAQUE_DEPTH:
-                        return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
+                        return without_ground(n, n_chords, light_i, light_q, light_u, 0.0)
             if stretch >= left:
-                return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, math.exp(-depth), 0.0)
+                return without_ground(n, n_chords, light_i, light_q, light_u, math.exp(-depth))
             s = step.end
             z_enter = step.leave_km
             if step.ends_chord:
@@ -265,7 +284,7 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
             k = step.next_shell
             falling = step.falling
             if k < 0 and far_km < math.inf:
-                return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, math.exp(-depth), 0.0)
+                return without_ground(n, n_chords, light_i, light_q, light_u, math.exp(-depth))
             if k < 0:
                 factor = math.exp(-depth)
                 if cuts.bent:
@@ -273,7 +292,7 @@ def look(air, sun, steering, w, cuts, ray, to_sun, far_km, leg):
                 light = (light_i, light_q, light_u)
                 return land(air, sun, steering, w, row, s, factor, n, n_chords, to_sun, cuts.polarised, light)
             if k >= n_shells:
-                return Found(n, n_chords, light_i, light_q, light_u, 0.0, -1.0, math.exp(-depth), 0.0)
+                return without_ground(n, n_chords, light_i, light_q, light_u, math.exp(-depth))
         n_chords += 1
         travelled += chord.length
         end_chord(chord, ray)

@@ -132,7 +132,6 @@ def table_altitudes(air: Air) -> np.ndarray:
     upper = np.minimum(np.searchsorted(z, z + 0.5 * LAYER_KM, side="left"), z.size - 1)
     step = np.abs(np.diff(scattering, axis=1)).max(axis=0)
     change = np.abs(scattering[:, upper] - scattering[:, lower]).max(axis=0)
-    change[z[upper] - z[lower] > 4 * LAYER_KM] = 0.0
     # where levels are far apart, nothing happens between them
     change[z[upper] - z[lower] > 4 * LAYER_KM] = 0.0
     change[(z < bottom + LAYER_ABOVE_KM) | (z > z[-1] - 2 * BESIDE_KM)] = 0.0
@@ -281,8 +280,9 @@ def nearest_node(steering, z, cos_sun):
 def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy, vz, on_ground, cumulative, blurred):
     """Running sums over the cells of share x blurred phase function (x cosine on the ground); returns the total.
 
-    (vx, vy, vz) is the leg's direction in the local frame, (air_i, air_f) where in the air the event happens; blurred
-    (N_SMOOTH,) is work space.
+    (node_i, node_j): the table node; (air_i, air_f): where among the levels of the air the event happens; horizon: sine
+    of the horizon's elevation there; (vx, vy, vz): the leg's direction in the local frame; on_ground: whether the event
+    is on the ground; cumulative (D,): filled with the sums; blurred (N_SMOOTH,): work space.
     """
     if not on_ground:
         for cell in range(N_SMOOTH):

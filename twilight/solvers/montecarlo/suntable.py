@@ -1,4 +1,4 @@
-"""A quick look-up of the sun beam for the random walk, which may be rough: `leg.py` corrects it without bias.
+"""A quick look-up of the sun beam for the random walk, which may be rough: `leg.trace` corrects it without bias.
 
 The logarithm of the irradiance is tabulated bilinearly over altitude and, for a sun above the horizontal, its cosine;
 for a lower sun the height of the straight ray's lowest point above that of the ray that touches the shadow, because

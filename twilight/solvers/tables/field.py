@@ -10,7 +10,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress
-from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
@@ -45,7 +45,7 @@ class Field(BareField):
         progress: Progress | None = None,
     ):
         self.medium, self.settings = medium, settings
-        self.observer_altitude_km = self._checked(observer_altitude_km)
+        self.observer_altitude_km = observer_at(medium, observer_altitude_km)
         proportional = settings.aerosol_packing == "proportional" and medium.has_aerosol
         if proportional and len(medium.phase_functions) > 1:
             raise TwilightError(
@@ -105,14 +105,6 @@ class Field(BareField):
         """Size of the tables T, E and S at 2 or 4 bytes per number."""
         size = 2 if self.settings.storage == "float16" else 4
         return size * (sum(p.size for p in self.parts) + self.tables.depth.size + self.tables.irradiance.size)
-
-    def _checked(self, observer_altitude_km: float) -> float:
-        if not observer_altitude_km >= self.medium.bottom_km or not math.isfinite(observer_altitude_km):
-            raise TwilightError(
-                f"observer.altitude_km is {observer_altitude_km:g}; allowed is {self.medium.bottom_km:g} (the ground) "
-                "and more"
-            )
-        return float(observer_altitude_km)
 
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
@@ -211,7 +203,7 @@ class Field(BareField):
     def _rays(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km) -> Rays:
         if not -90.0 <= sun_elevation_deg <= 90.0:
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
-        altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        altitude = observer_at(self.medium, observer_altitude_km, self.observer_altitude_km)
         elevation, azimuth = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
         )

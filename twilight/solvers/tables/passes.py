@@ -6,11 +6,16 @@ about the local vertical: with L_lm those of the light at a point and chi_l the 
     J(v) = sum_l sigma chi_l (2 l + 1)/(4 pi) sum_m (2 - delta_m0) P_lm(mu) cos(m phi) L_lm,
 
 which is the integral of the phase function times the light for all directions at once.
+
+In all kernels here: profile, `transport.profile.Profile`; mapping, `Mapping`; depth (r, mu, W), -ln T as `fill_depth`
+makes it; a height [km] above the ground with the cosines mu, mu_s and nu of Algorithm 4.1; ground, whether a view ends
+there; fineness, density of the steps along a ray; out, filled for the r from begin to end.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,6 +35,57 @@ from twilight.transport.lines import ALTITUDE, DISTANCE, by_species, new_line, p
 
 CLEAR_KM = 1e-7
 """How far above or below the ground the lowest point of a ray along the horizon is put."""
+
+
+class Texels(NamedTuple):
+    """Coordinates of the texels of S: heights (r,) [km] above the ground; view (r, mu): mu; sun (mu_s,); nus (nu,)."""
+
+    heights: np.ndarray
+    view: np.ndarray
+    sun: np.ndarray
+    nus: np.ndarray
+
+
+class Incoming(NamedTuple):
+    """Light of the last order: tables (N, r, mu_s, nu, mu, W), of which logarithms may be stored.
+
+    moments (1 + K, degree + 1, W): of the phase functions that light scattered once is multiplied with, N = 1 + K;
+    (1, 0, W) where the one table holds radiance.
+    """
+
+    tables: np.ndarray
+    logarithmic: bool
+    moments: np.ndarray
+
+
+class Scatterers(NamedTuple):
+    """moments (1 + K, degree + 1, W) of the phase functions; sigma (r, 1 + K, W): scattering coefficients [km^-1]."""
+
+    moments: np.ndarray
+    sigma: np.ndarray
+
+
+class Ground(NamedTuple):
+    """albedo (W,); sky (r, mu_s, W): irradiance by the sky in the last order; direct: the sun lights it too."""
+
+    albedo: np.ndarray
+    sky: np.ndarray
+    direct: bool
+
+
+class Directions(NamedTuple):
+    """Quadrature over all directions at every height, and harmonics there.
+
+    mu, weight (r, Q); azimuth (A,) [rad]: midpoints over half a turn; polar (r, Q, C), view_polar (r, mu, C): P_lm at
+    these mu and at those of the views; orders (2, C): l and m.
+    """
+
+    mu: np.ndarray
+    weight: np.ndarray
+    azimuth: np.ndarray
+    polar: np.ndarray
+    view_polar: np.ndarray
+    orders: np.ndarray
 
 
 @njit(cache=True)
@@ -77,12 +133,13 @@ def fill_depth(profile, mapping, depth, begin, end):
 def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
     """Both points of every step along a view into `line`, which carry light scattered there; returns their number."""
     up = off_horizon(mapping, height_km, mu, ground)
-    return trace_line(profile, profile.altitude_km[0] + height_km, up, fineness, True, line)[0]
+    return trace_line(profile, profile.altitude_km[0] + height_km, up, fineness, np.bool_(True), line, math.inf)[0]
 
 
 @njit(cache=True, nogil=True)
-def fill_single(profile, mapping, depth, heights, view, sun, nus, fineness, out, begin, end):
+def fill_single(profile, mapping, depth, texels, fineness, out, begin, end):
     """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol."""
+    heights, view, sun, nus = texels
     n_species, n_w = out.shape[0], out.shape[5]
     bottom = profile.altitude_km[0]
     line = new_line(profile)
@@ -116,8 +173,7 @@ def fill_single(profile, mapping, depth, heights, view, sun, nus, fineness, out,
 def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, mu_s, nu, ground, scratch):
     """Radiance (W,) of light that comes to a point, into light: one table as it is, or single scattering by species.
 
-    moments (1 + K, degree + 1, W): of the phase functions that singly scattered light is multiplied with; an empty one
-    says that the table holds radiance.  cosines (degree + 1,): scratch.
+    tables, logarithmic, moments: of `Incoming`; cosines (degree + 1,), scratch (W,): work space.
     """
     if moments.shape[1] == 0:
         scattering(mapping, tables[0], logarithmic, height, mu, mu_s, nu, ground, light)
@@ -138,16 +194,16 @@ def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, 
 
 
 @njit(cache=True, nogil=True)
-def fill_source(
-    profile, mapping, depth, tables, logarithmic, single_moments, moments, sky_irradiance, direct, albedo,
-    heights, view, sun, nus, polar, node_mu, node_weight, azimuth, view_polar, orders, sigma, out, begin, end,
-):  # fmt: skip
+def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texels, directions, out, begin, end):
     """J (r, mu_s, nu, mu, W) from the last order: all species, and the ground lit by it.
 
-    moments (1 + K, degree + 1, W): of the phase functions; sigma (r, 1 + K, W): scattering coefficients
-    polar (r, Q, C), view_polar (r, mu, C): P_lm at the quadrature's cosines node_mu (r, Q) and at the texels; orders
-    (2, C): l and m; azimuth (A,): midpoints over half a turn; direct: the ground is lit by the sun too
+    incoming: `Incoming`; scatterers: `Scatterers`; lit_ground: `Ground`; texels: `Texels`; directions: `Directions`.
     """
+    tables, logarithmic, single_moments = incoming
+    moments, sigma = scatterers
+    albedo, sky_irradiance, direct = lit_ground
+    heights, view, sun, nus = texels
+    node_mu, node_weight, azimuth, polar, view_polar, orders = directions
     n_w = out.shape[4]
     n_coefficient = orders.shape[1]
     degree = moments.shape[1] - 1
@@ -221,10 +277,12 @@ def fill_source(
 
 
 @njit(cache=True, nogil=True)
-def fill_irradiance(
-    mapping, tables, logarithmic, single_moments, node_mu, node_weight, azimuth, out, begin, end
-):  # fmt: skip
-    """E (r, mu_s, W) of the last order of light from the sky; node_mu, node_weight (Q,): over the upper hemisphere."""
+def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin, end):
+    """E (r, mu_s, W) of the last order of light from the sky.
+
+    incoming: `Incoming`; node_mu, node_weight (Q,): over the upper hemisphere; azimuth (A,) [rad]: as in `Directions`.
+    """
+    tables, logarithmic, single_moments = incoming
     n_w = out.shape[2]
     light, scratch = np.empty(n_w), np.empty(n_w)
     cosines = np.empty(max(2, single_moments.shape[1]))
@@ -246,10 +304,12 @@ def fill_irradiance(
 
 
 @njit(cache=True, nogil=True)
-def fill_scattering(
-    profile, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, begin, end
-):  # fmt: skip
-    """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels."""
+def fill_scattering(profile, mapping, source, logarithmic, texels, fineness, out, begin, end):
+    """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels.
+
+    source (r, mu_s, nu, mu, W): J, or its logarithm; texels: `Texels`.
+    """
+    heights, view, sun, nus = texels
     n_w = out.shape[4]
     bottom = profile.altitude_km[0]
     line = new_line(profile)

@@ -11,6 +11,11 @@ from twilight.progress import Progress
 from twilight.solvers.tables.lookup import DARK
 from twilight.solvers.tables.mapping import KINDS, Mapping, grid
 from twilight.solvers.tables.passes import (
+    Directions,
+    Ground,
+    Incoming,
+    Scatterers,
+    Texels,
     fill_depth,
     fill_irradiance,
     fill_scattering,
@@ -66,7 +71,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     profile = prepare_profile(medium)
     mapping = make_mapping(settings, medium.earth_radius_km + medium.bottom_km, medium.top_km - medium.bottom_km)
     n_w = medium.n_wavelengths
-    heights, view, sun, nus = grid(mapping)
+    texels = Texels(*grid(mapping))
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
     progress("transmittance", 0.0)
     in_slices(lambda a, b: fill_depth(profile, mapping, depth, a, b), mapping.n_t_r)
@@ -75,54 +80,51 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     progress("single scattering", 0.05)
     fineness = settings.step_density
     in_slices(
-        lambda a, b: fill_single(
-            profile, mapping, depth, heights, view, sun, nus, fineness, single, a, b
-        ),
+        lambda a, b: fill_single(profile, mapping, depth, texels, fineness, single, a, b),
         mapping.n_r,
-    )  # fmt: skip
+    )
     logarithmic = settings.interpolation == "logarithmic"
-    quadrature = _Quadrature(mapping, heights, view, settings)
-    coefficients = medium.at(medium.bottom_km + heights)
+    directions, up_mu, up_weight = _quadrature(mapping, texels, settings)
+    coefficients = medium.at(medium.bottom_km + texels.heights)
     aerosol = coefficients.aerosol_scattering[None] * coefficients.aerosol_share
     sigma = np.ascontiguousarray(np.concatenate([coefficients.air_scattering[None], aerosol]).transpose(1, 0, 2))
     total = np.zeros(shape, np.float32)
     by_event = []
     # zero in the shadow, where logarithms would spoil what is next to it
-    last, last_logarithmic = single, False
-    phases, none = np.ascontiguousarray(scaled.moments), np.zeros((1, 0, n_w))
-    single_moments = phases
+    scatterers = Scatterers(np.ascontiguousarray(scaled.moments), sigma)
+    last = Incoming(single, False, scatterers.moments)
+    radiance = np.zeros((1, 0, n_w))
     lit = np.zeros((mapping.n_e_r, mapping.n_e_mu_s, n_w))
     for event in range(1, settings.max_events + 1):
         progress(f"scattering event {event}", 0.1 + 0.9 * (event - 1) / settings.max_events)
         from_sky = np.zeros_like(lit)
         in_slices(
-            lambda a, b, last=last, log=last_logarithmic, of=single_moments, out=from_sky: fill_irradiance(  # type: ignore[misc]
-                mapping, last, log, of, quadrature.up_mu, quadrature.up_weight, quadrature.azimuth, out, a, b
+            lambda a, b, last=last, out=from_sky: fill_irradiance(  # type: ignore[misc]
+                mapping, last, up_mu, up_weight, directions.azimuth, out, a, b
             ),
             mapping.n_e_r,
-        )  # fmt: skip
+        )
         by_event.append(from_sky)
         if event == settings.max_events:
             break
         source = np.zeros(shape, np.float32)
+        ground = Ground(medium.ground_albedo, lit, event == 1)
         in_slices(
-            lambda a, b, last=last, log=last_logarithmic, of=single_moments, lit=lit, first=event == 1, out=source: fill_source(  # type: ignore[misc]  # noqa: E501
-                profile, mapping, depth, last, log, of, phases, lit, first, medium.ground_albedo,
-                heights, view, sun, nus, quadrature.polar, quadrature.mu, quadrature.weight, quadrature.azimuth,
-                quadrature.view_polar, quadrature.orders, sigma, out, a, b,
+            lambda a, b, last=last, ground=ground, out=source: fill_source(  # type: ignore[misc]
+                profile, mapping, depth, last, scatterers, ground, texels, directions, out, a, b
             ),
             mapping.n_r,
-        )  # fmt: skip
+        )
         source = stored(source, logarithmic)
         order = np.zeros(shape, np.float32)
         in_slices(
             lambda a, b, source=source, out=order: fill_scattering(  # type: ignore[misc]
-                profile, mapping, source, logarithmic, heights, view, sun, nus, fineness, out, a, b
+                profile, mapping, source, logarithmic, texels, fineness, out, a, b
             ),
             mapping.n_r,
         )
         total += order
-        last, last_logarithmic, single_moments, lit = stored(order, logarithmic)[None], logarithmic, none, from_sky
+        last, lit = Incoming(stored(order, logarithmic)[None], logarithmic, radiance), from_sky
     steps = np.stack(by_event)
     return Tables(mapping, profile, depth, steps.sum(axis=0), single, total, steps)
 
@@ -137,21 +139,26 @@ def rayleigh_at(nus: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
     return rayleigh_phase_array(nus, depolarisation)[:, None, :]
 
 
-class _Quadrature:
-    """Directions at every height: Gauss-Legendre below and above its horizon, and harmonics at them."""
-
-    def __init__(self, mapping: Mapping, heights: np.ndarray, view: np.ndarray, settings: TablesSettings):
-        x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
-        rho = np.sqrt(heights * (2.0 * mapping.bottom_km + heights))
-        horizon = (-rho / (mapping.bottom_km + heights))[:, None]
-        below, above = 0.5 * (horizon + 1.0), 0.5 * (1.0 - horizon)
-        self.mu = np.concatenate([-1.0 + below * (1.0 + x), horizon + above * (1.0 + x)], axis=1)
-        self.weight = np.concatenate([below * w, above * w], axis=1)
-        self.azimuth = (np.arange(settings.azimuth_directions) + 0.5) * np.pi / settings.azimuth_directions
-        self.up_mu, self.up_weight = 0.5 * (1.0 + x), 0.5 * w
-        self.orders = np.array([(n, m) for m in range(settings.degree + 1) for n in range(m, settings.degree + 1)]).T
-        self.polar = harmonics(self.mu, settings.degree)
-        self.view_polar = harmonics(view, settings.degree)
+def _quadrature(
+    mapping: Mapping, texels: Texels, settings: TablesSettings
+) -> tuple[Directions, np.ndarray, np.ndarray]:
+    """Gauss-Legendre below and above the horizon of every height; and mu and weights over the upper hemisphere."""
+    x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
+    heights = texels.heights
+    rho = np.sqrt(heights * (2.0 * mapping.bottom_km + heights))
+    horizon = (-rho / (mapping.bottom_km + heights))[:, None]
+    below, above = 0.5 * (horizon + 1.0), 0.5 * (1.0 - horizon)
+    mu = np.concatenate([-1.0 + below * (1.0 + x), horizon + above * (1.0 + x)], axis=1)
+    degree = settings.degree
+    directions = Directions(
+        mu,
+        np.concatenate([below * w, above * w], axis=1),
+        (np.arange(settings.azimuth_directions) + 0.5) * np.pi / settings.azimuth_directions,
+        harmonics(mu, degree),
+        harmonics(texels.view, degree),
+        np.array([(n, m) for m in range(degree + 1) for n in range(m, degree + 1)]).T,
+    )
+    return directions, 0.5 * (1.0 + x), 0.5 * w
 
 
 def harmonics(mu: np.ndarray, degree: int) -> np.ndarray:

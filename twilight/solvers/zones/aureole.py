@@ -18,10 +18,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import distance_to_sphere
+from twilight.kernels import njit
 from twilight.transport.beam import beam_at
 from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
@@ -67,6 +67,8 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Peak
 def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosine, narrow, out, begin, end):
     """Add to out (D, K, W) what the phase functions over 1 - f change by, for directions at scattering angles `cosine`.
 
+    beam: `Beam`; peak: `Peak`; rays_first (R + 1,), place (P, 4), weight (P, W): of the rays, as in `Rays`, for
+    begin..end; zenith [rad]: of the sun; row_first (R + 1,), cosine (D,): of the directions, as in `Directions`
     share (1 + K, P, W): of air and of each aerosol in what points scatter
     narrow (D, K, W): f/(1 - f) P'' at the scattering angles
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
-from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.zones.alike import field_altitudes
 from twilight.solvers.zones.aureole import forward_peak, widen
 from twilight.solvers.zones.directions import needed
@@ -26,6 +26,7 @@ from twilight.solvers.zones.paths import (
     make_turning,
 )
 from twilight.solvers.zones.polarised import rotated
+from twilight.solvers.zones.reach import LAST_ZENITH_DEG, reach_deg
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
@@ -41,43 +42,12 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
 from twilight.transport.sunlit import Directions, Phases, scattered_once
 
-LAST_ZENITH_DEG = 132.0
-"""Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
-LEAST_OBSERVER_KM, MARGIN_DEG = 12.0, 2.0
-"""A field for known suns serves observers up to this altitude at least, and this far beyond what they see."""
-BRIGHT_ZENITH_DEG = 85.0
-"""Air under a sun of this zenith angle or larger is always part of the field: in deep twilight its light comes far."""
 SHARP, LEAST_SHARP = 1.5, 2.25
 """Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
 THICK_PER_DEGREE = 2
 """Polar angles a side for each degree of the light in thick white air: fewer let through 3 to 5 % too much of it."""
 SLOW_DEPTH = 2.0
 """Optical depth of scattering, each share times 1 - g, beyond which light is not followed event by event."""
-
-
-def reach_deg(medium: Medium, observer_altitude_km: float) -> float:
-    """How far around the Earth from an observer [deg] the field is needed.
-
-    To where the top of the air sinks below the horizon, and a margin.  Light that comes from beyond is scattered below
-    the horizon of all that is seen: leaving it out moves the sky by less than 5e-4, in twilight by less than 1e-4.
-    """
-    ground = medium.earth_radius_km + medium.bottom_km
-
-    def dip_deg(altitude_km: float) -> float:
-        return math.degrees(math.acos(ground / max(ground, medium.earth_radius_km + altitude_km)))
-
-    return dip_deg(medium.top_km) + dip_deg(max(observer_altitude_km, LEAST_OBSERVER_KM)) + MARGIN_DEG
-
-
-def zenith_range(
-    medium: Medium, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
-) -> tuple[float, float]:
-    """Solar zenith angles [deg] that a scene with these suns needs; all of them where None is given."""
-    if sun_elevations_deg is None:
-        return 0.0, LAST_ZENITH_DEG
-    around = reach_deg(medium, observer_altitude_km)
-    lowest, highest = float(np.min(sun_elevations_deg)), float(np.max(sun_elevations_deg))
-    return min(max(0.0, 90.0 - highest - around), BRIGHT_ZENITH_DEG), min(LAST_ZENITH_DEG, 90.0 - lowest + around)
 
 
 class Field(BareField):
@@ -97,7 +67,7 @@ class Field(BareField):
         self.medium, self.settings = medium, settings
         self.asked = settings
         """The settings that were asked for: with a target error those that it took may be finer."""
-        self.observer_altitude_km = self._checked(observer_altitude_km)
+        self.observer_altitude_km = observer_at(medium, observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
         tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
@@ -168,14 +138,6 @@ class Field(BareField):
                 f"the field was solved for {solved_for}"
             )
 
-    def _checked(self, observer_altitude_km: float) -> float:
-        if not observer_altitude_km >= self.medium.bottom_km or not math.isfinite(observer_altitude_km):
-            raise TwilightError(
-                f"observer.altitude_km is {observer_altitude_km:g}; allowed is {self.medium.bottom_km:g} (the ground) "
-                "and more"
-            )
-        return float(observer_altitude_km)
-
     def _solve(self, tell: Progress) -> None:
         s = self.directions
         tell("rays", 0.05)
@@ -222,7 +184,8 @@ class Field(BareField):
         longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
-        orders = min(self.directions.azimuth_directions, self.directions.late_azimuth_directions)
+        # as many as the first light of the early events can have
+        orders = self.settings.degree + 1
         above = angles.cosine[0, angles.below :]
 
         def of(block: int) -> Passes:
@@ -276,7 +239,7 @@ class Field(BareField):
             raise TwilightError("distance_km must be 0 or more")
         question = (sun_elevation_deg, elevation, azimuth, observer_altitude_km, 1)
         light = self._look(*question, distance_km=distance)[..., 0, :]
-        altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        altitude = observer_at(self.medium, observer_altitude_km, self.observer_altitude_km)
         ends, back = np.unique(np.stack([elevation.ravel(), distance.ravel()]), axis=1, return_inverse=True)
 
         def passed(profile) -> np.ndarray:
@@ -321,7 +284,7 @@ class Field(BareField):
     ) -> np.ndarray:
         """The first n_stokes, 1 or 3, of I, Q, U: shape of the directions plus (n_stokes, W); up to distances, without
         the light of the ground, where they are given."""
-        altitude = self.observer_altitude_km if observer_altitude_km is None else self._checked(observer_altitude_km)
+        altitude = observer_at(self.medium, observer_altitude_km, self.observer_altitude_km)
         self._check_sun(sun_elevation_deg, altitude)
         elevation, azimuth, far = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float),

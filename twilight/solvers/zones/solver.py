@@ -13,7 +13,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightWarning
 from twilight.progress import Progress, silent
 from twilight.solvers.base import Convergence
-from twilight.solvers.zones.field import LAST_ZENITH_DEG, Field, zenith_range
+from twilight.solvers.zones.field import Field
+from twilight.solvers.zones.reach import LAST_ZENITH_DEG, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 

@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at, beam_on_ground
 
@@ -38,6 +38,10 @@ class Sunlight(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
+    """Fill edge (Z,) [rad], log_light (Z, angles, W) and ground (angles, W) for the altitudes (Z,) [km] begin..end.
+
+    beam: `Beam`; span [rad]: of the angles from the shadow's edge.
+    """
     n_w = log_light.shape[2]
     light = np.empty(n_w)
     for k in range(begin, end):

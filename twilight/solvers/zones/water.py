@@ -2,7 +2,7 @@
 
 The surface looks the same from all sides, so that it keeps the order m of cos(m azimuth) in I and Q and of sin(m
 azimuth) in U: each order has a matrix of its own from the polar angles above the ground to those that one looks down
-in.  It is summed over slopes of facets, with light interpolated linearly in the cosine between polar angles.
+in.  It is summed over slopes of facets, with light interpolated by cubics between polar angles.
 Sunlight is mirrored with exact angles wherever a ray ends on the water.
 """
 
@@ -12,19 +12,21 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.kernels import njit
+from twilight.solvers.zones.grid import HORIZON_WIDTH
 from twilight.solvers.zones.sunlight import N_ANGLE
 from twilight.transport.beam import beam_at
 from twilight.water import fresnel, glitter, hidden, refractive_index
 
-N_COSINES = 16
-"""Cosines of the zenith angle under which the reflected sky is tabulated, close together at the horizon."""
-N_SLOPES, N_TURNS = 12, 24
-"""Facets of the quadrature: sizes of the slope x its azimuths."""
-
-
+N_COSINES, COSINE_WIDTH = 48, 0.3
+"""Cosines of the zenith angle under which the reflected sky is tabulated, between which it is linear; they are closer
+together within the second of the horizon."""
+N_SLOPES, N_TURNS = 64, 72
+"""Facets of the quadrature: sizes of the slope x its azimuths over half a turn, the other half being alike."""
+LEAST_LIGHT, LEAST_SHARE = 1e-30, 1e-3
+"""Of the light of an azimuth: at least, and over the mean of all azimuths."""
 N_CELL = 5
 """Points in each of two directions over which sunlight on the water is taken in the cell of a direction."""
 
@@ -38,7 +40,7 @@ class Surface(NamedTuple):
 
 def cosines() -> np.ndarray:
     """Cosines (N_COSINES,) of the table, increasing from about 0 to 1."""
-    return np.sinh(np.linspace(0.0, np.arcsinh(1.0 / 0.05), N_COSINES)) * 0.05 * (1.0 - 1e-3) + 1e-3
+    return np.sinh(np.linspace(0.0, np.arcsinh(1.0 / COSINE_WIDTH), N_COSINES)) * COSINE_WIDTH * (1.0 - 1e-3) + 1e-3
 
 
 def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray, slope2: float) -> np.ndarray:
@@ -47,16 +49,16 @@ def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray
     cosine (P,): of the zenith angles that light falls in from, increasing from above 0
     index (W,): refractive index of the water; orders from 0; S = n_stokes, 1 or 3
     """
-    t, share = np.polynomial.laguerre.laggauss(N_SLOPES)
-    turn = 2.0 * np.pi * (np.arange(N_TURNS) + 0.5) / N_TURNS
+    t, part = np.polynomial.laguerre.laggauss(N_SLOPES)
+    turn = np.pi * (np.arange(N_TURNS) + 0.5) / N_TURNS
     slope = np.sqrt(slope2 * np.repeat(t, N_TURNS))
-    weight = np.repeat(share, N_TURNS) / N_TURNS
+    weight = np.repeat(part, N_TURNS) / N_TURNS
     up = 1.0 / np.sqrt(1.0 + slope**2)
     normal = np.stack([slope * np.cos(np.tile(turn, N_SLOPES)) * up, slope * np.sin(np.tile(turn, N_SLOPES)) * up, up])
     out = np.zeros((index.size, orders, N_COSINES, n_stokes, cosine.size, n_stokes))
     m = np.arange(orders)[:, None]
     for k, mu in enumerate(cosines()):
-        sine = math.sqrt(1.0 - mu * mu)
+        sine = math.sqrt(max(0.0, 1.0 - mu * mu))
         look = np.array([sine, 0.0, -mu])
         cos_i = -look @ normal
         source = look[:, None] + 2.0 * cos_i * normal
@@ -64,16 +66,14 @@ def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray
         if not seen.any():
             continue
         mu_in, cos_in = np.where(seen, source[2], 1.0), np.where(seen, cos_i, 1.0)
-        visible = 1.0 / (1.0 + hidden(mu, slope2) + np.array([hidden(x, slope2) for x in mu_in]))
+        visible = 1.0 / (1.0 + hidden(mu, slope2) + _hidden(mu_in, slope2))
         factor = np.where(seen, weight * visible * cos_in / (mu * up), 0.0)
         azimuth = np.arctan2(source[1], source[0])
-        place = np.clip(np.interp(mu_in, cosine, np.arange(cosine.size)), 0.0, cosine.size - 1.0)
-        low = np.minimum(place.astype(int), cosine.size - 2)
-        above = place - low
+        share = _between(cosine, mu_in)
         cos_m, sin_m = np.cos(m * azimuth), np.sin(m * azimuth)
         c2, s2, c20, s20 = _rotations(look, source)
         for w, n in enumerate(index):
-            rp, rs = np.array([fresnel(c, n) for c in cos_in]).T
+            rp, rs = _fresnel(cos_in, n)
             p11, p12, p33 = 0.5 * (rp**2 + rs**2), 0.5 * (rp**2 - rs**2), rp * rs
             one = np.ones_like(p11)
             # into the plane of incidence, by Fresnel's matrix, and into the vertical plane of the look
@@ -83,12 +83,40 @@ def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray
                     odd = (a == 2) != (b == 2)
                     # I and Q go with the cosine, U with the sine
                     wave = cos_m if not odd else (sin_m if b == 2 else -sin_m)
-                    value = factor * rows[a][b] * wave
-                    for share_of, at in ((1.0 - above, low), (above, low + 1)):
-                        for order in range(orders):
-                            out[w, order, k, a, :, b] += np.bincount(
-                                at, weights=value[order] * share_of, minlength=cosine.size
-                            )
+                    out[w, :, k, a, :, b] = (factor * rows[a][b] * wave) @ share
+    return out
+
+
+@njit(cache=True)
+def _hidden(cosine, slope2):
+    out = np.empty(cosine.size)
+    for k in range(cosine.size):
+        out[k] = hidden(cosine[k], slope2)
+    return out
+
+
+@njit(cache=True)
+def _fresnel(cosine, index):
+    out = np.empty((2, cosine.size))
+    for k in range(cosine.size):
+        out[0, k], out[1, k] = fresnel(cosine[k], index)
+    return out
+
+
+def _between(cosine: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Weights (N, P) of the light at cosines (P,), increasing, in that at the wanted ones (N,): cubics through the four
+    around each in arcsinh(cosine / HORIZON_WIDTH), in which the sky is smooth; below the lowest it is constant."""
+    x, at = np.arcsinh(cosine / HORIZON_WIDTH), np.arcsinh(np.maximum(wanted, cosine[0]) / HORIZON_WIDTH)
+    width = min(4, x.size)
+    first = np.clip(np.searchsorted(x, at, side="right") - 2, 0, x.size - width)
+    out = np.zeros((at.size, x.size))
+    row = np.arange(at.size)
+    for j in range(width):
+        factor = np.ones(at.size)
+        for k in range(width):
+            if k != j:
+                factor *= (at - x[first + k]) / (x[first + j] - x[first + k])
+        out[row, first + j] = factor
     return out
 
 
@@ -126,14 +154,38 @@ def reflected_sky(table: np.ndarray, radiance: np.ndarray, azimuth: np.ndarray) 
     """Amplitudes (N_COSINES, S, orders, T, LANES) of the reflected light.
 
     table: of `reflection`, a matrix for every lane; radiance (P, T, F, S', LANES) at its cosines and azimuths (F,), S'
-    being S or 1.
+    being S or 1.  Orders may be more than F: see `_more_azimuths`.
     """
-    known = radiance.shape[3]
-    m = np.arange(table.shape[1])[:, None]
-    norm = np.where(m == 0, 1.0, 2.0) / azimuth.size
-    cos_m, sin_m = norm * np.cos(m * azimuth), norm * np.sin(m * azimuth)
-    parts = [np.einsum("mf,ptfw->mptw", sin_m if s == 2 else cos_m, radiance[..., s, :]) for s in range(known)]
+    known, orders = radiance.shape[3], table.shape[1]
+    fine, light = _more_azimuths(radiance, azimuth, 2 * orders)
+    m = np.arange(orders)[:, None]
+    norm = np.where(m == 0, 1.0, 2.0) / fine.size
+    cos_m, sin_m = norm * np.cos(m * fine), norm * np.sin(m * fine)
+    parts = [np.einsum("mf,ptfw->mptw", sin_m if s == 2 else cos_m, light[..., s, :]) for s in range(known)]
     return np.einsum("wmkapb,bmptw->kamtw", table[..., :known], np.stack(parts), optimize=True)
+
+
+def _more_azimuths(radiance: np.ndarray, azimuth: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """n azimuths [rad] and the light (P, T, n, S, LANES) at them, from that at the middles (F,) of equal parts.
+
+    Through the logarithm of I, and Q and U over I, goes a trigonometric polynomial: the sky beside a low sun is sharper
+    than one of F orders, its logarithm is not.
+    """
+    fine = (np.arange(n) + 0.5) * np.pi / n
+    m = np.arange(azimuth.size)[:, None]
+    even = np.cos(m * fine).T @ (np.where(m == 0, 1.0, 2.0) / azimuth.size * np.cos(m * azimuth))
+    odd = np.sin((m + 1) * fine).T @ (
+        np.where(m + 1 == azimuth.size, 1.0, 2.0) / azimuth.size * np.sin((m + 1) * azimuth)
+    )
+    intensity = radiance[..., 0, :].astype(float)
+    mean = np.maximum(intensity.mean(axis=2, keepdims=True), LEAST_LIGHT)
+    intensity = np.maximum(intensity, LEAST_SHARE * mean)
+    found = np.exp(np.einsum("nf,ptfw->ptnw", even, np.log(intensity)))
+    shares = [
+        np.einsum("nf,ptfw->ptnw", odd if s == 2 else even, radiance[..., s, :] / intensity)
+        for s in range(1, radiance.shape[3])
+    ]
+    return fine, np.stack([found, *(found * share for share in shares)], axis=3)
 
 
 def surface_of(medium: Medium, lanes: np.ndarray) -> Surface:
@@ -157,17 +209,52 @@ def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
     h1 = place - k
     h0 = 1.0 - h1
     b0 = 1.0 - b1
-    angle = math.acos(min(1.0, max(-1.0, c)))
-    for s in range(out.shape[0]):
-        for w in range(out.shape[1]):
+    c1 = min(1.0, max(-1.0, c))
+    s1 = math.sqrt(1.0 - c1 * c1)
+    for w in range(out.shape[1]):
+        scale = transmittance[w] * math.exp(b0 * log_ground[j, w] + b1 * log_ground[j + 1, w])
+        for s in range(out.shape[0]):
             total = 0.0
+            cosine, sine = 1.0, 0.0
             for m in range(waves.shape[3]):
                 near = h0 * waves[j, k, s, m, w] + h1 * waves[j, k + 1, s, m, w]
                 far = h0 * waves[j + 1, k, s, m, w] + h1 * waves[j + 1, k + 1, s, m, w]
-                total += (b0 * near + b1 * far) * (math.sin(m * angle) if s == 2 else math.cos(m * angle))
-            if s == 0:
-                total = max(0.0, total)
-            out[s, w] += transmittance[w] * math.exp(b0 * log_ground[j, w] + b1 * log_ground[j + 1, w]) * total
+                total += (b0 * near + b1 * far) * (sine if s == 2 else cosine)
+                cosine, sine = cosine * c1 - sine * s1, sine * c1 + cosine * s1
+            out[s, w] += scale * (max(0.0, total) if s == 0 else total)
+
+
+@njit(cache=True, nogil=True)
+def reflect(turning, light, ground_weight, ground_angle, ground_place, out, begin, end):
+    """Add the sky that water reflects at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
+
+    turning, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`
+    """
+    n_polar = out.shape[1]
+    for node in range(begin, end):
+        for i in range(n_polar):
+            ray = node * n_polar + i
+            if ground_weight[ray].max() > 0.0:
+                add_reflected(
+                    turning, ground_angle[ray], light.log_ground, light.waves, ground_place[ray], ground_weight[ray],
+                    out[node, i],
+                )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, surface, out, begin, end):
+    """Add the sunlight that water mirrors at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
+
+    turning, beams, ground_weight, ground_angle: as in `first.scatter_sunlight`; ground_cells (R, 3): of `cells`;
+    surface: `Surface`
+    """
+    n_polar = out.shape[1]
+    for node in range(begin, end):
+        for i in range(n_polar):
+            ray = node * n_polar + i
+            if ground_weight[ray].max() > 0.0:
+                cell = ground_cells[ray]
+                add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
 
 
 @njit(cache=True, nogil=True)
@@ -203,12 +290,13 @@ def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
 
 
 @njit(cache=True, nogil=True)
-def add_sunlit_water(turning, place, beams, transmittance, surface, low, high, sums):
+def add_sunlit_water(turning, place, beams, transmittance, surface, cell, sums):
     """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `Beams`.
 
-    The glint is narrower than the field's directions are apart, and is taken as its mean over the cell of each: cosines
-    low to high of the zenith angle, and the part of the half turn that an azimuth stands for.
+    The glint is narrower than the field's directions are apart, and is taken as its mean over the cell of each: the
+    `cell` of `cells`, and the part of the half turn that an azimuth stands for.
     """
+    low, high, squeeze = cell
     step = min(int(place), turning.shape[0] - 2)
     h1 = place - step
     scale = N_ANGLE / math.sqrt(beams.span_rad)
@@ -234,7 +322,8 @@ def add_sunlit_water(turning, place, beams, transmittance, surface, low, high, s
             for m in range(N_CELL):
                 cosine = math.cos(min(math.pi, max(0.0, azimuth + width * ((m + 0.5) / N_CELL - 0.5))))
                 for n in range(N_CELL):
-                    mu_out = low + (high - low) * (n + 0.5) / N_CELL
+                    mu = low + (high - low) * (n + 0.5) / N_CELL
+                    mu_out = math.sqrt(max(1e-6, 1.0 - (1.0 - mu * mu) * squeeze))
                     add_mirrored(
                         mu_in,
                         mu_out,
@@ -247,19 +336,21 @@ def add_sunlit_water(turning, place, beams, transmittance, surface, low, high, s
                     )
 
 
-def cells(cosine: np.ndarray, n_polar: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines (R,) from and to which each ray stands for, of its way down where it ends on the ground.
+def cells(cosine: np.ndarray, weight: np.ndarray, ground_cosine: np.ndarray) -> np.ndarray:
+    """Cells (R, 3) of the rays to the ground: cosines of the zenith angle from and to which each stands for at its
+    start, and the square of the sine at the ground over that at the start.
 
-    cosine (R,): of the zenith angle where it ends, n_polar rays of increasing cosine from each altitude; those that
-    miss the ground have cells that mean nothing.
+    cosine, weight (Z, M): of the directions of each altitude, as in `Angles`; ground_cosine (R,): of the zenith angle
+    where each ray ends.  Cells are as wide as the weights say: light that is the mean over its cell loses nothing in
+    the sum over directions.  The sine at the ground over that at the start is the same for all rays from one altitude.
     """
-    down = np.clip(-cosine.reshape(-1, n_polar), 0.0, 1.0)
-    middle = 0.5 * (down[:, 1:] + down[:, :-1])
-    last = (-cosine.reshape(-1, n_polar)[:, 1:] <= 0.0) | (middle < 1e-6)
-    middle = np.where(last, 0.0, middle)
-    edge = np.ones((down.shape[0], 1))
-    high, low = np.concatenate([edge, middle], axis=1), np.concatenate([middle, 0.0 * edge], axis=1)
-    return low.ravel(), high.ravel()
+    edge = np.concatenate([np.full((cosine.shape[0], 1), -1.0), 2.0 * np.cumsum(weight, axis=1) - 1.0], axis=1)
+    ends = ground_cosine.reshape(cosine.shape)
+    flattest = np.argmax(np.where(ends < 0.0, 1.0 - cosine**2, -1.0), axis=1)
+    row = np.arange(cosine.shape[0])
+    squeeze = (1.0 - ends[row, flattest] ** 2) / (1.0 - cosine[row, flattest] ** 2)
+    all_rays = np.broadcast_to(squeeze[:, None], cosine.shape)
+    return np.stack([edge[:, :-1], edge[:, 1:], all_rays], axis=-1).reshape(-1, 3)
 
 
 @njit(cache=True, nogil=True)

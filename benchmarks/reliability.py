@@ -1,0 +1,128 @@
+"""The tables of docs/reliability.md: long tests with their times, and what was tried against the program.
+
+    python benchmarks/reliability.py tests [FILE ...]    run the long tests of these files, or of all, in turn
+    python benchmarks/reliability.py page                write the page's tables from the tables here
+
+Each file's long tests run as `pytest -m slow tests/FILE` in one process; the processor time is that of the command with
+all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files that were not run now stay as
+they are, and then the page: slow_tests.csv, and how many damaged inputs (fuzz.csv), faults (faults.csv) and odd airs
+(odd_air.csv, sharp_layers.csv) there were and how many went wrong.  A radiance of `standard` is wrong that is more than
+1 % (sharp layers 3 %) and three of the referee's standard errors off.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import results
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+PAGE = ROOT / "docs" / "reliability.md"
+TESTS = HERE / "slow_tests.csv"
+COLUMNS = ("file", "long_tests", "passed", "failed", "processor_s", "commit")
+ALLOWED_PERCENT = {"odd_air.csv": 1.0, "sharp_layers.csv": 3.0}
+
+
+def slow_files() -> list[str]:
+    """Names of the test files that hold long tests."""
+    return sorted(file.name for file in (ROOT / "tests").glob("test_*.py") if "mark.slow" in file.read_text("utf-8"))
+
+
+def run_tests(file: str) -> tuple[int, int, int, float]:
+    """(long tests, passed, failed, processor seconds)."""
+    before = os.times()
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-m", "slow", f"tests/{file}", "-q", "-p", "no:cacheprovider"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    after = os.times()
+    print(done.stdout[-2000:], done.stderr[-500:], flush=True)
+    counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|failed|error|skipped)", done.stdout)}
+    failed = counts.get("failed", 0) + counts.get("error", 0)
+    passed = counts.get("passed", 0)
+    seconds = after.children_user + after.children_system - before.children_user - before.children_system
+    return passed + failed + counts.get("skipped", 0), passed, failed, seconds
+
+
+def tests(files: list[str]) -> None:
+    """slow_tests.csv"""
+    commit = re.search(r"commit (.*?):", results.heading("x"))
+    for file in files or slow_files():
+        row = run_tests(file)
+        rows = {r["file"]: tuple(r.values()) for r in results.read_rows(TESTS)} if TESTS.exists() else {}
+        rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", commit[1] if commit else "")
+        results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py tests")
+
+
+def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = list(header)
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+
+
+def long_tests() -> str:
+    """Every file that has long tests, run or not."""
+    known = {row["file"]: row for row in results.read_rows(TESTS)} if TESTS.exists() else {}
+    rows = []
+    for file in slow_files():
+        row = known.get(file)
+        if row is None:
+            rows.append([f"`{file}`", "", "", "not run to its end"])
+            continue
+        skipped = int(row["long_tests"]) - int(row["passed"]) - int(row["failed"])
+        said = [f"{row['passed']} passed"]
+        said += [f"**{row['failed']} failed**"] if int(row["failed"]) else []
+        said += [f"{skipped} skipped"] if skipped else []
+        rows.append([f"`{file}`", row["long_tests"], row["processor_s"], ", ".join(said)])
+    return _table(("file", "long tests", "processor time [s]", "result"), rows)
+
+
+def tried() -> str:
+    """Damaged inputs, faults and odd airs: how many, and how many wrong."""
+    rows: list[list[str]] = []
+    for name, what in (("fuzz.csv", "damaged inputs: {}"), ("faults.csv", "{}")):
+        if (HERE / name).exists():
+            for row in results.read_rows(HERE / name):
+                count = row.get("inputs") or row["times"]
+                rows.append([what.format(row["kind"]), count, row["faults"], f"`benchmarks/{name}`"])
+    for name, allowed in ALLOWED_PERCENT.items():
+        if not (HERE / name).exists():
+            continue
+        found: dict[str, list[bool]] = {}
+        for row in results.read_rows(HERE / name):
+            off = abs(float(row["standard_percent"]))
+            found.setdefault(row["case"], []).append(off > allowed and off > 3.0 * float(row["referee_percent"]))
+        for case, wrong in found.items():
+            rows.append([f"air: {case}", f"{len(wrong)} radiances", str(sum(wrong)), f"`benchmarks/{name}`"])
+    return _table(("tried", "how many", "wrong", "table"), rows)
+
+
+def page() -> None:
+    """Both tables of the page, each between its marks."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, table in (("long tests", long_tests()), ("tried", tried())):
+        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+        head, rest = text.split(begin)
+        text = f"{head}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}"
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    words = sys.argv[1:]
+    if not words or words[0] not in ("tests", "page"):
+        sys.exit((__doc__ or "").split("\n\n")[1])
+    if words[0] == "tests":
+        tests([Path(word).name for word in words[1:]])
+    page()
+
+
+if __name__ == "__main__":
+    main()

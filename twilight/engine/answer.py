@@ -1,0 +1,78 @@
+"""What a solver found: an `Answer` for some directions, joined over blocks of wavelengths, and made a `Sky`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from twilight.atmosphere.bands import Bands
+from twilight.atmosphere.medium import Medium
+from twilight.engine.sunbeam import Direct
+from twilight.sky import Sky
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was found for some directions; sun-normalised [sr^-1].
+
+    radiance: shape of the directions plus (W,), and its standard error where there is one.
+    polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
+        field has them (signs: `twilight.conventions`), and their standard error.
+    """
+
+    radiance: np.ndarray
+    standard_error: np.ndarray | None = None
+    polarisation: np.ndarray | None = None
+    polarisation_error: np.ndarray | None = None
+
+
+def joined(answers: Sequence[Answer]) -> Answer:
+    """One answer for all wavelengths from those of all blocks."""
+    if len(answers) == 1:
+        return answers[0]
+    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
+    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=-1) for part in parts]
+    return Answer(*whole)
+
+
+def of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
+    """The answer that holds Stokes parameters (..., 3, W)."""
+    found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
+    if error is None:
+        return found
+    return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
+
+
+def summed(answer: Answer, bands: Bands) -> Answer:
+    """The answer for wavelengths from that for their lanes."""
+    return Answer(*(None if part is None else bands.summed(part) for part in vars(answer).values()))  # type: ignore[arg-type]
+
+
+def sky_of(
+    medium: Medium,
+    grid: tuple[np.ndarray, np.ndarray],
+    answer: Answer,
+    direct: Direct,
+    sun_elevation_deg: float,
+    observer_altitude_km: float,
+    **facts: Any,
+) -> Sky:
+    """What was found on a grid (elevation (E,), azimuth (A,)) [deg] at all wavelengths of a medium, as a `Sky`."""
+    return Sky(
+        wavelength_nm=medium.wavelength_nm,
+        elevation_deg=grid[0],
+        azimuth_deg=grid[1],
+        sun_normalised_radiance=answer.radiance,
+        standard_error=answer.standard_error,
+        polarisation=answer.polarisation,
+        polarisation_error=answer.polarisation_error,
+        sun_elevation_deg=sun_elevation_deg,
+        observer_altitude_km=observer_altitude_km,
+        ground_albedo=medium.ground_albedo,
+        direct_irradiance=direct.irradiance,
+        apparent_sun_elevation_deg=sun_elevation_deg + direct.bending_deg,
+        **facts,
+    )
