@@ -7,8 +7,9 @@
 Writes benchmarks/zones_error.csv, which then holds what was asked for: relative errors of the radiance over all
 directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as that of `standard` and
 `reference` is; `draft` is scalar.  The referee's own standard error is subtracted in the mean square: `excess_percent`
-is what 95 % of normally distributed errors of the rest would stay below.  Times are of the processor, for all suns and the three
-wavelengths, which take as long as eight do (a block of the solver), compilation apart; memory is the peak of the process.
+is what 95 % of normally distributed errors of the rest would stay below.  Times are of the processor,
+for all suns and the three wavelengths, which take as long as eight do (a block of the solver), compilation apart;
+memory is the peak of the process.
 """
 
 from __future__ import annotations
