@@ -1,30 +1,45 @@
-"""What a sweep costs: a field, a sky, one and two workers, 1,000 skies; from these, on paper, 10^6.
+"""What a sweep costs: a sky, its bytes, one and two workers, reading it back; from these, on paper, 10^6 skies.
 
-    python benchmarks/sweep.py [CONFIG] [--set KEY=VALUE ...]
+    python benchmarks/sweep.py [CONFIG] [--set KEY=VALUE ...] [--places 1x1,1x2,2x1] [--table NAME]
+    python benchmarks/sweep.py pure-air --many --places 1x1 --table sweep_many     10,000 skies, all of them computed
 
-Three runs of the same sweep, each on machine code that is there: one worker with one thread, one worker with two
-threads, two workers with one thread each.  Processor time hardly depends on what else the machine does; `busy` is the
-share of the workers' wall time that went into tasks, and the rest is Dask and the dataset.
+Runs of the same sweep, each on machine code that is there: WORKERSxTHREADS, all of 1x1, 1x2 and 2x1 unless said
+otherwise.  Processor time hardly depends on what else the machine does; `busy` is the share of the workers' wall time
+that went into tasks, and the rest is Dask and the dataset.  `read_s`: xarray opens the dataset lazily and takes the
+mean radiance of every sky, chunk by chunk.
 
-Writes benchmarks/sweep.csv.
+Writes benchmarks/sweep.csv, or NAME.csv.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
 import results
+import xarray
 
 from twilight.batch.cluster import Place, connect
 from twilight.batch.run import run_sweep
-from twilight.batch.store import open_store
+from twilight.batch.store import COMPUTED, open_store
 from twilight.batch.sweep import Sweep
 from twilight.config.load import load_axes, parse_setting
 
-PLACES = ((1, 1), (1, 2), (2, 1))
+PLACES = "1x1,1x2,2x1"
+MANY = {
+    "solver.quality": "draft",
+    "texture.resolution_deg": 15,
+    "wavelengths": {"list_nm": [440.0, 550.0, 680.0]},
+    "vary": {
+        "gases.ozone.column_du": [200, 300, 400, 500],
+        "ground.albedo": [0, 0.2, 0.4, 0.6, 0.8],
+        "sun.elevation_deg": {"from": 30, "to": -18, "count": 500},
+    },
+}
+"""20 airs under 500 suns, on 6 x 24 directions."""
 HOURS_PER_S = 1.0 / 3600.0
 
 
@@ -33,30 +48,35 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", nargs="?", default="sweep-haze")
     parser.add_argument("--set", dest="settings", nargs="*", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--many", action="store_true", help="10,000 skies of few directions")
+    parser.add_argument("--places", default=PLACES, help="WORKERSxTHREADS, with commas between")
+    parser.add_argument("--table", default="sweep")
     options = parser.parse_args()
-    settings = dict(parse_setting(text) for text in options.settings)
+    settings = (MANY if options.many else {}) | dict(parse_setting(text) for text in options.settings)
+    places = [tuple(int(n) for n in place.split("x")) for place in options.places.split(",")]
     warm = Sweep(load_axes(options.config, settings | {"vary": {"sun.elevation_deg": [5.0, -4.0]}}))
     measured(warm, 1, 1)
     sweep = Sweep(load_axes(options.config, settings))
     notes = [f"{options.config} {settings}: {sweep.scenes} skies of {sweep.fields} fields, {len(sweep.tasks)} tasks"]
     print(notes[0])
     per_sky, rows = [], []
-    for workers, threads in PLACES:
-        wall, cpu, inside, size = measured(sweep, workers, threads)
+    for workers, threads in places:
+        wall, cpu, inside, size, read = measured(sweep, workers, threads)
         per_sky.append(cpu / sweep.scenes)
         busy = inside / (workers * wall)
-        row = (wall, cpu, 1e3 * cpu / sweep.scenes, busy, size / sweep.scenes, size / sweep.bytes)
+        row = (wall, cpu, 1e3 * cpu / sweep.scenes, busy, size / sweep.scenes, size / sweep.bytes, read)
         rows.append([workers, threads, *(f"{x:.4g}" for x in row)])
         print(*rows[-1], sep="\t", flush=True)
     cost = float(np.median(per_sky))
     notes.append(f"1,000 skies: {1e3 * cost:.0f} s of processor time; 1,000,000: {1e6 * cost * HOURS_PER_S:.0f} h")
     print(notes[1])
-    columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share".split()
-    results.write(Path(__file__).with_suffix(".csv"), columns, rows, notes=notes)
+    columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share read_s".split()
+    results.write(Path(__file__).with_name(f"{options.table}.csv"), columns, rows, notes=notes)
 
 
-def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, float, int]:
-    """(wall seconds, processor seconds of the workers, wall seconds inside tasks, bytes on disk) of one run."""
+def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, float, int, float]:
+    """(wall seconds, processor seconds of the workers, wall seconds inside tasks, bytes on disk, seconds to read) of
+    one run."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sweep.zarr"
         with open_store(path, sweep) as store, connect(Place(workers=workers, threads=threads)) as client:
@@ -64,9 +84,16 @@ def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, fl
             outcome = run_sweep(client, store, threads=threads)
             inside = sum(entry["wall_s"] for entry in store.done.values())
         size = sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
-    if outcome.failed:
-        raise SystemExit(f"a task failed: {next(iter(outcome.failed.values()))}")
-    return outcome.wall_s, outcome.cpu_s, inside, size
+        if outcome.failed:
+            raise SystemExit(f"a task failed: {next(iter(outcome.failed.values()))}")
+        begin = time.perf_counter()
+        with xarray.open_zarr(path) as dataset:
+            mean = dataset["sun_normalised_radiance"].mean(("elevation", "azimuth", "wavelength")).values
+            computed = dataset["status"].values == COMPUTED
+        read = time.perf_counter() - begin
+    if mean.size != sweep.scenes or not np.isfinite(mean[computed]).all():
+        raise SystemExit(f"{mean.size} skies were read of {sweep.scenes}, not all of them whole")
+    return outcome.wall_s, outcome.cpu_s, inside, size, read
 
 
 if __name__ == "__main__":

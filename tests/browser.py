@@ -33,11 +33,18 @@ class _Silent(http.server.SimpleHTTPRequestHandler):
         pass
 
 
+def program_of() -> str | None:
+    """The browser of this machine."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
 @contextmanager
-def open_page(path: Path, width: int = 320, height: int = 180, **options: Any) -> Iterator[tuple[Any, list[str]]]:
+def open_page(
+    path: Path, width: int = 320, height: int = 180, *, from_disk: bool = False, **options: Any
+) -> Iterator[tuple[Any, list[str]]]:
     """A page of playwright's that has loaded `path`, and a list that errors of the console come into."""
     sync = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
-    program = next((found for name in NAMES if (found := shutil.which(name))), None)
+    program = program_of()
     if program is None:
         pytest.skip("needs a browser: apt-get install chromium-headless-shell")
     handler = functools.partial(_Silent, directory=str(path.parent))
@@ -50,7 +57,7 @@ def open_page(path: Path, width: int = 320, height: int = 180, **options: Any) -
             page = browser.new_page(viewport={"width": width, "height": height}, **options)
             page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
             page.on("pageerror", lambda error: errors.append(str(error)))
-            page.goto(f"http://127.0.0.1:{server.server_port}/{path.name}")
+            page.goto(path.as_uri() if from_disk else f"http://127.0.0.1:{server.server_port}/{path.name}")
             until(page, "!!window.twilight || document.querySelector('#message').innerText.includes('cannot')")
             assert page.evaluate("!!window.twilight"), f"{page.inner_text('#message')} {errors}"
             yield page, errors

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rendering import call
+from typer.testing import CliRunner
 
 from twilight import solvers
+from twilight.cli.app import app
 
 
 def test_null_is_a_value_of_set(plain):
@@ -28,6 +30,19 @@ def test_time_left_is_at_the_mean_speed():
     assert time_left(0.25, 1200.0) == "1:00:00 left"
     assert time_left(0.5, 65.0) == "0:01:05 left"
     assert time_left(0.09, 5.0) == "-:--:-- left"
+
+
+def test_the_plan_says_how_large_a_scene_is():
+    words = ("--sun-elevation=-4,-5", "--set", "wavelengths={count: 1000}", "--projection", "latlong")
+    words += ("--quality", "standard", "--set", "texture.resolution_deg=3", "--size", "2048x1024")
+    result = CliRunner().invoke(app, ["render", "pure-air", "--plan", *words])
+    assert result.exit_code == 0, result.stderr
+    row = result.stdout.splitlines()[-1].split("\t")
+    assert row[1:4] == ["2", "1000", "32 of 32"]
+    # a texture of I, Q and U at 1000 wavelengths is 86 MB; four channels of four bytes, and 8 bits twice, of a pixel
+    assert 0.34 < float(row[4]) < 1.0 and float(row[5]) == pytest.approx(24 * 2048 * 1024 / 1e9, rel=0.01)
+    small = call("render", "pure-air", "--plan", "--solver", "preetham", "--sun-elevation", "5")
+    assert small.stdout.splitlines()[-1].split("\t")[1:4] == ["1", "8", "1 of 8"]
 
 
 def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):

@@ -211,8 +211,8 @@ def test_a_library_is_computed_once(tmp_path, monkeypatch):
         make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
 
 
-def test_the_command(tmp_path):
-    """The analytic solver's turbidity follows the aerosol: a rendered photograph gives its optical depth back."""
+def analytic_photograph(tmp_path):
+    """Words of the command for a photograph rendered with aerosol 0.25, by the analytic solver."""
     truth = run(load("continental-average", {**TINY, "aerosol.optical_depth_550nm": 0.25, "texture.resolution_deg": 6}))
     camera = latlong(180)
     write_exr(tmp_path / "photo.exr", take(truth, camera, 0.0))
@@ -222,7 +222,13 @@ def test_the_command(tmp_path):
     )
     words = ["validate", "estimate", str(tmp_path / "photo.exr"), "--camera", str(tmp_path / "camera.yaml")]
     words += ["--config", str(tmp_path / "scene.yaml"), "--types", "continental_average", "--parameters", "none"]
-    words += ["--resolution", "6", "--output", str(tmp_path / "out"), "--library", str(tmp_path / "skies")]
+    words += ["--resolution", "6", "--output", str(tmp_path / "out")]
+    return words
+
+
+def test_the_command(tmp_path):
+    """The analytic solver's turbidity follows the aerosol: a rendered photograph gives its optical depth back."""
+    words = [*analytic_photograph(tmp_path), "--library", str(tmp_path / "skies")]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     made = json.loads((tmp_path / "out" / "estimate.json").read_text())["estimates"][0]["parameters"]["aerosol"]
@@ -233,6 +239,38 @@ def test_the_command(tmp_path):
     for more, said in ((["--types", "urbn"], "urbn"), (["--parameters", "ozon"], "ozon")):
         done = CliRunner().invoke(app, [*words, *more])
         assert done.exit_code == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_skies_are_kept_for_the_next_photograph_and_interrupted_ones_are_fitted(tmp_path, monkeypatch):
+    import twilight.validate.photographs.library as module
+
+    words = analytic_photograph(tmp_path)
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
+    assert CliRunner().invoke(app, words).exit_code == 0
+    first = json.loads((tmp_path / "out" / "estimate.json").read_text())["estimates"]
+    shown = CliRunner().invoke(app, ["cache"]).output
+    assert shown.startswith("0 fields and skies of 5 climates of ")
+
+    computed = []
+
+    def interrupted(config, *args, **kwargs):
+        computed.append(config)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "frames", interrupted)
+    words[words.index("continental_average")] = "continental_average,desert,urban"
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 130 and "interrupted; fits continental_average, not desert, urban" in done.stderr
+    assert len(computed) == 1  # the first of desert: those of continental_average were there
+    made = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    assert made["estimates"] == first
+    assert "aerosol type: desert, urban was not tried: interrupted" in made["remarks"]
+    for path in (tmp_path / "cache" / "fields").iterdir():
+        path.write_bytes(path.read_bytes()[:100])
+    assert CliRunner().invoke(app, words).exit_code == 130 and len(computed) == 2
+    cleared = CliRunner().invoke(app, ["cache", "--clear"])
+    assert cleared.exit_code == 0 and not (tmp_path / "cache" / "fields").exists()
 
 
 @pytest.mark.slow

@@ -144,3 +144,26 @@ def test_terrain_needs_a_view():
 def test_files_of_a_view_need_one(tmp_path):
     with pytest.raises(TwilightError, match="needs a view of the observer"):
         write_outputs(glow_sky(), tmp_path, files=["view"])
+
+
+@pytest.mark.slow
+def test_pixels_of_a_climate_are_its_field():
+    """A picture is within 0.2 % of the field at 95 % of the pixels; those on the horizon are left out."""
+    import twilight
+    from twilight.engine.view import look
+
+    solved = twilight.solve("continental-average", quality="draft")
+    for sun, view in (
+        (6.0, {"kind": "perspective", "width": 64, "height": 36, "elevation_deg": 10.0}),
+        (0.5, {"kind": "perspective", "width": 64, "height": 36, "elevation_deg": 10.0, "azimuth_deg": 150.0}),
+        (-5.0, {"kind": "fisheye", "width": 64}),
+    ):
+        made = View.model_validate(view)
+        seen = replace(look(solved, made, sun), direct=None).whole()
+        azimuth, elevation = azimuth_elevation(made.rays())
+        inside = np.isfinite(elevation)
+        inside[inside] = np.abs(elevation[inside]) > seen.pitch_deg
+        exact = solved.radiance(sun, elevation[inside], azimuth[inside])
+        off = np.percentile(np.abs(seen.radiance[inside] / exact - 1.0), 95)
+        print(f"{made.kind}, sun {sun:g}: {100 * off:.3f} %", flush=True)
+        assert off < 0.002

@@ -8,9 +8,11 @@ import typer
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all kept fields.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all kept fields and skies.")] = False,
 ) -> None:
     """Show or clear the fields kept on disk: a scene that was solved before is looked at at once.
+
+    So are the skies that `twilight validate estimate` has computed.
 
     The folder is TWILIGHT_CACHE_DIR, the limit TWILIGHT_CACHE_GB [2]; 0 keeps no fields.
     """
@@ -23,5 +25,9 @@ def cache(
         shown.clear()
     size = sum(file.size_bytes for file in files) / 1e9
     limit = f"the limit is {kept.limit_bytes / 1e9:g} GB" if kept else "no more are kept (TWILIGHT_CACHE_GB is 0)"
-    fields = f"{len(files)} field{'' if len(files) == 1 else 's'} of {size:.3g} GB"
+    count = sum(file.is_field for file in files)
+    fields = f"{count} field{'' if count == 1 else 's'}"
+    if count < len(files):
+        fields += f" and skies of {len(files) - count} climates"
+    fields += f" of {size:.3g} GB"
     print(f"{'removed ' if clear else ''}{fields} in {shown.folder}; {limit}")

@@ -71,7 +71,9 @@ def render(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
     ] = False,
-    plan: Annotated[bool, typer.Option("--plan", help="Only say what the scene leaves out, and why.")] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Only say what the scene leaves out and why, and its size.")
+    ] = False,
 ) -> None:
     """Compute a sky, or a series of them, and write PNG, EXR and HDF5. Goes on where it was interrupted."""
     from twilight.config import load_series
@@ -211,3 +213,18 @@ def _print_plans(cases: list[Any]) -> None:
         if not left_out:
             rows.append([name, "nothing", "all that this program knows is computed", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
+    print_table(
+        ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"],
+        [_size_row(case) for case in cases],
+        right=(1, 2, 3, 4, 5),
+    )
+
+
+def _size_row(case: Any) -> list[str]:
+    """What a scene takes, beside the program and the solver's field of one block of wavelengths."""
+    from twilight.engine.memory import takes
+
+    sizes = takes(case.config)
+    blocks = f"{sizes.blocks} of {sizes.at_once}"
+    numbers = [f"{sizes.sky_bytes / 1e9:.3g}", f"{sizes.view_bytes / 1e9:.3g}" if sizes.view_bytes else "none"]
+    return [case.name or case.config.title, str(sizes.suns), str(sizes.wavelengths), blocks, *numbers]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -62,7 +63,9 @@ def estimate(
     """Estimate aerosol, humidity, ozone, ground albedo and, on request, the sun's elevation from a photograph.
 
     Computes a library of skies, fits them to the photograph, computes the sky of the best fit and compares it.  Writes
-    estimate.json, climate.yaml and what `twilight validate photo` writes.  Says what the photograph cannot tell.
+    estimate.json, climate.yaml and what `twilight validate photo` writes.  Says what the photograph cannot tell.  The
+    skies are kept for the next photograph under the same sun (`twilight cache`).  Interrupted (Ctrl-C), it fits the
+    types that are there.
     """
     from twilight.config import load_series
     from twilight.io.whole import check_folder
@@ -163,10 +166,22 @@ def _estimate(
     suns = _suns(config)
     with progress_bar() as bar:
         libraries = []
-        for i, name in enumerate(types):
-            file = None if folder_of_libraries is None else folder_of_libraries / f"{config.title}_{name}.npz"
-            tell = part_of(bar, 0.85 * i / len(types), 0.85 / len(types))
-            libraries.append(make_library(config, design, name, suns, photograph.cell_deg, file=file, progress=tell))
+        try:
+            for i, name in enumerate(types):
+                file = None if folder_of_libraries is None else folder_of_libraries / f"{config.title}_{name}.npz"
+                tell = part_of(bar, 0.85 * i / len(types), 0.85 / len(types))
+                made_here = make_library(config, design, name, suns, photograph.cell_deg, file=file, progress=tell)
+                libraries.append(made_here)
+        except KeyboardInterrupt:
+            if not libraries:
+                raise
+        left = types[len(libraries) :]
+        if left:
+            names = ", ".join(types[: len(libraries)])
+            print(
+                f"twilight: interrupted; fits {names}, not {', '.join(left)} (once more to stop at once)",
+                file=sys.stderr,
+            )
         # the glare of a sun whose height is searched is masked about the middle of the search
         middle = libraries[0].apparent_elevations_deg
         azimuth = _sun_of(photograph, config, suns, sun_azimuth)
@@ -176,6 +191,7 @@ def _estimate(
             return sky_to_xyz(run(_scene(config, design, values, name, photograph.cell_deg)), observer=OBSERVER)
 
         made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
+    unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []
     best = made[0]
     final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg)
     _write_climate(folder / "climate.yaml", final.climate)
@@ -186,7 +202,7 @@ def _estimate(
             "scene": config.title,
             "suns_deg": suns,
             "estimates": facts(made),
-            "remarks": sentences(made),
+            "remarks": [*sentences(made), *unseen],
         },
     )
     rows = [
@@ -206,10 +222,12 @@ def _estimate(
         right=(1, 2),
     )
     print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
-    for line in sentences(made):
+    for line in [*sentences(made), *unseen]:
         print(line)
     _compare(image, photograph, final, azimuth, options["white_balance"], folder)
     print(f"wrote estimate.json and climate.yaml to {folder}/")
+    if left:
+        raise typer.Exit(130)
 
 
 def _scene(config: Any, design: Any, values: Any, aerosol_type: str, cell_deg: float) -> Any:

@@ -59,11 +59,12 @@ def run(config: Config, progress: Progress | None = None) -> Sky:
 
 
 def frames(
-    config: Config, progress: Progress | None = None, *, wanted: Collection[str] | None = None
+    config: Config, progress: Progress | None = None, *, wanted: Collection[str] | None = None, keep: bool = True
 ) -> Iterator[Frame]:
     """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
 
-    wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  Warns (TwilightWarning) of a black sky.
+    wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  keep: whether fields are taken from disk and
+    left there, where the user keeps any.  Warns (TwilightWarning) of a black sky.
     As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
     """
     tell = progress or silent
@@ -75,7 +76,7 @@ def frames(
         return
     # ground far away has another sun than the observer
     asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
-    problem = problem_of(config, asked, kept=kept_fields())
+    problem = problem_of(config, asked, kept=kept_fields() if keep else None)
     if config.observer.view is not None:
         check_view(config.observer.view, problem.capabilities, config.title)
     set_up_s = time.perf_counter() - started

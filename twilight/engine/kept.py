@@ -1,4 +1,4 @@
-"""Solved fields kept on disk, so that a scene that was solved before is looked at without solving it again.
+"""Solved fields kept on disk, so that a scene that was solved before is looked at without solving it again; and skies.
 
 One file per block of wavelengths, named by a SHA-256 of all that enters: the medium, the solver, its settings and its
 code, the suns and the observer's altitude.  The solver's own file format guards the content.  Files that were used
@@ -14,7 +14,7 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 LIMIT_VARIABLE = "TWILIGHT_CACHE_GB"
 DEFAULT_LIMIT_GB = 2.0
 _SUFFIX = ".field.h5"
+SKIES_SUFFIX = ".skies.npz"
+"""Of skies that a study keeps beside the fields (`KeptFields.skies_path`), under the same limit."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,17 @@ class KeptFields:
 
     def keep(self, path: Path, field: Any) -> None:
         """Write a field and make room for it."""
-        with contextlib.suppress(OSError, TwilightError):  # the field is there, only not for the next time
+        self.write(path, field.save)
+
+    def skies_path(self, key: str) -> Path:
+        """Where the skies of a study are, if they are there; key: a hash of all that enters."""
+        return self.folder / f"{key}{SKIES_SUFFIX}"
+
+    def write(self, path: Path, save: Callable[[Path], Any]) -> None:
+        """Have a file written by `save` and make room for it."""
+        with contextlib.suppress(OSError, TwilightError):  # what it holds is there, only not for the next time
             path.parent.mkdir(parents=True, exist_ok=True)
-            field.save(path)
+            save(path)
             self._make_room(path)
 
     def _make_room(self, newest: Path) -> None:
@@ -71,7 +81,7 @@ class KeptFields:
     def files(self) -> list[KeptFile]:
         """What is there."""
         found = []
-        for path in self.folder.glob(f"*{_SUFFIX}"):
+        for path in (*self.folder.glob(f"*{_SUFFIX}"), *self.folder.glob(f"*{SKIES_SUFFIX}")):
             with contextlib.suppress(OSError):  # removed by another process meanwhile
                 about = path.stat()
                 found.append(KeptFile(path, about.st_size, about.st_mtime))
@@ -89,6 +99,11 @@ class KeptFile:
     path: Path
     size_bytes: int
     used_s: float
+
+    @property
+    def is_field(self) -> bool:
+        """Whether it is a solved field; else the skies of a study."""
+        return self.path.name.endswith(_SUFFIX)
 
 
 def _add(digest: Any, value: Any) -> None:

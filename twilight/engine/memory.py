@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 
 from twilight import solvers
 from twilight.colour import TONE_MAPPINGS
 from twilight.config.scene import Config
+from twilight.config.solver import resolve_solver
 from twilight.errors import TwilightError
 from twilight.scene.medium import wavelengths_of
+from twilight.scene.suns import count_suns
 
 ARRAYS_AT_ONCE = 4
 """Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
@@ -24,21 +27,56 @@ BYTES_WHOLE = 200
 """More where the whole view is held: its rays, the film's channels and what develops them."""
 
 
-def check_size(config: Config) -> None:
-    """Raise TwilightError where the sky and its pictures alone would not fit into this machine's memory."""
+@dataclass(frozen=True)
+class Takes:
+    """What a scene takes.
+
+    blocks: in which its wavelengths are solved, one after the other, of at most `at_once`; more where gases have bands
+    sky_bytes: of the arrays of one sky and its pictures at the same time; view_bytes: of the picture of a view.  The
+    field of one block and the program itself are not in them.
+    """
+
+    suns: int
+    wavelengths: int
+    at_once: int
+    blocks: int
+    sky_bytes: int
+    view_bytes: int
+
+
+def takes(config: Config) -> Takes:
+    """What a configuration's scene takes; a table's wavelengths, which are in its file, count as one."""
     rows, columns = config.texture.shape
     width, spectral_width = config.texture.latlong_width or config.output.width, config.output.spectral_width
     wavelength_nm = wavelengths_of(config)
-    n_wavelengths = 1 if wavelength_nm is None else len(wavelength_nm)  # a table's are in its file
-    solver = solvers.load(config.solver.get("name", solvers.DEFAULT))
-    values = rows * columns * n_wavelengths * (2 if solver.CAPABILITIES.standard_error else 1)
+    n_wavelengths = 1 if wavelength_nm is None else len(wavelength_nm)
+    name, _, settings = resolve_solver(config.solver)
+    able = solvers.load(name).CAPABILITIES
+    values = rows * columns * n_wavelengths * (2 if able.standard_error else 1)
+    if able.stokes and settings.polarisation:
+        values *= 3
     if config.texture.latlong_width is not None:
         values += width * width // 4 * n_wavelengths
     arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None else 0)
-    needed = 8 * (arrays * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2)
+    at_once = min(able.wavelengths_at_once, n_wavelengths)
+    return Takes(
+        count_suns(config),
+        n_wavelengths,
+        at_once,
+        -(-n_wavelengths // at_once),
+        8 * (arrays * values + spectral_width * spectral_width // 2 * n_wavelengths + width * width * 2),
+        _view_bytes(config, n_wavelengths),
+    )
+
+
+def check_size(config: Config) -> None:
+    """Raise TwilightError where the sky and its pictures alone would not fit into this machine's memory."""
+    rows, columns = config.texture.shape
+    sizes = takes(config)
+    n_wavelengths, needed = sizes.wavelengths, sizes.sky_bytes
     memory = _memory()
     if config.observer.view is not None:
-        _check_view(config, n_wavelengths, memory)
+        _check_view(config, sizes.view_bytes, memory)
     if needed > memory:
         raise TwilightError(
             f"{config.title}: texture ({rows} x {columns} directions), {n_wavelengths} wavelengths and the pictures "
@@ -47,21 +85,29 @@ def check_size(config: Config) -> None:
         )
 
 
-def _check_view(config: Config, n_wavelengths: int, memory: float) -> None:
+def _view_bytes(config: Config, n_wavelengths: int) -> int:
     view = config.observer.view
-    assert view is not None
+    if view is None:
+        return 0
     height, width = view.shape
     each = BYTES_BY_ROWS
     if config.output.tone_mapping not in TONE_MAPPINGS:
         each += BYTES_WHOLE + 4 * n_wavelengths
     if config.terrain is not None:
         each += BYTES_WHOLE + 12 * n_wavelengths
-    if each * height * width > memory:
+    return each * height * width
+
+
+def _check_view(config: Config, needed: int, memory: float) -> None:
+    view = config.observer.view
+    assert view is not None
+    height, width = view.shape
+    if needed > memory:
         why = ""
-        if each > BYTES_BY_ROWS:
+        if needed > BYTES_BY_ROWS * height * width:
             why = ", for terrain and the tones eye and camera need all of it at once"
         raise TwilightError(
-            f"{config.title}: a picture of {width} x {height} pixels takes {each * height * width / 1e9:.3g} GB{why}, "
+            f"{config.title}: a picture of {width} x {height} pixels takes {needed / 1e9:.3g} GB{why}, "
             f"and this machine has {memory / 1e9:.3g} GB: take a smaller observer.view.width (--size)"
         )
 

@@ -3,8 +3,8 @@ const clampState = () => {
   state.fov = clamp(state.fov, 0.2, widestFov());
   state.elevation = clamp(state.elevation, -90, 90);
   state.azimuth = around(state.azimuth, 360);
-  state.sun = clamp(state.sun, HEAD.sun_deg[0], HEAD.sun_deg[1]);
-  state.altitude = clamp(state.altitude, HEAD.altitude_km[0], HEAD.highest_km);
+    state.altitude = clamp(state.altitude, HEAD.altitude_km[0], HEAD.highest_km);
+  state.sun = clamp(state.sun, lowestSun(), HEAD.sun_deg[1]);
   state.hours = clamp(state.hours, 0, 24);
 };
 
@@ -31,6 +31,7 @@ function set(changes) {
 }
 
 function showState() {
+  byId("sun").min = lowestSun();
   for (const name of CONTROLS) {
     const c = byId(name), value = state[name];
     if (c.type === "checkbox") c.checked = value;

@@ -5,14 +5,17 @@ let adapted = null, metered = { ev: 0, mean: 1 };
 
 const exposedAt = (ev) => GREY / (GREY_LUMINANCE * 2 ** ev);
 
-// Log-mean and highlights of the picture as colour.auto_exposure_ev100 takes them, every pixel alike.
+// Log-mean and highlights of the picture as io.view.view_exposure_ev100 takes them, every pixel alike, without the sun's disc.
+const DARKEST_SHARE = 1e-3;
 function meter(aspect, sun, sky) {
   const into = target("meter", METER.width, METER.height);
-  drawLight(into, aspect, sun, sky, state.disc);
-  const light = readLight(into), found = [];
-  for (let i = 0; i < light.length; i += 4) if (light[i + 3] >= 0 && light[i + 1] > 0) found.push(light[i + 1]);
-  if (!found.length) return { ev: 0, mean: 1e-6 };
-  found.sort((a, b) => a - b);
+  drawLight(into, aspect, sun, sky, false);
+  const light = readLight(into), all = [];
+  for (let i = 0; i < light.length; i += 4) if (light[i + 3] >= 0 && light[i + 1] > 0) all.push(light[i + 1]);
+  if (!all.length) return { ev: 0, mean: 1e-6 };
+  all.sort((a, b) => a - b);
+  // what is darker than a share of the highlights counts as space
+  const found = all.filter((v) => v >= DARKEST_SHARE * all[Math.floor(0.995 * (all.length - 1))]);
   const mean = Math.exp(found.reduce((sum, v) => sum + Math.log(v), 0) / found.length);
   const bright = found[Math.min(Math.ceil(0.995 * found.length), found.length - 1)];
   return { ev: Math.log2(Math.max(mean, bright / 16) / (1.5 * GREY_LUMINANCE)), mean };

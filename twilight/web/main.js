@@ -18,7 +18,7 @@ function draw(seconds) {
 }
 
 function statusOf(sun) {
-  const outside = sun.shown !== sun.elevation ? ` (the light is that of ${sun.shown.toFixed(0)}°)` : "";
+  const outside = sun.shown !== sun.elevation && !inSpace() ? ` (the light is that of ${sun.shown.toFixed(0)}°)` : "";
   const where = state.mode === "clock" ? `, azimuth ${sun.azimuth.toFixed(1)}°` : "";
   return `sun at ${sun.elevation.toFixed(2)}°${where}${outside}, EV100 ${Math.log2(GREY / GREY_LUMINANCE / lastExposed).toFixed(1)}`;
 }
@@ -42,20 +42,26 @@ function frame(now) {
   requestAnimationFrame(frame);
 }
 
+// When the tables were read and the first picture drawn, in ms since the page began to load.
+const loaded = {};
+
 async function start() {
   try {
     await readTables();
+    loaded.tables_ms = performance.now();
     startGpu();
     if (HEAD.start.azimuth === undefined) state.azimuth = theSun().azimuth;
     clampState();
     startControls();
     showState();
     draw(null);
+    gl.finish();
+    loaded.drawn_ms = performance.now();
     wanted = false;
     byId("message").hidden = true;
     byId("panel").hidden = innerWidth < 700;
     window.twilight = {
-      state, head: HEAD, set, draw: () => draw(null), sunAt, daysSince, theSun, command: renderCommand,
+      state, head: HEAD, loaded, set, draw: () => draw(null), sunAt, daysSince, theSun, command: renderCommand,
       light: () => ({ width: canvas.width, height: canvas.height, values: readLight(targets.light) }),
       at: (elevation, azimuth) => { draw(null); return figuresOf(direction(elevation, azimuth)); },
     };

@@ -1,5 +1,7 @@
 // Above the air: lines of sight by where they pass the Earth. The same as space.glsl and sky.frag, for clicks.
 const inSpace = () => !!HEAD.space && state.altitude > HEAD.space.from_km;
+// An observer above the air sees the sun rise far below his horizontal.
+const lowestSun = () => (inSpace() ? -60 : HEAD.sun_deg[0]);
 const orbitRadius = (field) => HEAD.fields[field].radius_km + state.altitude;
 
 // Rows of the tables above the air of one field: ground, limb.

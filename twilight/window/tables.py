@@ -31,7 +31,7 @@ class Sizes:
 
     suns: int = 97
     sky: int = 33
-    ground: int = 13
+    ground: int = 21
     azimuths: int = 25
     limb: int = 41
     """Above the air alone, in place of `sky`."""

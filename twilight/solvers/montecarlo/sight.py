@@ -4,6 +4,9 @@ The integral is that of :mod:`twilight.solvers.montecarlo.leg`.  Each piece has 
 changes steeply along it, it is cut.  Where the edge of the shadow crosses a part, the edge is found by bisection and
 the nodes lie on the lit side, so that no node can stand now on one side of the edge and now on the other.  Arguments
 that kernels share: `kernel`.
+
+`look` goes from chord to chord and from step to step as `leg.trace` does.  The loop stands in both: what is done in a
+step differs, and numba keeps no machine code on disk of a kernel that is handed a function.
 """
 
 from __future__ import annotations

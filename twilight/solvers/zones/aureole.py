@@ -18,10 +18,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import distance_to_sphere
+from twilight.kernels import njit
 from twilight.transport.beam import beam_at
 from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE

@@ -11,8 +11,10 @@ The interpolated ln(XYZ) is a weighted sum of the nodes' (``Library.weights``), 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,9 +28,10 @@ from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.digest import code_digest
 from twilight.engine.frames import frames
+from twilight.engine.kept import KeptFields, kept_fields
 from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
-from twilight.progress import Progress, silent
+from twilight.progress import Progress, part_of, silent
 from twilight.reading import first_line, open_npz
 from twilight.sky import Sky, texture_grid
 from twilight.validate.photographs.photo import OBSERVER, PhotoSky, seen_as
@@ -180,6 +183,8 @@ def make_library(
 ) -> Library:
     """Compute the skies of a design, or take them from ``file`` where it holds just these; writes ``file`` otherwise.
 
+    Each climate's skies are kept in the user's cache too: who begins again goes on where it was interrupted.
+
     base: all that the design does not set.  Errors: TwilightError for a climate that has no aerosol to vary, and for a
     file that is damaged or cannot be written.
     """
@@ -192,19 +197,45 @@ def make_library(
         stored = _read(Path(file), key)
         if stored is not None:
             return Library(design, aerosol_type, np.array(suns), *stored)
-    skies, apparent = [], np.array(suns)
+    made = []
     for i, config in enumerate(configs):
-        progress(f"{aerosol_type}, climate {i + 1} of {len(configs)}", i / len(configs))
-        row = [frame.sky for frame in frames(config)]
-        apparent = np.array(
-            [s.sun_elevation_deg if s.apparent_sun_elevation_deg is None else s.apparent_sun_elevation_deg for s in row]
-        )
-        skies.append([colour.sky_to_xyz(sky, observer=OBSERVER).astype(np.float32) for sky in row])
-    xyz = np.array(skies)
+        label = f"{aerosol_type}, climate {i + 1} of {len(configs)}:"
+        made.append(_skies(config, kept_fields(), part_of(progress, i / len(configs), 1.0 / len(configs), label)))
+    apparent, xyz = made[-1][0], np.array([row for _, row in made])
     if file is not None:
-        with whole_file(file) as temporary, open(temporary, "wb") as stream:
-            np.savez_compressed(stream, key=np.array(key), apparent=apparent, xyz=xyz)
+        _write(Path(file), key, apparent, xyz)
     return Library(design, aerosol_type, np.array(suns), apparent, xyz)
+
+
+def _skies(config: Config, kept: KeptFields | None, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
+    """Apparent suns (S,) and XYZ (S, E, A, 3) of one climate; computed once as long as the user's cache keeps them.
+
+    Their fields are not kept: they would drive out all others.
+    """
+    key = _key([config])
+    path = None if kept is None else kept.skies_path(key)
+    if path is not None and path.exists():
+        try:
+            stored = _read(path, key)
+        except TwilightError:  # damaged
+            stored = None
+        if stored is not None:
+            with contextlib.suppress(OSError):  # a cache that may be read only
+                os.utime(path)
+            return stored
+    skies = [frame.sky for frame in frames(config, progress, keep=False)]
+    apparent = np.array(
+        [s.sun_elevation_deg if s.apparent_sun_elevation_deg is None else s.apparent_sun_elevation_deg for s in skies]
+    )
+    xyz = np.array([colour.sky_to_xyz(sky, observer=OBSERVER).astype(np.float32) for sky in skies])
+    if kept is not None and path is not None:
+        kept.write(path, lambda to: _write(to, key, apparent, xyz))
+    return apparent, xyz
+
+
+def _write(path: Path, key: str, apparent: np.ndarray, xyz: np.ndarray) -> None:
+    with whole_file(path) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, key=np.array(key), apparent=apparent, xyz=xyz)
 
 
 def climate_settings(design: Design, values: Mapping[str, float], aerosol_type: str) -> dict[str, Any]:
