@@ -1,4 +1,7 @@
-"""What the errors of zones beside coarse particles consist of: python benchmarks/coarse_particles.py
+"""What the errors of zones beside coarse particles consist of.
+
+    python benchmarks/coarse_particles.py                both tables
+    python benchmarks/coarse_particles.py quadrature     the second
 
 Writes benchmarks/coarse_particles.csv, of `desert` with the sun at 5, -6 and -18 deg, per direction and wavelength: the
 error of `standard` against benchmarks/reference/desert.csv with the referee's own, and by how much settings change the
@@ -12,6 +15,7 @@ angles alone, and by the analysis that `zones` uses, which takes smooth light ou
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -122,4 +126,5 @@ def quadrature() -> None:
 if __name__ == "__main__":
     quadrature()
     print("quadrature", flush=True)
-    skies()
+    if sys.argv[1:] != ["quadrature"]:
+        skies()

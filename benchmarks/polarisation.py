@@ -13,8 +13,9 @@
 
 Names of climates behind limit the table to them; `referee` takes all that have a reference.  Errors of the first are
 those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
-uses `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.  The referee's
-Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26 directions.
+and `volcano` use `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
+The referee's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
+directions.
 """
 
 from __future__ import annotations
@@ -185,7 +186,7 @@ def volcano(_climates) -> None:
     for kind in STRATOSPHERES:
         config = load("pure-air", {"ground.albedo": SEA_ALBEDO, "stratosphere.kind": kind})
         medium = climate_medium(config.climate, np.array(VOLCANO_NM))
-        field = zones.prepare(medium, STANDARD, observer_altitude_km=MAUNA_LOA_KM)
+        field = zones.prepare(medium, DRAFT, observer_altitude_km=MAUNA_LOA_KM)
         for sun in VOLCANO_SUNS_DEG:
             points, zenith = neutral_points(field, sun), zenith_polarisation(field, sun)
             for w, nm in enumerate(VOLCANO_NM):
