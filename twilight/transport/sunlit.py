@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from twilight.transport.around import MOST, at_azimuth, cosine_series, nearest
 from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
@@ -29,18 +30,13 @@ WORTH = 5e-5
 MOST_PARTS, EDGE_PARTS = 24, 8
 """Parts that a step is cut into, and a piece of one that ends on the shadow's edge."""
 _BETWEEN = GAUSS_HIGH - GAUSS_LOW
-
-
-class Directions(NamedTuple):
-    """D directions that one looks in, sorted by the ray (elevation) they belong to; R rays.
-
-    first (R + 1,): where those of each ray start; cos_azimuth (D,): of the azimuth from the sun.
-    zenith_rad: solar zenith angle at the observer
-    """
-
-    first: np.ndarray
-    cos_azimuth: np.ndarray
-    zenith_rad: float
+AROUND, DIM = 1e-3, 1e-3
+"""How wrong half the azimuths may be, all of them being far better: a share of the light, or of DIM of the brightest
+azimuth's.  The sum over points is itself rough to some 1e-4 from one direction to the next."""
+HOPELESS = 0.1
+"""From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
+LEAST, DARKEST = 1e-3, 1e-100
+"""What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
 
 
 class Phases(NamedTuple):
@@ -94,14 +90,11 @@ def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
 
 
 @njit(cache=True)
-def _add_part(
-    beam, rays, share, k, begin, end, square, parts, elevation, to_sun, cos_azimuth, phases, d, floor, light, density,
-    total,
-):  # fmt: skip
-    """Add to total (Stokes, W) the light of the piece begin..end (fractions) of the step of points k and k + 1.
+def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
+    """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
 
-    square: 0 for equal parts, -1 where they grow like squares from the begin, 1 from the end; density (W, 2): value at
-    the first point and logarithmic slope of g per step; for the others see `scattered_once`.
+    row: `_Row`; square: 0 for equal parts, -1 where they grow like squares from the begin, 1 from the end
+    density (W, 2): value at the first point and logarithmic slope of g per step; light (W,): room.
     """
     place = rays.place
     for part in range(parts):
@@ -117,19 +110,18 @@ def _add_part(
             else:
                 t = begin + (end - begin) * v
             z, angle, cosine = _between(place, k, t)
-            lifted = beam_at(beam, z, _cos_sun(angle, to_sun, cos_azimuth), light)
-            lowered = elevation - (math.asin(min(1.0, max(-1.0, cosine))) - angle)
+            lifted = beam_at(beam, z, _cos_sun(angle, row.to_sun, row.cos_azimuth), light)
+            lowered = row.elevation - (math.asin(min(1.0, max(-1.0, cosine))) - angle)
             f = (t - GAUSS_LOW) / _BETWEEN
             g = min(1.0, max(0.0, f))
             for w in range(light.size):
                 if light[w] > 0.0:
                     strength = width * density[w, 0] * math.exp(density[w, 1] * f) * light[w]
-                    for i in range(total.shape[0]):
-                        source = 0.0
-                        for s in range(share.shape[0]):
-                            here = (1.0 - g) * share[s, k, w] + g * share[s, k + 1, w]
-                            source += here * _turned(beam, phases, i, d, s, w, lifted, lowered, floor)
-                        total[i, w] += strength * source
+                    for s in range(share.shape[0]):
+                        source = strength * ((1.0 - g) * share[s, k, w] + g * share[s, k + 1, w])
+                        piece[0, s, w] += source
+                        piece[1, s, w] += source * lifted
+                        piece[2, s, w] += source * lowered
 
 
 @njit(cache=True, inline="always")
@@ -159,6 +151,236 @@ def _densities(weight, k, density):
         density[w, 1] = slope
 
 
+class _Room(NamedTuple):
+    """Room for the points of one ray: light, logarithm, part (P, W); lit (P,); bent (P, 2): by how much the sun is
+    lifted and the ray lowered; at_one (W,), density (W, 2)."""
+
+    light: np.ndarray
+    logarithm: np.ndarray
+    part: np.ndarray
+    lit: np.ndarray
+    bent: np.ndarray
+    at_one: np.ndarray
+    density: np.ndarray
+
+
+class _Row(NamedTuple):
+    """One direction: elevation [rad] of its ray, cosine and sine of the solar zenith angle at the observer, cosine of
+    the azimuth from the sun."""
+
+    elevation: float
+    to_sun: tuple[float, float]
+    cos_azimuth: float
+
+
+@njit(cache=True)
+def _along(beam, rays, share, r, row, phases, d, floor, room, moments):
+    """Moments (3, S, W) of the light along ray r in the direction `row`: sums over points of g share_s E/F0, and of
+    that times the angles by which the sun is lifted and the ray is lowered.
+
+    The phase functions of direction d say which steps matter.
+    """
+    light, logarithm, part, lit, bent = room.light, room.logarithm, room.part, room.lit, room.bent
+    place, weight = rays.place, rays.weight
+    n_s, n_w = share.shape[0], weight.shape[1]
+    k0 = rays.first[r]
+    n = rays.first[r + 1] - k0
+    total = np.zeros(n_w)
+    moments[:] = 0.0
+    for i in range(n):
+        k = k0 + i
+        lifted = beam_at(beam, place[k, ALTITUDE], _cos_sun(place[k, ANGLE], row.to_sun, row.cos_azimuth), light[i])
+        lowered = row.elevation - (math.asin(min(1.0, max(-1.0, place[k, COSINE]))) - place[k, ANGLE])
+        bent[i, 0], bent[i, 1] = lifted, lowered
+        lit[i] = False
+        for w in range(n_w):
+            logarithm[i, w] = -80.0
+            source = 0.0
+            if light[i, w] > 0.0:
+                lit[i] = True
+                logarithm[i, w] = max(-80.0, math.log(light[i, w]))
+                for s in range(n_s):
+                    source += share[s, k, w] * _turned(beam, phases, 0, d, s, w, lifted, lowered, floor)
+            part[i, w] = weight[k, w] * light[i, w] * source
+            total[w] += part[i, w]
+    for i in range(0, n, 2):
+        if not _cut(beam, rays, share, k0, n, i, row, room, total, moments):
+            for j in range(i, i + 2):
+                for s in range(n_s):
+                    for w in range(n_w):
+                        source = weight[k0 + j, w] * light[j, w] * share[s, k0 + j, w]
+                        moments[0, s, w] += source
+                        moments[1, s, w] += source * bent[j, 0]
+                        moments[2, s, w] += source * bent[j, 1]
+
+
+@njit(cache=True)
+def _cut(beam, rays, share, k0, n, i, row, room, total, moments):
+    """Whether the step of points k0 + i and k0 + i + 1 had to be cut; then its light is added to moments (3, S, W)."""
+    logarithm, part, lit, at_one, density = room.logarithm, room.part, room.lit, room.at_one, room.density
+    place, weight = rays.place, rays.weight
+    k = k0 + i
+    before = max(i - 1, 0)
+    after = min(i + 2, n - 1)
+    if not (lit[before] or lit[i] or lit[i + 1] or lit[after]):
+        return True
+    all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
+    length = place[k + 1, DISTANCE] - place[k, DISTANCE]
+    if length <= 0.0:
+        return False
+    error = change = 0.0
+    for w in range(total.size):
+        if total[w] <= 0.0:
+            continue
+        here = (logarithm[i + 1, w] - logarithm[i, w]) / length
+        bend = 0.0
+        if before < i:
+            gap = place[k, DISTANCE] - place[k0 + before, DISTANCE]
+            bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - here)
+        if after > i + 1:
+            gap = place[k0 + after, DISTANCE] - place[k + 1, DISTANCE]
+            bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - here))
+        bend *= length / _BETWEEN
+        step = abs(here) * length / _BETWEEN
+        # as bright as the brighter end would make it
+        brightest = max(
+            max(part[i, w], part[i + 1, w]),
+            max(
+                part[before, w] * weight[k, w] / max(weight[k0 + before, w], 1e-300),
+                part[after, w] * weight[k + 1, w] / max(weight[k0 + after, w], 1e-300),
+            ),
+        )
+        wrong = min(1.0, 0.02 * bend + min(step, 10.0) ** 4 / 4320.0) * 2.0 * brightest / total[w]
+        if not all_lit:
+            wrong = 2.0 * brightest / total[w]
+        if wrong > error:
+            error = wrong
+        if wrong > WORTH:
+            change = max(change, max(bend, step))
+    if error <= WORTH:
+        return False
+    _densities(weight, k, density)
+    parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
+    if all_lit:
+        _add_part(beam, rays, share, row, k, 0.0, 1.0, 0, parts, at_one, density, moments)
+        return True
+    mark = (0.0, GAUSS_LOW, GAUSS_HIGH, 1.0)
+    start, square = 0.0, 0
+    z, angle, _ = _between(place, k, 0.0)
+    beam_at(beam, z, _cos_sun(angle, row.to_sun, row.cos_azimuth), at_one)
+    here_lit = at_one.max() > 0.0
+    for m in range(4):
+        next_lit = here_lit
+        if m < 3:
+            z, angle, _ = _between(place, k, mark[m + 1])
+            beam_at(beam, z, _cos_sun(angle, row.to_sun, row.cos_azimuth), at_one)
+            next_lit = at_one.max() > 0.0
+            if next_lit == here_lit:
+                continue
+        stop = 1.0
+        if m < 3:
+            stop = _edge(beam, place, k, mark[m], mark[m + 1], here_lit, row.to_sun, row.cos_azimuth, at_one)
+        if here_lit and stop > start:
+            cuts = parts
+            if m < 3 or square != 0:
+                cuts = max(cuts, EDGE_PARTS)
+            kind = -1 if square != 0 else (1 if m < 3 else 0)
+            _add_part(beam, rays, share, row, k, start, stop, kind, cuts, at_one, density, moments)
+        start, square, here_lit = stop, 1, next_lit
+    return True
+
+
+@njit(cache=True)
+def _seen(beam, phases, stokes, d, floor, moments, w):
+    """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts."""
+    total = size = 0.0
+    for s in range(moments.shape[1]):
+        light = moments[0, s, w]
+        if light > 0.0:
+            lifted, lowered = moments[1, s, w] / light, moments[2, s, w] / light
+            part = light * _turned(beam, phases, stokes, d, s, w, lifted, lowered, floor)
+            total += part
+            size += abs(part)
+    return total, size
+
+
+@njit(cache=True)
+def _series_of(values, n, least, series):
+    """The series of n intervals for moments (MOST + 1, 3, S, W) at as many of the azimuths, into series (., 3 S W).
+
+    What is smooth: the logarithm of the light and a little more, least (S, W), and the other moments over that.
+    """
+    stride = MOST // n
+    n_s, n_w = least.shape
+    form = np.empty((n + 1, 3 * n_s * n_w))
+    for s in range(n_s):
+        for w in range(n_w):
+            most = 0.0
+            for j in range(n + 1):
+                most = max(most, values[j * stride, 0, s, w])
+            least[s, w] = max(LEAST * most, DARKEST)
+            i = s * n_w + w
+            for j in range(n + 1):
+                light = values[j * stride, 0, s, w] + least[s, w]
+                form[j, i] = math.log(light)
+                form[j, n_s * n_w + i] = values[j * stride, 1, s, w] / light
+                form[j, 2 * n_s * n_w + i] = values[j * stride, 2, s, w] / light
+    cosine_series(form, n, series)
+
+
+@njit(cache=True)
+def _from_series(series, n, least, cos_azimuth, form, moments):
+    """Moments (3, S, W) at one azimuth; form (3 S W,): room."""
+    at_azimuth(series, n, cos_azimuth, form)
+    n_s, n_w = least.shape
+    for s in range(n_s):
+        for w in range(n_w):
+            i = s * n_w + w
+            light = math.exp(form[i])
+            moments[0, s, w] = max(0.0, light - least[s, w])
+            moments[1, s, w] = light * form[n_s * n_w + i]
+            moments[2, s, w] = light * form[2 * n_s * n_w + i]
+
+
+@njit(cache=True)
+def _few_azimuths(beam, rays, share, r, elevation, directions, phases, floor, room, moments, values, least, series):
+    """The moments along ray r as a series in azimuth; returns its number of intervals, 0 where none was found.
+
+    values (MOST + 1, 3, S, W): room; least (S, W), series (MOST + 1, 3 S W): filled, as of `_series_of`.  A set of
+    azimuths is good enough where the set before it, half as many, is right within AROUND at the azimuths between.
+    """
+    first, end = directions.first[r], directions.first[r + 1]
+    form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
+    to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
+    n = 2
+    while n <= MOST and n + 1 < end - first:
+        stride = MOST // n
+        error = 0.0
+        for j in range(n + 1):
+            if n > 2 and j % 2 == 0:
+                continue
+            cos_azimuth = math.cos(math.pi * j / n)
+            d = nearest(directions.cos_azimuth, first, end, cos_azimuth)
+            row = _Row(elevation, to_sun, cos_azimuth)
+            here = values[j * stride]
+            _along(beam, rays, share, r, row, phases, d, floor, room, here)
+            if n > 2:
+                _from_series(series, n // 2, least, cos_azimuth, form, moments)
+            for w in range(brightest.size):
+                light, size = _seen(beam, phases, 0, d, floor, here, w)
+                brightest[w] = max(brightest[w], size)
+                if n > 2 and brightest[w] > 0.0:
+                    wrong = abs(_seen(beam, phases, 0, d, floor, moments, w)[0] - light)
+                    error = max(error, wrong / (size + DIM * brightest[w]))
+        _series_of(values, n, least, series)
+        if n > 2 and error < AROUND:
+            return n
+        if n >= 8 and error > HOPELESS:
+            break
+        n *= 2
+    return 0
+
+
 @njit(cache=True, nogil=True)
 def scattered_once(beam, rays, share, elevation, directions, phases, floor, ground_km, ground_albedo, out, begin, end):
     """Light scattered once, by air or by the ground in view, added to out (D, Stokes, W) for rays begin..end.
@@ -170,126 +392,35 @@ def scattered_once(beam, rays, share, elevation, directions, phases, floor, grou
     ground_km: altitude of the ground; ground_albedo (W,)
     """
     n_stokes, n_w = out.shape[1], out.shape[2]
+    n_s = share.shape[0]
     most = 0
     for r in range(begin, end):
         most = max(most, rays.first[r + 1] - rays.first[r])
-    light, logarithm, parts_of = np.empty((most, n_w)), np.empty((most, n_w)), np.empty((n_stokes, most, n_w))
-    part = parts_of[0]
-    lit = np.empty(most, np.bool_)
-    total, piece, at_one = np.empty(n_w), np.empty((n_stokes, n_w)), np.empty(n_w)
-    density = np.empty((n_w, 2))
-    mark, mark_lit = np.empty(4), np.empty(4, np.bool_)
+    room = _Room(
+        np.empty((most, n_w)), np.empty((most, n_w)), np.empty((most, n_w)), np.empty(most, np.bool_),
+        np.empty((most, 2)), np.empty(n_w), np.empty((n_w, 2)),
+    )  # fmt: skip
+    moments, form = np.empty((3, n_s, n_w)), np.empty(3 * n_s * n_w)
+    values, series = np.empty((MOST + 1, 3, n_s, n_w)), np.empty((MOST + 1, form.size))
+    least = np.empty((n_s, n_w))
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
-    cos_azimuth = directions.cos_azimuth
-    place, weight = rays.place, rays.weight
     for r in range(begin, end):
-        k0 = rays.first[r]
-        n = rays.first[r + 1] - k0
+        n = _few_azimuths(
+            beam, rays, share, r, elevation[r], directions, phases, floor, room, moments, values, least, series
+        )
         for d in range(directions.first[r], directions.first[r + 1]):
-            total[:] = 0.0
-            for i in range(n):
-                k = k0 + i
-                lifted = beam_at(beam, place[k, ALTITUDE], _cos_sun(place[k, ANGLE], to_sun, cos_azimuth[d]), light[i])
-                lowered = elevation[r] - (math.asin(min(1.0, max(-1.0, place[k, COSINE]))) - place[k, ANGLE])
-                lit[i] = False
+            cos_azimuth = directions.cos_azimuth[d]
+            if n > 0:
+                _from_series(series, n, least, cos_azimuth, form, moments)
+            else:
+                row = _Row(elevation[r], to_sun, cos_azimuth)
+                _along(beam, rays, share, r, row, phases, d, floor, room, moments)
+            for stokes in range(n_stokes):
                 for w in range(n_w):
-                    logarithm[i, w] = -80.0
-                    if light[i, w] > 0.0:
-                        lit[i] = True
-                        logarithm[i, w] = max(-80.0, math.log(light[i, w]))
-                    for stokes in range(n_stokes):
-                        source = 0.0
-                        if light[i, w] > 0.0:
-                            for s in range(share.shape[0]):
-                                source += share[s, k, w] * _turned(
-                                    beam, phases, stokes, d, s, w, lifted, lowered, floor
-                                )
-                        parts_of[stokes, i, w] = weight[k, w] * light[i, w] * source
-                        out[d, stokes, w] += parts_of[stokes, i, w]
-                    total[w] += part[i, w]
-            for i in range(0, n, 2):
-                k = k0 + i
-                before = max(i - 1, 0)
-                after = min(i + 2, n - 1)
-                some = lit[before] or lit[i] or lit[i + 1] or lit[after]
-                if not some:
-                    continue
-                all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
-                length = place[k + 1, DISTANCE] - place[k, DISTANCE]
-                if length <= 0.0:
-                    continue
-                error = change = 0.0
-                for w in range(n_w):
-                    if total[w] <= 0.0:
-                        continue
-                    here = (logarithm[i + 1, w] - logarithm[i, w]) / length
-                    bend = 0.0
-                    if before < i:
-                        gap = place[k, DISTANCE] - place[k0 + before, DISTANCE]
-                        bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - here)
-                    if after > i + 1:
-                        gap = place[k0 + after, DISTANCE] - place[k + 1, DISTANCE]
-                        bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - here))
-                    bend *= length / _BETWEEN
-                    step = abs(here) * length / _BETWEEN
-                    # as bright as the brighter end would make it
-                    brightest = max(
-                        max(part[i, w], part[i + 1, w]),
-                        max(
-                            part[before, w] * weight[k, w] / max(weight[k0 + before, w], 1e-300),
-                            part[after, w] * weight[k + 1, w] / max(weight[k0 + after, w], 1e-300),
-                        ),
-                    )
-                    wrong = min(1.0, 0.02 * bend + min(step, 10.0) ** 4 / 4320.0) * 2.0 * brightest / total[w]
-                    if not all_lit:
-                        wrong = 2.0 * brightest / total[w]
-                    if wrong > error:
-                        error = wrong
-                    if wrong > WORTH:
-                        change = max(change, max(bend, step))
-                if error <= WORTH:
-                    continue
-                _densities(weight, k, density)
-                parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
-                piece[:] = 0.0
-                if all_lit:
-                    _add_part(
-                        beam, rays, share, k, 0.0, 1.0, 0, parts, elevation[r], to_sun, cos_azimuth[d], phases, d,
-                        floor, at_one, density, piece,
-                    )  # fmt: skip
-                else:
-                    mark[0], mark[1], mark[2], mark[3] = 0.0, GAUSS_LOW, GAUSS_HIGH, 1.0
-                    for m in range(4):
-                        z, angle, _ = _between(place, k, mark[m])
-                        beam_at(beam, z, _cos_sun(angle, to_sun, cos_azimuth[d]), at_one)
-                        mark_lit[m] = at_one.max() > 0.0
-                    start = 0.0
-                    square = 0
-                    for m in range(4):
-                        if m < 3 and mark_lit[m] == mark_lit[m + 1]:
-                            continue
-                        stop = 1.0
-                        if m < 3:
-                            stop = _edge(
-                                beam, place, k, mark[m], mark[m + 1], mark_lit[m], to_sun, cos_azimuth[d], at_one
-                            )
-                        if mark_lit[m] and stop > start:
-                            cuts = parts
-                            if m < 3 or square != 0:
-                                cuts = max(cuts, EDGE_PARTS)
-                            _add_part(
-                                beam, rays, share, k, start, stop, -1 if square != 0 else (1 if m < 3 else 0), cuts,
-                                elevation[r], to_sun, cos_azimuth[d], phases, d, floor, at_one, density, piece,
-                            )  # fmt: skip
-                        start = stop
-                        square = 1
-                for stokes in range(n_stokes):
-                    for w in range(n_w):
-                        coarse = parts_of[stokes, i, w] + parts_of[stokes, i + 1, w]
-                        out[d, stokes, w] += piece[stokes, w] - coarse
+                    out[d, stokes, w] += _seen(beam, phases, stokes, d, floor, moments, w)[0]
         if rays.ground_weight[r].max() > 0.0:
             for d in range(directions.first[r], directions.first[r + 1]):
-                up = _cos_sun(rays.ground_angle_rad[r], to_sun, cos_azimuth[d])
-                beam_on_ground(beam, ground_km, up, at_one)
+                up = _cos_sun(rays.ground_angle_rad[r], to_sun, directions.cos_azimuth[d])
+                beam_on_ground(beam, ground_km, up, room.at_one)
                 for w in range(n_w):
-                    out[d, 0, w] += rays.ground_weight[r, w] * ground_albedo[w] / math.pi * at_one[w]
+                    out[d, 0, w] += rays.ground_weight[r, w] * ground_albedo[w] / math.pi * room.at_one[w]

@@ -23,13 +23,13 @@ from numba import njit
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import distance_to_sphere
 from twilight.threads import in_slices
+from twilight.transport.around import Directions
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.bundle import Rays
 from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
 from twilight.transport.profile import Profile, locate
 from twilight.transport.scaling import ScaledMedium
-from twilight.transport.sunlit import Directions
 
 HIGHEST_DEGREE = 400
 """The first convolution is followed to here, the peak itself is taken from its table."""

@@ -35,13 +35,14 @@ from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import USUAL_TURN_RAD, reference_turns, view_multiple
 from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of, view_sunlit_water
 from twilight.threads import in_slices
+from twilight.transport.around import Directions, smooth_around
 from twilight.transport.beam import Beam, beam_at, prepare_beam
 from twilight.transport.bundle import trace_rays
 from twilight.transport.lines import ANGLE, horizon_cosine, with_refraction
 from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
-from twilight.transport.sunlit import Directions, Phases, scattered_once
+from twilight.transport.sunlit import Phases, scattered_once
 
 THICK_PER_DEGREE = 2
 """Polar angles a side for each degree of the light in thick white air: fewer let through 3 to 5 % too much of it."""
@@ -328,7 +329,7 @@ class Field(BareField):
         self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, n_stokes: int
     ) -> np.ndarray:
         """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) and lift of the sun [rad]."""
-        rays, share = sights.pairs, sights.share
+        rays, share = sights.pairs, sights.pairs_share
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
         of_sun, of_rays = reference_turns(rays, row_elevation, lift)
@@ -342,7 +343,7 @@ class Field(BareField):
         p11 = species_phase(self.medium, self.scaled.forward_share, cosine.ravel())
         p11 = p11.reshape(*cosine.shape, *p11.shape[1:])
         if self.peak is not None:
-            widen_peaks(self.peak, self.scaled, self.beam, p11, cosine, rays, share, directions)
+            widen_peaks(self.peak, self.scaled, self.beam, p11, cosine, sights.rays, sights.rays_share, directions)
         stokes = [p11]
         if n_stokes > 1:
             p12 = species_polarising_phase(self.medium, self.scaled.forward_share, cosine.ravel()).reshape(p11.shape)
@@ -381,12 +382,16 @@ class Field(BareField):
         points = sights.points[block]
         ground_weight = lanes_of(rays.ground_weight, block)
         ground_place = place_of_cosine(-rays.ground_cosine)
-        out = np.zeros((directions.cos_azimuth.size, n_stokes, LANES))
-        in_slices(
-            lambda begin, end: view_multiple(
-                rays.first, rays.place, points, directions, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule,
-                series, ground_weight, rays.ground_angle_rad, ground_place, out, begin, end,
-            ),
-            directions.first.size - 1,
-        )  # fmt: skip
-        return out
+
+        def along(where: Directions) -> np.ndarray:
+            out = np.zeros((where.cos_azimuth.size, n_stokes, LANES))
+            in_slices(
+                lambda begin, end: view_multiple(
+                    rays.first, rays.place, points, where, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule,
+                    series, ground_weight, rays.ground_angle_rad, ground_place, out, begin, end,
+                ),
+                where.first.size - 1,
+            )  # fmt: skip
+            return out
+
+        return smooth_around(along, directions)

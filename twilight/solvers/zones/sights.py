@@ -24,13 +24,14 @@ SHARP, LEAST_SHARP = 1.5, 2.25
 class LinesOfSight:
     """Lines of sight from one altitude at R elevations.
 
-    rays: for light scattered more than once; pairs: for light scattered once, two points a step, and share
-    (1 + K, P, W) of each species in what these scatter; points: of `rays`, for each block of wavelengths asked for.
+    rays: for light scattered more than once; pairs: for light scattered once, two points a step; and the share
+    (1 + K, P, W) of each species in what their points scatter; points: of `rays`, for each block of wavelengths.
     """
 
     rays: Rays
     pairs: Rays
-    share: np.ndarray
+    rays_share: np.ndarray
+    pairs_share: np.ndarray
     points: dict[int, Points] = field(default_factory=dict)
 
     @property
@@ -76,4 +77,5 @@ def make_lines(
     pairs = trace_rays(profile, start, cosine, max(LEAST_SHARP, SHARP * density), pairs=True, far_km=ends[1])
     if not with_ground:
         rays, pairs = (r._replace(ground_weight=np.zeros_like(r.ground_weight)) for r in (rays, pairs))
-    return LinesOfSight(rays, pairs, np.ascontiguousarray(species_share(scaled, pairs.place[:, ALTITUDE])))
+    shares = (np.ascontiguousarray(species_share(scaled, r.place[:, ALTITUDE])) for r in (rays, pairs))
+    return LinesOfSight(rays, pairs, *shares)
