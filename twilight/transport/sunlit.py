@@ -18,8 +18,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
@@ -29,6 +29,8 @@ WORTH = 5e-5
 MOST_PARTS, EDGE_PARTS = 24, 8
 """Parts that a step is cut into, and a piece of one that ends on the shadow's edge."""
 _BETWEEN = GAUSS_HIGH - GAUSS_LOW
+_EQUAL = np.int64(0)
+"""Parts of a step that are equal: no literal, for which numba would compile `_add_part` once more."""
 
 
 class Directions(NamedTuple):
@@ -254,7 +256,7 @@ def scattered_once(beam, rays, share, elevation, directions, phases, floor, grou
                 piece[:] = 0.0
                 if all_lit:
                     _add_part(
-                        beam, rays, share, k, 0.0, 1.0, 0, parts, elevation[r], to_sun, cos_azimuth[d], phases, d,
+                        beam, rays, share, k, 0.0, 1.0, _EQUAL, parts, elevation[r], to_sun, cos_azimuth[d], phases, d,
                         floor, at_one, density, piece,
                     )  # fmt: skip
                 else:
