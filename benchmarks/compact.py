@@ -3,7 +3,7 @@
     python benchmarks/compact.py [MODEL.npz] [--quality QUALITY] [--picture FILE.png]
 
 Writes benchmarks/compact.csv from what the fit found on skies that it was not fitted to (they are in the model's file),
-the file's size, and processor times measured here, with numba and with numpy alone.  The picture (committed as
+the file's size, and processor times measured here.  The picture (committed as
 compact.png) shows both skies of one air, and their ratio, under several suns; its zones are solved anew at the quality,
 that of the model unless another is given.
 """
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import results
 
-from twilight import colour, compact
+from twilight import colour
 from twilight.compact import CompactSky
 from twilight.config import load
 from twilight.fit.compact.build import seconds_per_value
@@ -52,15 +52,12 @@ def table(model: CompactSky, path: Path) -> None:
         low, high = e["sun_elevation_deg"]
         percent = [f"{100 * e[key]:.2f}" for key in ("median", "p95", "largest")]
         rows.append([f"{low:g}", f"{high:g}", e["part"], e["values"], *percent])
-    compiled = seconds_per_value(model)
-    with_numba, compact._sums = compact._sums, compact._sums_numpy
-    plain = seconds_per_value(model)
-    compact._sums = with_numba
+    value_s, grid_s, sky_s = seconds_per_value(model)
     lines = [
         f"{facts['climate']}, zones {facts['quality']}, {facts['cpu_minutes']:.1f} CPU minutes, "
         f"{path.stat().st_size / 1e6:.2f} MB",
-        f"per direction and wavelength {1e9 * compiled[0]:.0f} ns (numba), {1e9 * plain[0]:.0f} ns (numpy); "
-        f"per sun {1e3 * compiled[1]:.1f} ms",
+        f"per direction and wavelength {1e9 * value_s:.0f} ns, on rows and columns {1e9 * grid_s:.0f} ns; "
+        f"per sun {1e3 * sky_s:.1f} ms",
     ]
     head = ["sun_from_deg", "sun_to_deg", "directions", "values", "median_percent", "p95_percent", "largest_percent"]
     results.write(HERE / "compact.csv", head, rows, notes=lines)

@@ -27,7 +27,9 @@ TABLES = ROOT / "benchmarks" / "compare"
 DRAWN = "continental-average"
 EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie,sunsky"
 SOLVERS = {
-    DRAWN: "zones,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,preetham,cie,sunsky,sasktran2",
+    DRAWN: (
+        "zones,compact,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,preetham,cie,sunsky,sasktran2"
+    ),
     "urban": EVERYWHERE,
     "desert": EVERYWHERE,
     "maritime-clean": EVERYWHERE,

@@ -87,7 +87,11 @@ BENCHMARKS = {
     ),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
+    "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
     "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
+    "sweep_compact": Benchmark(
+        "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"
+    ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),

@@ -4,11 +4,24 @@ from __future__ import annotations
 
 import sys
 
-from twilight import solvers
+import numpy as np
+from hazy_zones import REFERENCE, SMALL
+
+from twilight import ahead, solvers
+from twilight.atmosphere.table import medium_from_table
 from twilight.cli.first_run import SENTENCE, compiles_first, say_that_it_compiles
+from twilight.solvers import zones
+from twilight.solvers.zones import ahead as zones_ahead
+from twilight.solvers.zones.aureole import widen
+from twilight.solvers.zones.view import view_multiple
+from twilight.transport.beam import beam_at
+from twilight.transport.sunlit import scattered_once
 
 KERNEL = """
 from numba import njit
+from twilight.solvers.base import Capabilities
+
+CAPABILITIES = Capabilities(ahead="json.tool")
 
 @njit(cache=True)
 def double(x):
@@ -34,8 +47,37 @@ def test_the_sentence_is_said_once_at_the_first_run(tmp_path, monkeypatch, capsy
 
     monkeypatch.setitem(solvers.SOLVERS, "fresh", "fresh_solver")
     monkeypatch.setattr(solvers, "load", lambda name: sys.modules["fresh_solver"])
+    begun = []
+    monkeypatch.setattr(ahead, "start", begun.append)
     say_that_it_compiles("fresh")
-    assert SENTENCE in capsys.readouterr().err
+    assert SENTENCE in capsys.readouterr().err and begun == ["json.tool"]
     fresh_solver.double(1.0)
     say_that_it_compiles("fresh")
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "" and len(begun) == 1
+
+
+def test_a_second_process_is_waited_for_and_only_where_there_are_two_cores(tmp_path, monkeypatch):
+    (tmp_path / "beside.py").write_text("import time, pathlib\ntime.sleep(0.5)\npathlib.Path('done').touch()\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(ahead, "cores", lambda: 1)
+    assert not ahead.start("beside")
+    monkeypatch.setattr(ahead, "cores", lambda: 2)
+    assert ahead.start("beside") and not ahead.start("beside")
+    assert not (tmp_path / "done").exists()
+    ahead.wait()
+    assert (tmp_path / "done").exists()
+    assert ahead.start("there_is_no_such_module")
+    ahead.wait()  # a process that failed leaves the work to this one
+    ahead.wait()
+
+
+def test_what_is_compiled_ahead_is_what_a_look_calls():
+    """The types of the arguments in `zones.ahead` are those of a field: a look at one compiles nothing more."""
+    zones_ahead.compile_look()
+    kernels = (beam_at, scattered_once, widen, view_multiple)
+    before = [set(kernel.signatures) for kernel in kernels]
+    field = zones.prepare(medium_from_table(REFERENCE / "hazy-air.csv", wavelength_nm=np.array([550.0])), SMALL)
+    field.radiance(-4.0, [5.0, 40.0], [10.0, 120.0])
+    assert [set(kernel.signatures) for kernel in kernels] == before
+    assert all(len(signatures) == 1 for signatures in before)

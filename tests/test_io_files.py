@@ -5,6 +5,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from shutil import copyfile
 
+import h5netcdf
 import numpy as np
 import pytest
 import xarray
@@ -135,11 +136,15 @@ def test_a_file_is_whole_or_what_it_was(tmp_path):
 
 
 def test_an_interrupted_h5_leaves_nothing(tmp_path, monkeypatch):
-    def interrupted(self, path, **options):
-        path.write_bytes(b"half")
-        raise KeyboardInterrupt
+    real, made = h5netcdf.File.create_variable, []
 
-    monkeypatch.setattr(xarray.Dataset, "to_netcdf", interrupted)
+    def interrupted(self, name, *arguments, **options):
+        if len(made) == 5:
+            raise KeyboardInterrupt
+        made.append(name)
+        return real(self, name, *arguments, **options)
+
+    monkeypatch.setattr(h5netcdf.File, "create_variable", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_sky(glow_sky(), tmp_path / "sky.h5")
     assert list(tmp_path.iterdir()) == []

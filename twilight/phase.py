@@ -16,9 +16,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from twilight.errors import TwilightError
+from twilight.kernels import njit
 
 HENYEY_GREENSTEIN = 0
 TABLE = 1
@@ -202,16 +202,29 @@ class PhaseFunction:
     def __call__(self, cos_angle) -> np.ndarray:
         """p [sr^-1] at the cosines of scattering angles: shape (W, *cos_angle.shape)."""
         c = np.asarray(cos_angle, dtype=float)
-        out = np.empty((self.asymmetry.size, c.size))
-        _evaluate(self.kind, self.asymmetry, self.log_table, c.ravel(), out)
-        return out.reshape((self.asymmetry.size, *c.shape))
+        if self.kind == HENYEY_GREENSTEIN:
+            g = self.asymmetry.reshape(-1, *([1] * c.ndim))
+            d = (1.0 - g) ** 2 + 2.0 * g * (1.0 - c)
+            return (1.0 - g * g) / (4.0 * math.pi * d * np.sqrt(d))
+        i, f = self._place(c)
+        return np.exp(self.log_table[:, i] * (1.0 - f) + self.log_table[:, i + 1] * f)
+
+    def _place(self, cos_angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The node of the table below each scattering angle, and the way to the next."""
+        n = self.log_table.shape[1]
+        u = np.sqrt(np.arccos(np.clip(cos_angle, -1.0, 1.0)) / math.pi) * (n - 1)
+        i = np.minimum(u.astype(np.int64), n - 2)
+        return i, u - i
 
     def matrix(self, cos_angle) -> np.ndarray:
         """(P11, P12, P22, P33) [sr^-1] at the cosines of scattering angles: shape (4, W, *cos_angle.shape)."""
         c = np.asarray(cos_angle, dtype=float)
-        out = np.empty((4, self.asymmetry.size, c.size))
-        _evaluate_matrix(self.kind, self.asymmetry, self.log_table, self.ratios, c.ravel(), out)
-        return out.reshape((4, self.asymmetry.size, *c.shape))
+        p11 = self(c)
+        if self.kind == HENYEY_GREENSTEIN:
+            return np.stack([p11, *np.zeros((3, *p11.shape))])
+        i, f = self._place(c)
+        ratios = self.ratios[:3]
+        return np.concatenate([p11[None], p11 * (ratios[:, :, i] * (1.0 - f) + ratios[:, :, i + 1] * f)])
 
     def legendre_moments(self, degree: int) -> np.ndarray:
         """Moments chi_l = 2 pi int p(mu) P_l(mu) dmu, l = 0..degree, shape (W, degree + 1); chi_0 = 1, chi_1 = g."""
@@ -231,28 +244,12 @@ class PhaseFunction:
         return (p * weight) @ np.polynomial.legendre.legvander(mu, degree)
 
 
-@njit(cache=True)
-def _evaluate(kind, asymmetry, log_table, cos_angle, out):
-    for w in range(asymmetry.size):
-        for i in range(cos_angle.size):
-            out[w, i] = aerosol_phase(kind, asymmetry[w], log_table[w], cos_angle[i])
-
-
 @njit(cache=True, inline="always")
 def aerosol_phase(kind, asymmetry, log_table_row, cos_angle):
     """p [sr^-1] of one phase function at one wavelength: the one place where the kind is looked at."""
     if kind == HENYEY_GREENSTEIN:
         return henyey_greenstein(cos_angle, asymmetry)
     return table_phase(cos_angle, log_table_row.shape[0] - 1, log_table_row)
-
-
-@njit(cache=True)
-def _evaluate_matrix(kind, asymmetry, log_table, ratios, cos_angle, out):
-    for w in range(asymmetry.size):
-        for i in range(cos_angle.size):
-            out[0, w, i], out[1, w, i], out[2, w, i], out[3, w, i] = aerosol_matrix(
-                kind, asymmetry[w], log_table[w], ratios[:, w], cos_angle[i]
-            )
 
 
 @njit(cache=True, inline="always")

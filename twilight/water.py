@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from twilight.errors import TwilightError
+from twilight.kernels import njit
 
 WIND_RANGE_M_S = (1.0, 14.0)
 """Wind for which Cox and Munk measured; a flatter surface would mirror the sun as a beam."""

@@ -1,4 +1,4 @@
-"""The first run of a solver says that it compiles, and for how long."""
+"""The first run of a solver says that it compiles, and for how long, and compiles on two cores where there are two."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ def compiles_first(package: str) -> bool:
 
 
 def say_that_it_compiles(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled."""
-    from twilight import solvers
+    """One sentence on stderr where a solver has to be compiled; a part of it then begins in a second process."""
+    from twilight import ahead, solvers
 
-    solvers.load(solver)
+    able = solvers.load(solver).CAPABILITIES
     if compiles_first(solvers.SOLVERS[solver]):
         print(f"twilight: {SENTENCE}", file=sys.stderr)
+        if able.ahead:
+            ahead.start(able.ahead)

@@ -46,7 +46,7 @@ def compact(
     with progress_bar() as bar:
         fit = fit_compact(config, depths, bar)
     size = write_model(fit.model, path)
-    value_s, sky_s = seconds_per_value(fit.model)
+    value_s, grid_s, sky_s = seconds_per_value(fit.model)
     rows = [
         [f"{e.sun_elevation_deg[0]:g} to {e.sun_elevation_deg[1]:g}", e.part, *(_percent(x) for x in _three(e))]
         for e in fit.errors
@@ -55,7 +55,8 @@ def compact(
     print(f"errors against {fit.model.provenance['solver']} ({fit.model.provenance['quality']}) of skies that were not")
     print("fitted: random suns, directions, wavelengths, aerosol loads, albedos and ozone columns")
     print(f"{fit.cpu_s / 60.0:.3g} minutes of processor time, {fit.wall_s / 60.0:.3g} minutes")
-    print(f"{value_s * 1e9:.0f} ns for a direction and wavelength, {sky_s * 1e3:.2g} ms for a sun")
+    print(f"{value_s * 1e9:.0f} ns for a direction and wavelength, {grid_s * 1e9:.0f} ns on rows and columns, ", end="")
+    print(f"{sky_s * 1e3:.2g} ms for a sun")
     print(f"wrote {path} ({size / 1e6:.2f} MB)")
 
 

@@ -85,7 +85,9 @@ def view(
 
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The problem of a scene, and its configuration where it has one."""
+    from twilight.cli.first_run import say_that_it_compiles
     from twilight.config import load_series
+    from twilight.config.solver import resolve_solver
     from twilight.engine import Problem, problem_of
 
     if not scene.lower().endswith((".h5", ".hdf5")):
@@ -94,6 +96,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
             raise TwilightError(
                 f"{scene}: vary makes {len(cases)} scenes of it; a page shows one, or two with --beside"
             )
+        say_that_it_compiles(resolve_solver(cases[0].config.solver)[0])
         return problem_of(cases[0].config), cases[0].config
     if chosen:
         raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight import solvers
+from twilight import ahead, solvers
 from twilight.atmosphere.bands import Bands
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
@@ -140,11 +140,12 @@ class Block:
         self.problem, self.wavelengths, self.medium, self.bands = problem, wavelengths, medium, bands
         self.capabilities = problem.capabilities
         self._lanes = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self._lanes)
+        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain)
         self._progress = progress
         self._altitude_km = problem.altitude_km
         self.from_disk = False
         self.field = self._prepare(self._altitude_km)
+        ahead.wait()  # for what a look at the field calls
 
     def _prepare(self, altitude_km: float) -> Field:
         prepare: Any = self.problem.solver.prepare

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from twilight.transport.beam import Beam, beam_at, prepare_beam
+from twilight.transport.ground_sun import GroundSun
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
@@ -20,14 +21,18 @@ class Direct(NamedTuple):
 
 
 class Sunbeam:
-    """Direct sunlight in a medium; its tables are made for the first sun that can reach an observer."""
+    """Direct sunlight in a medium; its tables are made for the first sun that can reach an observer.
+
+    plain: on the ground it is found by quadrature in numpy, without tables and without compiled code.
+    """
 
     DARK_BELOW_HORIZON_DEG = 2.0
     """Refraction lifts the sun by 1.2 deg at most at the horizon, down and up again (Haber 2005 sec. 4.4: below 2)."""
 
-    def __init__(self, medium: Medium):
-        self.medium = medium
+    def __init__(self, medium: Medium, plain: bool = False):
+        self.medium, self._plain = medium, plain
         self._made: Beam | None = None
+        self._ground: GroundSun | None = None
 
     def at(self, sun_elevation_deg: float, altitude_km: float) -> Direct:
         """The direct light of a sun at true elevation, for an observer at an altitude."""
@@ -36,6 +41,10 @@ class Sunbeam:
         out = np.zeros(self.medium.n_wavelengths)
         if sun_elevation_deg < -dip_deg - self.DARK_BELOW_HORIZON_DEG:
             return Direct(out, 0.0)
+        if self._plain and altitude_km <= ground_km:
+            if self._ground is None:
+                self._ground = GroundSun(self.medium)
+            return Direct(*self._ground.at(sun_elevation_deg))
         if self._made is None:
             self._made = prepare_beam(self.medium)
         bending = beam_at(self._made, float(altitude_km), np.sin(np.radians(sun_elevation_deg)), out)

@@ -1,12 +1,16 @@
-"""``sky.h5``: a Sky as HDF5 that is netCDF-4 with CF attributes, written and read through xarray."""
+"""``sky.h5``: a Sky as HDF5 that is netCDF-4 with CF attributes, read through xarray.
+
+It is written through h5netcdf alone, as xarray would: importing xarray takes longer than the rest of a small render.
+"""
 
 from __future__ import annotations
 
 from datetime import datetime
 from os.path import isfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from twilight.conventions import STOKES_REFERENCE
@@ -31,10 +35,22 @@ _ATTRIBUTE_LIMIT = 60_000
 """HDF5 keeps an attribute in the object header, at most 64 KiB; longer texts become scalar variables."""
 
 
+class _Contents(NamedTuple):
+    """What ``sky.h5`` holds: variables and coordinates as (dimensions, values[, attributes]), and its attributes."""
+
+    variables: dict[str, Any]
+    coordinates: dict[str, Any]
+    attributes: dict[str, Any]
+
+
 def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``."""
     import xarray
 
+    return xarray.Dataset(*_contents(sky))
+
+
+def _contents(sky: Sky) -> _Contents:
     coords: dict = {
         "wavelength": (
             "wavelength",
@@ -165,7 +181,7 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
             variables[name] = ((), np.array(value, dtype=object), {"long_name": f"{name}, JSON"})
         else:
             attributes[name] = value
-    return xarray.Dataset(variables, coords, attributes)
+    return _Contents(variables, coords, attributes)
 
 
 def _polarisation(sky: Sky) -> dict:
@@ -227,19 +243,32 @@ def _disc_variables(disc: Disc) -> dict:
 
 def write_sky(sky: Sky, path: str | Path) -> Path:
     """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path."""
-    dataset = sky_to_dataset(sky)
-    encoding: dict = {}
-    for name, variable in dataset.variables.items():
-        encoding[name] = {"_FillValue": None} if variable.dtype.kind == "f" else {}
-        if variable.dims == _GRID:
-            encoding[name] |= {
-                "chunksizes": (sky.elevation_deg.size, sky.azimuth_deg.size, 1),
-                "zlib": True,
-                "complevel": 4,
-                "shuffle": True,
-            }
-    with whole_file(path) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    import h5netcdf
+
+    contents = _contents(sky)
+    # xarray takes what this attribute names for coordinates
+    scalars = " ".join(sorted(name for name, (dims, *_) in contents.coordinates.items() if not dims))
+    with whole_file(path) as temporary, h5netcdf.File(temporary, "w") as file:
+        for name, (dims, values, *about) in (contents.coordinates | contents.variables).items():
+            dims = (dims,) if isinstance(dims, str) else tuple(dims)
+            values = np.asarray(values)
+            for dim, size in zip(dims, values.shape, strict=True):
+                if dim not in file.dimensions:
+                    file.dimensions[dim] = size
+            options: dict[str, Any] = {}
+            if dims == _GRID:
+                chunks = (*values.shape[:2], 1)
+                options = {"chunks": chunks, "compression": "gzip", "compression_opts": 4, "shuffle": True}
+            dtype = h5py.string_dtype() if values.dtype == object else values.dtype
+            variable = file.create_variable(name, dims, dtype, **options)
+            variable[...] = values
+            attributes = dict(about[0]) if about else {}
+            if name in contents.variables and scalars and not name.endswith("_bnds"):
+                attributes["coordinates"] = scalars
+            for key, value in attributes.items():
+                variable.attrs[key] = value
+        for key, value in contents.attributes.items():
+            file.attrs[key] = value
     return Path(path)
 
 

@@ -13,6 +13,7 @@ SOLVERS: dict[str, str] = {
     "montecarlo": "twilight.solvers.montecarlo",
     "zones": "twilight.solvers.zones",
     "tables": "twilight.solvers.tables",
+    "compact": "twilight.solvers.compact",
     "preetham": "twilight.solvers.analytic.preetham",
     "cie": "twilight.solvers.analytic.cie",
     "sunsky": "twilight.solvers.analytic.sunsky",

@@ -47,6 +47,8 @@ class Capabilities:
     field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
+    ahead: name of a module that, run by itself, compiles what a look at a field needs (`twilight.ahead`)
+    plain: nothing of it is compiled; the engine then takes the sun's light at the ground from numpy alone too
     alike: keys of the wavelengths of a medium under settings; those with different keys share no block, for one would
         move the other; None: none moves another
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
@@ -67,6 +69,8 @@ class Capabilities:
     field_file: bool = False
     reads_files: bool = False
     wavelengths_at_once: int = 32
+    ahead: str = ""
+    plain: bool = False
     alike: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     formula: bool = False
     package: str = ""

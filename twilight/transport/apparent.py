@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.ray_profile import ray_profile, refractivity_at
 from twilight.transport.rays import OUTSIDE, sun_ray
 

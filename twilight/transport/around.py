@@ -13,7 +13,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from twilight.kernels import njit
 
 MOST = 32
 """Most intervals N of half a turn."""

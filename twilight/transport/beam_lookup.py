@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from twilight.kernels import njit
 
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.ray_profile import refractivity_at
 from twilight.transport.rays import (
     FAR_KM,

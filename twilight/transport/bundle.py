@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.kernels import njit
 from twilight.threads import in_slices
 from twilight.transport.lines import GROUND, new_line, trace_line
 from twilight.transport.profile import Profile
@@ -40,9 +40,12 @@ def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, b
         if not store:
             rays.first[r + 1] = n
             continue
-        at = rays.first[r]
-        rays.place[at : at + n] = line.place[:n]
-        rays.weight[at : at + n] = line.weight[:n]
+        # by loops: an assignment of slices brings the text of numba's error with it, 3 s to compile
+        for k in range(n):
+            for i in range(line.place.shape[1]):
+                rays.place[rays.first[r] + k, i] = line.place[k, i]
+            for w in range(line.weight.shape[1]):
+                rays.weight[rays.first[r] + k, w] = line.weight[k, w]
         rays.ground_angle_rad[r] = line.end[0]
         rays.ground_cosine[r] = line.end[1]
         for w in range(line.transmittance.size):

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from twilight.geometry import altitude_along, distance_to_sphere
+from twilight.kernels import njit
 from twilight.transport.lines import GAUSS_HIGH, GAUSS_LOW
 from twilight.transport.profile import locate
 

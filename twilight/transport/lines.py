@@ -17,11 +17,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.geometry import distance_to_sphere
+from twilight.kernels import njit
 from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, Profile, locate
 
 GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.kernels import njit
 
 BIN_KM = 0.05
 SMOOTH_STEP_KM, SMOOTH_STEP_GROWTH = 0.5, 0.08

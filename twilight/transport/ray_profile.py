@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.smooth import log_cubics
+from twilight.kernels import njit
 
 BOTTOM, LOG_SLOPE, SLOPE, SQUARE, CUBE = range(5)
 """Columns of a coefficient in a layer: a, q, d, s and c of a exp(q f + s f^2 + c f^3) + d f, f the share of the layer

@@ -20,8 +20,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.ray_profile import (
     BOTTOM,
     INDEX,

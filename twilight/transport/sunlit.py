@@ -18,8 +18,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.around import MOST, at_azimuth, cosine_series, nearest
 from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.beam_lookup import AT_DISPERSION
@@ -37,6 +37,8 @@ HOPELESS = 0.1
 """From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
 LEAST, DARKEST = 1e-3, 1e-100
 """What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
+_EQUAL = np.int64(0)
+"""Parts of a step that are equal: no literal, for which numba would compile `_add_part` once more."""
 
 
 class Phases(NamedTuple):
@@ -262,7 +264,7 @@ def _cut(beam, rays, share, k0, n, i, row, room, total, moments):
     _densities(weight, k, density)
     parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
     if all_lit:
-        _add_part(beam, rays, share, row, k, 0.0, 1.0, 0, parts, at_one, density, moments)
+        _add_part(beam, rays, share, row, k, 0.0, 1.0, _EQUAL, parts, at_one, density, moments)
         return True
     mark = (0.0, GAUSS_LOW, GAUSS_HIGH, 1.0)
     start, square = 0.0, 0

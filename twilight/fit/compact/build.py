@@ -25,6 +25,7 @@ from twilight.io.whole import whole_file
 from twilight.progress import Progress, part_of, silent
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
+from twilight.solvers.compact.recognise import air_of
 
 GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
 RANKS = {"dark": (80, 36, 12, 6), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
@@ -73,8 +74,8 @@ def fit_compact(
     tell = progress or silent
     name, quality, settings = resolve_solver(config.solver)
     solver = solvers.load(name)
-    if not solver.CAPABILITIES.every_sun:
-        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.every_sun)
+    if not _fits(name):
+        able = ", ".join(n for n in solvers.SOLVERS if _fits(n))
         raise TwilightError(f"solver.name is {name}; a compact sky takes {able}, whose one field serves every sun")
     ground_km = config.climate.ground.altitude_km
     if config.observer.altitude_km != ground_km:
@@ -107,6 +108,7 @@ def fit_compact(
         ozone_column_du=columns,
         ozone_reference_du=reference_du,
         returned=refine_wavelengths(wavelength, returned.T, fine, shapes).T.astype(np.float32),
+        air=air_of_climate(config, depths),
         **terms,
     )
     cpu_s, wall_s = clock()
@@ -121,6 +123,25 @@ def fit_compact(
     errors = errors_of(model, held_out)
     facts = _facts(config, name, quality, cpu_s, errors)
     return Fit(replace(model, provenance=facts), errors, cpu_s, wall_s)
+
+
+def _fits(name: str) -> bool:
+    """Whether a solver's skies can be fitted: all suns at once, and not from a fit themselves."""
+    able = solvers.load(name).CAPABILITIES
+    return able.every_sun and not able.plain
+
+
+def air_of_climate(config: Config, depths: Sequence[float]) -> dict[str, np.ndarray]:
+    """What the model of a climate keeps of its air, to know it again: `CompactSky.air`."""
+    wavelength = np.array(training.WAVELENGTHS_NM)
+    fine = np.arange(wavelength[0], wavelength[-1] + 0.5 * WAVELENGTH_STEP_NM, WAVELENGTH_STEP_NM)
+    bare = config.climate.model_copy(update={"aerosol": None, "stratosphere": None})
+    gases = bare.gases
+    no_ozone = gases.model_copy(update={"ozone": gases.ozone.model_copy(update={"treatment": "none"})})
+    with_ozone = climate_medium(bare, fine).optical_depth("absorption")
+    without = climate_medium(bare.model_copy(update={"gases": no_ozone}), fine).optical_depth("absorption")
+    loaded = [training.medium_of(config, Air(depth), wavelength) for depth in depths]
+    return air_of(loaded, fine, without, with_ozone - without)
 
 
 def check_depths(depths: Sequence[float]) -> tuple[float, ...]:
@@ -294,18 +315,23 @@ def write_model(model: CompactSky, path: Path) -> int:
     return buffer.tell()
 
 
-def seconds_per_value(model: CompactSky, directions: int = 20000, wavelengths: int = 8) -> tuple[float, float]:
-    """(seconds of a processor per direction and wavelength of `radiance`, seconds of `sky`), the best of five."""
+def seconds_per_value(model: CompactSky, wavelengths: int = 8) -> tuple[float, float, float]:
+    """Processor seconds per direction and wavelength of `radiance` and of `on_grid`, and of `sky`: the best of five."""
     rng = np.random.default_rng(0)
-    e, a = np.degrees(np.arcsin(rng.random(directions))), rng.uniform(0.0, 180.0, directions)
+    rows, columns = np.linspace(0.5, 89.5, 100), np.linspace(0.0, 180.0, 200)
+    n = rows.size * columns.size
+    e, a = np.degrees(np.arcsin(rng.random(n))), rng.uniform(0.0, 180.0, n)
     nm = np.linspace(model.wavelength_nm[0], model.wavelength_nm[-1], wavelengths)
     depth = float(np.sqrt(model.optical_depth_550nm[0] * model.optical_depth_550nm[-1]))
-    best = [np.inf, np.inf]
-    for _ in range(6):  # the first compiles
-        begin = time.process_time()
+    best = np.full(3, np.inf)
+    for _ in range(5):
+        marks = [time.process_time()]
         sky = model.sky(-4.0, nm, depth, 0.2)
-        middle = time.process_time()
+        marks.append(time.process_time())
         sky.radiance(e, a)
-        end = time.process_time()
-        best = [min(best[0], (end - middle) / (directions * wavelengths)), min(best[1], middle - begin)]
-    return best[0], best[1]
+        marks.append(time.process_time())
+        sky.on_grid(rows, columns)
+        marks.append(time.process_time())
+        of_sky, directions, grid = np.diff(marks)
+        best = np.minimum(best, [directions / (n * wavelengths), grid / (n * wavelengths), of_sky])
+    return float(best[0]), float(best[1]), float(best[2])

@@ -15,6 +15,7 @@ CAPABILITIES = Capabilities(
     water=True,
     target_error=True,
     field_file=True,
+    ahead="twilight.solvers.zones.ahead",
     alike=alike,
 )
 

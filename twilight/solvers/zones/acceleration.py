@@ -19,8 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.zones.paths import LANES, lanes_of
 from twilight.solvers.zones.solution import Passes
 from twilight.threads import in_slices

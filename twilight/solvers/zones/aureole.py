@@ -18,10 +18,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import distance_to_sphere
+from twilight.kernels import njit
 from twilight.threads import in_slices
 from twilight.transport.around import Directions
 from twilight.transport.beam import Beam, beam_at

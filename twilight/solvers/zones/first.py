@@ -6,12 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.zones.passes import ONE, ZERO
 from twilight.solvers.zones.paths import LANES
 from twilight.solvers.zones.sunlight import N_ANGLE
-from twilight.solvers.zones.water import add_sunlit_water
 
 
 class Beams(NamedTuple):
@@ -45,14 +44,12 @@ class Scattered(NamedTuple):
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def scatter_sunlight(
-    rays_first, point, turning, beams, scattered, ground_weight, ground_angle, ground_cells, ground_factor, surface,
-    n_polar, out, begin, end,
+    rays_first, point, turning, beams, scattered, ground_weight, ground_angle, ground_factor, n_polar, out, begin, end
 ):  # fmt: skip
     """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] of sunlight scattered once.
 
     rays_first, point, turning, ground_weight, ground_angle, n_polar, begin, end: as in `passes.scatter`
     beams: `Beams`; scattered: `Scattered`; ground_factor (LANES,): albedo / pi
-    ground_cells (R, 3): of `cells`; surface: `Surface`
     """
     n_zenith, n_azimuth, n_stokes = out.shape[2], out.shape[3], out.shape[4]
     n_species = point.share.shape[1]
@@ -119,9 +116,6 @@ def scatter_sunlight(
                                 r[w] += of_u * exponent[w] * source[w]
             if ground_weight[ray].max() > ZERO:
                 add_sunlit_ground(turning, ground_angle[ray], beams, ground_weight[ray], ground_factor, sums)
-                if surface.slope2 > 0.0:
-                    cell = ground_cells[ray]
-                    add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, sums)
 
 
 @njit(cache=True, nogil=True)

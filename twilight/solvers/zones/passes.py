@@ -12,10 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.zones.paths import LANES
-from twilight.solvers.zones.water import add_reflected
 
 LEAST = np.float32(1e-3)
 """Least source of I relative to the mean: a truncated series may dip below 0."""
@@ -181,15 +180,13 @@ def add_waves(near, far, b0, b1, c, first, orders, scale, total):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter(
-    rays_first, point, turning, light, rule, series, ground_weight, ground_angle, ground_place, n_polar, out, begin, end
-):
+def scatter(rays_first, point, turning, light, rule, series, ground_weight, ground_angle, n_polar, out, begin, end):
     """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] from the light of the order before.
 
     rays_first (R + 1,): where the points of each ray start, n_polar rays for each node altitude; point: `Points`;
     turning (N, T, F, 3): as in `Turning`; light: `Light`; rule: `Refinement`; series: `Series`
-    ground_weight (R, LANES): transmittance to the ground; ground_angle (R,): its place in the turning table;
-    ground_place (R,): of its cosine among those of water
+    ground_weight (R, LANES): transmittance to the ground, a Lambertian one; ground_angle (R,): its place in the turning
+    table
     Node altitudes begin..end are computed.  The Stokes axis has one entry where series has no patterns.
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
@@ -243,13 +240,7 @@ def scatter(
                                 total[w] += exponent[w] * max(LEAST, wave[w])
                             add_waves(u2, v2, b0, b1, c, series.orders, series.pattern_orders, exponent, sums[t, a])
             if ground_weight[ray].max() > ZERO:
-                if light.waves.shape[0] > 0:
-                    add_reflected(
-                        turning, ground_angle[ray], light.log_ground, light.waves, ground_place[ray],
-                        ground_weight[ray], sums,
-                    )  # fmt: skip
-                else:
-                    add_ground(turning, ground_angle[ray], light.log_ground, ground_weight[ray], sums)
+                add_ground(turning, ground_angle[ray], light.log_ground, ground_weight[ray], sums)
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,14 @@ from twilight.solvers.zones.passes import Light, Refinement, moments_of, scatter
 from twilight.solvers.zones.paths import LANES, Points, Scattering, Turning, lanes_of
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.sunlight import Sunlight
-from twilight.solvers.zones.water import cells, place_of_cosine, reflected_sky, surface_of
+from twilight.solvers.zones.water import (
+    cells,
+    mirror_sunlight,
+    place_of_cosine,
+    reflect,
+    reflected_sky,
+    surface_of,
+)
 from twilight.threads import in_slices
 from twilight.transport.bundle import Rays
 from twilight.transport.lines import ALTITUDE
@@ -161,16 +168,24 @@ class Passes:
         )
         scattered = self._scattered()
         factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
-        surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
         ground_weight, ground_angle = self.ground()
-        of_rays = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
+        n_polar = self.angles.cosine.shape[1]
         in_slices(
             lambda begin, end: scatter_sunlight(
                 self.rays.first, self.points, self.turning.place, beams, scattered, ground_weight, ground_angle,
-                of_rays, factor, surface, self.angles.cosine.shape[1], out, begin, end,
+                factor, n_polar, out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
+        if self.water is not None:
+            surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
+            of_rays = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
+            in_slices(
+                lambda begin, end: mirror_sunlight(
+                    self.turning.place, beams, ground_weight, ground_angle, of_rays, surface, out, begin, end
+                ),
+                out.shape[0],
+            )
         return out
 
     def _scattered(self) -> Scattered:
@@ -201,15 +216,23 @@ class Passes:
         n = self.nodes
         light = Light(*n.refine_altitude(*normalised(mean, moments)), *self.ground_light(ground))
         ground_weight, ground_angle = self.ground()
-        ground_place = place_of_cosine(-self.rays.ground_cosine)
+        of_land = ground_weight if self.water is None else np.zeros_like(ground_weight)
         series = self.angles.series
         in_slices(
             lambda begin, end: scatter(
-                self.rays.first, self.points, self.turning.place, light, n.zenith_rule, series, ground_weight,
-                ground_angle, ground_place, self.angles.cosine.shape[1], out, begin, end,
+                self.rays.first, self.points, self.turning.place, light, n.zenith_rule, series, of_land, ground_angle,
+                self.angles.cosine.shape[1], out, begin, end,
             ),
             out.shape[0],
         )  # fmt: skip
+        if self.water is not None:
+            ground_place = place_of_cosine(-self.rays.ground_cosine)
+            in_slices(
+                lambda begin, end: reflect(
+                    self.turning.place, light, ground_weight, ground_angle, ground_place, out, begin, end
+                ),
+                out.shape[0],
+            )
         return out
 
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at, beam_on_ground
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.zones.passes import LEAST, ONE, TWO, ZERO, add_waves, slab
 from twilight.solvers.zones.paths import LANES
 from twilight.solvers.zones.water import add_amplitudes

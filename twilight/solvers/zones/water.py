@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.kernels import njit
 from twilight.solvers.zones.grid import HORIZON_WIDTH
 from twilight.solvers.zones.sunlight import N_ANGLE
 from twilight.transport.beam import beam_at
@@ -222,6 +222,39 @@ def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
                 total += (b0 * near + b1 * far) * (sine if s == 2 else cosine)
                 cosine, sine = cosine * c1 - sine * s1, sine * c1 + cosine * s1
             out[s, w] += scale * (max(0.0, total) if s == 0 else total)
+
+
+@njit(cache=True, nogil=True)
+def reflect(turning, light, ground_weight, ground_angle, ground_place, out, begin, end):
+    """Add the sky that water reflects at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
+
+    turning, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`
+    """
+    n_polar = out.shape[1]
+    for node in range(begin, end):
+        for i in range(n_polar):
+            ray = node * n_polar + i
+            if ground_weight[ray].max() > 0.0:
+                add_reflected(
+                    turning, ground_angle[ray], light.log_ground, light.waves, ground_place[ray], ground_weight[ray],
+                    out[node, i],
+                )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, surface, out, begin, end):
+    """Add the sunlight that water mirrors at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
+
+    turning, beams, ground_weight, ground_angle: as in `first.scatter_sunlight`; ground_cells (R, 3): of `cells`;
+    surface: `Surface`
+    """
+    n_polar = out.shape[1]
+    for node in range(begin, end):
+        for i in range(n_polar):
+            ray = node * n_polar + i
+            if ground_weight[ray].max() > 0.0:
+                cell = ground_cells[ray]
+                add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,78 @@
+"""How long a user waits for one sky: on a fresh machine, when the kernels are compiled, when the field is kept.
+
+    python benchmarks/cold_start.py [--beside FOLDER]
+
+Runs the first command of README with folders of machine code and of fields that are empty, then again with the machine
+code, then with the field too, and the same sky by `--solver compact` with empty folders.  FOLDER is another checkout of
+the program, whose figures are measured in turn with these and written beside them.  Writes benchmarks/cold_start.csv.
+Processor seconds are of all processes of a command, wall seconds those of this machine as it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import results
+
+ROOT = Path(__file__).resolve().parents[1]
+ZONES = ("render", "climates/continental-average.yaml", "--sun-elevation", "-4", "--overwrite")
+COMPACT = (*ZONES, "--solver", "compact")
+
+
+def seconds(root: Path, command: tuple[str, ...], folder: Path, **environment: str) -> tuple[float, float] | None:
+    """(wall, processor) seconds of a command of the program at `root`; None where it cannot do it."""
+    env = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(folder / "numba")}
+    env |= {"TWILIGHT_CACHE_DIR": str(folder / "cache"), **environment}
+    run = [sys.executable, "-P", "-m", "twilight", *command, "--output", str(folder / "sky")]
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(run, cwd=root, env=env, capture_output=True, text=True)
+    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        print(f"{root}: {done.stderr.splitlines()[-1] if done.stderr else done.returncode}", file=sys.stderr)
+        return None
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def measure(root: Path) -> dict[str, tuple[float, float] | None]:
+    """The four cases of one checkout."""
+    with tempfile.TemporaryDirectory() as made:
+        folder, empty = Path(made), Path(made) / "empty"
+        empty.mkdir()
+        return {
+            "compact, fresh machine": seconds(root, COMPACT, empty),
+            "zones, fresh machine": seconds(root, ZONES, folder, TWILIGHT_CACHE_GB="0"),
+            "zones, compiled": seconds(root, ZONES, folder),
+            "zones, compiled, field kept": seconds(root, ZONES, folder),
+        }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--beside", type=Path)
+    options = parser.parse_args()
+    roots = {"this program": ROOT} | ({} if options.beside is None else {"beside": options.beside.resolve()})
+    found = {name: measure(root) for name, root in roots.items()}
+    rows = [
+        [name, case, *(f"{value:.1f}" for value in pair)] if pair else [name, case, "", ""]
+        for case in found["this program"]
+        for name, pair in ((name, found[name][case]) for name in roots)
+    ]
+    notes = [f"{len(os.sched_getaffinity(0))} cores, load average {os.getloadavg()[0]:.1f} at the end"]
+    if options.beside is not None:
+        git = subprocess.run(["git", "log", "-1", "--format=%h"], cwd=options.beside, capture_output=True, text=True)
+        notes.append(f"beside: commit {git.stdout.strip() or 'unknown'}")
+    command = "python benchmarks/cold_start.py" + ("" if options.beside is None else " --beside OLD")
+    head = ["program", "case", "wall_s", "processor_s"]
+    results.write(ROOT / "benchmarks" / "cold_start.csv", head, rows, notes=notes, command=command)
+    print((ROOT / "benchmarks" / "cold_start.csv").read_text(), end="")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,134 @@
+"""prepare and Field: a compact model behind the interface that all solvers share."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.compact import CompactSky, CompactSkyError
+from twilight.errors import TwilightError
+from twilight.progress import Progress
+from twilight.solvers.base import BareField
+from twilight.solvers.compact.recognise import recognise
+
+SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact"
+HIGHEST_OBSERVER_KM = 0.1
+"""Above the ground: up to here the sky is that seen from the ground."""
+
+
+@dataclass(frozen=True)
+class CompactSettings:
+    """model: name of a model that comes with twilight, or the file that `twilight fit compact` wrote for a climate
+    model_sha256: of that file, hexadecimal, where it must be that one; empty: any
+    """
+
+    model: str = "continental-average"
+    model_sha256: str = ""
+
+
+QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
+
+
+def _path(model: str) -> Path:
+    """The file of a model, given by its name or path; TwilightError where there is none."""
+    shipped = sorted(path.stem for path in SHIPPED.glob("*.npz"))
+    if model in shipped:
+        return SHIPPED / f"{model}.npz"
+    path = Path(model)
+    if not path.is_file():
+        raise TwilightError(
+            f"solver.model: there is no compact model {model}; allowed is {', '.join(shipped)}, or the file that "
+            "`twilight fit compact CLIMATE --output FILE.npz` wrote"
+        )
+    return path
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise TwilightError(f"solver.model: {path}: cannot be read: {error.strerror or error}") from None
+
+
+@functools.lru_cache(maxsize=4)
+def _load(path: Path, sha256: str) -> CompactSky:
+    """A model, kept for the next sky as long as its file is the same."""
+    try:
+        return CompactSky.load(path)
+    except CompactSkyError as error:
+        raise TwilightError(f"solver.model: {error}") from None
+
+
+def recorded(settings: CompactSettings) -> CompactSettings:
+    """The settings for the record in files: the model's file by its name and the SHA-256 of its content."""
+    path = _path(settings.model)
+    name = settings.model if path.parent == SHIPPED else path.name
+    return replace(settings, model=name, model_sha256=_sha256(path))
+
+
+def prepare(
+    medium: Medium,
+    settings: CompactSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """The skies of a medium whose air is that of the model.
+
+    Errors: TwilightError for a model that cannot be read, an observer above the ground, and a medium of other air or
+    beyond the loads, ozone columns and wavelengths of the model.
+    """
+    settings = settings or QUALITIES["standard"]
+    low, high = medium.bottom_km, medium.bottom_km + HIGHEST_OBSERVER_KM
+    if not low <= observer_altitude_km <= high:
+        raise TwilightError(
+            f"the compact solver knows the sky seen from the ground only: observer.altitude_km is "
+            f"{observer_altitude_km:g}, allowed is {low:g} to {high:g}"
+        )
+    path = _path(settings.model)
+    sha256 = _sha256(path)
+    if settings.model_sha256 and settings.model_sha256 != sha256:
+        raise TwilightError(f"solver.model: {path.name} is not the file that solver.model_sha256 names")
+    return Field(medium, _load(path, sha256), path.stem)
+
+
+class Field(BareField):
+    """The skies of one aerosol load, ozone column and ground, for any sun from the zenith to the end of twilight."""
+
+    def __init__(self, medium: Medium, model: CompactSky, name: str):
+        self.medium, self.model = medium, model
+        self.air = recognise(medium, model, name)
+        ozone = model.ozone_reference_du if self.air.ozone_column_du is None else self.air.ozone_column_du
+        self.facts = {"aerosol_optical_depth_550nm": self.air.optical_depth_550nm, "ozone_column_du": ozone}
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Errors: TwilightError for a sun or a direction that the model does not have: -18 to 90 deg, 0 to 90 deg.
+        """
+        low, high = self.model.sun_elevation_deg[[0, -1]]
+        if not low <= sun_elevation_deg <= high:
+            raise TwilightError(
+                f"sun.elevation_deg is {sun_elevation_deg:g}; the compact solver allows {low:g} to {high:g}"
+            )
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        if elevation.size and not (elevation.min() >= 0.0 and elevation.max() <= 90.0):
+            raise TwilightError("the compact solver knows the sky above the horizon only: elevations from 0 to 90 deg")
+        sky = self.model.sky(
+            sun_elevation_deg,
+            self.medium.wavelength_nm,
+            self.air.optical_depth_550nm,
+            self.medium.ground_albedo,
+            self.air.ozone_column_du,
+        )
+        if elevation.ndim == 2 and elevation.size:
+            rows, columns = elevation[:, :1], azimuth[:1]
+            if (elevation == rows).all() and (azimuth == columns).all():
+                return sky.on_grid(rows[:, 0], columns[0])
+        return sky.radiance(elevation, azimuth)
