@@ -82,6 +82,8 @@ def main() -> None:
             if name == "arch":
                 page.mouse.click(250, 380)
             page.wait_for_timeout(500)
+            if name == "disc":
+                page.evaluate("document.getElementById('probe-close').click()")
             page.screenshot(path=folder / f"{name}.jpg", type="jpeg", quality=82)
         if errors:
             raise SystemExit("\n".join(errors))

@@ -1,4 +1,4 @@
-"""Energy and reciprocity of every solver at once: air that absorbs nothing is as bright as the light around it.
+"""Energy and reciprocity at once: air that absorbs nothing is as bright as the light around it.
 
 A line of sight followed backwards ends in space after any number of events if nothing absorbs, so what all suns send
 along it, integrated over their directions, is the radiance that surrounds the Earth: 1, of which the line's
@@ -11,12 +11,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from energy_media import ODD, odd_medium
 from layered_sky import depth_to_space
 
 from twilight.phase import PhaseFunction
-from twilight.solvers import cells, montecarlo, tables, zones
+from twilight.solvers import zones
 
 WHITE = ("white air over a white ground", "a white layer over a white ground")
 ELEVATION_DEG = np.array([3.0, 20.0, 75.0])
@@ -67,16 +66,10 @@ def deterministic(field, **more):
     return lambda s, e, a: (field.radiance(s, e, a, **more), np.zeros((e.size, a.size, field.medium.n_wavelengths)))
 
 
-ZONES = replace(zones.QUALITIES["draft"], max_events=200, tolerance=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("quality", "allowed"),
-    [("draft", 0.02), pytest.param("standard", 0.01, marks=[pytest.mark.slow])],
-)
-def test_zones(quality, allowed):
+def test_zones():
+    """At draft 1.7e-3 at worst, from above a layer, 7e-4 from the ground."""
     medium = white_air()
-    settings = replace(zones.QUALITIES[quality], max_events=200, tolerance=1e-3, polarisation=False)
+    settings = replace(zones.QUALITIES["draft"], max_events=200, tolerance=1e-3, polarisation=False)
     field = zones.prepare(medium, settings)
     for altitude, elevations in (
         (0.0, ELEVATION_DEG),
@@ -84,45 +77,4 @@ def test_zones(quality, allowed):
         (60.0, DOWN_DEG),
     ):
         found, _ = from_all_suns(deterministic(field, observer_altitude_km=altitude), medium, altitude, elevations)
-        print(quality, altitude, found.tolist())
-        np.testing.assert_allclose(found, 1.0, atol=allowed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("altitude_km", [0.0, INSIDE_KM])
-def test_montecarlo(altitude_km):
-    """Within its stated errors, which are below 1e-3."""
-    medium = white_air()
-    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=24, polarisation=False)
-    field = montecarlo.prepare(medium, settings, observer_altitude_km=altitude_km)
-
-    def look(s, e, a):
-        found = field.radiance_with_error(s, e, a)
-        return found.radiance, found.standard_error**2
-
-    elevations = ELEVATION_DEG if altitude_km == 0.0 else np.append(ELEVATION_DEG, DOWN_DEG)
-    found, variance = from_all_suns(look, medium, altitude_km, elevations)
-    error = np.sqrt(variance)
-    print("mc", altitude_km, found.tolist(), error.tolist())
-    assert error.max() < 2e-3
-    assert np.all(np.abs(found - 1.0) < 4.0 * error + 5e-4)
-
-
-@pytest.mark.slow
-def test_tables():
-    medium = white_air()
-    settings = replace(tables.QUALITIES["standard"], scattering_mu=96)
-    field = tables.prepare(medium, settings)
-    found, _ = from_all_suns(deterministic(field), medium, 0.0, ELEVATION_DEG)
-    print("tables", found.tolist())
-    np.testing.assert_allclose(found, 1.0, atol=0.03)
-
-
-@pytest.mark.slow
-def test_cells():
-    medium = white_air()
-    settings = replace(cells.QUALITIES["draft"], max_events=100)
-    field = cells.prepare(medium, settings)
-    found, _ = from_all_suns(deterministic(field), medium, 0.0, ELEVATION_DEG)
-    print("cells", found.tolist())
-    np.testing.assert_allclose(found, 1.0, atol=0.05)
+        np.testing.assert_allclose(found, 1.0, atol=2.5e-3)

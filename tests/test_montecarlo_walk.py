@@ -247,5 +247,5 @@ def test_bad_questions_are_refused(field):
         field.radiance(10.0, 95.0, 0.0)
     with pytest.raises(TwilightError, match="azimuth_deg must be finite"):
         field.radiance(10.0, 45.0, np.nan)
-    with pytest.raises(TwilightError, match="at or above the ground"):
+    with pytest.raises(TwilightError, match="allowed is 0"):
         prepare(hazy_earth(), PLAIN, observer_altitude_km=-1.0)

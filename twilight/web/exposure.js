@@ -5,11 +5,11 @@ let adapted = null, metered = { ev: 0, mean: 1 };
 
 const exposedAt = (ev) => GREY / (GREY_LUMINANCE * 2 ** ev);
 
-// Log-mean and highlights of the picture as io.view.view_exposure_ev100 takes them, every pixel alike.
+// Log-mean and highlights of the picture as io.view.view_exposure_ev100 takes them, every pixel alike, without the sun's disc.
 const DARKEST_SHARE = 1e-3;
 function meter(aspect, sun, sky) {
   const into = target("meter", METER.width, METER.height);
-  drawLight(into, aspect, sun, sky, state.disc);
+  drawLight(into, aspect, sun, sky, false);
   const light = readLight(into), all = [];
   for (let i = 0; i < light.length; i += 4) if (light[i + 3] >= 0 && light[i + 1] > 0) all.push(light[i + 1]);
   if (!all.length) return { ev: 0, mean: 1e-6 };
