@@ -77,5 +77,5 @@ def make_lines(
     pairs = trace_rays(profile, start, cosine, max(LEAST_SHARP, SHARP * density), pairs=True, far_km=ends[1])
     if not with_ground:
         rays, pairs = (r._replace(ground_weight=np.zeros_like(r.ground_weight)) for r in (rays, pairs))
-    shares = (np.ascontiguousarray(species_share(scaled, r.place[:, ALTITUDE])) for r in (rays, pairs))
-    return LinesOfSight(rays, pairs, *shares)
+    of_rays, of_pairs = (np.ascontiguousarray(species_share(scaled, r.place[:, ALTITUDE])) for r in (rays, pairs))
+    return LinesOfSight(rays, pairs, of_rays, of_pairs)
