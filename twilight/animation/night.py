@@ -51,7 +51,8 @@ class MovingStars:
     def from_arrays(cls, kept: dict[str, np.ndarray]) -> MovingStars:
         """What `arrays` gave."""
         level, latitude, longitude, begin = (float(v) for v in kept["stars_place"])
-        sky = StarSky(*kept["stars_rows"], kept["stars_passed"], kept["stars_wavelength_nm"], level)
+        apparent, true = kept["stars_rows"]
+        sky = StarSky(apparent, true, kept["stars_passed"], kept["stars_wavelength_nm"], level)
         return cls(sky, kept["stars_channels"], Place(latitude, longitude, datetime.fromtimestamp(begin, UTC)))
 
 
