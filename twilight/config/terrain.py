@@ -8,7 +8,6 @@ from pydantic import model_validator
 
 from twilight.config.base import Integer, Number, Section, key
 
-
 NAMES = ("ridges", "ridge", "peak", "jacksboro")
 
 
