@@ -88,6 +88,24 @@ def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: fl
     )
 
 
+def with_steps_of(profile: Profile, other: Profile) -> Profile:
+    """The same air, whose rays step as those through `other`, the same levels of other wavelengths."""
+    z = np.array(profile.altitude_km)
+    # both sides of a jump
+    z[:-1][np.diff(z) <= 0.0] -= CLOSE_KM
+    z[1:][np.diff(profile.altitude_km) <= 0.0] += CLOSE_KM
+
+    def there(values: np.ndarray) -> np.ndarray:
+        return np.interp(z, other.altitude_km, values)
+
+    return profile._replace(
+        stop_km=other.stop_km,
+        break_km=other.break_km,
+        thickest_per_km=there(other.thickest_per_km),
+        guide_per_km=there(other.guide_per_km),
+    )
+
+
 def expected_extinction(altitude_km: np.ndarray, factors: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
     """Extinction [km^-1] that steps are made for at levels (N,); factors: of its part that falls, and of its least."""
     falling = EXPECTED_PER_KM * np.exp((altitude_km[0] - altitude_km) / EXPECTED_SCALE_KM)
