@@ -176,21 +176,24 @@ class Medium:
             refractivity=smooth(self.refractivity),
         )
 
-    def refined(self, max_thickness_km: float = 0.25, tolerance: float = 1e-4) -> Medium:
+    def refined(self, max_thickness_km: float = 0.25, tolerance: float = 1e-4, like: Medium | None = None) -> Medium:
         """The same medium with levels inserted until linear interpolation of every coefficient is good to `tolerance`.
 
         Kernels interpolate linearly on the refined levels, which costs no exponential per step.  For a coefficient that
         falls by q = ln(a/b) over a level, linear interpolation is off by q^2/8 at most.
+
+        like: the same levels at other wavelengths, whose coefficients say how many are inserted.
         """
         z = self.altitude_km
+        whose = like or self
         new = [z[:1]]
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = np.zeros(z.size - 1)
             for a in (
-                self.air_scattering_per_km,
-                self.absorption_per_km,
-                self.aerosol_extinction_per_km,
-                self.refractivity,
+                whose.air_scattering_per_km,
+                whose.absorption_per_km,
+                whose.aerosol_extinction_per_km,
+                whose.refractivity,
             ):
                 lo, hi = a[:-1], a[1:]
                 q = np.where((lo > 0) & (hi > 0), np.abs(np.log(hi / np.where(lo > 0, lo, 1))), 0.0)

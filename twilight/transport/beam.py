@@ -35,7 +35,7 @@ from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.errors import TwilightError
 from twilight.transport import beam_lookup as lookup
 from twilight.transport import beam_tables
-from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground
+from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground, lit_at
 from twilight.transport.beam_pack import Segments, Tables, pack
 from twilight.transport.ray_profile import (
     AEROSOL,
@@ -49,7 +49,7 @@ from twilight.transport.ray_profile import (
 )
 from twilight.transport.rays import lowest_point
 
-__all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "prepare_beam"]
+__all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepare_beam"]
 
 DEEPEST_DUCT_KM = 1.0
 """Air that traps light up to higher than this makes no shadow whose edge the tables could follow."""

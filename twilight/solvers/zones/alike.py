@@ -13,7 +13,7 @@ from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
+from twilight.transport.profile import Profile, expected_factors, prepare_profile
 from twilight.transport.scaling import ScaledMedium, delta_scaled
 
 MORE = 1.5
@@ -40,19 +40,19 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
 
     scaled: the medium with phase functions of the settings' degree
     """
-    profile = prepare_profile(scaled.medium)
     fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
     if fixed is None or not _serves(fixed, medium).all():
+        profile = prepare_profile(scaled.medium)
         nodes = _field_altitudes(medium, profile, settings.altitude_density)
         return Layout(profile, nodes, needed(settings, scaled, profile), scaled.medium, medium)
     air = delta_scaled(fixed, settings.degree)
-    reference = prepare_profile(air.medium)
+    profile, reference = prepare_profile(scaled.medium, like=air.medium), prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
     # the most refracted wavelength of a range is its first, which need not be a fixed one
     first = RANGES[range_of(fixed.wavelength_nm[0])][0]
     there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
     beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
-    return Layout(with_steps_of(profile, reference), nodes, needed(settings, air, reference), beam, fixed)
+    return Layout(profile, nodes, needed(settings, air, reference), beam, fixed)
 
 
 def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
