@@ -23,7 +23,7 @@ RANGES: tuple[tuple[float, tuple[float, ...]], ...] = (
     (320.0, (320.0, 330.0, 345.0)),
     (360.0, (380.0, 450.0, 550.0, 650.0, 720.0)),
 )
-"""Where each range begins [nm], the last ending with the optical data, and its wavelengths [nm]: in the last those whose
+"""Where each range begins [nm], the last ending with the optical data, and its wavelengths [nm]: in the last some whose
 aerosol optics come with the program."""
 
 

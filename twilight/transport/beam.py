@@ -190,9 +190,7 @@ def prepare_beam(
     ground = np.array([refractivity_at(profile, w, edges[0]) for w in range(profile.coefficient.shape[0])])
     reference, other = int(np.argmax(ground)), int(np.argmin(ground))
     limb_edges, limb_x = _limb_edges(edges, profile, reference)
-    limb_size, limb_start, lowest = _nodes(
-        limb_edges, layout, limb_nodes_per_scale, 8, 128, 0.7 if refraction else 0.0
-    )
+    limb_size, limb_start, lowest = _nodes(limb_edges, layout, limb_nodes_per_scale, 8, 128, 0.7 if refraction else 0.0)
     lowest = _uniform_in_invariant(lowest, limb_edges, limb_x, limb_size, limb_start, profile, reference)
     scales = ground / ground[reference] if ground[reference] > 0 else np.ones(ground.size)
     scale = scales[:n_w]

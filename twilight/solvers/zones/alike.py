@@ -23,9 +23,9 @@ MORE = 1.5
 class Layout(NamedTuple):
     """Grids of a field.
 
-    profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with as
-    many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out for;
-    bends: that whose index bends rays
+    profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
+    as many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out
+    for; bends: that whose index bends rays
     """
 
     profile: Profile
