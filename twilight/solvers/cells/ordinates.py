@@ -115,7 +115,10 @@ def _unit(x, z, dx, dy, dz, s, out):
 
 @njit(cache=True)
 def mirror(field, n_cos, n_dir_azimuth):
-    """Fill azimuths beyond 180 deg: left and right of the sun's meridian are alike."""
+    """Fill azimuths beyond 180 deg: left and right of the sun's meridian are alike.
+
+    field (D, P, A, W): D directions, n_cos, n_dir_azimuth: of zenith angles and of azimuths.
+    """
     n_azimuth = field.shape[2]
     for m in range(n_cos):
         for b in range(n_dir_azimuth):
@@ -129,8 +132,12 @@ def mirror(field, n_cos, n_dir_azimuth):
 
 @njit(cache=True)
 def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out):
-    """Add the source along one ray, entries first..last, at a node of azimuth index `azimuth_cell` (may be
-    fractional)."""
+    """Add the source along one ray to out (W,).
+
+    stencil: corner, corner_weight, azimuth, weight of `Stencils`; first, last: the ray's first entry and the one after
+    its last; log_source (P, A, W): logarithm of what points scatter; azimuth_cell: azimuth index of the node, which may
+    be fractional; sign: 1, or -1 for the ray's mirror image; n_azimuth: A.
+    """
     corner, corner_weight, azimuth, weight = stencil
     n_wavelengths = out.size
     per_cell = n_azimuth / (2.0 * math.pi)
