@@ -158,7 +158,7 @@ def pair_pass(profile, rings, n_azimuth, power, phase_table, sun, left_right, mi
     nodes uniform in the cosine of the scattering angle, for light that comes straight from the sun; with N = 1 the
     light is isotropic.  left_right: sources on one side of the sun's meridian only.  mirrored: a path serves its mirror
     image.  ring_reuse: the paths of a ring's first cell serve all its cells.  Returns the number of paths traced.
-    profile: `Profile`; rings: `Rings`; n_azimuth: cells of a ring; sun (2,): as in `once_scattered`.
+    profile: `Profile`; rings: `Rings`; n_azimuth: cells of a ring; sun (3,): unit vector to it.
     """
     n_rings = rings.radius.size
     n_species, _, _, n_wavelengths = power.shape
