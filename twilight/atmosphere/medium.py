@@ -393,7 +393,10 @@ def layer_mean(lower, upper):
 
 @njit(cache=True)
 def level_below(altitude_km, z):
-    """Index i with altitude_km[i] <= z < altitude_km[i+1], clipped to [0, L-2]; of two equal levels the upper one."""
+    """Index i with altitude_km[i] <= z < altitude_km[i+1], clipped to [0, L-2]; of two equal levels the upper one.
+
+    altitude_km (L,): ascending; z [km].
+    """
     lo = 0
     hi = altitude_km.size - 1
     while hi - lo > 1:

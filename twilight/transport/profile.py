@@ -152,7 +152,11 @@ def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.
 
 @njit(cache=True)
 def locate(profile, z):
-    """(i, f): level index below z and the fraction of the way to level i + 1; z is clamped to the profile."""
+    """(i, f): level index below the altitude z [km] and the fraction of the way to level i + 1; z is clamped to the
+    profile.
+
+    profile: `Profile`.
+    """
     levels = profile.altitude_km
     last = levels.size - 1
     if z <= levels[0]:
