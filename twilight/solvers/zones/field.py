@@ -13,9 +13,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
-from twilight.solvers.zones.alike import field_altitudes
+from twilight.solvers.zones.alike import lay_out
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
-from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
@@ -75,6 +74,7 @@ class Field(BareField):
         self.scaled = delta_scaled(medium, settings.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
         self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)
+        layout = lay_out(medium, self.scaled, settings)
         tell("sunbeam", 0.0)
         if solved is None:
             d = settings.beam_density
@@ -86,19 +86,19 @@ class Field(BareField):
                 cosine_nodes=round(40 * d),
                 distance_nodes=max(8, round(12 * d)),
                 guess_nodes=round(48 * d),
+                laid_out_for=layout.beam,
             )
         else:
             self.beam = solved[0]
-        self.profile = prepare_profile(self.scaled.medium)
-        self.directions = needed(settings, self.scaled, self.profile)
+        self.profile, altitude = layout.profile, layout.altitude_km
+        self.directions = layout.directions
         """The settings with as many directions and harmonics as this air needs."""
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
-        bent = with_refraction(self.profile, medium)
+        bent = with_refraction(self.profile, layout.bends)
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile
         breaks = self.profile.break_km
-        altitude = field_altitudes(medium, self.profile, settings.altitude_density)
         self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
