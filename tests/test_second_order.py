@@ -1,7 +1,7 @@
 """A lit layer far above the observer: light scattered once and twice, by plain quadrature, beside both solvers.
 
 The layer is 1 km thick, white, HG 0.7, of optical depth 1, at 50 km, above air of optical depth 0.1 and black ground;
-sun at 30 deg.  It is lit from the side behind the observer's horizon, which a random walk from the observer rarely finds.
+sun at 30 deg.  It is lit from the side behind the observer's horizon, which a walk from the observer rarely finds.
 """
 
 from dataclasses import replace
