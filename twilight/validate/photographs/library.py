@@ -30,10 +30,11 @@ from twilight.digest import code_digest
 from twilight.engine.frames import frames
 from twilight.engine.kept import KeptFields, kept_fields
 from twilight.errors import TwilightError
+from twilight.grids import texture_grid
 from twilight.io.whole import whole_file
 from twilight.progress import Progress, part_of, silent
 from twilight.reading import first_line, open_npz
-from twilight.sky import Sky, texture_grid
+from twilight.sky import Sky
 from twilight.validate.photographs.photo import OBSERVER, PhotoSky, seen_as
 
 
