@@ -56,6 +56,7 @@ class Problem:
     title: what to call it in errors; left_out: what the plan of its scene left out of the medium.
     kept: where solved fields are taken from and left for the next time; None: every field is solved here.
     bands: of gases, whose lanes are solved in place of the medium's wavelengths and summed.
+    plain_sun: the sun's own light on the ground is found by quadrature, where one sun is not worth tables.
     """
 
     medium: Medium
@@ -67,6 +68,7 @@ class Problem:
     left_out: tuple[LeftOut, ...] = ()
     kept: KeptFields | None = None
     bands: Bands | None = None
+    plain_sun: bool = False
 
     def __post_init__(self) -> None:
         check_ground(self.medium, self.solver)
@@ -140,7 +142,7 @@ class Block:
         self.problem, self.wavelengths, self.medium, self.bands = problem, wavelengths, medium, bands
         self.capabilities = problem.capabilities
         self._lanes = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain)
+        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain or problem.plain_sun)
         self._progress = progress
         self._altitude_km = problem.altitude_km
         self.from_disk = False
