@@ -116,7 +116,7 @@ def render(
     if plan:
         _print_plans(cases)
         return
-    from twilight.cli.first_run import say_that_it_compiles
+    from twilight.cli.first_run import own_models, say_that_it_compiles
     from twilight.cli.render_files import render_files
     from twilight.config.solver import resolve_solver
     from twilight.config.sun import SunElevation
@@ -129,6 +129,7 @@ def render(
             f"twilight: no sun is given: it stands at {default:+g} deg (--sun-elevation, or --at and a place)",
             file=sys.stderr,
         )
+    cases = own_models(cases)
     for name in sorted({resolve_solver(case.config.solver)[0] for case in cases}):
         say_that_it_compiles(name)
     render_files(cases, scene, chosen, output, overwrite)
@@ -202,6 +203,7 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
+    from twilight.fit.compact.own import needs_fit, waiting
     from twilight.scene.plan import make_plan, not_computed
 
     rows = []
@@ -218,6 +220,8 @@ def _print_plans(cases: list[Any]) -> None:
         [_size_row(case) for case in cases],
         right=(1, 2, 3, 4, 5),
     )
+    for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
+        print(sentence)
 
 
 def _size_row(case: Any) -> list[str]:
