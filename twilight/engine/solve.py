@@ -26,7 +26,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.disc import Disc
-from twilight.engine.answer import Answer, joined, of_stokes, sky_of, summed
+from twilight.engine.answer import Answer, joined, of_stokes, sky_of, stacked, summed
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import KeptFields, kept_fields
 from twilight.engine.sunbeam import Direct, Sunbeam
@@ -37,6 +37,10 @@ from twilight.scene.medium import climate_bands, climate_medium, wavelengths_of
 from twilight.scene.plan import LeftOut, make_plan
 from twilight.sky import Sky
 from twilight.solvers.base import Capabilities, Field, Solver
+
+VALUES_AT_ONCE = 400_000
+"""Directions times wavelengths of a texture that a solver is asked for at once, by rows: what it needs for each of them
+is gone before the next."""
 
 
 def check_ground(medium: Medium, solver: Solver) -> None:
@@ -245,8 +249,13 @@ class Block:
             # means
             return replace(found, radiance=np.maximum(found.radiance, 0.0))
         column, back = half_of(azimuth_deg)
-        e, a = np.meshgrid(elevation_deg, azimuth_deg[column], indexing="ij")
-        half = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+        columns = azimuth_deg[column]
+        rows_at_once = max(1, VALUES_AT_ONCE // (columns.size * self._lanes.n_wavelengths))
+        parts = []
+        for start in range(0, elevation_deg.size, rows_at_once):
+            e, a = np.meshgrid(elevation_deg[start : start + rows_at_once], columns, indexing="ij")
+            parts.append(self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True))
+        half = parts[0] if len(parts) == 1 else stacked(parts)
         if half.polarisation is None:
             return Answer(half.radiance[:, back])
         mirrored = half.polarisation[:, back]
