@@ -1,12 +1,18 @@
-"""Airs in closed form that tests of several parts share, and a computed field as a sky."""
+"""Airs in closed form that tests of several parts share, fields in closed form as problems, and fields as skies."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.engine import Problem
+from twilight.grids import texture_grid
 from twilight.phase import PhaseFunction
-from twilight.sky import Sky, texture_grid
+from twilight.sky import Sky
+from twilight.solvers.base import Capabilities
 
 WAVELENGTH_NM = np.linspace(380.0, 720.0, 18)
 
@@ -66,3 +72,31 @@ def pure_air(levels, refractivity=2.8e-4, scale_km=8.0, scattering=0.0115, wavel
         np.zeros(wl.size),
         np.zeros(wl.size),
     )
+
+
+def on_levels(medium: Medium, altitude_km, values_at_km=None, **changes) -> Medium:
+    """The medium's values at other levels [km]; values_at_km: take those of other altitudes; changes: fields of it."""
+    at = medium.at(altitude_km if values_at_km is None else values_at_km)
+    return replace(
+        medium,
+        **{
+            "altitude_km": altitude_km,
+            "air_scattering_per_km": at.air_scattering,
+            "absorption_per_km": at.absorption,
+            "aerosol_extinction_per_km": at.aerosol_extinction,
+            "aerosol_single_scattering_albedo": at.aerosol_albedo,
+            "aerosol_share": at.aerosol_share,
+            "refractivity": at.refractivity,
+            **changes,
+        },
+    )
+
+
+def problem_of_field(field, *, every_observer=True) -> Problem:
+    """What the engine takes for a solver whose field is there: of `field.medium`, for any sun, without refraction."""
+    solver = SimpleNamespace(
+        CAPABILITIES=Capabilities(every_sun=True, every_observer=every_observer),
+        QUALITIES={},
+        prepare=lambda medium, settings, **options: field,
+    )
+    return Problem(field.medium, solver, SimpleNamespace(refraction=False), 0.0, title=type(field).__name__.lower())

@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airs import turbid
+from airs import problem_of_field, turbid
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
@@ -21,11 +20,10 @@ from twilight.animation.film import Film
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.disc import SOLAR_RADIUS_DEG
-from twilight.engine import Problem
 from twilight.errors import TwilightError
 from twilight.export.values import Source
 from twilight.progress import silent
-from twilight.solvers.base import BareField, Capabilities
+from twilight.solvers.base import BareField
 from twilight.views import view_directions
 from twilight.window.colours import Channels
 from twilight.window.lines import sky_elevations
@@ -52,12 +50,7 @@ MEDIUM = turbid(wavelength_nm=NM)
 
 
 def problem():
-    solver = SimpleNamespace(
-        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
-        QUALITIES={},
-        prepare=lambda medium, settings, **options: Closed(medium),
-    )
-    return Problem(MEDIUM, solver, SimpleNamespace(refraction=False), 0.0, title="closed")
+    return problem_of_field(Closed(MEDIUM))
 
 
 def scene(**settings):

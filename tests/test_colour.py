@@ -4,7 +4,8 @@ import pytest
 
 from twilight import colour, spectrum
 from twilight.errors import TwilightError
-from twilight.sky import Sky, texture_grid
+from twilight.grids import texture_grid
+from twilight.sky import Sky
 
 
 def chromaticity_uv(xyz):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from airs import on_levels
 from toy_sky import glow_sky
 
 from twilight import colour
@@ -106,18 +107,8 @@ def test_layers_of_an_inversion_cut_it_into_slices(air):
         return int((np.diff(np.sign(np.diff(width[width > 0]))) != 0).sum())
 
     z = np.unique(np.concatenate([air.altitude_km, np.linspace(0.0, 0.1, 41)]))
-    at = air.at(z)
     step = 3e-6 * (1.0 / (1.0 + np.exp(np.clip((z - 0.035) / 0.002, -50, 50))))[:, None]
-    layered = replace(
-        air,
-        altitude_km=z,
-        air_scattering_per_km=at.air_scattering,
-        absorption_per_km=at.absorption,
-        aerosol_extinction_per_km=at.aerosol_extinction,
-        aerosol_single_scattering_albedo=at.aerosol_albedo,
-        aerosol_share=at.aerosol_share,
-        refractivity=at.refractivity + step,
-    )
+    layered = on_levels(air, z, refractivity=air.at(z).refractivity + step)
     assert waist(air) == 1 and waist(layered) > 1
 
 

@@ -13,9 +13,10 @@ from toy_sky import glow_sky
 
 from twilight import __version__
 from twilight.errors import TwilightError
+from twilight.grids import latlong_grid
 from twilight.io import read_sky, whole_file, write_outputs, write_sky
 from twilight.io.provenance import configuration_hash, provenance_fields, provenance_from_fields
-from twilight.sky import Sky, latlong_grid
+from twilight.sky import Sky
 
 
 def full_sky():

@@ -12,6 +12,7 @@ from toy_sky import glow_sky, unit_vector
 
 from twilight import colour
 from twilight.errors import TwilightError
+from twilight.grids import latlong_grid
 from twilight.io import (
     read_latlong_exr,
     read_spectral_exr,
@@ -25,7 +26,7 @@ from twilight.io import (
 from twilight.io.environment import TARGETS, environment_directions
 from twilight.io.picture import label_of, view_directions
 from twilight.io.rgbe import to_rgbe
-from twilight.sky import Sky, latlong_grid
+from twilight.sky import Sky
 
 SUN_AZIMUTH = 235.0
 GLOW_ELEVATION = 25.0

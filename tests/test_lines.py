@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from airs import on_levels
 from bent_rays import trace_ray
 
 from twilight.atmosphere.build import build_medium
@@ -90,17 +91,7 @@ def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air
     edges = np.linspace(0.0, 100.0, 101)
     z = np.repeat(edges, 2)[1:-1]
     middle = np.repeat(0.5 * (edges[1:] + edges[:-1]), 2)
-    at = medium.at(middle)
-    stepped = replace(
-        medium,
-        altitude_km=z,
-        air_scattering_per_km=at.air_scattering,
-        absorption_per_km=at.absorption,
-        aerosol_extinction_per_km=at.aerosol_extinction,
-        aerosol_single_scattering_albedo=at.aerosol_albedo,
-        aerosol_share=at.aerosol_share,
-        refractivity=at.refractivity,
-    )
+    stepped = on_levels(medium, z, middle)
     profile = prepare_profile(stepped)
     smooth, layered = follow(air, 0.0, 1.0)[2], follow((stepped, profile), 0.0, 1.0)[2]
     straight = follow(air, 0.0, 1.0, bent=False)[2]

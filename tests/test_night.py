@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 
 from twilight.config import load
 from twilight.errors import TwilightError
+from twilight.grids import texture_grid
 from twilight.io.netcdf import read_sky, write_sky
 from twilight.night import NightLevels, Place, light, night_radiance, world
 from twilight.night.veil import veil
-from twilight.sky import Sky, magnitude_per_square_arcsecond, texture_grid
+from twilight.sky import Sky, magnitude_per_square_arcsecond
 
 NM = np.arange(380.0, 721.0, 20.0)
 NONE = NightLevels(0.0, 0.0, 0.0)

@@ -15,7 +15,8 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import run
 from twilight.errors import TwilightError
-from twilight.sky import Sky, texture_grid
+from twilight.grids import texture_grid
+from twilight.sky import Sky
 from twilight.validate.photographs.estimate import estimate, facts, sentences
 from twilight.validate.photographs.library import (
     AEROSOL,

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from stability_media import Air, medium_of
 
 from twilight import spectrum
-from twilight.sky import Sky, texture_grid
+from twilight.grids import texture_grid
+from twilight.sky import Sky
 from twilight.solvers import cells, zones
 from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.pairs import make_rings, pair_capture, sphere_capture

@@ -5,7 +5,8 @@ import pytest
 
 from twilight import spectrum
 from twilight.errors import TwilightError
-from twilight.sky import Sky, latlong_grid, magnitude_per_square_arcsecond, texture_grid
+from twilight.grids import latlong_grid, texture_grid
+from twilight.sky import Sky, magnitude_per_square_arcsecond
 
 WAVELENGTHS = np.array([400.0, 500.0, 600.0, 700.0])
 

@@ -1,10 +1,8 @@
 """Air goes through its levels without bends: the rule in closed form, and one index for all that bends light."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from airs import pure_air
+from airs import on_levels, pure_air
 
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.profiles import PROFILES, load_profile
@@ -90,20 +88,8 @@ def test_the_sunbeam_spreads_without_spikes_at_the_levels(summer):
 def test_a_jump_of_the_scattering_stays_a_jump():
     medium = pure_air(np.linspace(0.0, 60.0, 31))
     levels = np.sort(np.append(medium.altitude_km, 10.0))
-    at = medium.at(levels)
-    scattering = at.air_scattering * np.where(np.arange(levels.size) < 6, 2.0, 1.0)[:, None]
-    zero = np.zeros_like(scattering)
-    jump = replace(
-        medium,
-        altitude_km=levels,
-        air_scattering_per_km=scattering,
-        absorption_per_km=zero,
-        aerosol_extinction_per_km=zero,
-        aerosol_single_scattering_albedo=zero,
-        aerosol_share=np.zeros((0, *zero.shape)),
-        phase_functions=(),
-        refractivity=at.refractivity,
-    )
+    scattering = medium.at(levels).air_scattering * np.where(np.arange(levels.size) < 6, 2.0, 1.0)[:, None]
+    jump = on_levels(medium, levels, air_scattering_per_km=scattering)
     z = np.linspace(0.3, 59.7, 199)
     expected = medium.at(z).air_scattering * np.where(z < 10.0, 2.0, 1.0)[:, None]
     np.testing.assert_allclose(jump.at(z).air_scattering, expected, rtol=1e-12)
@@ -115,18 +101,7 @@ def test_what_kernels_interpolate_keeps_the_column_of_layers():
     air = pure_air(np.linspace(0.0, 60.0, 31))
     z = np.repeat(np.arange(0.0, 6.0), 2)[1:-1]
     per_km = np.repeat([0.025, 0.023, 0.02, 0.012, 0.011], 2)[:, None] * np.ones(air.wavelength_nm.size)
-    zero = np.zeros_like(per_km)
-    layers = replace(
-        air,
-        altitude_km=z,
-        air_scattering_per_km=per_km,
-        absorption_per_km=zero,
-        aerosol_extinction_per_km=zero,
-        aerosol_single_scattering_albedo=zero,
-        aerosol_share=np.zeros((0, *per_km.shape)),
-        phase_functions=(),
-        refractivity=zero,
-    )
+    layers = on_levels(air, z, air_scattering_per_km=per_km, refractivity=np.zeros_like(per_km))
     for profile in (layers.refined(), prepare_profile(layers)):
         levels = profile.altitude_km
         scattering = profile.air_scattering_per_km if hasattr(profile, "refined") else profile.scattering

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airs import as_sky, turbid
+from airs import as_sky, problem_of_field, turbid
 from browser import light_of, open_page, until
 from typer.testing import CliRunner
 
 import twilight
 from twilight.cli.app import app
-from twilight.engine import Problem
 from twilight.errors import TwilightError
 from twilight.night import NightLevels, Place, night_radiance
-from twilight.solvers.base import BareField, Capabilities
+from twilight.solvers.base import BareField
 from twilight.sun.ephemeris import parse_time, sun_position
 from twilight.views import view_directions
 from twilight.window import view_field, view_fields, view_sky
@@ -49,13 +48,7 @@ class Closed(BareField):
 
 
 def closed(name="closed", level=1.0):
-    medium = turbid(wavelength_nm=NM)
-    solver = SimpleNamespace(
-        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
-        QUALITIES={},
-        prepare=lambda medium, settings, **options: Closed(medium, level),
-    )
-    return Problem(medium, solver, SimpleNamespace(refraction=False), 0.0, title=name).solve()
+    return replace(problem_of_field(Closed(turbid(wavelength_nm=NM), level)), title=name).solve()
 
 
 @pytest.fixture(scope="module")

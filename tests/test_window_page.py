@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airs import as_sky, turbid
+from airs import as_sky, problem_of_field, turbid
 from browser import open_page, until
 
-from twilight.engine import Problem
-from twilight.solvers.base import BareField, Capabilities
+from twilight.solvers.base import BareField
 from twilight.window import view_field, view_sky
 from twilight.window.tables import Sizes
 
@@ -32,12 +30,7 @@ class Even(BareField):
 
 
 def even(medium):
-    solver = SimpleNamespace(
-        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
-        QUALITIES={},
-        prepare=lambda medium, settings, **options: Even(medium),
-    )
-    return Problem(medium, solver, SimpleNamespace(refraction=False), 0.0, title="even").solve()
+    return problem_of_field(Even(medium)).solve()
 
 
 @pytest.fixture(scope="module")

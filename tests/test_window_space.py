@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airs import turbid
+from airs import problem_of_field, turbid
 from browser import light_of, open_page
 
 import twilight
-from twilight.engine import Problem
 from twilight.errors import TwilightError
 from twilight.orientation import azimuth_elevation, direction
-from twilight.solvers.base import BareField, Capabilities
+from twilight.solvers.base import BareField
 from twilight.views import view_directions, view_rays
 from twilight.window import ground_to_orbit, view_fields
 from twilight.window.colours import Channels
@@ -63,12 +61,7 @@ class Planet(BareField):
 
 @pytest.fixture(scope="module")
 def planet():
-    solver = SimpleNamespace(
-        CAPABILITIES=Capabilities(every_sun=True, every_observer=True),
-        QUALITIES={},
-        prepare=lambda medium, settings, **options: Planet(medium),
-    )
-    return Problem(MEDIUM, solver, SimpleNamespace(refraction=False), 0.0, title="planet").solve()
+    return problem_of_field(Planet(MEDIUM)).solve()
 
 
 @pytest.fixture(scope="module")
@@ -153,10 +146,7 @@ def test_altitudes_of_a_page():
 
 
 def test_a_solver_of_one_altitude_does_not_rise(planet):
-    solver = SimpleNamespace(
-        CAPABILITIES=Capabilities(every_sun=True), QUALITIES={}, prepare=lambda medium, settings, **o: Planet(medium)
-    )
-    one = Problem(MEDIUM, solver, SimpleNamespace(refraction=False), 0.0, title="one").solve()
+    one = problem_of_field(Planet(MEDIUM), every_observer=False).solve()
     with pytest.raises(TwilightError, match="in the air; zones serves all"):
         view_fields([one], altitudes_km=[400.0])
 

@@ -9,6 +9,7 @@ import numba
 import numpy as np
 import pytest
 from hazy_zones import AZIMUTH, ELEVATION, REFERENCE
+from hazy_zones import SCALAR as SMALL
 
 from twilight.atmosphere.table import medium_from_table
 from twilight.errors import TwilightError
@@ -18,9 +19,6 @@ from twilight.solvers.zones.grid import cubic_refinement, even_harmonics, make_a
 from twilight.solvers.zones.solution import normalised
 from twilight.transport.beam import beam_at
 
-SMALL = replace(
-    zones.QUALITIES["draft"], altitude_density=0.35, zenith_density=0.4, polar_directions=4, beam_density=0.4
-)
 MIDDLE = replace(
     zones.QUALITIES["standard"],
     degree=8,

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from twilight.sky import Sky, texture_grid
+from twilight.grids import texture_grid
+from twilight.sky import Sky
 
 
 def unit_vector(elevation_deg, azimuth_deg):

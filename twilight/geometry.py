@@ -9,9 +9,10 @@ from twilight.kernels import njit
 
 @njit(cache=True, inline="always")
 def altitude_along(altitude_km, cos_zenith, distance_km, earth_radius_km):
-    """Altitude [km] after `distance_km` along a straight line that starts at `altitude_km` under `cos_zenith`.
+    """Altitude [km] after `distance_km` along a straight line that starts at `altitude_km`.
 
-    (R + z)^2 = (R + h)^2 + 2 (R + h) s mu + s^2, solved for z - h without subtracting two large numbers.
+    `cos_zenith`: of the line at its start; `earth_radius_km`: R.  (R + z)^2 = (R + h)^2 + 2 (R + h) s mu + s^2, solved
+    for z - h without subtracting two large numbers.
     """
     r = earth_radius_km + altitude_km
     d = distance_km * (2.0 * r * cos_zenith + distance_km)
@@ -22,7 +23,8 @@ def altitude_along(altitude_km, cos_zenith, distance_km, earth_radius_km):
 def distance_to_sphere(altitude_km, cos_zenith, target_altitude_km, earth_radius_km):
     """Distance [km] along a line to the sphere at `target_altitude_km`, or -1 where the line does not meet it ahead.
 
-    From below the sphere the one crossing is given; from above the nearer one.
+    The line starts at `altitude_km` under `cos_zenith`; `earth_radius_km`: of the altitude 0.  From below the sphere
+    the one crossing is given; from above the nearer one.
     """
     r = earth_radius_km + altitude_km
     h = target_altitude_km - altitude_km

@@ -30,7 +30,8 @@ RATIO_P12, RATIO_P22, RATIO_P33, RATIO_P34 = range(4)
 def rayleigh_phase(cos_angle, depolarisation):
     """Rayleigh phase function [sr^-1] of air with depolarisation factor rho (0 gives 3/(16 pi)(1 + cos^2)).
 
-    p = 3/(16 pi) * 2/(2 + rho) * ((1 + rho) + (1 - rho) cos^2), Bucholtz 1995 eq. 10-11.
+    p = 3/(16 pi) * 2/(2 + rho) * ((1 + rho) + (1 - rho) cos^2), Bucholtz 1995 eq. 10-11; cos_angle: cosine of the
+    scattering angle; depolarisation: rho.
     """
     return (
         3.0
@@ -43,8 +44,8 @@ def rayleigh_phase(cos_angle, depolarisation):
 def rayleigh_matrix(cos_angle, depolarisation):
     """(P11, P12, P22, P33) [sr^-1] of air with depolarisation factor rho, for natural light.
 
-    With Delta = (1 - rho)/(1 + rho/2), 4 pi P = Delta x 3/4 (1 + c^2, -(1 - c^2), 1 + c^2, 2 c) + (1 - Delta) x
-    (1, 0, 0, 0): Hansen & Travis 1974, Space Sci. Rev. 16, 527, eq. 2.15.
+    With Delta = (1 - rho)/(1 + rho/2), 4 pi P = Delta x 3/4 (1 + c^2, -(1 - c^2), 1 + c^2, 2 c) + (1 - Delta) x (1, 0,
+    0, 0): Hansen & Travis 1974, Space Sci. Rev. 16, 527, eq. 2.15; cos_angle: c; depolarisation: rho.
     """
     delta = (1.0 - depolarisation) / (1.0 + 0.5 * depolarisation)
     c = cos_angle
@@ -57,7 +58,8 @@ def rayleigh_matrix(cos_angle, depolarisation):
 def henyey_greenstein(cos_angle, asymmetry):
     """Henyey-Greenstein phase function [sr^-1]; Haber 2005 eq. 1.
 
-    The denominator is written as (1-g)^2 + 2g(1-cos), which does not cancel in the forward peak.
+    cos_angle: cosine of the scattering angle; asymmetry: its mean g.  The denominator is written as (1-g)^2 +
+    2g(1-cos), which does not cancel in the forward peak.
     """
     d = (1.0 - asymmetry) * (1.0 - asymmetry) + 2.0 * asymmetry * (1.0 - cos_angle)
     return (1.0 - asymmetry * asymmetry) / (4.0 * math.pi * d * math.sqrt(d))
@@ -65,9 +67,10 @@ def henyey_greenstein(cos_angle, asymmetry):
 
 @njit(cache=True, inline="always")
 def table_phase(cos_angle, node_scale, table):
-    """Phase function from one row of :class:`PhaseTable`: linear in log(p) between nodes.
+    """Phase function [sr^-1] from one row of a table: linear in log(p) between nodes.
 
-    Nodes are uniform in u = sqrt(angle / pi), which is dense where the forward peak is.
+    cos_angle: cosine of the scattering angle; node_scale: N - 1; table (N,): ln p.  Nodes are uniform in u = sqrt(angle
+    / pi), which is dense where the forward peak is.
     """
     angle = math.acos(min(1.0, max(-1.0, cos_angle)))
     u = math.sqrt(angle / math.pi) * node_scale
@@ -83,7 +86,7 @@ def table_phase(cos_angle, node_scale, table):
 def table_matrix(cos_angle, log_table_row, ratios):
     """(P11, P12, P22, P33) [sr^-1] from one row of a table: log_table_row (N,) of ln P11 and ratios (4, N) to it.
 
-    P11 as in ``table_phase``, the ratios linear between nodes.
+    cos_angle: cosine of the scattering angle.  P11 as in ``table_phase``, the ratios linear between nodes.
     """
     n = log_table_row.shape[0]
     u = math.sqrt(math.acos(min(1.0, max(-1.0, cos_angle))) / math.pi) * (n - 1)
@@ -246,7 +249,11 @@ class PhaseFunction:
 
 @njit(cache=True, inline="always")
 def aerosol_phase(kind, asymmetry, log_table_row, cos_angle):
-    """p [sr^-1] of one phase function at one wavelength: the one place where the kind is looked at."""
+    """p [sr^-1] of one phase function at one wavelength: the one place where the kind is looked at.
+
+    kind: HENYEY_GREENSTEIN or TABLE; asymmetry: of the first; log_table_row (N,): ln p, of the second; cos_angle:
+    cosine of the scattering angle.
+    """
     if kind == HENYEY_GREENSTEIN:
         return henyey_greenstein(cos_angle, asymmetry)
     return table_phase(cos_angle, log_table_row.shape[0] - 1, log_table_row)
@@ -254,7 +261,10 @@ def aerosol_phase(kind, asymmetry, log_table_row, cos_angle):
 
 @njit(cache=True, inline="always")
 def aerosol_matrix(kind, asymmetry, log_table_row, ratios, cos_angle):
-    """(P11, P12, P22, P33) [sr^-1] of one phase function at one wavelength; ratios (4, N)."""
+    """(P11, P12, P22, P33) [sr^-1] of one phase function at one wavelength.
+
+    ratios (4, N): of the elements to P11; kind, asymmetry, log_table_row, cos_angle: as in `aerosol_phase`.
+    """
     if kind == HENYEY_GREENSTEIN:
         return henyey_greenstein(cos_angle, asymmetry), 0.0, 0.0, 0.0
     return table_matrix(cos_angle, log_table_row, ratios)

@@ -11,36 +11,11 @@ import numpy as np
 from twilight import interpolation, spectrum
 from twilight.disc import Disc
 from twilight.errors import TwilightError
-from twilight.grids import texture_centres
+from twilight.grids import latlong_grid
 
 MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
 """Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
 (10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others)."""
-
-
-def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere texture: 30 x 120 at the default 3 deg.
-
-    Raises TwilightError unless the step divides 90 deg.
-    """
-    rows = round(90.0 / step_deg) if step_deg > 0 else 0
-    if rows < 1 or abs(rows * step_deg - 90.0) > 1e-9:
-        raise TwilightError(f"step_deg: {step_deg:g} deg must be positive and divide 90 deg")
-    return texture_centres((rows, 4 * rows))
-
-
-def latlong_grid(width: int, sun_azimuth_deg: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the pixel centres in the upper half of a latitude-longitude picture of ``width`` x ``width``/2.
-
-    elevation_deg (width/4,) and azimuth_deg (width,) relative to the sun, in the order of ``Sky``.  A solver evaluated
-    here gives a picture without any interpolation.  Raises TwilightError unless ``width`` is a multiple of 4.
-    """
-    if width < 4 or width % 4:
-        raise TwilightError(f"width: {width} must be a positive multiple of 4")
-    step = 360.0 / width
-    elevation = (np.arange(width // 4) + 0.5) * step
-    azimuth = np.sort(np.mod((np.arange(width) + 0.5) * step - (sun_azimuth_deg or 0.0), 360.0))
-    return elevation, azimuth
 
 
 @dataclass(frozen=True, eq=False)

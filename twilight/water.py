@@ -50,7 +50,10 @@ def mean_square_slope(wind_speed_m_s: float) -> float:
 
 @njit(cache=True, inline="always")
 def fresnel(cos_incidence, index):
-    """Amplitudes (rp, rs) reflected by a flat surface of a real refractive index above 1; both -1 at grazing angles."""
+    """Amplitudes (rp, rs) reflected by a flat surface; both -1 at grazing angles.
+
+    cos_incidence: cosine of the angle of incidence; index: the refractive one, real, above 1.
+    """
     c = min(1.0, max(0.0, cos_incidence))
     inside = math.sqrt(index * index - 1.0 + c * c)
     return (index * index * c - inside) / (index * index * c + inside), (c - inside) / (c + inside)
@@ -58,14 +61,17 @@ def fresnel(cos_incidence, index):
 
 @njit(cache=True, inline="always")
 def flat_reflectance(cos_incidence, index):
-    """Share of unpolarised light that a flat surface reflects."""
+    """Share of unpolarised light that a flat surface reflects; cos_incidence, index: as in `fresnel`."""
     rp, rs = fresnel(cos_incidence, index)
     return 0.5 * (rp * rp + rs * rs)
 
 
 @njit(cache=True, inline="always")
 def hidden(cosine, slope2):
-    """Smith's Lambda: facets hidden from a zenith angle of this cosine over those seen."""
+    """Smith's Lambda: facets hidden from a zenith angle over those seen.
+
+    cosine: of the zenith angle; slope2: mean square slope.
+    """
     sine2 = 1.0 - cosine * cosine
     if sine2 < 1e-12 or cosine <= 0.0:
         return 0.0 if cosine > 0.0 else 1e9
@@ -98,7 +104,10 @@ def glitter(mu_in, mu_out, cos_scatter, index, slope2):
 
 @njit(cache=True, inline="always")
 def facet_density(mu_in, mu_out, cos_scatter, slope2):
-    """Density [sr^-1] of mirrored directions where facets are drawn by their slopes alone."""
+    """Density [sr^-1] of mirrored directions where facets are drawn by their slopes alone.
+
+    mu_in, mu_out, cos_scatter, slope2: as in `glitter`.
+    """
     cos_i = math.sqrt(max(0.0, 0.5 * (1.0 - cos_scatter)))
     tilt = (mu_in + mu_out) / max(2.0 * cos_i, 1e-12)
     if tilt <= 1e-3 or cos_i < 1e-9:

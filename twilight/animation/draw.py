@@ -22,6 +22,7 @@ from twilight.window.tables import Sizes, Tables
 
 @njit(cache=True, nogil=True)
 def _weights(t, out):
+    """Weights out (4,) of the nodes -1, 0, 1, 2 at the place t, 0 to 1 (Catmull-Rom)."""
     t2, t3 = t * t, t * t * t
     out[0] = -0.5 * t + t2 - 0.5 * t3
     out[1] = 1.0 - 2.5 * t2 + 1.5 * t3
@@ -33,8 +34,8 @@ def _weights(t, out):
 def _place(n_columns, begin, last, up, y, x, rows, columns, wy, wx):
     """Rows and columns (4,) of the 16 texels around the place (y, x), and their weights wy, wx (4,).
 
-    The table has n_columns columns, and `last` rows from the row `begin` on; it is even about the sun's vertical and
-    about the horizon, which lies below its rows (`up`) or above; there is a row beyond the zenith.
+    n_columns: of the table; begin, last: its first row and how many it has from there on; it is even about the sun's
+    vertical and about the horizon, which lies below its rows (`up`) or above; there is a row beyond the zenith.
     """
     j = min(max(math.floor(y), 0), last - 2)
     i = min(max(math.floor(x), 0), n_columns - 2)
@@ -53,7 +54,7 @@ def _place(n_columns, begin, last, up, y, x, rows, columns, wy, wx):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _read(table, rows, columns, wy, wx):
-    """The four channels of a table (rows, columns, 4) there."""
+    """The four channels of a table (rows, columns, 4) there; rows, columns, wy, wx: of `_place`."""
     a = b = c = d = 0.0
     for k in range(4):
         for m in range(4):
@@ -75,7 +76,8 @@ def _draw(
     sky (rows, columns, 4): logarithms over the tables' elevation and azimuth, n_ground rows below the horizon (of the
     elevation `horizon`) and n_sky above; aureole: the same of what the aerosol's phase function multiplies, or empty;
     phase (angles, 4): its logarithm; elevation, azimuth (N,); above (N,): share of each pixel that is over the horizon;
-    sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its distance.
+    sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its distance.  n_ground, n_sky: rows of the
+    tables; first, end: the first direction and the one after the last.
     """
     wy, wx = np.empty(4), np.empty(4)
     rows, columns = np.empty(4, np.int64), np.empty(4, np.int64)

@@ -24,13 +24,13 @@ from twilight.engine.solve import Block, Problem, problem_of
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import Look, check_view, landscape, see, together, with_night, with_sun
 from twilight.errors import TwilightError, TwilightWarning
-from twilight.grids import texture_centres
+from twilight.grids import latlong_grid, texture_centres
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import Seen, Sight
 from twilight.progress import Meter, Progress, silent
 from twilight.scene.record import resolved_configuration
 from twilight.scene.suns import SunPosition, count_suns, suns_of
-from twilight.sky import Sky, latlong_grid
+from twilight.sky import Sky
 from twilight.spectrum import solar_irradiance
 from twilight.transport.apparent import horizon_dip_deg
 

@@ -36,8 +36,10 @@ from twilight.progress import Progress, part_of, silent
 from twilight.scene.medium import climate_bands, climate_medium, wavelengths_of
 from twilight.scene.plan import LeftOut, make_plan
 from twilight.sky import Sky
-from twilight.solvers.base import Capabilities, Field, Solver
+from twilight.solvers.base import Capabilities, Field, Solver, Takes
 
+FIELD_BYTES = 1.0e9
+"""Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture that a solver is asked for at once, by rows: what it needs for each of them
 is gone before the next."""
@@ -93,14 +95,30 @@ class Problem:
         return self.medium.bottom_km if self.observer_altitude_km is None else self.observer_altitude_km
 
     @cached_property
+    def takes(self) -> Takes | None:
+        """What its fields take, where the solver knows."""
+        if self.capabilities.takes is None:
+            return None
+        known = self.sun_elevations_deg if self.capabilities.takes_suns else None
+        return self.capabilities.takes(self.medium, self.settings, known, self.altitude_km)
+
+    @cached_property
+    def wavelengths_at_once(self) -> int:
+        """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold."""
+        most = self.capabilities.wavelengths_at_once
+        if self.takes is None or self.medium.n_wavelengths <= self.takes.together:
+            return most
+        return self.takes.at_once(most, FIELD_BYTES)
+
+    @cached_property
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as places in those of the medium.
 
-        A block holds as many lanes as the solver takes at once, at least one wavelength.  Wavelengths that are not
+        A block holds `wavelengths_at_once` lanes at most, at least one wavelength.  Wavelengths that are not
         alike to the solver share no block, nor do those in a band with others, whose grids would follow the band's
         darkest lane, unless a file is to hold them all.
         """
-        step, count = self.capabilities.wavelengths_at_once, self.medium.n_wavelengths
+        step, count = self.wavelengths_at_once, self.medium.n_wavelengths
         lanes = np.ones(count, int) if self.bands is None else self.bands.lanes
         keys: list[Any] = [0] * count
         if count > 1 and not (self.capabilities.field_file and self.settings.field_file):

@@ -12,6 +12,10 @@ air lower than
 
 does not see the sun, e its apparent elevation there (the sun's bends are those of the light that passes the place).
 Mountains far beyond the horizon towards the sun are in it like any others.
+
+Arguments that the kernels share: field: `Heights`; radius_km: the Earth's; start_km: altitude of the observer; x, y
+[km]: of a place, along the ground to the right of the sun's azimuth and towards it; elevation, azimuth (D,) [rad]: of
+lines, azimuth from the sun to the right; (begin, end): the first row and the one after the last.
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ SHADOW_GROWTH = 0.002
 
 @njit(cache=True, inline="always")
 def bilinear(z, u, v):
-    """z (rows, columns) at column u and row v; far below beyond its edges."""
+    """z (rows, columns) at the place (u, v), column u and row v; far below beyond its edges."""
     rows, columns = z.shape
     if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
         return -1e9
@@ -50,7 +54,10 @@ def height_at(field, x, y):
 
 @njit(cache=True)
 def place_on(start_km, radius_km, sine, cosine, s):
-    """(altitude [km], distance along the sphere [km]) after s km of a line from altitude start_km above the sphere."""
+    """(altitude [km], distance along the sphere [km]) after s km of a line from altitude start_km above the sphere.
+
+    sine, cosine: of the line's elevation at its start; s [km].
+    """
     r = radius_km + start_km
     change = s * (2.0 * r * sine + s)
     altitude = start_km + change / (math.sqrt(r * r + change) + r)
@@ -62,7 +69,8 @@ def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km
     """Distance [km] of the ground along lines (D,) [rad], azimuth from the sun to the right; inf: there is none.
 
     field: `Heights`; radius_km: the Earth's; bottom_km: altitude of the ground beyond the field; start_km: of the
-    observer; elevation, azimuth (D,) of the lines, as far as far_km; out (D,) [km], filled from begin to end.
+    observer; elevation, azimuth (D,) of the lines, as far as far_km; out (D,) [km], filled from begin to end.  far_km:
+    the lines' length at most; begin, end: of the lines.
     """
     finest = 0.5 * min(field.step_x_km, field.step_y_km)
     for d in range(begin, end):
@@ -123,7 +131,7 @@ def shadow_field(field, radius_km, sun, x, y, out, begin, end):
 
 @njit(cache=True, nogil=True)
 def slopes(field, x, y, step_km):
-    """Rise of the ground per km to the right and towards the sun at a place."""
+    """Rise of the ground per km to the right and towards the sun at a place; step_km: between the places compared."""
     here = height_at(field, x, y)
     right, ahead = height_at(field, x + step_km, y), height_at(field, x, y + step_km)
     left, back = height_at(field, x - step_km, y), height_at(field, x, y - step_km)
@@ -158,7 +166,7 @@ class Shadow(NamedTuple):
 
 @njit(cache=True, inline="always")
 def shadow_at(shadow, x, y):
-    """The shadow's altitude [km] over a place, bilinear; none beyond its grid."""
+    """The shadow's altitude [km] over a place, bilinear; none beyond its grid.  shadow: `Shadow`."""
     u, v = (x - shadow.low_x_km) / shadow.step_km, (y - shadow.low_y_km) / shadow.step_km
     return bilinear(shadow.altitude_km, u, v)
 
@@ -220,7 +228,8 @@ def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimu
     """The sun's irradiance of the ground where lines (D,) end, over F0, direct (D, W).
 
     sun, true_sun [rad]: apparent and true elevation at the observer; about (D, 3): cosine of the slope of the ground,
-    how far towards the sun it lies [km], and whether it is within the field.
+    how far towards the sun it lies [km], and whether it is within the field.  far_km (D,): distance of the ground along
+    each line; direct (D, W): filled where the sun reaches the ground; beam: `Beam`.
     """
     step = 0.75 * min(field.step_x_km, field.step_y_km)
     light = np.empty(direct.shape[1])

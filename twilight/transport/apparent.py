@@ -19,6 +19,11 @@ NO_LIGHT = -1.0
 
 @njit(cache=True)
 def _follow(profile, w, altitude_km, elevation_rad, bending, transmittance):
+    """Fill bending (H,) [rad] and transmittance (H,), NO_LIGHT where the sight does not leave the air, at one
+    wavelength.
+
+    profile: `RayProfile`; w: index of the wavelength; altitude_km: of the observer; elevation_rad (H,): apparent.
+    """
     n = refractivity_at(profile, w, altitude_km)
     x = (profile.radius_km + altitude_km) * (1.0 + n)
     for i in range(elevation_rad.size):

@@ -2,6 +2,11 @@
 
 All tables of a beam lie in one array and their sizes and offsets in another, because a kernel that takes a dozen arrays
 spends more time on passing them than on the look-up.  :mod:`twilight.transport.beam` says what the tables mean.
+
+Arguments that the kernels share: beam: `Beam`; pool, index: its arrays `pool` and `layout`; w: index of the wavelength;
+z, altitude_km [km]: of the point; c, cos_sun_zenith: cosine of the true sun's zenith angle there; p [km]: Bouguer's
+invariant n r sin i of the reference ray, u [km]: its n r cos i at the point, negative where it has passed its lowest
+point; at: place in the pool; (w0, w1, w2, w3), (v0, v1, v2, v3): weights of four nodes each.
 """
 
 from __future__ import annotations
@@ -77,7 +82,10 @@ class Beam(NamedTuple):
 
 @njit(cache=True, inline="always")
 def _weights(f):
-    """Cubic Lagrange weights for nodes 0, 1, 2, 3 at f."""
+    """Cubic Lagrange weights for nodes 0, 1, 2, 3.
+
+    f: the position among them, 0 to 3.
+    """
     a = f - 1.0
     b = f - 2.0
     c = f - 3.0
@@ -90,8 +98,8 @@ def _weights(f):
 def _locate(pool, index, value, low, bins, at, n, at_hash):
     """First of four nodes and the position behind it (0..3) for the value of a coordinate that is cut in segments.
 
-    pool, index: the arrays of a `Beam`; low: the coordinate's least value, bins: of its hash per unit, at_hash: the
-    hash's place in the index; at: place of the first of n segment records in the pool.
+    value, low: of the coordinate and the least one, in its own unit; bins: of its hash per unit; at_hash: the hash's
+    place in the index; at: place of the first segment record in the pool; n: number of segments.
     """
     h = int((value - low) * bins)
     h = min(index[N_HASH], max(0, h))
@@ -112,13 +120,17 @@ def _locate(pool, index, value, low, bins, at, n, at_hash):
 
 @njit(cache=True, inline="always")
 def _uniform(position, n):
-    """First of four nodes of n + 1 and the position behind it."""
+    """First of four nodes and the position behind it.
+
+    position: 0 to n, among n + 1 nodes; n: number of intervals, 3 or more.
+    """
     first = min(n - 3, max(0, int(position) - 1))
     return first, position - first
 
 
 @njit(cache=True, inline="always")
 def _cubic(pool, at, w0, w1, w2, w3):
+    """Four values of the pool from the place `at` on, weighted."""
     return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
 
 
@@ -225,7 +237,8 @@ def _ray_from_space(pool, index, z, c):
 def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
     """Sixteen values of the pool at `at` + i row + k step, weighted with w_i v_k, i and k being 0 to 3.
 
-    Unsigned offsets save the inner loop a test for negative indices.
+    row, step: distances in the pool between nodes of the first and of the second coordinate.  Unsigned offsets save the
+    inner loop a test for negative indices.
     """
     k0 = np.uint64(at)
     s1 = np.uint64(step)
@@ -258,7 +271,10 @@ def _place(pool, index, altitude_km, cos_sun_zenith):
 
 @njit(cache=True, inline="always")
 def _place_up(index, p, u, jz):
-    """Offset of the first of the sixteen values from above at wavelength 0, and the position behind its cosine node."""
+    """Offset of the first of the sixteen values from above at wavelength 0, and the position behind its cosine node.
+
+    jz: the first altitude node.
+    """
     n_c = index[N_COSINE]
     a = abs(u) / math.sqrt(u * u + p * p)
     m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
@@ -267,6 +283,7 @@ def _place_up(index, p, u, jz):
 
 @njit(cache=True, inline="always")
 def _limb_node(pool, index, p):
+    """First of four nodes among the rays' lowest points, and the position behind it, of the invariant p [km]."""
     return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
 
 
@@ -284,6 +301,12 @@ def _place_down(pool, index, p, u):
         row = n_d + 1
         shift = _bicubic(pool, index[AT_SHIFT] + ky * row + d, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
     return d, fd, shift
+
+
+@njit(cache=True)
+def lit_at(beam, altitude_km, cos_sun_zenith):
+    """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
+    return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith)[0]
 
 
 @njit(cache=True)

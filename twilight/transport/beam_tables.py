@@ -1,6 +1,14 @@
 """Exact values behind the table of the direct sun beam: one kernel per table.
 
 See :mod:`twilight.transport.beam` for what the tables mean and how they are looked up.
+
+Arguments that the kernels share: profile: `RayProfile`; w: index of the wavelength, reference: of the one whose rays
+the coordinates follow; altitude_km: of the point; u_km: n r cos i of the ray there; chi, apparent [rad]: true and
+apparent zenith angle of the sun; widening: d(chi)/d(apparent); spreading: whether the refracted beam thins out; scale
+(W,): refractivity over the reference's; altitudes (J,) [km]; cosines (C,): apparent; distances (D,) [km]: u of the
+reference ray; lowest_km (Y,): lowest points of rays, invariant (Y,) [km]: their n r there, slope (Y,) [km^-1]:
+derivative of the whole bending by it; edge_chi (J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the
+shadow's edge.
 """
 
 from __future__ import annotations
@@ -60,7 +68,8 @@ def full_bending(profile, w, lowest_km):
 def limb_table(profile, w, lowest_km, below_km, above_km, invariant, bending, slope, free):
     """For rays by their lowest point (Y,): invariant, bending of the whole ray, its derivative by p [km^-1], free.
 
-    The derivative is the mean over lowest points from `below_km` to `above_km`, (Y,) each.
+    The derivative is the mean over lowest points from `below_km` to `above_km`, (Y,) each.  invariant (Y,) [km],
+    bending (Y,) [rad], slope (Y,) [km^-1], free (Y,): filled; free: whether the ray leaves the air.
     """
     n = lowest_km.size
     for m in range(n):
@@ -75,7 +84,10 @@ def limb_table(profile, w, lowest_km, below_km, above_km, invariant, bending, sl
 
 @njit(cache=True)
 def interpolate(x, xs, ys):
-    """Piecewise linear, constant outside."""
+    """Piecewise linear through the points (xs, ys) (N,), at x, constant outside.
+
+    x, xs: in one unit, xs ascending.
+    """
     n = xs.size
     if x <= xs[0]:
         return ys[0]
@@ -130,7 +142,8 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
 def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, first):
     """`log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
 
-    `scale` (W,): n-1 relative to that of the reference.  Returns (bending, d bending/d i, free) at the reference.
+    out (W,): filled; first: index in the profile of the first wavelength of `scale` and `out`.  Returns (bending, d
+    bending/d i, free) at the reference.
     """
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, reference, altitude_km))
     apparent = math.atan2(math.sqrt(max(0.0, (x - u_km) * (x + u_km))), u_km)
@@ -150,7 +163,11 @@ def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spre
 
 @njit(cache=True)
 def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, bending, beta):
-    """Tables over (altitude J, apparent cosine C): log irradiance (J, C, W), bending and its slope at the reference."""
+    """Tables over altitudes and apparent cosines of rays from above.
+
+    log_up (J, C, W): log irradiance, filled; bending (J, C) [rad], beta (J, C): bending and its derivative by the
+    apparent zenith angle at the reference, filled.
+    """
     n_c = cosines.size
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
@@ -185,8 +202,9 @@ def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
 def shift_table(profile, reference, other, lowest_km, invariant, distances, slope, shift):
     """How far the lowest point of a ray of `other` lies from that of the reference ray with the same true direction.
 
-    shift (Y, D): difference of the reference's n r at the two lowest points [km], by the lowest point of the reference
-    ray and the distance u from it.
+    other: index of a wavelength; slope (W, Y) [km^-1]: here of every wavelength; shift (Y, D) [km]: filled, difference
+    of the reference's n r at the two lowest points, by the lowest point of the reference ray and the distance u from
+    it.
     """
     for m in range(lowest_km.size):
         p, whole, free = full_bending(profile, reference, lowest_km[m])
@@ -213,10 +231,8 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
 def down_table(profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, log_down):
     """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below.
 
-    profile: `RayProfile`; reference: index of the wavelength whose rays the coordinates follow; lowest_km (Y,): lowest
-    points of a wavelength's own rays, invariant (Y,) [km]: n r there at the reference; distances (D,) [km]: u of the
-    reference ray; scale (W,): refractivity over the reference's; shift (Y, D) [km]: of `shift_table`; slope (Y,): of
-    `limb_table`; spreading: whether the beam thins out; far [km].
+    lowest_km (Y,): of a wavelength's own rays; shift (Y, D) [km]: of `shift_table`; slope (W, Y) [km^-1]: here of every
+    wavelength; far [km]; log_down: filled.
     """
     mirror = np.empty(1)
     for w in range(scale.size):
@@ -256,10 +272,10 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
 
 @njit(cache=True)
 def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos):
-    """True zenith angle [rad] of the edge of the shadow and the apparent cosine there, at each altitude.
+    """True zenith angle of the edge of the shadow and the apparent cosine there, at each altitude.
 
     The edge is the ray whose lowest point is `lowest_free_km`, followed outwards from there: a search for that point
-    from the altitude would decide by rounding whether the ray is free.
+    from the altitude would decide by rounding whether the ray is free.  edge_chi (J,), edge_cos (J,): filled.
     """
     p0 = (profile.radius_km + lowest_free_km) * (1.0 + refractivity_at(profile, reference, lowest_free_km))
     half, _, _, _, free = outward(profile, reference, lowest_free_km, 0.0, FAR_KM)
@@ -286,10 +302,9 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
 
 @njit(cache=True)
 def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowest_km, slope, guess):
-    """guess (J, G, 2): bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6.
+    """Bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6.
 
-    profile: `RayProfile`; reference: index of its wavelength; altitudes (J,) [km]; depths (G,); edge_chi (J,) [rad],
-    edge_cos (J,): true zenith angle and apparent cosine of the shadow's edge; lowest_km, slope (Y,): of `limb_table`.
+    depths (G,): 0 to 1; guess (J, G, 2): filled, bending [rad] first.
     """
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))

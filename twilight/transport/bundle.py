@@ -33,7 +33,11 @@ class Rays(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, begin, end):
-    """Trace rays begin..end: count their points into rays.first[r + 1], or store them from rays.first[r] on."""
+    """Trace rays: count their points into rays.first[r + 1], or store them from rays.first[r] on.
+
+    profile: `Profile`; altitude_km (R,), cosine (R,), far_km (R,), fineness, pairs: as `lines.trace_line` has them;
+    store: keep the points, else count; rays: `Rays`, filled; begin, end: the first ray and the one after the last.
+    """
     line = new_line(profile)
     for r in range(begin, end):
         n, status = trace_line(profile, altitude_km[r], cosine[r], fineness, pairs, line, far_km[r])

@@ -24,7 +24,8 @@ _INSIDE_KM = 1e-9
 def chord_depth(profile, altitude_km, cos_zenith, length, out):
     """Optical depth (W,) into `out`, of a chord of `length` [km] that starts inside the air under `cos_zenith`.
 
-    Returns False, with `out` unset, where the ground is in between; what is above the top counts as its last level.
+    profile: `Profile`; altitude_km: of its start.  Returns False, with `out` unset, where the ground is in between;
+    what is above the top counts as its last level.
     """
     radius = profile.earth_radius_km
     stop = profile.stop_km

@@ -9,6 +9,9 @@ A step is never longer than about 0.7 optical depths.  It ends where the line tu
 goes one way within it, and at every one of the profile's `stop_km`, between which the air changes smoothly: a step
 whose end lies beyond a stop is shortened to end on it.  So no layer, however thin, is stepped over.  Within a step
 optical depth and scattered light are two-point Gauss sums.
+
+Arguments that the kernels share: profile: `Profile`; altitude_km, z [km]: of the point; psi [rad]: geocentric angle
+from the start of the line; a [rad]: elevation of the line at the point; travelled, s [km]: its length up to there.
 """
 
 from __future__ import annotations
@@ -224,6 +227,8 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     one that misses the air has no points); cos_zenith: of the direction there.
     pairs: keep both Gauss points of every step; otherwise those of a step up to LONG_STEP_KM are one point between.
     far_km: distance from the start at which the line ends at the latest.
+
+    fineness: of the steps, 1 is usual.
     """
     place, weight, transmittance, end = line
     stop = profile.stop_km
@@ -354,6 +359,7 @@ def per_scattering(profile, altitude_km, weight, out):
 
 @njit(cache=True, inline="always")
 def _put(row, z, psi, a, s):
+    """Fill a point's row (4,) of `Line`."""
     row[ALTITUDE] = z
     row[ANGLE] = psi
     row[COSINE] = math.sin(a)

@@ -87,7 +87,10 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
 
 @njit(cache=True)
 def layer_above(profile, altitude_km):
-    """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground."""
+    """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground.
+
+    profile: `RayProfile`.
+    """
     lo = 0
     hi = profile.top_km.size
     while lo < hi:
@@ -113,7 +116,7 @@ def index_in(c, f):
 
 @njit(cache=True, inline="always")
 def extinction_in(c, f):
-    """Extinction [km^-1] in a layer; arguments as of `index_in`."""
+    """Extinction [km^-1] in a layer; c, f: as of `index_in`."""
     extinction = c[AIR + SLOPE] * f
     if c[AIR + BOTTOM] > 0.0:
         q, s, t = c[AIR + LOG_SLOPE], c[AIR + SQUARE], c[AIR + CUBE]
@@ -127,7 +130,10 @@ def extinction_in(c, f):
 
 @njit(cache=True)
 def refractivity_at(profile, w, altitude_km):
-    """n - 1 at an altitude (on a jump: above it), 0 above the top; below the ground the lowest layer goes on."""
+    """n - 1 at an altitude (on a jump: above it), 0 above the top; below the ground the lowest layer goes on.
+
+    profile: `RayProfile`; w: index of the wavelength; `altitude_km`: where.
+    """
     i = layer_above(profile, altitude_km)
     if i == profile.top_km.size:
         return 0.0
@@ -137,7 +143,10 @@ def refractivity_at(profile, w, altitude_km):
 
 @njit(cache=True)
 def index_at(profile, w, i, altitude_km):
-    """n - 1 of layer i at an altitude [km] in it, at its top the value that the medium has there."""
+    """n - 1 at an altitude in a layer, at its top the value that the medium has there.
+
+    profile: `RayProfile`; w: index of the wavelength; i: of the layer; `altitude_km`: in it.
+    """
     c = profile.coefficient[w, i]
     if altitude_km == profile.top_km[i]:
         return c[INDEX_TOP]

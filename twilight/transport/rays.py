@@ -12,6 +12,9 @@ nodes per layer are enough.  With n = 1 the bending is exactly 0.
 
 Differences of x are formed from differences of altitude and of n - 1, never by subtracting two numbers near 6371.
 Where n r does not grow with r (a duct) u^2 can become negative: such a ray cannot leave the air and is ``TRAPPED``.
+
+Arguments that the kernels share: profile: `RayProfile`; w: index of the wavelength; altitude_km: where the ray starts;
+u_km: n r cos i there; path: `Path`, what the ray has collected; below_ground: go on in the layer under the ground.
 """
 
 from __future__ import annotations
@@ -69,7 +72,9 @@ class Path(NamedTuple):
 
 @njit(cache=True)
 def _positive(slope):
-    """d(n r)/dr as an estimate of a zero takes it: in a duct, where it is not positive, that of air without index."""
+    """slope: d(n r)/dr, as an estimate of a zero takes it: in a duct, where it is not positive, that of air without
+    index.
+    """
     return 1.0 if slope < 0.05 else slope
 
 

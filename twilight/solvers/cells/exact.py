@@ -60,13 +60,13 @@ class ExactCells:
         progress("light scattered once", 0.1)
         phase = np.ascontiguousarray(phase)
         sun = np.array([np.sin(h), np.cos(h)])
-        n = o.nodes
+        places = np.stack([o.nodes.x_km, o.nodes.z_km, o.nodes.altitude_km], axis=1)
         in_slices(
             lambda begin, end: once_scattered(
-                self.profile, self.beam, phase, self.medium.ground_albedo, n.x_km, n.z_km, n.altitude_km,
-                d.cosine, o.n_azimuth // 2 + 1, o.n_azimuth, o.q, sun, first, begin, end,
+                self.profile, self.beam, phase, self.medium.ground_albedo, places, d.cosine, o.n_azimuth, o.q, sun,
+                first, begin, end,
             ),
-            n.altitude_km.size,
+            places.shape[0],
         )  # fmt: skip
         mirror(first, d.cosine.size, d.azimuth.size)
         return o.solve(

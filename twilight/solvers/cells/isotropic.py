@@ -32,7 +32,8 @@ def average_over_cells(
 
     profile: `Profile`; log_table (Z, S, W) over altitudes (Z,) [km] and suns (S,) [deg]; shells (N + 1,) [km from the
     observer] of rings whose shell is ring_shell (R,) and elevation elevations (R,) [rad]; observer_radius [km] from the
-    centre of the Earth; sun [rad]: elevation at the observer; out (R, A, W), filled for the rings begin..end.
+    centre of the Earth; sun [rad]: elevation at the observer; out (R, A, W), filled for the rings begin..end.  n:
+    points along each side of a cell.
     """
     n_azimuth = out.shape[1]
     n_wavelengths = out.shape[2]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +18,7 @@ from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.solvers.cells.stencils import Mesh, Stencils
 from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, beam_on_ground
-from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, by_species, new_line, trace_line
+from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, Line, by_species, new_line, trace_line
 
 TINY = 1e-30
 
@@ -36,73 +37,100 @@ class Scattered:
     residual: float
 
 
+class Ray(NamedTuple):
+    """One line from a node, in the frame that is turned to the node's azimuth, for kernels to fill.
+
+    line: `Line` of K points; position (K, 3): unit vectors to them from the centre of the Earth; coefficient (K, 1 + K,
+    W): share of each species in the light that they scatter; ground (3,): unit vector to where the line ends there.
+    """
+
+    line: Line
+    position: np.ndarray
+    coefficient: np.ndarray
+    ground: np.ndarray
+
+
 @njit(cache=True, nogil=True)
-def once_scattered(
-    profile, beam, phase, ground_albedo, x, z, altitude, cosine, n_relative, n_azimuth, q, sun, out, begin, end
-):
+def once_scattered(profile, beam, phase, ground_albedo, places, cosine, n_azimuth, q, sun, out, begin, end):
     """Light scattered once (air or ground) that reaches the nodes begin..end: out (D, P, A, W).
 
     A ray of direction cosine `m` and relative azimuth `a` is traced once and serves every azimuth of the node.
+    Azimuths 0 to 180 deg are computed, the others mirrored.
 
     profile: `Profile`; beam: `Beam`; phase (D, 1 + K, W): of each species from the sun into each direction;
-    ground_albedo (W,)
-    x, z, altitude (P,) [km]: of the nodes at azimuth 0, x and z from the centre of the Earth
-    cosine (M,): of the directions' zenith angles, D = M n_azimuth/q; n_relative: relative azimuths, 0 to 180 deg
-    n_azimuth: of the nodes; q: node azimuths per direction azimuth; sun (2,): sine and cosine of its elevation
-    Azimuths 0 to 180 deg are computed, the others mirrored.
+    ground_albedo (W,); places (P, 3) [km]: of the nodes at azimuth 0, x and z from the centre of the Earth and
+    altitude; cosine (M,): of the directions' zenith angles, D = M n_azimuth/q; n_azimuth: of the nodes; q: node
+    azimuths per direction azimuth; sun (2,): sine and cosine of its elevation.
     """
     n_dir_azimuth = n_azimuth // q
-    n_species = phase.shape[1]
-    n_wavelengths = profile.extinction.shape[1]
+    n_species, n_wavelengths = phase.shape[1], phase.shape[2]
     line = new_line(profile)
     rows = line.place.shape[0]
+    ray = Ray(line, np.empty((rows, 3)), np.empty((rows, n_species, n_wavelengths)), np.zeros(3))
     light = np.empty(n_wavelengths)
-    coefficient = np.empty((rows, n_species, n_wavelengths))
-    position = np.empty((rows, 3))
-    ground = np.zeros(3)
     for p in range(begin, end):
-        rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
         for m in range(cosine.size):
-            sine = math.sqrt(1.0 - cosine[m] * cosine[m])
-            for a in range(n_relative):
-                phi = 2.0 * math.pi * a / n_azimuth
-                dx, dy, dz = sine * math.cos(phi), sine * math.sin(phi), cosine[m]
-                mu = (x[p] * dx + z[p] * dz) / rho
-                points, status = trace_line(profile, altitude[p], mu, 1.0, np.bool_(False), line, math.inf)
-                for k in range(points):
-                    _unit(x[p], z[p], dx, dy, dz, line.place[k, DISTANCE], position[k])
-                    by_species(profile, line.place[k, ALTITUDE], line.weight[k], coefficient[k])
-                if status == GROUND:
-                    _unit(x[p], z[p], dx, dy, dz, line.end[2], ground)
+            for a in range(n_azimuth // 2 + 1):
+                points, lands = _follow(profile, places[p], cosine[m], 2.0 * math.pi * a / n_azimuth, ray)
                 for side in range(2):
                     if side == 1 and (a == 0 or 2 * a == n_azimuth):
                         continue
                     turn = a if side == 0 else n_azimuth - a
                     sign = 1.0 if side == 0 else -1.0
-                    for j in range(n_azimuth // 2 + 1):
-                        if (j + turn) % q:
-                            continue
+                    for j in range((-turn) % q, n_azimuth // 2 + 1, q):
                         d = m * n_dir_azimuth + ((j + turn) % n_azimuth) // q
                         angle = 2.0 * math.pi * j / n_azimuth
                         # the sun seen in the frame that is turned to the node's azimuth
-                        sx, sy, sz = sun[1] * math.cos(angle), -sun[1] * math.sin(angle), sun[0]
+                        to_sun = (sun[1] * math.cos(angle), -sign * sun[1] * math.sin(angle), sun[0])
                         row = out[d, p, j]
-                        for w in range(n_wavelengths):
-                            row[w] = 0.0
-                        for k in range(points):
-                            c_sun = position[k, 0] * sx + sign * position[k, 1] * sy + position[k, 2] * sz
-                            beam_at(beam, line.place[k, ALTITUDE], c_sun, light)
-                            for w in range(n_wavelengths):
-                                if light[w] > 0.0:
-                                    source = 0.0
-                                    for c in range(n_species):
-                                        source += coefficient[k, c, w] * phase[d, c, w]
-                                    row[w] += light[w] * source
-                        if status == GROUND:
-                            c_sun = ground[0] * sx + sign * ground[1] * sy + ground[2] * sz
-                            beam_on_ground(beam, profile.altitude_km[0], c_sun, light)
-                            for w in range(n_wavelengths):
-                                row[w] += line.transmittance[w] * ground_albedo[w] / math.pi * light[w]
+                        _sunlight(profile, beam, ray, points, lands, to_sun, phase[d], ground_albedo, light, row)
+
+
+@njit(cache=True, nogil=True)
+def _follow(profile, place, cosine, azimuth, ray):
+    """Fill a `Ray` from a node; returns (number of its points, whether it ends on the ground).
+
+    profile: `Profile`; place (3,) [km]: row of `places`; cosine: of the line's zenith angle in the observer's frame;
+    azimuth [rad]; ray: `Ray`.
+    """
+    x, z, altitude = place[0], place[1], place[2]
+    sine = math.sqrt(1.0 - cosine * cosine)
+    dx, dy, dz = sine * math.cos(azimuth), sine * math.sin(azimuth), cosine
+    mu = (x * dx + z * dz) / math.sqrt(x * x + z * z)
+    line = ray.line
+    points, status = trace_line(profile, altitude, mu, 1.0, np.bool_(False), line, math.inf)
+    for k in range(points):
+        _unit(x, z, dx, dy, dz, line.place[k, DISTANCE], ray.position[k])
+        by_species(profile, line.place[k, ALTITUDE], line.weight[k], ray.coefficient[k])
+    if status == GROUND:
+        _unit(x, z, dx, dy, dz, line.end[2], ray.ground)
+    return points, status == GROUND
+
+
+@njit(cache=True, nogil=True)
+def _sunlight(profile, beam, ray, points, lands, to_sun, phase, ground_albedo, light, out):
+    """Light scattered once along a ray, by its points and by the ground where it lands, into out (W,).
+
+    profile, beam, ground_albedo: as in `once_scattered`; ray: `Ray` with so many points; to_sun: its unit vector, a
+    tuple; phase (1 + K, W): from the sun into the ray's direction; points, lands: of `_follow`; light (W,): work space.
+    """
+    x, y, z = to_sun
+    for w in range(out.size):
+        out[w] = 0.0
+    for k in range(points):
+        c_sun = ray.position[k, 0] * x + ray.position[k, 1] * y + ray.position[k, 2] * z
+        beam_at(beam, ray.line.place[k, ALTITUDE], c_sun, light)
+        for w in range(out.size):
+            if light[w] > 0.0:
+                source = 0.0
+                for c in range(phase.shape[0]):
+                    source += ray.coefficient[k, c, w] * phase[c, w]
+                out[w] += light[w] * source
+    if lands:
+        c_sun = ray.ground[0] * x + ray.ground[1] * y + ray.ground[2] * z
+        beam_on_ground(beam, profile.altitude_km[0], c_sun, light)
+        for w in range(out.size):
+            out[w] += ray.line.transmittance[w] * ground_albedo[w] / math.pi * light[w]
 
 
 @njit(cache=True, inline="always")
@@ -115,7 +143,10 @@ def _unit(x, z, dx, dy, dz, s, out):
 
 @njit(cache=True)
 def mirror(field, n_cos, n_dir_azimuth):
-    """Fill azimuths beyond 180 deg: left and right of the sun's meridian are alike."""
+    """Fill azimuths beyond 180 deg: left and right of the sun's meridian are alike.
+
+    field (D, P, A, W): D directions, n_cos, n_dir_azimuth: of zenith angles and of azimuths.
+    """
     n_azimuth = field.shape[2]
     for m in range(n_cos):
         for b in range(n_dir_azimuth):
@@ -129,8 +160,12 @@ def mirror(field, n_cos, n_dir_azimuth):
 
 @njit(cache=True)
 def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out):
-    """Add the source along one ray, entries first..last, at a node of azimuth index `azimuth_cell` (may be
-    fractional)."""
+    """Add the source along one ray to out (W,).
+
+    stencil: corner, corner_weight, azimuth, weight of `Stencils`; first, last: the ray's first entry and the one after
+    its last; log_source (P, A, W): logarithm of what points scatter; azimuth_cell: azimuth index of the node, which may
+    be fractional; sign: 1, or -1 for the ray's mirror image; n_azimuth: A.
+    """
     corner, corner_weight, azimuth, weight = stencil
     n_wavelengths = out.size
     per_cell = n_azimuth / (2.0 * math.pi)

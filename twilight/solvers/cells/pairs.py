@@ -74,6 +74,7 @@ def sphere_capture(optical_radius):
     """Share of isotropic light born evenly in a sphere that the sphere itself extinguishes (1 - escape probability).
 
     1 - 3/(8 t^3) (2 t^2 - 1 + (1 + 2 t) exp(-2 t)) (Case, de Hoffmann & Placzek 1953); a series where this cancels.
+    optical_radius: t.
     """
     t = optical_radius
     if t < 0.02:
@@ -83,11 +84,14 @@ def sphere_capture(optical_radius):
 
 @njit(cache=True)
 def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source, depth, out_target, out_source, toward):
-    """Share of the light that leaves cell `source` isotropically and is extinguished in cell `target` (Haber eq. 5):
-    out_target = solid angle share of the target * (transmission to its front - transmission to its back).
+    """Share of the light that leaves cell `source` isotropically and is extinguished in cell `target` (Haber eq. 5).
 
-    The path is the same the other way: out_source is the share of the target's light that the source cell captures.
-    toward (3,): unit vector from source to target.  Returns False where the ground is between the two.
+    out_target = solid angle share of the target * (transmission to its front - transmission to its back).  The path is
+    the same the other way: out_source is the share of the target's light that the source cell captures.
+
+    profile: `Profile`; rings: `Rings`; target, source: indices of rings; azimuth_target, azimuth_source [rad]: of the
+    cells; depth (W,): work space; out_target, out_source (W,): filled; toward (3,): filled, unit vector from source to
+    target.  Returns False where the ground is between the two.
     """
     n_wavelengths = out_target.size
     if target == source and azimuth_target == azimuth_source:
@@ -154,6 +158,7 @@ def pair_pass(profile, rings, n_azimuth, power, phase_table, sun, left_right, mi
     nodes uniform in the cosine of the scattering angle, for light that comes straight from the sun; with N = 1 the
     light is isotropic.  left_right: sources on one side of the sun's meridian only.  mirrored: a path serves its mirror
     image.  ring_reuse: the paths of a ring's first cell serve all its cells.  Returns the number of paths traced.
+    profile: `Profile`; rings: `Rings`; n_azimuth: cells of a ring; sun (3,): unit vector to it.
     """
     n_rings = rings.radius.size
     n_species, _, _, n_wavelengths = power.shape

@@ -20,7 +20,11 @@ from twilight.transport.profile import Profile
 
 @njit(cache=True, nogil=True)
 def ring_kernels(profile, rings, n_azimuth, transform, out, begin, end):
-    """out[mode, wavelength, target, source]: Fourier coefficients of the captured share; transform (modes, S/2 + 1)."""
+    """Fourier coefficients of the captured share, out (modes, W, target, source).
+
+    profile: `Profile`; rings: `Rings`; n_azimuth: cells of a ring; transform (modes, S/2 + 1): of azimuths into modes;
+    for the rows begin..end, each with its mirror image from the other end.
+    """
     n_rings = rings.radius.size
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]
@@ -60,12 +64,12 @@ def ring_kernels(profile, rings, n_azimuth, transform, out, begin, end):
 def ground_kernels(
     profile, rings, patch_radius, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells, begin, end
 ):
-    """Shares of light between cells and patches of the ground: to_ground[mode, W, patch, ring], to_cells[.., ring,
-    patch].
+    """Shares of light between cells and patches of the ground.
 
-    profile: `Profile`; rings: `Rings`; patch_radius (N,) [km]: distance of the patches, whose area is patch_area (N,)
-    [km^2] and whose x and z from the centre of the Earth are patch_position (N, 2) [km]; they send Lambertian light.
-    n_azimuth: cells of a ring; transform (modes, half): of azimuths into modes; for the rings begin..end.
+    to_ground (modes, W, patch, ring), to_cells (modes, W, ring, patch): filled; profile: `Profile`; rings: `Rings`;
+    patch_radius (N,) [km]: distance of the patches, whose area is patch_area (N,) [km^2] and whose x and z from the
+    centre of the Earth are patch_position (N, 2) [km]; they send Lambertian light.  n_azimuth: cells of a ring;
+    transform (modes, half): of azimuths into modes; for the rings begin..end.
     """
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]
@@ -109,6 +113,8 @@ def exact_shares(
 
     x, z, altitude (P,) [km]: of the points that send it, from the centre of the Earth; cosine, cosine_weight (M,): of
     the zenith angle of rays there, each in n_azimuth azimuths of half a turn; captured, ground (P, W) are added to.
+    profile: `Profile`; observer_radius [km]: from the centre of the Earth; n_azimuth: azimuths of half a turn; for the
+    points begin..end.
     """
     n_wavelengths = profile.extinction.shape[1]
     radius = profile.earth_radius_km

@@ -61,7 +61,10 @@ def make_mesh(nodes: Nodes, observer_radius_km: float) -> Mesh:
 
 @njit(cache=True)
 def _bracket(altitudes, low, high, z):
-    """Point below z within altitudes[low:high] and the fraction to the next one, clamped at both ends."""
+    """Point below an altitude z [km] within altitudes[low:high] and the fraction to the next one, clamped at both ends.
+
+    altitudes (P,) [km]; low, high: of the shell's points.
+    """
     if z <= altitudes[low]:
         return low, 0.0
     if z >= altitudes[high - 1]:
@@ -79,7 +82,11 @@ def _bracket(altitudes, low, high, z):
 
 @njit(cache=True)
 def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
-    """Four points around a position (x, y, z from the centre of the Earth) and their weights; azimuth is returned."""
+    """Four points around a position and their weights; its azimuth [rad] is returned.
+
+    mesh: `Mesh`; (x, y, z_centre) [km]: the position, from the centre of the Earth; altitude [km]: its altitude; corner
+    (4,), weight (4,): filled.
+    """
     dz = z_centre - mesh.observer_radius_km
     r = math.sqrt(x * x + y * y + dz * dz)
     log_r = math.log(max(r, 1e-9))
@@ -152,6 +159,7 @@ def _trace_all(profile, mesh, x, z, cosine, n_relative, n_azimuth, fineness, sto
     profile: `Profile`; mesh: `Mesh`; x, z (P,) [km]: of the nodes from the centre of the Earth; cosine (M,): of the
     directions' zenith angles; n_relative: relative azimuths from 0, in steps of a turn over n_azimuth; fineness:
     density of steps; first (rays + 1,): index of each ray's first entry; out, ground: as `trace` takes them.
+    n_azimuth: of a whole turn; store: keep the entries, else count.
     """
     n_cos = cosine.size
     line = new_line(profile)

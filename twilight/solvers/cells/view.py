@@ -30,7 +30,8 @@ def gather_views(
 
     profile: `Profile`; mesh: `Mesh`; altitude0 [km]: of the observer; directions (D, 3): unit vectors; fineness:
     density of steps; log_source (D or 1, P, A, W): logarithm of the light that points scatter, for each direction where
-    per_direction is true; log_ground (P, A, W): of the ground's radiance.
+    per_direction is true; log_ground (P, A, W): of the ground's radiance.  per_direction: whether log_source has D
+    rows.
     """
     n_wavelengths = profile.extinction.shape[1]
     n_azimuth = log_source.shape[2]

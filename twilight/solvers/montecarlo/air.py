@@ -6,6 +6,8 @@ depth is the integral over altitude of extinction x secant: the secant is a para
 and integrals of extinction x altitude^n are tabulated, whatever the extinction does in between.  Close to the
 horizontal it is cut at *shells*, runs of levels over which Simpson's rule integrates the extinction along the line to
 SHELL_TOLERANCE; no shell contains a jump, and a layer is a whole number of shells.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -290,6 +292,9 @@ def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
     """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`.
 
     Takes arrays, not the whole `Air`: in the innermost loop a tuple of arrays costs more than the look-up.
+
+    levels (N,) [km]; bin_start (B,): level at or below the start of each of B equal bins of altitude; bins_per_km
+    [km^-1]; per_km (N - 1,) [km^-1]: 1 over the distances between levels; z [km].
     """
     b = int((z - levels[0]) * bins_per_km)
     b = min(max(b, 0), bin_start.size - 1)
@@ -302,7 +307,7 @@ def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
 
 @njit(**INNER)
 def locate(air, z, first, last):
-    """`locate_level` in the levels of the air."""
+    """`locate_level` in the levels of the air: altitude z [km], between the levels `first` and `last`."""
     return locate_level(air.level_km, air.bin_start, air.bins_per_km, air.per_km, z, first, last)
 
 
@@ -323,19 +328,19 @@ def air_at(air, w):
 
 @njit(inline="always", **INNER)
 def place_in(at, z, first, last):
-    """`locate_level` in the levels of an :class:`AirAt`."""
+    """`locate_level` in the levels of an :class:`AirAt`: altitude z [km], between the levels `first` and `last`."""
     return locate_level(at.level_km, at.bin_start, at.bins_per_km, at.per_km, z, first, last)
 
 
 @njit(inline="always", **INNER)
 def column(table, i, f, c):
-    """One coefficient [km^-1] of the table (N, 2 + C) of one wavelength at the place (i, f) of the levels."""
+    """Coefficient [km^-1] of a table (N, 2 + C) of one wavelength at the place (i, f) of the levels; c: its column."""
     return table[i, c] * (1.0 - f) + table[i + 1, c] * f
 
 
 @njit(inline="always", **INNER)
 def interpolate(air, w, i, f, column):
-    """One coefficient of the table [km^-1]."""
+    """Coefficient [km^-1] of the air: at the wavelength w, the place (i, f) of the levels; column: of `Air.table`."""
     return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
 
 
@@ -343,7 +348,8 @@ def interpolate(air, w, i, f, column):
 def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
     """Integral from the ground of extinction x (c0 + c1 h + c2 h^2) to the fraction f of the way above level i.
 
-    table, moment: of one wavelength; h [km]: height of level i above the ground; d [km]: distance to the next level.
+    table (N, 2 + C) [km^-1], moment (N, 3): of one wavelength; h [km]: height of level i above the ground; d [km]:
+    distance to the next level; c0 [1], c1 [km^-1], c2 [km^-2]: secant of the line.
     """
     y = f * d
     lower = table[i, EXTINCTION]
@@ -360,14 +366,17 @@ def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
 
 @njit(inline="always", **INNER)
 def depth_from_ground(at, i, f, c0, c1, c2):
-    """`weighted_depth` from the ground to the place (i, f) of the levels of an :class:`AirAt`."""
+    """`weighted_depth` from the ground to the place (i, f) of the levels of an :class:`AirAt`.
+
+    c0 [1], c1 [km^-1], c2 [km^-2]: secant of the line, as there.
+    """
     h = at.level_km[i] - at.bottom_km
     return weighted_depth(at.table, at.moment, h, 1.0 / at.per_km[i], i, f, c0, c1, c2)
 
 
 @njit(**INNER)
 def shell_of(air, z):
-    """Index of the shell that holds an altitude."""
+    """Index of the shell of the air that holds the altitude z [km]."""
     lo = 0
     hi = air.shell_km.size - 1
     while hi - lo > 1:

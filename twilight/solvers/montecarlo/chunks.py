@@ -61,9 +61,10 @@ class Sums(NamedTuple):
 def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_sun):
     """Fill ray (9,) and to_sun (3,) in the observer's Cartesian frame (towards the sun, to its right, up).
 
-    Angles in rad, altitude and the Earth's radius in km.  The reference of the Stokes vector lies in the vertical plane
-    of the azimuth, also in the zenith, so that Q > 0 is light that vibrates vertically; azimuths grow to the right, and
-    U > 0 is light whose vibration leans from the vertical to the right.
+    sun_elevation, elevation, azimuth [rad]: of the sun and of the line of sight; altitude, radius [km]: of the observer
+    above the Earth's sphere, and of that sphere.  The reference of the Stokes vector lies in the vertical plane of the
+    azimuth, also in the zenith, so that Q > 0 is light that vibrates vertically; azimuths grow to the right, and U > 0
+    is light whose vibration leans from the vertical to the right.
     """
     ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, radius + altitude
     ray[DIRECTION] = math.cos(elevation) * math.cos(azimuth)
@@ -77,7 +78,11 @@ def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_su
 
 @njit(**INNER)
 def add_sample(orders, first, second):
-    """Add the orders (S, N_ORDERS + 1) of one sample, and their squares, to the sums of a job; returns the whole I."""
+    """Add one sample, and its squares, to the sums of a job; returns the whole I.
+
+    orders (S, N_ORDERS + 1) [sr^-1]: light of the sample by Stokes element and order; first, second (S, TOTAL + 1):
+    sums of the values [sr^-1] and of their squares [sr^-2].
+    """
     intensity = 0.0
     for m in range(orders.shape[0]):
         total = orders[m, COARSE]
@@ -95,7 +100,10 @@ def add_sample(orders, first, second):
 
 @njit(cache=True, nogil=True)
 def sight_transmittance(air, sun, steering, walk, pixels, begin, end, out):
-    """Transmittance of the lines of sight of pixels begin..end of `Pixels`, at all wavelengths, into out (P, W)."""
+    """Transmittance of lines of sight, at all wavelengths.
+
+    pixels: `Pixels`; begin, end: the first pixel and the one after the last; out (P, W): filled, transmittance in 0..1.
+    """
     memory = new_leg(air.table.shape[2] - SPECIES, SIGHT_PIECES, SIGHT_CHORDS)
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.empty(3)
@@ -110,11 +118,12 @@ def sight_transmittance(air, sun, steering, walk, pixels, begin, end, out):
 
 @njit(cache=True, nogil=True)
 def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums, stop):
-    """Run the jobs first_job..end_job of :class:`Jobs` for :class:`Pixels` and fill their rows of :class:`Sums`.
+    """Run jobs and fill their rows of the sums.
 
-    A row depends on its job alone, so neither threads nor the order of jobs change it.  sight_air is the air that
-    single scattering is seen through, the same as `air` unless events are isotropic; seed: an integer; stop (1,): no
-    sample is begun once it is not 0.
+    pixels: `Pixels`; jobs: `Jobs`; first_job, end_job: the first job and the one after the last; sums: `Sums`, filled;
+    sight_air: the air that single scattering is seen through, the same as `air` unless events are isotropic; seed: an
+    integer; stop (1,): no sample is begun once it is not 0.  A row depends on its job alone, so neither threads nor the
+    order of jobs change it.
     """
     n_species = air.table.shape[2] - SPECIES
     sight_leg = new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS)

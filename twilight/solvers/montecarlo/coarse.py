@@ -4,6 +4,8 @@ The mean light M at the nodes obeys M = S + K M (S: sunlight scattered once, K: 
 included), a small dense system that is solved at once, so that thick and bright air needs no more than thin air.  K
 interpolates linearly, which is too bright in the deep shadow, where the field falls by e per degree; sweeps that
 interpolate the logarithm follow, with blurred phase functions, and give the light and its source by direction.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -118,7 +120,10 @@ def _store(steering: Steering, w: int, phase: np.ndarray, radiance: np.ndarray) 
 
 @njit(inline="always", **INNER)
 def _to_node(steering, node, to_sun):
-    """Indices (i, j) of a node among the altitudes and suns; the sun's direction there goes into to_sun (3,)."""
+    """Indices (i, j) of a node among altitudes and suns; to_sun (3,): filled with the sun's direction there.
+
+    node: its number, 0 to A Z - 1, counted through the suns first.
+    """
     i, j = divmod(node, steering.cos_sun.size)
     cosine = steering.cos_sun[j]
     to_sun[0], to_sun[1], to_sun[2] = math.sqrt(max(0.0, 1.0 - cosine * cosine)), 0.0, cosine
@@ -127,10 +132,10 @@ def _to_node(steering, node, to_sun):
 
 @njit(**INNER)
 def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ray):
-    """Trace from a node at altitude i, radius r [km], towards the centre of the cell d, without randomness.
+    """Trace a leg from a node towards the centre of a cell of directions, without randomness.
 
-    to_sun (3,): in the node's frame (towards the sun, sideways, up); cuts: `CUTS`; ray (9,): work space; the others as
-    for `leg.trace`, whose `Found` is returned.
+    r [km]: radius of the node; i: index of its altitude; d: of the cell; to_sun (3,): in the node's frame (towards the
+    sun, sideways, up); cuts: `CUTS`; ray (9,): work space; the others as for `leg.trace`, whose `Found` is returned.
     """
     ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, r
     for m in range(3):
@@ -141,7 +146,12 @@ def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ra
 
 @njit(cache=True, nogil=True)
 def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, first, end):
-    """S and K of the module's equation; rows of the nodes first..end, and no further once stop (1,) is not 0."""
+    """S and K of the module's equation, rows of some nodes.
+
+    cuts: `CUTS`; altitude_km (A,): of the nodes; stop (1,): no node is begun once it is not 0; source (N,) [sr^-1],
+    kernel (N, N): S and K, added to, for N = A Z mean lights and Z irradiances on the ground; first, end: the first
+    node and the one after the last.
+    """
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
@@ -199,9 +209,10 @@ def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, firs
 
 @njit(cache=True, nogil=True)
 def _sweep(air, sun, steering, w, cuts, altitude_km, stop, radiance, first, end):
-    """Diffuse radiance at the nodes first..end from every cell's centre: sunlight plus the light of the tables.
+    """Diffuse radiance at nodes from every cell's centre: sunlight plus the light of the tables.
 
-    No further once stop (1,) is not 0.
+    cuts: `CUTS`; altitude_km (A,): of the nodes; stop (1,): no node is begun once it is not 0; radiance (A, Z, D)
+    [sr^-1]: filled; first, end: the first node and the one after the last.
     """
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
     ray = np.empty(CHORD_COLUMNS)

@@ -1,7 +1,9 @@
 """The direction of the leg after an event, drawn from the coarse field's light and the phase function.
 
 With p the phase function towards a candidate, L the light that the coarse field expects from there and q the density
-that candidates are drawn with, one of several is taken in proportion to p L / q.  Shared arguments: `kernel`.
+that candidates are drawn with, one of several is taken in proportion to p L / q.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -58,7 +60,10 @@ def new_work():
 
 @njit(**INNER)
 def mixed_phase(air, w, i, f, cosine):
-    """(p, q, p12) [sr^-1] at the place (i, f): phase function, density of its stand-in that is drawn from, P12."""
+    """(p, q, p12) [sr^-1] at the place (i, f): phase function, density of its stand-in that is drawn from, P12.
+
+    (i, f): of the levels of the air; cosine: of the scattering angle.
+    """
     if air.isotropic_events:
         return 0.25 / math.pi, 0.25 / math.pi, 0.0
     cell = sampling_cell(cosine)
@@ -79,7 +84,10 @@ def mixed_phase(air, w, i, f, cosine):
 
 @njit(**INNER)
 def draw_cosine(air, w, i, f, number, stream):
-    """Cosine of a scattering angle from the stand-in of the local phase function; `number` in [0, 1) decides."""
+    """Cosine of a scattering angle from the stand-in of the phase function at the place (i, f).
+
+    number: in [0, 1), decides.
+    """
     if air.isotropic_events:
         return 2.0 * number - 1.0
     n_species = air.table.shape[2] - SPECIES
@@ -129,7 +137,7 @@ def turn(dx, dy, dz, cosine, psi, out):
 
 @njit(**INNER)
 def local_frame(px, py, pz, to_sun, frame):
-    """Fill `frame` (3, 3) of a `Work` at the point (px, py, pz) [km]; returns the cosine of the sun's zenith angle."""
+    """Fill frame (3, 3) of a `Work` at the point (px, py, pz) [km]; returns the cosine of the sun's zenith angle."""
     sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
     r = math.sqrt(px * px + py * py + pz * pz)
     ux, uy, uz = px / r, py / r, pz / r
@@ -154,8 +162,8 @@ def draw_direction(air, steering, w, event, horizon, from_table, total, number, 
     """Draw a candidate into work.trial from the mixture of `choose_direction`; returns its cell of directions.
 
     event (EVENT_COLUMNS,): where; horizon: sine of the horizon's elevation; from_table: share of the draws by the
-    table, whose weights add up to `total`; number, a, b in [0, 1): decide between the two, and the two angles; work:
-    `Work`, with its frame and, for the table, its running sums filled.
+    table, whose weights add up to `total`; number, a, b: each in [0, 1), decide between the two, and the two angles;
+    work: `Work`, with its frame and, for the table, its running sums filled.
     """
     frame = work.frame
     trial = work.trial
@@ -199,7 +207,7 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
 
     event (EVENT_COLUMNS,): where; cos_sun: cosine of the sun's zenith angle there; table_fraction in [0, 1): share of
     the candidates that the table draws; n_candidates: 1 or more; polarised: whether the path's matrix counts; work:
-    `Work`, with its frame filled.
+    `Work`, with its frame filled.  table_fraction: in [0, 1).
     """
     frame = work.frame
     trial = work.trial

@@ -35,7 +35,10 @@ EVENT_COLUMNS = NUMBERS + 3
 
 @njit(**INNER)
 def draw_piece(pieces, column, n, x):
-    """First of the n pieces (M, PIECE_COLUMNS) whose running sum in a column exceeds x."""
+    """First of the n pieces (M, PIECE_COLUMNS) whose running sum in a `column` exceeds x.
+
+    pieces: of a leg, n: how many it has; column: STEERED or PLAIN; x [sr^-1]: below the sum of the last piece.
+    """
     lo = 0
     hi = n - 1
     while lo < hi:
@@ -51,8 +54,10 @@ def draw_piece(pieces, column, n, x):
 def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, number, stream):
     """Draw one of the first n pieces of a leg, or its ground, from a mixture of steered and plain weights.
 
-    pieces (M, PIECE_COLUMNS); ground_plain, ground_steered: the ground's two weights; steered_fraction: share of the
-    draws by steered weights; number in [0, 1): decides the piece; stream (1,): random numbers.
+    pieces (M, PIECE_COLUMNS); n: how many of them the leg has; ground_plain, ground_steered: the ground's two weights;
+    steered_fraction: share of the draws by steered weights; number: in [0, 1), decides the piece; stream (1,): random
+    numbers.
+
     Returns (index of the piece, or n for the ground; its probability; uniform number within the piece).
     """
     all_plain = ground_plain
@@ -98,19 +103,25 @@ def event_weight(air, w, piece, t, i, f):
 
 @njit(**INNER)
 def event_distance(piece, t):
-    """Distance [km] from the start of the chord to the fraction t of a piece (its row)."""
+    """Distance [km] from the start of the chord to a point of a piece (its row).
+
+    t: fraction of the piece's length, 0 to 1.
+    """
     return piece[START] + t * piece[LENGTH]
 
 
 @njit(**INNER)
 def event_level(air, piece, z):
-    """`locate` an altitude [km] within the shell or layer of a piece (its row)."""
+    """`locate` an altitude z [km] within the shell or layer of a piece (its row)."""
     return locate(air, z, int(piece[FIRST]), int(piece[LAST]))
 
 
 @njit(**INNER)
 def mixed_matrix(air, w, i, f, cosine):
-    """(P12, P22, P33) over P11 at the place (i, f) of the levels."""
+    """(P12, P22, P33) over P11 at the place (i, f) of the levels.
+
+    cosine: of the scattering angle.
+    """
     if air.isotropic_events:
         return 0.0, 0.0, 0.0
     total = 0.0

@@ -1,6 +1,8 @@
 """The ground as an event: a Lambertian surface, or water (:mod:`twilight.water`) over the Lambertian light from below.
 
 Both directions of an event are those of `matrix`: the leg looks down along d, the next leg up along `new`.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -19,7 +21,10 @@ FACETS = 0.7
 
 @njit(**INNER)
 def ground_share(air, w, cosine):
-    """About the share of the light that the ground sends to a zenith angle of this cosine: steers, moves no mean."""
+    """About the share of the light that the ground sends to a zenith angle: steers, moves no mean.
+
+    cosine: of that zenith angle.
+    """
     if air.water_slope > 0.0:
         return min(1.0, air.ground_albedo[w] + flat_reflectance(cosine, air.water_index[w]))
     return air.ground_albedo[w]
@@ -43,7 +48,10 @@ def ground_matrix(air, w, mu_in, mu_out, cosine):
 
 @njit(**INNER)
 def ground_density(air, mu_in, mu_out, cosine):
-    """Density [sr^-1] of the directions that `draw_ground` draws."""
+    """Density [sr^-1] of the directions that `draw_ground` draws.
+
+    mu_in, mu_out, cosine: as in `ground_matrix`.
+    """
     plain = max(0.0, mu_in) / math.pi
     if air.water_slope <= 0.0:
         return plain
@@ -52,9 +60,10 @@ def ground_density(air, mu_in, mu_out, cosine):
 
 @njit(**INNER)
 def draw_ground(air, frame, d, a, b, stream, out):
-    """Draw a direction after the ground into out (3,); a, b in [0, 1) decide.  It may point below the horizon.
+    """Draw a direction after the ground into out (3,).  It may point below the horizon.
 
-    frame (3, 3): two horizontal unit vectors and the vertical; d (3,): of the leg that meets the ground.
+    frame (3, 3): two horizontal unit vectors and the vertical; d (3,): of the leg that meets the ground; a, b: in [0,
+    1), decide; stream (1,): decides whether a facet mirrors.
     """
     facet = air.water_slope > 0.0 and uniform(stream) < FACETS
     up = 1.0 / math.sqrt(1.0 - air.water_slope * math.log(1.0 - a)) if facet else math.sqrt(a)

@@ -1,9 +1,13 @@
 """How the innermost kernels are compiled, and the arguments that they share.
 
-air: `air.Air`; sun: `sunlight.Sun`; beam: `transport.beam.Beam`; steering: `steering.Steering`; walk: `paths.Walk`;
-w: index of the wavelength; stream (1,): state of a stream of random numbers, moved on by every draw; to_sun (3,): unit
-vector to the true sun, in the Cartesian frame of the point or ray; ray (9,), chord (9,): columns named in `lines`;
-event (EVENT_COLUMNS,): columns named in `events`; polarised: whether Q and U count.  A kernel's own text has the rest.
+air: `air.Air`; at: `air.AirAt`, the air at one wavelength; sun: `sunlight.Sun`; beam: `transport.beam.Beam`; steering:
+`steering.Steering`; walk: `paths.Walk`; cuts: `pieces.Cuts`; leg: `pieces.Leg`; found: `pieces.Found`; work:
+`directions.Work`; w: index of the wavelength; stream (1,): state of a stream of random numbers, moved on by every draw;
+to_sun (3,): unit vector to the true sun, in the Cartesian frame of the point or ray; ray (9,), chord (9,): columns
+named in `lines`; event (EVENT_COLUMNS,): columns named in `events`; pieces (M, PIECE_COLUMNS), piece (PIECE_COLUMNS,):
+columns named in `pieces`; polarised: whether Q and U count; z [km]: altitude; (i, f): a place among the levels of the
+air, between level i and the next one, the fraction f of the way up; cos_sun, mu_sun: cosine of the true sun's zenith
+angle at the point.  A kernel's own text has the rest.
 """
 
 from __future__ import annotations

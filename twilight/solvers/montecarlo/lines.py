@@ -8,6 +8,8 @@ direction turns in the vertical plane by
 followed here by the midpoint rule: a *chord* has the direction half-way, and leaves the ray by less than a sag that the
 caller sets.  Along a ray L / n^2 is constant, so light from where the index is n counts (n_start / n)^2 at the start.
 The reference of the Stokes vector turns with the ray, in its plane: nothing rotates about the ray.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -40,14 +42,21 @@ SMOOTH = 0.2
 
 @njit(inline="always", **INNER)
 def altitude_at(z, r, mu, s):
-    """Altitude [km] at the distance s of a line that starts at altitude z, radius r with the cosine mu."""
+    """Altitude [km] at the distance s [km] of a line.
+
+    z, r [km]: altitude and radius where it starts; mu: its cosine to the vertical there.
+    """
     q = s * (s + 2.0 * r * mu)
     return z + q / (r + math.sqrt(max(0.0, r * r + q)))
 
 
 @njit(inline="always", **INNER)
 def distance_up(z, r, mu, z_shell):
-    """Distance [km] to a sphere above along a line that climbs or has mu < 0 and passes its lowest point first."""
+    """Distance [km] to a sphere above along a line that climbs, or has mu < 0 and passes its lowest point first.
+
+    z, r [km]: altitude and radius where the line starts; mu: its cosine to the vertical there; z_shell [km]: the
+    sphere's altitude.
+    """
     c = (z_shell - z) * (z_shell - z + 2.0 * r)
     b = r * mu
     d = math.sqrt(max(0.0, c + b * b))
@@ -58,7 +67,11 @@ def distance_up(z, r, mu, z_shell):
 
 @njit(inline="always", **INNER)
 def distance_down(z, r, mu, z_shell):
-    """Distance [km] to a sphere below along a falling line (mu < 0), or -1 if the line does not reach it."""
+    """Distance [km] to a sphere below along a falling line, or -1 if the line does not reach it.
+
+    z, r [km]: altitude and radius where the line starts; mu: its cosine to the vertical there, negative; z_shell [km]:
+    the sphere's altitude.
+    """
     c = (z - z_shell) * (2.0 * r + z_shell - z)
     b = -r * mu
     d2 = b * b - c
@@ -69,7 +82,10 @@ def distance_down(z, r, mu, z_shell):
 
 @njit(**INNER)
 def refractivity_at(air, w, altitude):
-    """n - 1 at an altitude [km], 0 above the air."""
+    """n - 1 at an altitude [km], 0 above the air.
+
+    altitude [km]; air, w: as everywhere.
+    """
     last = air.level_km.size - 1
     if altitude >= air.level_km[last]:
         return 0.0
@@ -94,7 +110,10 @@ def relative_index(refractivity, i, f, at_start):
 
 @njit(**INNER)
 def curvature(air, w, altitude, sine):
-    """Turning [rad km^-1] towards the Earth at an altitude [km] of a ray with the sine of its angle to the vertical."""
+    """Turning [rad km^-1] of a ray towards the Earth.
+
+    altitude [km]: where; sine: of the ray's angle to the vertical.
+    """
     last = air.level_km.size - 1
     if altitude >= air.level_km[last]:
         return 0.0
@@ -144,7 +163,10 @@ class Chord(NamedTuple):
 
 @njit(**INNER)
 def begin_chord(air, w, bent, sag_km, ray):
-    """The chord that begins at a ray (9,), whose direction becomes the chord's."""
+    """The chord that begins at a ray (9,), whose direction becomes the chord's.
+
+    bent: follow the refracted ray; sag_km: how far the chord may leave it.
+    """
     r = math.sqrt(ray[ORIGIN] * ray[ORIGIN] + ray[ORIGIN + 1] * ray[ORIGIN + 1] + ray[ORIGIN + 2] * ray[ORIGIN + 2])
     mu = (
         ray[ORIGIN] * ray[DIRECTION] + ray[ORIGIN + 1] * ray[DIRECTION + 1] + ray[ORIGIN + 2] * ray[DIRECTION + 2]
@@ -175,7 +197,10 @@ def begin_chord(air, w, bent, sag_km, ray):
 
 @njit(**INNER)
 def end_chord(chord, ray):
-    """Move a ray (9,) from the start of a chord to the start of the next one."""
+    """Move a ray (9,) from the start of a chord, a `Chord`, to the start of the next one.
+
+    chord: that begins at the ray.
+    """
     for m in range(3):
         ray[ORIGIN + m] += chord.length * ray[DIRECTION + m]
     if chord.half_turn != 0.0:
@@ -188,7 +213,10 @@ def end_chord(chord, ray):
 
 @njit(**INNER)
 def first_shell(air, altitude, mu):
-    """Shell in which a line goes on from an altitude [km] with the cosine mu to the vertical."""
+    """Shell of the air in which a line goes on from an altitude [km].
+
+    mu: cosine of the line to the vertical; air: as everywhere.
+    """
     k = shell_of(air, altitude)
     if mu < 0.0 and altitude <= air.shell_km[k] and k > 0:
         k -= 1
@@ -215,7 +243,11 @@ class Step(NamedTuple):
 
 @njit(inline="always", **INNER)
 def step_through(air, chord, s, enter_km, k, falling, layers):
-    """The step from the distance s of a chord, at the altitude enter_km in shell k; `layers`: take whole layers."""
+    """The step from a point of a chord onwards.
+
+    chord: `Chord`; s [km]: distance of the point along it; enter_km: its altitude; k: its shell; falling: whether the
+    line goes down there; layers: take whole layers where the line is steep.
+    """
     r_enter = air.earth_radius_km + enter_km
     layer = air.layer_of_shell[k]
     leave_km = air.layer_km[layer] if falling else air.layer_km[layer + 1]

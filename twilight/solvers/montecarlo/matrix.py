@@ -16,6 +16,8 @@ along the next leg leaves as
     Q = cos(2 phi) q - sin(2 phi) u,   U = sin(2 phi) q + cos(2 phi) u.
 
 Circular polarisation is left out: P34 turns U into V, and V acts on Q and U in a further event only.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ N_STOKES = 3
 
 @njit(**INNER)
 def species_matrix(air, w, c, cosine):
-    """(P11, P12, P22, P33) [sr^-1] of species c, 0 being air, at the cosine of the scattering angle."""
+    """(P11, P12, P22, P33) [sr^-1] of a species.
+
+    c: its number, 0 being air; cosine: of the scattering angle.
+    """
     if c == 0:
         return rayleigh_matrix(cosine, air.depolarisation[w])
     k = c - 1
@@ -44,14 +49,17 @@ def species_matrix(air, w, c, cosine):
 
 @njit(**INNER)
 def species_polarising(air, w, c, cosine):
-    """(P11, P12) [sr^-1] of species c: what becomes of unpolarised light."""
+    """(P11, P12) [sr^-1] of a species: what becomes of unpolarised light.
+
+    c, cosine: as in `species_matrix`.
+    """
     p11, p12, _, _ = species_matrix(air, w, c, cosine)
     return p11, p12
 
 
 @njit(inline="always", **INNER)
 def double_angle(a, b):
-    """(cos 2 phi, sin 2 phi) of the direction with the components a along e and b along f; (1, 0) for none."""
+    """(cos 2 phi, sin 2 phi) of the direction with the components (a, b) along e and f; (1, 0) for none."""
     h = a * a + b * b
     if h < 1e-30:
         return 1.0, 0.0
@@ -60,7 +68,7 @@ def double_angle(a, b):
 
 @njit(inline="always", **INNER)
 def components(e, d, x, y, z):
-    """(x . e, x . f) of a vector, where f = e x d; e, d (3,) unit vectors normal to one another."""
+    """(v . e, v . f) of a vector v = (x, y, z), where f = e x d; e (3,), d (3,): unit vectors normal to one another."""
     a = e[0] * x + e[1] * y + e[2] * z
     b = (e[1] * d[2] - e[2] * d[1]) * x + (e[2] * d[0] - e[0] * d[2]) * y + (e[0] * d[1] - e[1] * d[0]) * z
     return a, b
@@ -98,8 +106,10 @@ def next_reference(d, e, new, out):
 def scatter(matrix, cos_2phi, sin_2phi, m12, m22, m33, out):
     """Multiply the rows of a path's matrix by one event's; returns the new upper left element, out (9,) divided by it.
 
-    matrix (9,): the product so far, row by row; it takes the light of the present leg to the observer's.
-    m12, m22, m33: elements of the phase matrix over P11.
+    matrix (9,): the product so far, row by row; it takes the light of the present leg to the observer's.  (cos_2phi,
+    sin_2phi): of the angle between the leg's reference and the scattering plane; m12, m22, m33: elements of the phase
+    matrix over P11.
+
     Divided by the first element, no element of a product of phase matrices is beyond 2, so that the weight of a path
     that is kept apart says all of its size.
     """

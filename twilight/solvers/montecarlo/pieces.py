@@ -1,6 +1,8 @@
 """What a leg of a path is made of: pieces with their optical depth, chords, phases, and what is found along it.
 
 `leg.trace` and `sight.look` fill a `Leg`; `events` draws from its pieces.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -73,7 +75,7 @@ class Found(NamedTuple):
 
 @njit(cache=True)
 def new_leg(n_species, pieces, chords):
-    """Memory for one leg of so many pieces and chords."""
+    """Memory for one leg: n_species, pieces, chords: how many of each."""
     return Leg(np.empty((pieces, PIECE_COLUMNS)), np.empty((chords, CHORD_COLUMNS)), np.empty((n_species, 3, 2)))
 
 
@@ -92,7 +94,10 @@ def depth_within(lower, middle, upper, length, f):
 
 @njit(inline="always", **INNER)
 def depth_inside(air, w, piece, t, i, f):
-    """Optical depth from the start of a piece (a row of `pieces`) to its fraction t, the place (i, f) of the levels."""
+    """Optical depth from the start of a piece (a row of `pieces`) to its fraction t, the place (i, f) of the levels.
+
+    air, w, piece: as everywhere; t: of the length, 0 to 1.
+    """
     if piece[BASE] == IN_SHELL:
         return depth_within(piece[LOWER], piece[MIDDLE], piece[UPPER], piece[LENGTH], t)
     h = air.level_km[i] - air.shell_km[0]
@@ -106,9 +111,10 @@ def depth_inside(air, w, piece, t, i, f):
 
 @njit(inline="always", **INNER)
 def secant_parabola(radius, bottom, enter_km, leave_km, u):
-    """(c0, c1, c2): secant of a line as c0 + c1 h + c2 h^2 of the height h above `bottom`, exact at three points.
+    """(c0, c1, c2): secant of a line as c0 + c1 h + c2 h^2 of the height h above the ground, exact at three points.
 
-    radius [km] of the Earth; the line crosses the altitude enter_km at the distance u [km] from its lowest point.
+    radius [km]: of the Earth; bottom [km]: altitude of the ground; enter_km, leave_km: altitudes between which the line
+    crosses; u [km]: distance of enter_km from its lowest point.
     """
     r = radius + enter_km
     rise = leave_km - enter_km
@@ -124,9 +130,10 @@ def secant_parabola(radius, bottom, enter_km, leave_km, u):
 
 @njit(inline="always", **INNER)
 def growth(at, by_layer, z, first, last, c0, c1, c2):
-    """What tells how optical depth grows up to an altitude z [km] between the levels first and last of `at`.
+    """What tells how optical depth grows up to an altitude z [km] between two levels of `at`.
 
-    by_layer: optical depth from the ground along a line of the secant c0 + c1 h + c2 h^2; else the extinction [km^-1].
+    first, last: the levels; by_layer: optical depth from the ground along a line of the secant c0 + c1 h + c2 h^2, (c0,
+    c1, c2) [1, km^-1, km^-2]; else the extinction [km^-1].
     """
     i, f = place_in(at, z, first, last)
     if by_layer:
@@ -136,22 +143,28 @@ def growth(at, by_layer, z, first, last, c0, c1, c2):
 
 @njit(inline="always", **INNER)
 def without_ground(n, chord, light_i, light_q, light_u, transmittance):
-    """`Found` for a leg of n pieces that ends in the air or in space, on the chord of this number.
+    """`Found` for a leg that ends in the air or in space.
 
-    light_i, light_q, light_u [sr^-1]: sunlight scattered on the way.
+    n: number of its pieces; chord: number of the chord it ends on; light_i, light_q, light_u [sr^-1]: sunlight
+    scattered on the way; transmittance: of the whole leg.
     """
     return Found(n, chord, light_i, light_q, light_u, 0.0, -1.0, transmittance, 0.0)
 
 
 @njit(inline="always", **INNER)
 def no_room(light_i, light_q, light_u):
-    """`Found` for a leg that needs more pieces or chords than there is memory for."""
+    """`Found` for a leg that needs more pieces or chords than there is memory for; light_i, light_q, light_u [sr^-1]:
+    so far.
+    """
     return Found(-1, -1, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
 
 
 @njit(inline="always", **INNER)
 def keep_chord(ray, chords, n):
-    """Keep a ray (9,) as row n of the chords of a `Leg`; returns the row."""
+    """Keep a ray (9,) as a row of the chords (K, 9) of a `Leg`; returns the row.
+
+    n: its number.
+    """
     row = chords[n]
     for m in range(CHORD_COLUMNS):
         row[m] = ray[m]

@@ -15,7 +15,7 @@ TO_UNIT = 2.0**-53
 
 @njit(inline="always", **INNER)
 def mix(z):
-    """The finaliser of SplitMix64: a bijection of 64-bit integers that leaves no visible order."""
+    """The finaliser of SplitMix64: a bijection of 64-bit integers z (uint64) that leaves no visible order."""
     z = (z ^ (z >> np.uint64(30))) * MIX_1
     z = (z ^ (z >> np.uint64(27))) * MIX_2
     return z ^ (z >> np.uint64(31))
@@ -30,7 +30,10 @@ def uniform(stream):
 
 @njit(**INNER)
 def start(stream, seed, pixel_key, wavelength, chunk):
-    """Set a stream for one chunk of one pixel and wavelength; chunks of anything else get unrelated streams."""
+    """Set a stream for one chunk of one pixel and wavelength; chunks of anything else get unrelated streams.
+
+    stream (1,): uint64, set; seed, pixel_key, wavelength, chunk: whole numbers that name the chunk.
+    """
     key = mix(np.uint64(seed) + GOLDEN)
     key = mix(key ^ np.uint64(pixel_key)) + GOLDEN
     key = mix(key ^ np.uint64(wavelength)) + GOLDEN

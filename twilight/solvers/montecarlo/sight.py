@@ -88,7 +88,10 @@ class Gathered(NamedTuple):
 
 @njit(**INNER)
 def local_sun(chord, row, to_sun, earth_radius, s):
-    """(altitude [km], cosine of the true sun's zenith angle) at the distance s [km] of a chord, its row (9,) given."""
+    """(altitude [km], cosine of the true sun's zenith angle) at the distance s [km] of a chord.
+
+    chord: `Chord`; row (9,): the same as it is kept; earth_radius [km].
+    """
     z = altitude_at(chord.altitude, chord.radius, chord.mu, s)
     along = 0.0
     for m in range(3):
@@ -98,7 +101,10 @@ def local_sun(chord, row, to_sun, earth_radius, s):
 
 @njit(**INNER)
 def is_lit(air, beam, w, chord, row, to_sun, s):
-    """Whether any sunlight reaches the point at the distance s [km] of a chord."""
+    """Whether any sunlight reaches the point at the distance s [km] of a chord.
+
+    chord: `Chord`; row (9,): the same as it is kept.
+    """
     z, mu_sun = local_sun(chord, row, to_sun, air.earth_radius_km, s)
     irradiance, _ = beam_at_one(beam, z, mu_sun, w)
     return irradiance > 0.0
@@ -106,7 +112,10 @@ def is_lit(air, beam, w, chord, row, to_sun, s):
 
 @njit(**INNER)
 def lit_part(air, beam, w, chord, row, to_sun, a, b):
-    """(a, b) [km]: the lit side of a part of a chord that the shadow's edge crosses; all of it if both ends agree."""
+    """(a, b) [km]: the lit side of a part of a chord that the shadow's edge crosses; all of it if both ends agree.
+
+    chord: `Chord`; row (9,): the same as it is kept.
+    """
     at_a = is_lit(air, beam, w, chord, row, to_sun, a)
     if at_a == is_lit(air, beam, w, chord, row, to_sun, b):
         return a, b
@@ -122,10 +131,11 @@ def lit_part(air, beam, w, chord, row, to_sun, a, b):
 
 @njit(**INNER)
 def quadrature(air, sun, steering, w, cuts, chord, row, to_sun, piece, at_observer, parts, edge):
-    """:class:`Gathered` over one piece (a row of `pieces`, filled up to CHORD) in so many parts.
+    """:class:`Gathered` over one piece (a row of `pieces`, filled up to CHORD).
 
-    chord, row (9,): that the piece lies on, as `Chord` and as it is kept; to_sun (3,): unit vector to the true sun;
-    at_observer: n - 1 where the line begins; edge: look for the edge of the shadow in every part.
+    chord: `Chord` that the piece lies on; row (9,): the same as it is kept; to_sun (3,): unit vector to the true sun;
+    at_observer: n - 1 where the line begins; parts: number that the piece is cut into; edge: look for the edge of the
+    shadow in every part.
     """
     bottom = air.shell_km[0]
     per_depth = 1.0 / (air.shell_km[air.shell_km.size - 1] - bottom)

@@ -2,6 +2,8 @@
 
 The field of a spherical atmosphere in a parallel beam depends on altitude and local solar zenith angle only, so one
 small table serves every observer and every sun.  `coarse.py` fills it.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -149,7 +151,11 @@ def table_altitudes(air: Air) -> np.ndarray:
 
 @njit(inline="always", **INNER)
 def altitude_place(place_of_root, n_altitudes, root):
-    """(i, fraction) among n altitudes of the tables, from the root of the relative height; see `Steering`."""
+    """(i, fraction) among the altitudes of the tables.
+
+    place_of_root (N_ROOTS + 1,): see `Steering`; n_altitudes: how many there are; root: of the height above the ground
+    over the depth of the air, 0 to 1.
+    """
     x = root * N_ROOTS
     k = min(int(x), N_ROOTS - 1)
     f = min(1.0, x - k)
@@ -160,7 +166,7 @@ def altitude_place(place_of_root, n_altitudes, root):
 
 @njit(**INNER)
 def altitude_index(steering, z):
-    """(i, fraction) of an altitude in the tables."""
+    """(i, fraction) of the altitude z [km] in the tables."""
     return altitude_place(
         steering.place_of_root,
         steering.altitude_km.size,
@@ -170,7 +176,11 @@ def altitude_index(steering, z):
 
 @njit(**INNER)
 def sun_index(nodes, hint, cos_sun):
-    """(i, fraction) of the cosine of the local solar zenith angle in the tables."""
+    """(i, fraction) of the cosine of the local solar zenith angle in the tables.
+
+    nodes (Z,): cosines of the tables, ascending; hint (N_HINTS,): node at or below the start of each of as many equal
+    parts of -1 .. 1; cos_sun: the cosine looked for.
+    """
     j = hint[min(N_HINTS - 1, int((cos_sun + 1.0) * (0.5 * N_HINTS)))]
     while j < nodes.size - 2 and nodes[j + 1] < cos_sun:
         j += 1
@@ -190,8 +200,9 @@ def source_directions() -> np.ndarray:
 def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_to_sun):
     """Logarithm of the diffuse light scattered at a point towards the viewer per unit of scattering [sr^-1].
 
-    source: log_source of one wavelength; root: of the relative altitude; mu_sun, up: cosines to the vertical of the
-    sun and of the direction of view; cos_to_sun: cosine between the two.
+    source (A, Z, N_SOURCE): log_source of one wavelength; place_of_root (N_ROOTS + 1,), nodes (Z,), hint (N_HINTS,): of
+    `Steering`, as arrays because this is the innermost loop; root: of the relative altitude; mu_sun, up: cosines to the
+    vertical of the sun and of the direction of view; cos_to_sun: cosine between the two.
     """
     i, a = altitude_place(place_of_root, source.shape[0], root)
     j, b = sun_index(nodes, hint, mu_sun)
@@ -207,14 +218,20 @@ def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_t
 
 @njit(inline="always", **INNER)
 def log_ground_light(steering, w, cos_sun):
-    """Logarithm of the diffuse irradiance on the ground."""
+    """Logarithm of the diffuse irradiance on the ground, over F0.
+
+    cos_sun: of the local solar zenith angle.
+    """
     j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
     return steering.log_ground[w, j] * (1 - b) + steering.log_ground[w, j + 1] * b
 
 
 @njit(**INNER)
 def log_light_from(steering, w, z, cos_sun, cell):
-    """Logarithm of the diffuse radiance [sr^-1] from one cell of directions."""
+    """Logarithm of the diffuse radiance [sr^-1] from one cell of directions.
+
+    z [km]: altitude; cos_sun: of the local solar zenith angle; cell: 0 ..  D - 1.
+    """
     i, a = altitude_index(steering, z)
     j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
     t = steering.log_radiance
@@ -225,7 +242,7 @@ def log_light_from(steering, w, z, cos_sun, cell):
 
 @njit(inline="always", **INNER)
 def horizon_sine(steering, z):
-    """Sine of the elevation of the geometric horizon at an altitude: 0 or less."""
+    """Sine of the elevation of the geometric horizon at the altitude z [km]: 0 or less."""
     height = max(0.0, z - steering.bottom_km)
     r = steering.ground_radius_km + height
     return -math.sqrt(height * (r + steering.ground_radius_km)) / r
@@ -233,13 +250,19 @@ def horizon_sine(steering, z):
 
 @njit(inline="always", **INNER)
 def row_sine(g, horizon):
-    """Sine of the elevation at the height g of the cells; see :class:`Steering`."""
+    """Sine of the elevation at a height of the cells; see :class:`Steering`.
+
+    g: the height, in [-1, 1]; horizon: sine of the horizon's elevation.
+    """
     return horizon + (1.0 - horizon if g >= 0.0 else 1.0 + horizon) * g
 
 
 @njit(**INNER)
 def cell_of(steering, horizon, x, y, z):
-    """Cell of directions that holds a unit vector of the local frame."""
+    """Cell of directions that holds the unit vector (x, y, z) of the local frame.
+
+    horizon: sine of the horizon's elevation there.
+    """
     above = z - horizon
     g = above / (1.0 - horizon if above >= 0.0 else 1.0 + horizon)
     e = 0
@@ -257,7 +280,10 @@ def cell_of(steering, horizon, x, y, z):
 
 @njit(**INNER)
 def cell_solid_angle(steering, horizon, cell):
-    """Solid angle [sr] of a cell at the altitude of a horizon."""
+    """Solid angle [sr] of a cell of directions.
+
+    horizon: sine of the horizon's elevation at the altitude; cell: 0 ..  D - 1.
+    """
     e = cell // N_AZIMUTHS
     a = cell % N_AZIMUTHS
     lower = row_sine(steering.row_edges[e], horizon)
@@ -270,7 +296,10 @@ def cell_solid_angle(steering, horizon, cell):
 
 @njit(**INNER)
 def nearest_node(steering, z, cos_sun):
-    """The table node nearest to a point."""
+    """Indices (altitude, sun) of the table node nearest to a point.
+
+    z [km]: altitude; cos_sun: of the local solar zenith angle.
+    """
     i, a = altitude_index(steering, z)
     j, b = sun_index(steering.cos_sun, steering.hint, cos_sun)
     return i + (1 if a > 0.5 else 0), j + (1 if b > 0.5 else 0)
@@ -315,7 +344,10 @@ def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy,
 
 @njit(inline="always", **INNER)
 def draw_from(cumulative, x):
-    """First index whose running sum exceeds x."""
+    """First index whose running sum exceeds x.
+
+    cumulative (N,): running sums; x: from 0 to the last of them.
+    """
     lo = 0
     hi = cumulative.size - 1
     while lo < hi:
@@ -329,6 +361,9 @@ def draw_from(cumulative, x):
 
 @njit(inline="always", **INNER)
 def sampling_cell(cosine):
-    """Cell of the sampling tables of `air` that holds a cosine."""
+    """Cell of the sampling tables of `air` that holds a scattering angle.
+
+    cosine: of that angle.
+    """
     x = math.sqrt(math.sqrt(max(0.0, 0.5 * (1.0 - cosine))))
     return min(N_SAMPLING - 1, int(x * N_SAMPLING))

@@ -1,4 +1,7 @@
-"""Sunlight scattered once: at a point of the air, at the ground, and the phase functions of a leg towards the sun."""
+"""Sunlight scattered once: at a point of the air, at the ground, and the phase functions of a leg towards the sun.
+
+Arguments that kernels share: `kernel`.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +102,9 @@ def ground_sunlight(air, beam, w, x, y, z, mu_sun, chord, to_sun, polarised):
 
 @njit(**INNER)
 def fill_phases(air, w, ray, to_sun, polarised, phases):
-    """Fill the phases of a `Leg` for the direction of a ray (9,): without bending, and with BENDING_STEP_RAD of it."""
+    """Fill phases (C, 3, 2) of a `Leg` for the direction of a ray (9,): without bending, and with BENDING_STEP_RAD of
+    it.
+    """
     x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
     d = ray[DIRECTION:REFERENCE]
     e = ray[REFERENCE:CHORD_COLUMNS]
@@ -124,7 +129,7 @@ def fill_phases(air, w, ray, to_sun, polarised, phases):
 def quick_sunlight(table, i, f, phases, irradiance, bending, polarised):
     """(I, Q, U) [sr^-1 km^-1] as `sunlight`, from phases (C, 3, 2) of a `Leg`, linear in the sun's bending [rad].
 
-    table (N, 2 + C) [km^-1]: of the air at the wavelength; (i, f): the point's place among its levels; irradiance over
+    table (N, 2 + C) [km^-1]: of the air at the wavelength; (i, f): the point's place among its levels; irradiance: over
     F0 there.
     """
     light_i, light_q, light_u = 0.0, 0.0, 0.0

@@ -3,6 +3,8 @@
 The logarithm of the irradiance is tabulated bilinearly over altitude and, for a sun above the horizontal, its cosine;
 for a lower sun the height of the straight ray's lowest point above that of the ray that touches the shadow, because
 the limb's features lie at nearly fixed heights there.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -56,6 +58,10 @@ def prepare_sun_table(air: Air, beam) -> SunTable:
 
 @njit(**INNER)
 def _entry(beam, z, cosine, w, row):
+    """Fill row (2,): logarithm of irradiance / F0, and bending [rad].
+
+    z [km]: altitude; cosine: of the true sun's zenith angle there.
+    """
     irradiance, bending = beam_at_one(beam, z, cosine, w)
     row[0] = math.log(irradiance) if irradiance > 1e-300 else BLACK
     row[1] = bending
@@ -63,6 +69,10 @@ def _entry(beam, z, cosine, w, row):
 
 @njit(cache=True, nogil=True)
 def _fill(beam, table, first, end):
+    """Fill rows of the table: every altitude of every wavelength is one, counted through altitudes first.
+
+    table: `SunTable`; first, end: the first row and the one after the last.
+    """
     for job in range(first, end):
         w = job // (N_ALTITUDE + 1)
         a = job % (N_ALTITUDE + 1)
@@ -92,7 +102,10 @@ def _fill(beam, table, first, end):
 
 @njit(inline="always", **INNER)
 def lowest_drop(r, cosine):
-    """How far [km] the lowest point of a straight line lies below a point at the radius r: r (1 - sine)."""
+    """How far [km] the lowest point of a straight line lies below a point at the radius r [km]: r (1 - sine).
+
+    cosine: of the line's angle to the vertical at the point.
+    """
     c2 = cosine * cosine
     return r * c2 / (1.0 + math.sqrt(max(0.0, 1.0 - c2)))
 
@@ -101,8 +114,9 @@ def lowest_drop(r, cosine):
 def quick_sun(edge_km, high, low, radius_km, z, root, cosine):
     """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow.
 
-    root: of the altitude above the ground relative to the depth of the air.
-    edge_km, high, low: of one wavelength; passed as arrays because this is the innermost loop.
+    edge_km (A,), high (A, N_HIGH + 1, 2), low (A, N_LOW + 1, 2): of `SunTable` at one wavelength; passed as arrays
+    because this is the innermost loop.  radius_km: of the Earth; z [km]: altitude; root: of the altitude above the
+    ground relative to the depth of the air; cosine: of the true sun's zenith angle.
     """
     x = root * N_ALTITUDE
     a = min(int(x), N_ALTITUDE - 1)

@@ -1,4 +1,9 @@
-"""Interpolation in the tables."""
+"""Interpolation in the tables of `passes`.
+
+Arguments that the kernels share: mapping: `Mapping`; height_km: above the ground; mu, mu_s, nu: cosines of the view's
+zenith angle, of the sun's and of the angle between them; ground: whether the view ends on the ground; depth (r, mu, W):
+-ln T at the texels; out (W,): filled.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +28,9 @@ DARK = np.float32(1e-30)
 
 @njit(cache=True, inline="always")
 def _split(position, count):
+    """(node below, fraction of the way to the next) of a position, 0 to count - 1; position: in texels; count: of the
+    texels.
+    """
     i = min(int(position), count - 2)
     return i, position - i
 
@@ -66,7 +74,10 @@ def irradiance(mapping, table, height_km, mu_s, out):
 
 @njit(cache=True, fastmath={"contract", "nsz"})
 def scattering(mapping, table, logarithmic, height_km, mu, mu_s, nu, ground, out):
-    """S (W,) of one table (r, mu_s, nu, mu, W), from 16 texels; what they hold is logarithms or not."""
+    """S (W,) of one table (r, mu_s, nu, mu, W), from 16 texels; logarithmic: whether they hold logarithms.
+
+    table: float32.
+    """
     i, f = _split(height_texel(mapping, height_km), mapping.n_r)
     j, g = _split(sun_texel(mapping, mu_s), mapping.n_mu_s)
     k, h = _split(angle_texel(mapping, nu), mapping.n_nu)

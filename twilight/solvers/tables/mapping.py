@@ -8,6 +8,10 @@ horizon and d the one to where the ray ends (ground or top):
           u_mu_s = (1 - a/A)/(1 + a), a = (d_s - d_min)/(H - d_min), d_s from the ground to the top along mu_s
 
 Positions are in texels, 0 to n - 1; the halves of mu that end on the ground and on the top do not mix.
+
+Arguments that the kernels share: mapping: `Mapping`; height_km: above the ground; mu, mu_s, nu: cosines of the view's
+zenith angle, of the sun's and of the angle between them; ground: whether the view ends on the ground; texel: a
+position.
 """
 
 from __future__ import annotations

@@ -7,9 +7,10 @@ about the local vertical: with L_lm those of the light at a point and chi_l the 
 
 which is the integral of the phase function times the light for all directions at once.
 
-In all kernels here: profile, `transport.profile.Profile`; mapping, `Mapping`; depth (r, mu, W), -ln T as `fill_depth`
-makes it; a height [km] above the ground with the cosines mu, mu_s and nu of Algorithm 4.1; ground, whether a view ends
-there; fineness, density of the steps along a ray; out, filled for the r from begin to end.
+Arguments that the kernels share: profile: `transport.profile.Profile`; mapping: `Mapping`; depth (r, mu, W): -ln T as
+`fill_depth` makes it; height, height_km [km]: above the ground; mu, mu_s, nu: cosines of Algorithm 4.1, of the view's
+zenith angle, the sun's and the angle between them; ground: whether a view ends there; fineness: density of the steps
+along a ray; out: filled for the r begin..end.
 """
 
 from __future__ import annotations
@@ -138,7 +139,10 @@ def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
 
 @njit(cache=True, nogil=True)
 def fill_single(profile, mapping, depth, texels, fineness, out, begin, end):
-    """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol."""
+    """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol.
+
+    texels: `Texels`.
+    """
     heights, view, sun, nus = texels
     n_species, n_w = out.shape[0], out.shape[5]
     bottom = profile.altitude_km[0]
@@ -307,7 +311,7 @@ def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin
 def fill_scattering(profile, mapping, source, logarithmic, texels, fineness, out, begin, end):
     """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels.
 
-    source (r, mu_s, nu, mu, W): J, or its logarithm; texels: `Texels`.
+    source (r, mu_s, nu, mu, W): J, or its logarithm; texels: `Texels`.  logarithmic: which of the two.
     """
     heights, view, sun, nus = texels
     n_w = out.shape[4]
@@ -341,7 +345,10 @@ def fill_scattering(profile, mapping, source, logarithmic, texels, fineness, out
 
 @njit(cache=True, nogil=True)
 def read(mapping, table, logarithmic, height, mu, mu_s, nu, ground, out, begin, end):
-    """S (D, W) of one table at heights, cosines and halves (D,)."""
+    """S out (D, W) of one table at height (D,) [km], cosines mu, mu_s, nu (D,) and halves ground (D,).
+
+    table (r, mu_s, nu, mu, W); logarithmic: whether it holds logarithms.
+    """
     for d in range(begin, end):
         scattering(mapping, table, logarithmic, height[d], mu[d], mu_s[d], nu[d], ground[d], out[d])
 

@@ -13,9 +13,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
-from twilight.solvers.zones.alike import field_altitudes
+from twilight.solvers.zones.alike import lay_out
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
-from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
@@ -75,6 +74,7 @@ class Field(BareField):
         self.scaled = delta_scaled(medium, settings.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
         self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)
+        layout = lay_out(medium, self.scaled, settings)
         tell("sunbeam", 0.0)
         if solved is None:
             d = settings.beam_density
@@ -86,19 +86,19 @@ class Field(BareField):
                 cosine_nodes=round(40 * d),
                 distance_nodes=max(8, round(12 * d)),
                 guess_nodes=round(48 * d),
+                laid_out_for=layout.beam,
             )
         else:
             self.beam = solved[0]
-        self.profile = prepare_profile(self.scaled.medium)
-        self.directions = needed(settings, self.scaled, self.profile)
+        self.profile, altitude = layout.profile, layout.altitude_km
+        self.directions = layout.directions
         """The settings with as many directions and harmonics as this air needs."""
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
-        bent = with_refraction(self.profile, medium)
+        bent = with_refraction(self.profile, layout.bends)
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile
         breaks = self.profile.break_km
-        altitude = field_altitudes(medium, self.profile, settings.altitude_density)
         self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
@@ -307,11 +307,12 @@ class Field(BareField):
         )
         sorted_elevation = np.radians(e[order])
         lift = self._sun_lift(altitude, directions.zenith_rad)
-        out = self._single(sights, directions, np.radians(row_elevation), sorted_elevation, lift, n_stokes)
+        out = np.zeros((e.size, n_stokes, self.medium.n_wavelengths))
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
             seen = self._multiple(sights, directions, block, solution, n_stokes)
-            out[:, :, part] += seen[:, :, : part.stop - part.start]
+            out[:, :, part] = seen[:, :, : part.stop - part.start]
+        self._add_single(sights, directions, np.radians(row_elevation), sorted_elevation, lift, out)
         self._sights.trim()
         if n_stokes > 1:
             # all was computed to the right of the sun; left of it the vibration leans the other way
@@ -326,10 +327,12 @@ class Field(BareField):
         bending = beam_at(self.beam, altitude_km, math.cos(zenith_rad), light)
         return bending if light.max() > 0.0 else USUAL_TURN_RAD
 
-    def _single(
-        self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, n_stokes: int
-    ) -> np.ndarray:
-        """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) and lift of the sun [rad]."""
+    def _add_single(
+        self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, out: np.ndarray
+    ) -> None:
+        """Add light scattered once to out (D, Stokes, W), which holds the rest; directions sorted by ray, elevation
+        (D,) and lift of the sun [rad]."""
+        n_stokes, other = out.shape[1], np.ascontiguousarray(out[:, 0])
         rays, share = sights.pairs, sights.pairs_share
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
@@ -353,10 +356,9 @@ class Field(BareField):
             stokes += [p12 * np.array(part)[..., None, None] for part in zip(*turned, strict=True)]
         plain, lifted_sun, lowered_ray = np.stack(stokes, axis=1)
         phases = Phases(plain, (lifted_sun - plain) / of_sun, (lowered_ray - plain) / of_ray[:, None, None])
-        out = np.zeros((cos_azimuth.size, n_stokes, self.medium.n_wavelengths))
         in_slices(
             lambda begin, end: scattered_once(
-                self.beam, rays, share, row_elevation, directions, phases, 0.0, self.medium.bottom_km,
+                self.beam, rays, share, row_elevation, directions, phases, 0.0, other, self.medium.bottom_km,
                 self.medium.ground_albedo, out, begin, end,
             ),
             row_elevation.size,
@@ -369,7 +371,6 @@ class Field(BareField):
                 ),
                 row_elevation.size,
             )
-        return out
 
     def _multiple(
         self, sights: LinesOfSight, directions: Directions, block: int, solution: Solution, n_stokes: int

@@ -25,8 +25,9 @@ from twilight.config.load import load
 from twilight.config.scene import Config
 from twilight.engine.kept import KeptFields, kept_fields
 from twilight.errors import TwilightError
+from twilight.grids import texture_grid
 from twilight.progress import Progress, part_of, silent
-from twilight.sky import Sky, texture_grid
+from twilight.sky import Sky
 from twilight.validate.photographs import emulator
 from twilight.validate.photographs.mask import separation_deg
 from twilight.validate.photographs.photo import PhotoSky, seen_as
