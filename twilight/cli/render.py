@@ -203,7 +203,6 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
-    from twilight.engine.memory import takes_in_full
     from twilight.fit.compact.own import needs_fit, waiting
     from twilight.scene.plan import make_plan, not_computed
 
@@ -216,31 +215,28 @@ def _print_plans(cases: list[Any]) -> None:
         if not left_out:
             rows.append([name, "nothing", "all that this program knows is computed", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
-    sized = [(case.name or case.config.title, takes_in_full(case.config)) for case in cases]
-    print_table(
-        ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"],
-        [_size_row(name, sizes) for name, sizes in sized],
-        right=(1, 2, 3, 4, 5),
-    )
-    known = [_takes_row(name, sizes) for name, sizes in sized if sizes.total_bytes is not None]
-    if known:
-        print_table(["scene", "field of a block [GB]", "memory in all [GB]", "processor time"], known, right=(1, 2, 3))
-        print(
-            "processor time: of a quiet core of some 3 GHz, without the files, within a factor of two; compiling apart"
-        )
     for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
         print(sentence)
+    columns = ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"]
+    columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]
+    print_table(columns, [_size_row(case) for case in cases], right=tuple(range(1, len(columns))))
 
 
-def _size_row(name: str, sizes: Any) -> list[str]:
-    """The arrays of a scene."""
+def _size_row(case: Any) -> list[str]:
+    """What a scene takes; of a solver that does not say what its field does, that of the arrays alone."""
+    from twilight.engine.memory import takes_in_full
+
+    sizes = takes_in_full(case.config)
     blocks = f"{sizes.blocks} of {min(sizes.at_once, sizes.wavelengths)}"
     numbers = [f"{sizes.sky_bytes / 1e9:.3g}", f"{sizes.view_bytes / 1e9:.3g}" if sizes.view_bytes else "none"]
-    return [name, str(sizes.suns), str(sizes.wavelengths), blocks, *numbers]
+    in_full = ["-", "-", "-"]
+    if sizes.field_bytes is not None and sizes.total_bytes is not None and sizes.cpu_s is not None:
+        in_full = [f"{sizes.field_bytes / 1e9:.2g}", f"{sizes.total_bytes / 1e9:.2g}", _time(sizes.cpu_s)]
+    name = case.name or case.config.title
+    return [name, str(sizes.suns), str(sizes.wavelengths), blocks, *numbers, *in_full]
 
 
-def _takes_row(name: str, sizes: Any) -> list[str]:
-    """All that a scene takes, where its solver says what a field does."""
-    s = sizes.cpu_s
-    time = f"{s:.2g} s" if s < 100 else f"{s / 60:.2g} min" if s < 6000 else f"{s / 3600:.2g} h"
-    return [name, f"{sizes.field_bytes / 1e9:.2g}", f"{sizes.total_bytes / 1e9:.2g}", time]
+def _time(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.2g} min" if seconds < 6000.0 else f"{seconds / 3600.0:.2g} h"
