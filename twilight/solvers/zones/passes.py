@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.kernels import njit
-from twilight.lanes import at_least, exp, read, same, write
+from twilight.lanes import LANES, at_least, exp, read, same, write
 
 LEAST = np.float32(1e-3)
 """Least source of I relative to the mean: a truncated series may dip below 0."""
@@ -45,78 +45,89 @@ class Refinement(NamedTuple):
     per_interval: int
 
 
-@njit(cache=True, inline="always")
-def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
-    """The source at the altitude and in the polar angle of point k, over nodes low..high of the solar zenith angle.
+class Source(NamedTuple):
+    """Room for the source along one slab of air, what light there is scattered into one polar angle.
 
-    fine_log (T', LANES): logarithm of the mean on the fine grid; fine_wave (T', waves, LANES): amplitudes relative to
-    the mean, of cos(m azimuth) in I for every order, then of cos(m azimuth) in Q and of sin(m azimuth) in U.
+    log_mean (T', LANES): logarithm of the mean radiance on the fine grid of solar zenith angles; wave (T', waves,
+    LANES): amplitudes relative to the mean, of cos(m azimuth) in I for every order, then of cos(m azimuth) in Q and of
+    sin(m azimuth) in U.  by_harmonic (C, LANES), by_pattern (C', 7, LANES): what a moment of the light gives to them.
     """
+
+    log_mean: np.ndarray
+    wave: np.ndarray
+    by_harmonic: np.ndarray
+    by_pattern: np.ndarray
+
+
+@njit(cache=True, inline="always")
+def slab(point, k, light, rule, series, low, high, source):
+    """Fill the `Source` at the altitude and in the polar angle of point k, over nodes low..high of the solar zenith
+    angle."""
     node = point.node[k]
     f = point.node_share[k]
     g = ONE - f
     highest = point.highest[k]
-    polar, chi = point.polar, point.chi
-    log_mean, ratio = light.log_mean, light.ratio
-    nodes, weight = rule.node, rule.weight
-    n_nodes = log_mean.shape[1]
+    log_mean, ratio, wave = light.log_mean, light.ratio, source.wave
+    by_harmonic = source.by_harmonic
     per_interval = rule.per_interval
+    c = 0
+    for m in range(series.orders):
+        for n in range(m, series.degree + 1):
+            write(by_harmonic, c, point.polar[k, c] * read(point.chi, (k, n)))
+            c += 1
     for t in range(low, high + 1):
         c = 0
-        for m in range(series.orders):
-            if m > highest:
-                c += series.degree + 1 - m
-                continue
-            wave = same(ZERO)
-            for n in range(m, series.degree + 1):
-                y0, y1 = g * polar[k, c], f * polar[k, c]
-                wave += read(chi, (k, n)) * (y0 * read(ratio, (node, t, c)) + y1 * read(ratio, (node + 1, t, c)))
+        for m in range(min(highest + 1, series.orders)):
+            total = same(ZERO)
+            for _ in range(m, series.degree + 1):
+                here = g * read(ratio, (node, t, c)) + f * read(ratio, (node + 1, t, c))
+                total += read(by_harmonic, c) * here
                 c += 1
-            write(fine_wave, (t * per_interval, m), wave)
+            write(wave, (t * per_interval, m), total)
     if series.pattern_orders > 0:
         # a cubic between two nodes looks at the next ones too
-        add_patterns(
-            point, k, ratio, series, (max(0, low - 1), low, high, min(n_nodes, high + 2)), per_interval, fine_wave
-        )  # fmt: skip
-        refine_patterns(nodes, weight, per_interval, series.orders, low * per_interval, high * per_interval, fine_wave)
+        nodes = (max(0, low - 1), low, high, min(log_mean.shape[1], high + 2))
+        add_patterns(point, k, ratio, series, nodes, per_interval, source.by_pattern, wave)
+        refine_patterns(rule, series.orders, low * per_interval, high * per_interval, wave)
     for t in range(low, high):
         base = t * per_interval
         for q in range(1, per_interval):
             b = np.float32(q) / np.float32(per_interval)
             a = ONE - b
             for m in range(highest + 1):
-                between = a * read(fine_wave, (base, m)) + b * read(fine_wave, (base + per_interval, m))
-                write(fine_wave, (base + q, m), between)
+                between = a * read(wave, (base, m)) + b * read(wave, (base + per_interval, m))
+                write(wave, (base + q, m), between)
     for t in range(low * per_interval, high * per_interval + 1):
-        logarithm = same(ZERO)
+        lower, upper = same(ZERO), same(ZERO)
         for j in range(4):
-            at, y = nodes[t, j], weight[t, j]
-            logarithm += g * y * read(log_mean, (node, at)) + f * y * read(log_mean, (node + 1, at))
-        write(fine_log, t, logarithm)
+            at, y = rule.node[t, j], rule.weight[t, j]
+            lower += y * read(log_mean, (node, at))
+            upper += y * read(log_mean, (node + 1, at))
+        write(source.log_mean, t, g * lower + f * upper)
 
 
 @njit(cache=True)
-def refine_patterns(nodes, weight, per_interval, first, low, high, fine_wave):
-    """Waves of Q and U, `first` and beyond, between the nodes: on the fine grid of solar zenith angles low..high.
-
-    nodes, weight (T', 4), per_interval: as in `Refinement`
-    """
+def refine_patterns(rule, first, low, high, wave):
+    """Waves (T', waves, LANES) of Q and U, `first` and beyond, between the nodes, by cubics: on the fine grid of solar
+    zenith angles low..high."""
+    n = rule.per_interval
     for t in range(low, high + 1):
-        if t % per_interval == 0:
+        if t % n == 0:
             continue
-        for m in range(first, fine_wave.shape[1]):
-            value = same(ZERO)
-            for j in range(4):
-                value += weight[t, j] * read(fine_wave, (nodes[t, j] * per_interval, m))
-            write(fine_wave, (t, m), value)
+        j0, j1, j2, j3 = rule.node[t, 0] * n, rule.node[t, 1] * n, rule.node[t, 2] * n, rule.node[t, 3] * n
+        y0, y1, y2, y3 = rule.weight[t, 0], rule.weight[t, 1], rule.weight[t, 2], rule.weight[t, 3]
+        for m in range(first, wave.shape[1]):
+            near = y1 * read(wave, (j1, m)) + y2 * read(wave, (j2, m))
+            write(wave, (t, m), near + (y0 * read(wave, (j0, m)) + y3 * read(wave, (j3, m))))
 
 
 @njit(cache=True)
-def add_patterns(point, k, ratio, series, nodes, per_interval, fine_wave):
-    """The source of Q and U at nodes of the solar zenith angle, set in their rows of fine_wave (T', waves, LANES), and
-    what Q and U of the light give to I, added to it.
+def add_patterns(point, k, ratio, series, nodes, per_interval, by_pattern, wave):
+    """The source of Q and U at nodes of the solar zenith angle, set in their rows of wave (T', waves, LANES), and what
+    Q and U of the light give to I, added to it.
 
     ratio (Z', T, C + 2 C', LANES): moments, as in `Light`; nodes: first, first and last with I wanted, end
+    by_pattern (C', 7, LANES): room
     """
     even, odd, polar, matrix = point.even, point.odd, point.polar, point.matrix
     n_patterns = even.shape[1]
@@ -124,48 +135,76 @@ def add_patterns(point, k, ratio, series, nodes, per_interval, fine_wave):
     node = point.node[k]
     f = point.node_share[k]
     g = ONE - f
+    p = 0
+    # where the harmonics of one order begin
+    start = 0
+    for m in range(series.pattern_orders):
+        for n in range(max(m, 2), series.pattern_degree + 1):
+            y, x, z = polar[k, start + n - m], even[k, p], odd[k, p]
+            of_b, of_even, of_odd = read(matrix, (k, 0, n)), read(matrix, (k, 1, n)), read(matrix, (k, 2, n))
+            write(by_pattern, (p, 0), y * of_b)
+            write(by_pattern, (p, 1), x * of_b)
+            write(by_pattern, (p, 2), x * of_even)
+            write(by_pattern, (p, 3), z * of_odd)
+            write(by_pattern, (p, 4), z * of_b)
+            write(by_pattern, (p, 5), z * of_even)
+            write(by_pattern, (p, 6), x * of_odd)
+            p += 1
+        start += series.degree + 1 - m
     for t in range(nodes[0], nodes[3]):
         row = t * per_interval
-        p = 0
-        # where the harmonics of one order begin
-        start = 0
+        p = start = 0
         for m in range(series.pattern_orders):
             of_i, of_q, of_u = same(ZERO), same(ZERO), same(ZERO)
-            for n in range(max(m, 2), series.pattern_degree + 1):
-                c, e, b = start + n - m, n_harmonics + p, n_harmonics + n_patterns + p
-                y, x, z = polar[k, c], even[k, p], odd[k, p]
+            c = start + max(m, 2) - m
+            for _ in range(max(m, 2), series.pattern_degree + 1):
+                e, b = n_harmonics + p, n_harmonics + n_patterns + p
                 mean = g * read(ratio, (node, t, c)) + f * read(ratio, (node + 1, t, c))
                 upright = g * read(ratio, (node, t, e)) + f * read(ratio, (node + 1, t, e))
                 leaning = g * read(ratio, (node, t, b)) + f * read(ratio, (node + 1, t, b))
-                of_b = read(matrix, (k, 0, n))
-                of_even = of_b * mean + read(matrix, (k, 1, n)) * upright
-                of_odd = read(matrix, (k, 2, n)) * leaning
-                of_i += y * (of_b * upright)
-                of_q += x * of_even + z * of_odd
-                of_u += z * of_even + x * of_odd
+                of_i += read(by_pattern, (p, 0)) * upright
+                of_q += read(by_pattern, (p, 1)) * mean
+                of_u += read(by_pattern, (p, 4)) * mean
+                of_q += read(by_pattern, (p, 2)) * upright
+                of_u += read(by_pattern, (p, 5)) * upright
+                of_q += read(by_pattern, (p, 3)) * leaning
+                of_u += read(by_pattern, (p, 6)) * leaning
+                c += 1
                 p += 1
             if nodes[1] <= t <= nodes[2]:
-                write(fine_wave, (row, m), read(fine_wave, (row, m)) + of_i)
-            write(fine_wave, (row, series.orders + m), of_q)
-            write(fine_wave, (row, series.orders + series.pattern_orders + m), of_u)
+                write(wave, (row, m), read(wave, (row, m)) + of_i)
+            write(wave, (row, series.orders + m), of_q)
+            write(wave, (row, series.orders + series.pattern_orders + m), of_u)
             start += series.degree + 1 - m
 
 
 @njit(cache=True, inline="always")
-def wave_of_i(fine_wave, j, b0, b1, c, highest):
-    """I over the mean, `Lanes`, at the azimuth of cosine c and b0, b1 of rows j and j + 1 of fine_wave."""
-    wave = b0 * read(fine_wave, (j, 0)) + b1 * read(fine_wave, (j + 1, 0))
+def source_room(point, light, rule, series):
+    """An empty `Source`."""
+    n_fine, n_patterns = rule.node.shape[0], point.even.shape[1]
+    return Source(
+        np.zeros((n_fine, LANES), np.float32),
+        np.zeros((n_fine, series.orders + 2 * series.pattern_orders, LANES), np.float32),
+        np.zeros((light.ratio.shape[2] - 2 * n_patterns, LANES), np.float32),
+        np.zeros((n_patterns, 7, LANES), np.float32),
+    )
+
+
+@njit(cache=True, inline="always")
+def wave_of_i(waves, j, b0, b1, c, highest):
+    """I over the mean, `Lanes`, at the azimuth of cosine c and b0, b1 of rows j and j + 1 of waves."""
+    wave = b0 * read(waves, (j, 0)) + b1 * read(waves, (j + 1, 0))
     before, here = ONE, c
     twice = TWO * c
     for m in range(1, highest + 1):
         y0, y1 = b0 * here, b1 * here
-        wave += y0 * read(fine_wave, (j, m)) + y1 * read(fine_wave, (j + 1, m))
+        wave += y0 * read(waves, (j, m)) + y1 * read(waves, (j + 1, m))
         before, here = here, twice * here - before
     return wave
 
 
 @njit(cache=True, inline="always")
-def waves_of_q_and_u(fine_wave, j, b0, b1, c, first, orders):
+def waves_of_q_and_u(waves, j, b0, b1, c, first, orders):
     """Q and U over the mean, `Lanes` each, as `wave_of_i`; amplitudes of Q begin at `first`, `orders` of each."""
     c = min(ONE, max(-ONE, c))
     sine = np.float32(math.sqrt(max(ZERO, ONE - c * c)))
@@ -174,8 +213,8 @@ def waves_of_q_and_u(fine_wave, j, b0, b1, c, first, orders):
     sin_m, sin_before = ZERO, -sine
     q, u = same(ZERO), same(ZERO)
     for m in range(first, first + orders):
-        q += cos_m * (b0 * read(fine_wave, (j, m)) + b1 * read(fine_wave, (j + 1, m)))
-        u += sin_m * (b0 * read(fine_wave, (j, m + orders)) + b1 * read(fine_wave, (j + 1, m + orders)))
+        q += cos_m * (b0 * read(waves, (j, m)) + b1 * read(waves, (j + 1, m)))
+        u += sin_m * (b0 * read(waves, (j, m + orders)) + b1 * read(waves, (j + 1, m + orders)))
         cos_m, cos_before = twice * cos_m - cos_before, cos_m
         sin_m, sin_before = twice * sin_m - sin_before, sin_m
     return q, u
@@ -193,14 +232,14 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
     n_fine = rule.node.shape[0]
-    fine_log = np.zeros((n_fine, out.shape[5]), np.float32)
-    fine_wave = np.zeros((n_fine, series.orders + 2 * series.pattern_orders, out.shape[5]), np.float32)
+    source = source_room(point, light, rule, series)
+    log_mean, waves = source.log_mean, source.wave
     last = turning.shape[0] - 2
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
             for k in range(rays_first[ray], rays_first[ray + 1]):
-                slab(point, k, light, rule, series, 0, n_zenith - 1, fine_log, fine_wave)
+                slab(point, k, light, rule, series, 0, n_zenith - 1, source)
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
@@ -214,11 +253,11 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
                         j = min(int(x), n_fine - 2)
                         b1 = x - np.float32(j)
                         b0 = ONE - b1
-                        mean = strength * exp(b0 * read(fine_log, j) + b1 * read(fine_log, j + 1))
-                        wave = at_least(wave_of_i(fine_wave, j, b0, b1, c, highest), LEAST)
+                        mean = strength * exp(b0 * read(log_mean, j) + b1 * read(log_mean, j + 1))
+                        wave = at_least(wave_of_i(waves, j, b0, b1, c, highest), LEAST)
                         write(out, (node, i, t, a, 0), read(out, (node, i, t, a, 0)) + mean * wave)
                         if series.pattern_orders > 0:
-                            q, u = waves_of_q_and_u(fine_wave, j, b0, b1, c, series.orders, series.pattern_orders)
+                            q, u = waves_of_q_and_u(waves, j, b0, b1, c, series.orders, series.pattern_orders)
                             write(out, (node, i, t, a, 1), read(out, (node, i, t, a, 1)) + mean * q)
                             write(out, (node, i, t, a, 2), read(out, (node, i, t, a, 2)) + mean * u)
             if ground_weight[ray].max() > ZERO:

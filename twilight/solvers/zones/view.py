@@ -8,7 +8,7 @@ import numpy as np
 
 from twilight.kernels import njit
 from twilight.lanes import LANES, at_least, exp, read, write
-from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab, wave_of_i, waves_of_q_and_u
+from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab, source_room, wave_of_i, waves_of_q_and_u
 from twilight.solvers.zones.water import add_amplitudes
 from twilight.transport.lines import ANGLE, COSINE
 
@@ -54,8 +54,8 @@ def view_multiple(
     """
     n_nodes = zenith_nodes.size
     per_interval = rule.per_interval
-    fine_log = np.zeros((fine.size, LANES), np.float32)
-    fine_wave = np.zeros((fine.size, series.orders + 2 * series.pattern_orders, LANES), np.float32)
+    source = source_room(point, light, rule, series)
+    log_mean, waves = source.log_mean, source.wave
     sums = np.zeros((3, LANES), np.float32)
     zenith = directions.zenith_rad
     ct, st = math.cos(zenith), math.sin(zenith)
@@ -68,7 +68,7 @@ def view_multiple(
             high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
             low = min(low, n_nodes - 2)
             high = max(high, low + 1)
-            slab(point, k, light, rule, series, low, high, fine_log, fine_wave)
+            slab(point, k, light, rule, series, low, high, source)
             strength = read(point.weight, k)
             highest = point.highest[k]
             cp, sp = math.cos(psi), math.sin(psi)
@@ -80,10 +80,10 @@ def view_multiple(
                 angle = math.acos(min(1.0, max(-1.0, up)))
                 j, b1 = fine_interval(fine, angle, low * per_interval, high * per_interval - 1)
                 b0 = ONE - b1
-                mean = strength * exp(b0 * read(fine_log, j) + b1 * read(fine_log, j + 1))
-                write(sums, 0, mean * at_least(wave_of_i(fine_wave, j, b0, b1, c, highest), LEAST))
+                mean = strength * exp(b0 * read(log_mean, j) + b1 * read(log_mean, j + 1))
+                write(sums, 0, mean * at_least(wave_of_i(waves, j, b0, b1, c, highest), LEAST))
                 if out.shape[1] > 1:
-                    q, u = waves_of_q_and_u(fine_wave, j, b0, b1, c, series.orders, series.pattern_orders)
+                    q, u = waves_of_q_and_u(waves, j, b0, b1, c, series.orders, series.pattern_orders)
                     write(sums, 1, mean * q)
                     write(sums, 2, mean * u)
                 for s in range(out.shape[1]):
