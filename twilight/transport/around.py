@@ -162,6 +162,7 @@ def _summed(matrices: tuple[np.ndarray, np.ndarray], form: np.ndarray) -> np.nda
     cosines, sines = matrices
     parts = []
     for matrix, part in ((cosines, form[:, :, :2]), (sines, form[:, :, 2:])):
-        product = matrix @ part.reshape(*part.shape[:2], -1)
-        parts.append(product.reshape(part.shape[0], matrix.shape[0], *part.shape[2:]))
+        rays, n, n_stokes, n_w = part.shape
+        product = matrix @ part.reshape(rays, n, n_stokes * n_w)
+        parts.append(product.reshape(rays, matrix.shape[0], n_stokes, n_w))
     return np.concatenate(parts, axis=2)
