@@ -20,32 +20,39 @@ LEAST, MOST = 5e-4, 3e-3
 refracted wavelength and up to 1 % off for others where it grazes a layer, which a node in the shadow's edge may see."""
 
 
-def sky(medium, quality):
+def sky(medium, settings):
     """Radiance (suns, directions, W)."""
-    problem = Problem(medium, zones, zones.QUALITIES[quality], sun_elevations_deg=SUNS_DEG)
+    problem = Problem(medium, zones, settings, sun_elevations_deg=SUNS_DEG)
     solved = problem.solve()
     return np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
 
 
-def compare(climate, quality, wavelength_nm=WAVELENGTH_NM):
+def compare(climate, settings, wavelength_nm=WAVELENGTH_NM):
     medium = climate_medium(load_climate(climate), wavelength_nm)
-    together = sky(medium, quality)
+    together = sky(medium, settings)
     for w in range(medium.n_wavelengths):
-        alone = sky(medium.select(slice(w, w + 1)), quality)[..., 0]
+        alone = sky(medium.select(slice(w, w + 1)), settings)[..., 0]
         lit = alone > 1e-12
         moved = np.abs(together[..., w] / np.where(lit, alone, 1.0) - 1.0)[lit]
         assert np.percentile(moved, 90) < LEAST, f"{wavelength_nm[w]} nm: {np.sort(moved)[-4:]}"
         assert moved.max() < MOST, f"{wavelength_nm[w]} nm: {moved.max():.2e}"
 
 
+def test_neighbours_do_not_move_a_wavelength_in_three_events():
+    few = replace(zones.QUALITIES["draft"], max_events=3, tolerance=0.0)
+    compare("continental-average", few, WAVELENGTH_NM[1:])
+
+
+@pytest.mark.slow
+@pytest.mark.ci
 def test_neighbours_do_not_move_a_wavelength_at_draft():
-    compare("continental-average", "draft")
+    compare("continental-average", zones.QUALITIES["draft"])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("climate", ["continental-average", "urban", "desert"])
 def test_neighbours_do_not_move_a_wavelength(climate):
-    compare(climate, "standard")
+    compare(climate, zones.QUALITIES["standard"])
 
 
 def test_only_wavelengths_that_need_other_grids_are_solved_apart():
