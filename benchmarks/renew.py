@@ -87,6 +87,7 @@ BENCHMARKS = {
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
     "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
+    "zones_speed": Benchmark("zones_speed.py", "zones_speed.csv", "time of `zones`: a field, and one more sky of it"),
     "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
     "sweep_compact": Benchmark(
         "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"

@@ -113,10 +113,14 @@ def test_his_shader_finds_the_field_at_the_texels(source, his, separate):
         few = his.mapping._replace(n_mu_s=4, n_nu=4, n_mu=12)
         his = bruneton.fill(
             source, np.array([1.9, 1.8, 1.5]), mapping=few, scale=4096.0, facts={}, progress=lambda doing, share: None,
-            rows=1, separate=True,
+            rows=1, separate=True, higher_order=True,
         )  # fmt: skip
         assert his.single_mie is not None and his.single_mie.max() > 0.0
         assert "single_mie_scattering.bin" in his.files("bin", False)
+        # the shader's higher order and the rest: what air scattered once
+        assert his.higher_order is not None
+        once = his.scattering[..., :3] - his.higher_order
+        assert np.all(once >= 0.0) and np.all(his.higher_order >= 0.0)
     heights, view, sun, nus = grid(his.mapping)
     solar = np.array([1.5, 1.8, 1.9])
     for j in (1, 2) if separate else (4, 12, 20, 28):
@@ -172,6 +176,8 @@ def test_a_layout_higher_than_the_air_is_refused(source):
         (["pure-air", "--half"], "--half and --scale: are for bruneton2017"),
         (["pure-air", "--layout", "takram", "--scale", "0"], "--scale: 0 is not allowed"),
         (["pure-air", "--single-mie"], "--single-mie: is for takram"),
+        (["pure-air", "--higher-order"], "--higher-order: is for takram"),
+        (["pure-air", "--layout", "bruneton2017", "--exr"], "--exr: is for takram"),
         (["pure-air", "--quality", "best"], "quality"),
         (["nowhere"], "nowhere"),
     ],
@@ -181,3 +187,18 @@ def test_the_command_refuses_in_one_sentence(arguments, words, tmp_path):
     assert result.exit_code == 2
     assert words in result.stderr and result.stderr.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_light_that_air_scattered_once_is_the_integral_of_its_scattering(source):
+    """Straight up under a sun in the zenith, in closed form: T^2 of the air below integrates to the whole."""
+    found = source.single_air(0.0, 90.0, 0.0, 90.0)[0, 0, 0]
+    medium = source.scaled.medium
+    z = np.linspace(medium.bottom_km, medium.top_km, 40001)
+    at = medium.at(z)
+    above = np.zeros_like(at.extinction)
+    steps = 0.5 * (at.extinction[1:] + at.extinction[:-1]) * np.diff(z)[:, None]
+    above[1:] = np.cumsum(steps, axis=0)
+    # the beam comes down through what the light goes down through again
+    depth_below, total = above, above[-1]
+    integrand = at.air_scattering * np.exp(-depth_below) * np.exp(-(total - depth_below))
+    np.testing.assert_allclose(found, np.trapezoid(integrand, z, axis=0), rtol=2e-3)

@@ -5,6 +5,7 @@ The packages come with `npm install --prefix tests/npm`; without them the tests 
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 from dataclasses import replace
@@ -37,7 +38,8 @@ SIZE, FIELD_OF_VIEW_DEG = 48, 100.0
 PAGE = """<!doctype html><p id="message"></p>
 <script type="importmap">IMPORTS</script>
 <script type="module">
-import { Camera, FloatType, HalfFloatType, Mesh, NearestFilter, PerspectiveCamera, PlaneGeometry, Scene, Vector3,
+import { Camera, DataTexture, FloatType, HalfFloatType, Mesh, NearestFilter,
+  PerspectiveCamera, PlaneGeometry, RedFormat, Scene, Vector3,
   WebGLRenderer, WebGLRenderTarget } from "three";
 import { AtmosphereParameters, PrecomputedTexturesLoader, SkyMaterial } from "@takram/three-atmosphere";
 window.onerror = message => { document.querySelector("#message").innerText = "cannot: " + message; };
@@ -45,7 +47,7 @@ try {
   const facts = await (await fetch("sky/tables.json")).json();
   const renderer = new WebGLRenderer();
   const loader = new PrecomputedTexturesLoader({
-    format: "binary", type: HalfFloatType, higherOrderScattering: false, combinedScattering: COMBINED });
+    format: FORMAT, type: HalfFloatType, higherOrderScattering: HIGHER, combinedScattering: COMBINED });
   const textures = await loader.loadAsync("sky");
   const atmosphere = new AtmosphereParameters({
     solarIrradiance: new Vector3(...facts.solar_irradiance),
@@ -66,12 +68,23 @@ try {
   const target = new WebGLRenderTarget(SIZE, SIZE, { type: FloatType, ...nearest });
   const camera = new PerspectiveCamera(FIELD, 1, 1, 1e6);
   camera.up.set(0, 0, 1);
-  window.twilight = { look: (sun, forward) => {
+  const shade = new DataTexture(new Float32Array(1), 1, 1, RedFormat, FloatType);
+  window.twilight = { halves: name => {
+    const data = textures[name + "Texture"].image.data;
+    let text = "";
+    const bytes = new Uint8Array(data.buffer, data.byteOffset, data.byteLength);
+    for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+    return btoa(text);
+  }, look: (sun, forward, shadow) => {
+    shade.image.data[0] = shadow;
+    shade.needsUpdate = true;
+    material.shadowLength = shadow > 0 ? { map: shade } : null;
     camera.position.set(0, 0, atmosphere.bottomRadius);
     camera.lookAt(forward[0], forward[1], atmosphere.bottomRadius + forward[2]);
     camera.updateMatrixWorld();
     material.sunDirection.set(Math.cos(sun), 0, Math.sin(sun));
     renderer.setRenderTarget(target);
+    renderer.render(scene, camera);  // the first one may still have the shaders of the last shadow
     renderer.render(scene, camera);
     const out = new Float32Array(SIZE * SIZE * 4);
     renderer.readRenderTargetPixels(target, 0, 0, SIZE, SIZE, out);
@@ -90,14 +103,16 @@ def show(tmp_path):
     if not PACKAGES.is_dir():
         pytest.skip("needs @takram/three-atmosphere: npm install --prefix tests/npm")
 
-    def opened(tables: bruneton.BrunetonTables):
-        write_folder(tmp_path / "sky", tables.files("bin", True))
+    def opened(tables: bruneton.BrunetonTables, suffix: str = "bin"):
+        write_folder(tmp_path / "sky", tables.files(suffix, True))
         (tmp_path / "node_modules").symlink_to(PACKAGES)
         imports = json.dumps({"imports": {name: f"./node_modules/{path}" for name, path in MODULES.items()}})
         combined = "true" if tables.single_mie is None else "false"
         page = (
             PAGE.replace("IMPORTS", imports)
             .replace("COMBINED", combined)
+            .replace("HIGHER", "false" if tables.higher_order is None else "true")
+            .replace("FORMAT", '"exr"' if suffix == "exr" else '"binary"')
             .replace("SIZE", str(SIZE))
             .replace("FIELD", str(FIELD_OF_VIEW_DEG))
         )
@@ -121,19 +136,19 @@ def pixels(azimuth_deg: float, elevation_deg: float) -> tuple[list[float], np.nd
     return forward.tolist(), np.degrees(elevation).ravel(), np.degrees(azimuth).ravel()
 
 
-def looked(page, sun_deg: float, azimuth_deg: float, elevation_deg: float, scale: float):
+def looked(page, sun_deg: float, azimuth_deg: float, elevation_deg: float, scale: float, shadow_km: float = 0.0):
     """(radiance (D, 3), elevations, azimuths) of the pixels that see the sky."""
     forward, elevation, azimuth = pixels(azimuth_deg, elevation_deg)
-    found, error = page.evaluate("([sun, forward]) => twilight.look(sun, forward)", [math.radians(sun_deg), forward])
+    question = [math.radians(sun_deg), forward, shadow_km]
+    found, error = page.evaluate("([sun, forward, shadow]) => twilight.look(sun, forward, shadow)", question)
     assert error == 0
     sky = elevation > 0.5
     return np.array(found).reshape(-1, 4)[sky, :3] / scale, elevation[sky], azimuth[sky]
 
 
-@pytest.mark.parametrize("separate", [False, True])
-def test_the_package_reads_what_python_reads(show, separate):
+def random_tables(separate: bool = False, higher_order: bool = False) -> bruneton.BrunetonTables:
     """Texels at random within a factor of 1.5 from one to the next; the same at every altitude, of which the shader's
-    float32 knows no more than a tenth of a texel at the ground."""
+    float32 knows no more than a tenth of a texel at the ground.  Transmittance falls with the way up."""
     mapping = bruneton.make_mapping(6360.0, 6420.0)
     random = np.random.default_rng(8)
     scattering = random.uniform(1.0, 1.5, (1, 32, 8, 128, 4)) * np.array([1.0, 0.8, 0.6, 0.1])
@@ -148,17 +163,48 @@ def test_the_package_reads_what_python_reads(show, separate):
         "solar_irradiance": [1.5, 1.8, 1.9],
         "scale": 4.0,
     }
-    tables = bruneton.BrunetonTables(mapping, constants, scattering, np.ones((64, 256, 3)), np.ones((16, 64, 3)))
+    passed = np.linspace(0.6, 1.0, 64)[:, None, None] * np.ones((1, 256, 3))
+    tables = bruneton.BrunetonTables(mapping, constants, scattering, passed, np.ones((16, 64, 3)))
     if separate:
         tables = replace(tables, single_mie=np.repeat(random.uniform(0.1, 0.15, (1, 32, 8, 128, 3)), 32, axis=0))
+    if higher_order:
+        share = np.repeat(random.uniform(0.3, 0.45, (1, 32, 8, 128, 3)), 32, axis=0)
+        tables = replace(tables, higher_order=share * scattering[..., :3])
+    return tables
+
+
+SEEN = ((10.0, 0.0, 30.0), (0.0, 60.0, 50.0), (-6.0, 200.0, 20.0), (-12.0, 90.0, 40.0))
+"""(sun, azimuth, elevation) [deg] that a camera looks at."""
+
+
+@pytest.mark.parametrize(("separate", "higher_order"), [(False, False), (True, False), (False, True)])
+def test_the_package_reads_what_python_reads(show, separate, higher_order):
+    tables = random_tables(separate, higher_order)
+    shadows = (0.0, 12.0) if higher_order else (0.0,)
     with show(tables) as (page, errors):
         assert page.inner_text("#message") == ""
-        for sun, azimuth, elevation in ((10.0, 0.0, 30.0), (0.0, 60.0, 50.0), (-6.0, 200.0, 20.0), (-12.0, 90.0, 40.0)):
-            found, e, a = looked(page, sun, azimuth, elevation, 4.0)
-            expected = bruneton.sky_radiance(tables, 0.0, sun, e, a)
-            off = np.abs(found / expected - 1.0)
-            assert np.median(off) < 2e-3 and np.percentile(off, 95) < 0.03 and off.max() < 0.1, (sun, off.max())
+        for sun, azimuth, elevation in SEEN:
+            for shadow in shadows:
+                found, e, a = looked(page, sun, azimuth, elevation, 4.0, shadow)
+                expected = bruneton.sky_radiance(tables, 0.0, sun, e, a, shadow_km=shadow)
+                off = np.abs(found / expected - 1.0)
+                assert np.median(off) < 2e-3 and np.percentile(off, 95) < 0.03 and off.max() < 0.1, (sun, off.max())
+        if higher_order:
+            # what the texture is for: with it the shadow takes less than the transmittance does of everything
+            without = bruneton.sky_radiance(replace(tables, higher_order=None), 0.0, sun, e, a, shadow_km=shadow)
+            assert np.median(expected / without) > 1.02
         assert errors == []
+
+
+def test_the_package_reads_open_exr_as_it_reads_halves(show):
+    """Every number of every texture, as the package hands it to the graphics card."""
+    tables = random_tables(separate=True, higher_order=True)
+    with show(tables, "exr") as (page, errors):
+        assert page.inner_text("#message") == "" and errors == []
+        for name, texture in tables.rgba().items():
+            key = "".join(part.capitalize() for part in name.split("_"))
+            content = base64.b64decode(page.evaluate("name => twilight.halves(name)", key[0].lower() + key[1:]))
+            np.testing.assert_array_equal(np.frombuffer(content, "<f2"), texture.astype("<f2").ravel())
 
 
 @pytest.mark.slow

@@ -164,6 +164,14 @@ def test_heights_come_from_files_and_formulas(tmp_path):
         assert made.altitude_km.min() >= 0.5 - 1e-6 and made.highest_km == pytest.approx(2.0)
 
 
+def test_the_shipped_hills_are_where_they_are():
+    made = heights_of(Terrain(heights="jacksboro"))
+    assert made.altitude_km.min() == pytest.approx(0.245) and made.highest_km == pytest.approx(1.068)
+    # 6 arc seconds of latitude, and of longitude at 36.6 deg
+    assert made.step_y_km == pytest.approx(6371.0 * np.radians(6.0 / 3600.0), rel=0.01)
+    assert made.step_x_km == pytest.approx(made.step_y_km * np.cos(np.radians(36.59)), rel=0.01)
+
+
 def test_files_that_are_no_heights(tmp_path):
     with pytest.raises(TwilightError, match="there is no file"):
         heights_of(Terrain(heights="nowhere.npy"))

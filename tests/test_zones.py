@@ -83,6 +83,30 @@ def test_zenith_nodes_cover_the_range_and_are_closest_at_the_terminator():
     assert part[0] <= 60.0 and set(part) <= set(nodes)
 
 
+@pytest.mark.parametrize(("sun", "most", "usual"), [(30.0, 1e-5, 1e-6), (-3.0, 1e-3, 1e-4), (-8.0, 1e-3, 1e-4)])
+def test_a_sky_from_few_azimuths_is_that_of_every_direction(small, sun, most, usual):
+    """One direction at a time is followed by itself.  In twilight that alone is rough to some 1e-4."""
+    elevation, azimuth = np.array([3.0, 30.0]), np.arange(0.0, 181.0, 4.0)
+    sky = small.radiance(sun, elevation[:, None], azimuth)
+    alone = np.stack([small.radiance(sun, elevation, a) for a in azimuth], axis=1)
+    wrong = np.abs(sky / alone - 1.0)
+    assert wrong.max() < most and np.median(wrong) < usual
+
+
+def test_lines_of_sight_are_kept_for_the_next_sun_and_no_longer_than_they_may(small, monkeypatch):
+    question = (np.array([5.0, 40.0]), np.array([10.0, 100.0]))
+    first = small.radiance(10.0, *question)
+    kept = small._sights._kept
+    held = len(kept)
+    np.testing.assert_array_equal(small.radiance(10.0, *question), first)
+    small.radiance(3.0, *question)
+    assert len(kept) == held
+    monkeypatch.setattr("twilight.solvers.zones.sights.MOST_BYTES", 0)
+    small.radiance(3.0, 20.0, 10.0)
+    assert not kept
+    np.testing.assert_array_equal(small.radiance(10.0, *question), first)
+
+
 @pytest.mark.parametrize("sun", [30.0, 5.0, 0.0, -2.0, -4.0])
 def test_light_scattered_once_is_that_of_the_cells_solver(sun):
     """Without aerosol: with it the forward peak counts as unscattered here."""

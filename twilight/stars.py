@@ -76,6 +76,13 @@ def bright_stars(year: float, faintest_mag: float = 6.6) -> Stars:
     return Stars(moved, table["hp_mag"][:n].astype(float), table["hip"][:n], table["name"][:n])
 
 
+def colour_index(faintest_mag: float = 6.6) -> np.ndarray:
+    """B - V [mag] of the stars of `bright_stars`, in its order."""
+    table = _table()
+    n = int(np.searchsorted(table["hp_mag"], faintest_mag, side="right"))
+    return table["b_v_mag"][:n].astype(float)
+
+
 def blended(stars: Stars, resolution_rad: float) -> Stars:
     """Stars closer together than the resolution become one, named after the brightest, at their centre of light."""
     from scipy.spatial import cKDTree

@@ -26,6 +26,7 @@ from twilight.config.view import View
 from twilight.digest import code_digest
 from twilight.engine import Problem, problem_of
 from twilight.engine.kept import kept_fields
+from twilight.engine.night import check_stars
 from twilight.errors import TwilightError
 from twilight.export.values import Source
 from twilight.io.eight_bit import to_bytes
@@ -113,6 +114,7 @@ class Film:
         self.view = config.observer.view or View(**USUAL_VIEW)
         self.exposure = _exposure(config, exposure)
         _check_layers(config)
+        check_stars(config)
         if exposure is not None and not output.suffix:
             raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
         check_output(output, self.view.shape, frames_per_second)

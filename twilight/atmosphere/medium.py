@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from twilight.atmosphere.reference import Reference
 from twilight.atmosphere.smooth import interpolate_smooth, log_cubics, monotone_cubic
 from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
@@ -113,12 +114,27 @@ class Medium:
         """Total extinction at the levels, (L, W); between levels each of its three parts is interpolated by itself."""
         return self.air_scattering_per_km + self.absorption_per_km + self.aerosol_extinction_per_km
 
+    @property
+    def reference(self) -> Medium | None:
+        """The same air at fixed wavelengths, by which grids are laid out (:mod:`twilight.atmosphere.reference`).
+
+        None where it is not known.  `dataclasses.replace` drops it, for what it makes is other air.
+        """
+        made: Reference | None = getattr(self, "_reference", None)
+        return None if made is None else made.medium()
+
+    def with_reference(self, reference: Reference | None) -> Medium:
+        """The same medium with that reference; None: with none."""
+        out = replace(self)
+        object.__setattr__(out, "_reference", reference)
+        return out
+
     def select(self, wavelengths: slice | np.ndarray) -> Medium:
-        """The same medium at some of its wavelengths."""
+        """The same medium at some of its wavelengths, with its reference."""
         s = wavelengths
         phases = tuple(p.select(s) for p in self.phase_functions)
         cut = {key: getattr(self, key)[:, s] for key in ON_LEVELS}
-        return replace(
+        selected = replace(
             self,
             wavelength_nm=self.wavelength_nm[s],
             aerosol_share=self.aerosol_share[:, :, s],
@@ -128,6 +144,7 @@ class Medium:
             overhead_absorption_optical_depth=self.overhead_absorption_optical_depth[s],
             **cut,
         )
+        return selected.with_reference(getattr(self, "_reference", None))
 
     def at(self, altitude_km) -> Coefficients:
         """Coefficients at altitudes of any shape; an altitude on a jump takes the value above it, outside is 0."""
@@ -159,21 +176,24 @@ class Medium:
             refractivity=smooth(self.refractivity),
         )
 
-    def refined(self, max_thickness_km: float = 0.25, tolerance: float = 1e-4) -> Medium:
+    def refined(self, max_thickness_km: float = 0.25, tolerance: float = 1e-4, like: Medium | None = None) -> Medium:
         """The same medium with levels inserted until linear interpolation of every coefficient is good to `tolerance`.
 
         Kernels interpolate linearly on the refined levels, which costs no exponential per step.  For a coefficient that
         falls by q = ln(a/b) over a level, linear interpolation is off by q^2/8 at most.
+
+        like: the same levels at other wavelengths, whose coefficients say how many are inserted.
         """
         z = self.altitude_km
+        whose = like or self
         new = [z[:1]]
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = np.zeros(z.size - 1)
             for a in (
-                self.air_scattering_per_km,
-                self.absorption_per_km,
-                self.aerosol_extinction_per_km,
-                self.refractivity,
+                whose.air_scattering_per_km,
+                whose.absorption_per_km,
+                whose.aerosol_extinction_per_km,
+                whose.refractivity,
             ):
                 lo, hi = a[:-1], a[1:]
                 q = np.where((lo > 0) & (hi > 0), np.abs(np.log(hi / np.where(lo > 0, lo, 1))), 0.0)

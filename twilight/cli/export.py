@@ -29,8 +29,15 @@ def tables(
     quality: Annotated[str, option("NAME", "Preset of the solver.")] = "standard",
     half: Annotated[bool, typer.Option("--half", help="Half floats, in bruneton2017; takram always has them.")] = False,
     single_mie: Annotated[
-        bool, typer.Option("--single-mie", help="single_mie_scattering.bin too, in takram: aerosol in its own colours.")
+        bool, typer.Option("--single-mie", help="single_mie_scattering too, in takram: aerosol in its own colours.")
     ] = False,
+    higher_order: Annotated[
+        bool,
+        typer.Option(
+            "--higher-order", help="higher_order_scattering too, in takram: light that mountains' shadows leave."
+        ),
+    ] = False,
+    exr: Annotated[bool, typer.Option("--exr", help="OpenEXR, slices stacked, instead of .bin, in takram.")] = False,
     scale: Annotated[
         float | None, option("FACTOR", "On scattering and irradiance; 4096 for half floats, 1 otherwise.")
     ] = None,
@@ -38,8 +45,9 @@ def tables(
     """Write the sky of a climate, for every sun, as tables that a graphics card reads."""
     if layout in ("twilight", "calcmysky") and (half or scale is not None):
         raise TwilightError(f"--half and --scale: are for bruneton2017 and takram; {layout} is float32")
-    if single_mie and layout != "takram":
-        raise TwilightError(f"--single-mie: is for takram, {layout} has no such file")
+    for name, asked in (("--single-mie", single_mie), ("--higher-order", higher_order), ("--exr", exr)):
+        if asked and layout != "takram":
+            raise TwilightError(f"{name}: is for takram, {layout} has no such file")
     if scale is not None and not 1e-6 <= scale <= 1e9:
         raise TwilightError(f"--scale: {scale:g} is not allowed, 1e-6 to 1e9 is")
     import numpy as np
@@ -101,8 +109,9 @@ def tables(
                 facts={**facts, "layout": layout, "number": "float16" if half else "float32"},
                 progress=tell,
                 separate=single_mie,
+                higher_order=higher_order,
             )
-            files = made.files("bin" if layout == "takram" else "dat", half)
+            files = made.files("exr" if exr else "bin" if layout == "takram" else "dat", half)
     write_folder(folder, files)
     size = sum(len(content) for content in files.values())
     print(f"wrote {folder}: {', '.join(sorted(files))}; {size / 1e6:.1f} MB")

@@ -130,6 +130,9 @@ class Night(Section):
     )
     starlight: Number = key(1.0, "all stars as a smooth glow, by galactic latitude", unit="1", ge=0, le=100)
     zodiacal_light: Number = key(1.0, "sunlight on interplanetary dust", unit="1", ge=0, le=100)
+    stars: Flag | None = key(
+        None, "views and films draw the 8948 brighter stars as points; unset: where place and time are known"
+    )
 
 
 class Config(Section):

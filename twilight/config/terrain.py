@@ -8,18 +8,23 @@ from pydantic import model_validator
 
 from twilight.config.base import Integer, Number, Section, key
 
+NAMES = ("ridges", "ridge", "peak", "jacksboro")
+
 
 class Terrain(Section):
     """A field of heights on a square around the observer, or anywhere towards the sun."""
 
     heights: str = key(
         "ridges",
-        "ridges (mountains by a formula), ridge (one long crest), peak (a single cone), or the path of a .npy or "
-        "GeoTIFF file with altitudes above sea level in metres, rows from the far side to the near one",
+        "ridges (mountains by a formula), ridge (one long crest), peak (a single cone), jacksboro (hills of Tennessee, "
+        "30 x 32 km, 245 to 1068 m above sea level, the north far), or the path of a .npy or GeoTIFF file with "
+        "altitudes above sea level in metres, rows from the far side to the near one",
         min_length=1,
         max_length=1000,
     )
-    size_km: Number = key(60.0, "side of the square; of a GeoTIFF its own", unit="km", gt=0.1, le=3000.0)
+    size_km: Number = key(
+        60.0, "side of the square; of a GeoTIFF and of jacksboro their own", unit="km", gt=0.1, le=3000.0
+    )
     count: Integer = key(512, "points along a side, for formulas", unit="1", ge=16, le=4096)
     base_km: Number = key(0.0, "altitude of the lowest ground, for formulas", unit="km", ge=-1.0, le=10.0)
     height_km: Number = key(2.0, "of the highest point above it, for formulas", unit="km", gt=0.0, le=100.0)
@@ -39,6 +44,8 @@ class Terrain(Section):
 
     @model_validator(mode="after")
     def _whole(self) -> Terrain:
-        if self.heights in ("ridges", "ridge", "peak") or self.heights.lower().endswith((".npy", ".tif", ".tiff")):
+        if self.heights in NAMES or self.heights.lower().endswith((".npy", ".tif", ".tiff")):
             return self
-        raise ValueError(f"heights must be ridges, ridge, peak or the path of a .npy or .tif file; got {self.heights}")
+        raise ValueError(
+            f"heights must be ridges, ridge, peak, jacksboro or the path of a .npy or .tif file; got {self.heights}"
+        )

@@ -19,7 +19,7 @@ from twilight.engine.directions import texture_rows
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
-from twilight.engine.night import NightLight, levels_of, night_light, place_of
+from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
 from twilight.engine.solve import Block, Problem, problem_of
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import Look, check_view, landscape, see, together, with_night, with_sun
@@ -70,6 +70,7 @@ def frames(
     tell = progress or silent
     tell("setting up", 0.0)
     check_size(config)
+    check_stars(config)
     started = time.perf_counter()
     suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
     if not suns:
@@ -272,13 +273,17 @@ def _night_of_view(config: Config, problem: Problem, sun: SunPosition) -> NightL
     """The night in a view, over the sun's irradiance above the air [sr^-1]."""
     if config.night is None or config.observer.view is None:
         return None
+    place, altitude = place_of(sun), config.observer.altitude_km
+    points = None if place is None else star_sky(config.night, problem.medium, altitude)
+    levels = levels_of(config.night)
     made = night_light(
         problem.medium,
-        levels_of(config.night),
-        config.observer.altitude_km,
+        levels if points is None else without_points(levels),
+        altitude,
         sun_elevation_deg=sun.elevation_deg,
         sun_azimuth_deg=sun.azimuth_deg,
-        place=place_of(sun),
+        place=place,
     )
-    over = solar_irradiance(problem.medium.wavelength_nm, config.solar_spectrum, sun.distance_au)
-    return replace(made, radiance=made.radiance / over, ground=made.ground / over)
+    if points is not None and place is not None:
+        made = replace(made, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
+    return made.over(solar_irradiance(problem.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))

@@ -53,6 +53,7 @@ class KeptFields:
         about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
         digest.update(json.dumps(about, sort_keys=True, default=str).encode())
         _add(digest, medium)
+        _add(digest, medium.reference)
         return self.folder / f"{digest.hexdigest()}{_SUFFIX}"
 
     def keep(self, path: Path, field: Any) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.config.scene import Night
-from twilight.config.sun import SunAt
+from twilight.config.scene import Config, Night
+from twilight.config.sun import SunAt, SunInterval
+from twilight.errors import TwilightError
 from twilight.night import NightLevels, Place, night_radiance
-from twilight.orientation import azimuth_elevation
+from twilight.night.points import Raster, StarPoints, StarSky, share_of_starlight
+from twilight.orientation import azimuth_elevation, direction
 from twilight.scene.suns import SunPosition
 from twilight.transport.apparent import horizon_dip_deg
 
@@ -23,12 +25,17 @@ MEAN_ROWS_DEG, MEAN_COLUMNS_DEG = np.arange(3.0, 90.0, 6.0), np.arange(0.0, 360.
 @dataclass(frozen=True)
 class NightLight:
     """elevation_deg (E,) from the horizon to 90; azimuth_deg (A,) from 0 to 360, both; radiance (E, A, K) and that of
-    the ground (K,), in one unit.  Azimuths as those that are asked for."""
+    the ground (K,), in one unit.  Azimuths as those that are asked for, from the sun.
+
+    stars: the brighter ones, of whom `radiance` then has no light; sun_azimuth_deg: from north, from which those count.
+    """
 
     elevation_deg: np.ndarray
     azimuth_deg: np.ndarray
     radiance: np.ndarray
     ground: np.ndarray
+    stars: StarPoints | None = None
+    sun_azimuth_deg: float = 0.0
 
     def at(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """(..., K) in directions: bilinear, the ground below the horizon, NaN where a direction is NaN."""
@@ -45,16 +52,49 @@ class NightLight:
         out = np.where((elevation < e[0])[..., None], self.ground, out)
         return np.where(inside[..., None], out, np.nan)
 
-    def seen_by(self, rays: np.ndarray, hidden: np.ndarray | None = None) -> np.ndarray:
-        """(H, W, K) of directions (H, W, 3); hidden (H, W): where terrain, lit as the ground, stands before the sky."""
+    def seen_by(self, rays: np.ndarray, pitch_deg: float, hidden: np.ndarray | None = None) -> np.ndarray:
+        """(H, W, K) of directions (H, W, 3) of pixels pitch_deg apart; hidden (H, W): where terrain, lit as the ground,
+        stands before the sky."""
         azimuth, elevation = azimuth_elevation(rays)
         out = self.at(elevation, azimuth)
-        return out if hidden is None else np.where(hidden[..., None], self.ground, out)
+        if hidden is not None:
+            out = np.where(hidden[..., None], self.ground, out)
+        if self.stars is not None:
+            towards = direction(self.stars.azimuth_deg - self.sun_azimuth_deg, self.stars.elevation_deg)
+            Raster(rays, pitch_deg).add(out, towards, self.stars.irradiance, hidden)
+        return out
+
+    def over(self, irradiance: np.ndarray) -> NightLight:
+        """The same over an irradiance (K,)."""
+        stars = self.stars
+        if stars is not None:
+            stars = replace(stars, irradiance=stars.irradiance / irradiance)
+        return replace(self, radiance=self.radiance / irradiance, ground=self.ground / irradiance, stars=stars)
 
 
 def levels_of(night: Night) -> NightLevels:
     """How bright each part is."""
-    return NightLevels(**night.model_dump())
+    return NightLevels(night.airglow, night.starlight, night.zodiacal_light)
+
+
+def check_stars(config: Config) -> None:
+    """TwilightError for stars without a place and a time."""
+    if config.night is not None and config.night.stars and not isinstance(config.sun, (SunAt, SunInterval)):
+        raise TwilightError(
+            f"{config.title}: night.stars needs a place and a time (sun.at, latitude_deg, longitude_deg); leave it out"
+        )
+
+
+def star_sky(night: Night, medium: Medium, altitude_km: float) -> StarSky | None:
+    """The brighter stars as points, None where they are in the glow of all stars."""
+    if night.stars is False or night.starlight == 0.0:
+        return None
+    return StarSky.of(medium, altitude_km, night.starlight)
+
+
+def without_points(levels: NightLevels) -> NightLevels:
+    """The glow of all stars without those that are points."""
+    return replace(levels, starlight=levels.starlight * (1.0 - share_of_starlight()))
 
 
 def place_of(sun: SunPosition) -> Place | None:

@@ -225,7 +225,7 @@ def interpolate(e: np.ndarray, a: np.ndarray, values: np.ndarray, elevation: np.
 
 def with_night(seen: Seen, night: NightLight) -> Seen:
     """The view with the night's light behind and in the air; terrain in it is lit as the ground is."""
-    lit = night.seen_by(seen.rays.astype(float), seen.hidden)
+    lit = night.seen_by(seen.rays.astype(float), seen.pitch_deg, seen.hidden)
     return replace(seen, radiance=(seen.radiance + lit).astype(np.float32))
 
 

@@ -7,6 +7,11 @@ Their shaders read `C P_R(nu) + M P_M(nu)`, with C the RGB of scattering and M f
 C (M_r / C_r) (beta_R,r / beta_M,r) (beta_M / beta_R); in aerial perspective, not in the sky, they fade M out where mu_s
 falls from 0.01 to 0.  Above that alpha is what aerosol scattered once without its phase function, below 0; C is such
 that the sum is the field's radiance at the texel.
+
+@takram/three-atmosphere reads two more textures of the size of scattering where they are there: single Mie scattering
+in all three colours, and C of what was scattered more than once (with all else that is not light that air scattered
+once), which it does not dim in the shadows of mountains and clouds.  Its other file format is OpenEXR: the slices of r
+below each other and the whole upside down.
 """
 
 from __future__ import annotations
@@ -15,11 +20,14 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from twilight.errors import TwilightError
 from twilight.export.values import JUST_DEG, Source
+from twilight.solvers.tables.lookup import optical_depth_to_top
 from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nu
 from twilight.solvers.tables.passes import fill_depth, read
 from twilight.solvers.tables.solve import stored
@@ -48,7 +56,8 @@ class BrunetonTables:
     """scattering (r, mu_s, nu, mu, 4), transmittance (r, mu, 3), irradiance (r, mu_s, 3): red, green, blue first.
 
     single_mie (r, mu_s, nu, mu, 3): what aerosol scattered once at every wavelength; None: it follows from alpha.
-    Scattering, single_mie and irradiance hold the sun's irradiance above the air times `scale`.
+    higher_order (r, mu_s, nu, mu, 3): RGB of scattering less what air scattered once; None: it is not apart.
+    All but transmittance hold the sun's irradiance above the air times `scale`.
     """
 
     mapping: Mapping
@@ -57,6 +66,7 @@ class BrunetonTables:
     transmittance: np.ndarray
     irradiance: np.ndarray
     single_mie: np.ndarray | None = None
+    higher_order: np.ndarray | None = None
 
     def rgba(self) -> dict[str, np.ndarray]:
         """The textures as they are laid out, (z, y, x, 4) or (y, x, 4)."""
@@ -65,12 +75,11 @@ class BrunetonTables:
             "scattering": _volume(self.scattering),
             "irradiance": _with_alpha(self.irradiance),
         }
-        return (
-            out if self.single_mie is None else {**out, "single_mie_scattering": _volume(_with_alpha(self.single_mie))}
-        )
+        more = {"single_mie_scattering": self.single_mie, "higher_order_scattering": self.higher_order}
+        return out | {name: _volume(_with_alpha(texels)) for name, texels in more.items() if texels is not None}
 
     def files(self, suffix: str, half: bool) -> dict[str, bytes]:
-        """Name and content of every file.
+        """Name and content of every file; the suffix `exr` is OpenEXR.
 
         Errors: TwilightError where half floats cannot hold the largest value.
         """
@@ -80,8 +89,21 @@ class BrunetonTables:
                 raise TwilightError(
                     f"--scale: {name} reaches {np.max(texture):.3g} with it, half floats hold up to {LARGEST_HALF:g}"
                 )
-            out[f"{name}.{suffix}"] = np.ascontiguousarray(texture, "<f2" if half else "<f4").tobytes()
+            numbers = np.ascontiguousarray(texture, "<f2" if half else "<f4")
+            out[f"{name}.{suffix}"] = _open_exr(numbers) if suffix == "exr" else numbers.tobytes()
         return out
+
+
+def _open_exr(texture: np.ndarray) -> bytes:
+    """An OpenEXR file of a texture (z, y, x, 4) or (y, x, 4): slices below each other, the last row first."""
+    import OpenEXR
+
+    rows = np.ascontiguousarray(texture.reshape(-1, *texture.shape[-2:])[::-1])
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with TemporaryDirectory() as folder, OpenEXR.File(header, {"RGBA": rows}) as file:
+        path = Path(folder) / "texture.exr"
+        file.write(str(path))
+        return path.read_bytes()
 
 
 def _with_alpha(texture: np.ndarray) -> np.ndarray:
@@ -103,11 +125,12 @@ def fill(
     progress: Callable[[str, float], None],
     rows: int = 32,
     separate: bool = False,
+    higher_order: bool = False,
 ) -> BrunetonTables:
     """The tables of a field; solar_irradiance (3,) [W m^-2 nm^-1], shortest wavelength first.
 
     mapping: as `make_mapping` has it; heights above its ground stay what they are.  rows: how many of the rows of r are
-    filled, from the ground up.  separate: with `single_mie`.
+    filled, from the ground up.  separate: with `single_mie`; higher_order: with that.
     """
     medium = source.medium
     heights, view, sun, nus = grid(mapping)
@@ -117,6 +140,7 @@ def fill(
         )
     scattering = np.zeros((mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, 4))
     single = np.zeros((*scattering.shape[:-1], 3))
+    more = np.zeros_like(single) if higher_order else None
     g = _asymmetry(source)
     at = medium.at(medium.bottom_km)
     beta_r, beta_m = at.air_scattering, at.aerosol_scattering
@@ -128,9 +152,14 @@ def fill(
             light = source.inscattered(medium.bottom_km + heights[i], math.degrees(math.asin(sun[j])), *where)
             packed = _packed(source, heights[i], sun[j], rays, light, g, None if separate else ratio)
             scattering[i, j], single[i, j] = (part.transpose(1, 0, 2) for part in packed)
+            if more is not None:
+                once = _scattered_by_air(source, heights[i], sun[j], rays).transpose(1, 0, 2)
+                more[i, j] = np.maximum(scattering[i, j, ..., :3] - once, 0.0)
             progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
     scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
     single *= solar_irradiance[::-1] * scale
+    if more is not None:
+        more *= solar_irradiance[::-1] * scale
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, 3))
     fill_depth(_unscaled(source, mapping.bottom_km), mapping, depth, 0, mapping.n_t_r)
     progress("irradiance", 0.95)
@@ -148,37 +177,73 @@ def fill(
         "scale": scale,
     }
     transmittance = np.exp(-depth)[..., ::-1]
-    return BrunetonTables(mapping, constants, scattering, transmittance, irradiance, single if separate else None)
+    return BrunetonTables(mapping, constants, scattering, transmittance, irradiance, single if separate else None, more)
 
 
 def sky_radiance(
-    tables: BrunetonTables, height_km: float, sun_deg: float, elevation_deg, azimuth_deg, *, logarithmic: bool = False
+    tables: BrunetonTables,
+    height_km: float,
+    sun_deg: float,
+    elevation_deg,
+    azimuth_deg,
+    *,
+    logarithmic: bool = False,
+    shadow_km: float = 0.0,
 ) -> np.ndarray:
     """What the shaders make of it (D, 3), with `scale` divided out: W m^-2 sr^-1 nm^-1 of red, green and blue.
 
-    logarithmic: interpolate the logarithms of the texels, as no shader of these layouts does.
+    logarithmic: interpolate the logarithms of the texels, as no shader of these layouts does.  shadow_km: length of the
+    first part of the lines of sight, none of which ends on the ground within it, that lies in a mountain's shadow
+    (eq. 18): light that air scattered once and that aerosol scattered once does not come from there, and the rest does
+    where `higher_order` is there.
     """
     c, m = tables.constants, tables.mapping
     e, a, s = np.radians(elevation_deg), np.radians(azimuth_deg), math.radians(sun_deg)
     mu, mu_s = np.sin(e), np.full(np.shape(e), math.sin(s))
     nu = mu * mu_s + np.cos(e) * math.cos(s) * np.cos(a)
+    r = m.bottom_km + height_km
     rho = math.sqrt(height_km * (2 * m.bottom_km + height_km))
-    ground = mu < -rho / (m.bottom_km + height_km)
-    out = np.zeros((mu.size, 4))
-    table = stored(np.ascontiguousarray(tables.scattering, np.float32), logarithmic)
-    read(m, table, logarithmic, np.full(mu.size, height_km), mu, mu_s, nu, ground, out, 0, mu.size)
+    ground = mu < -rho / r
+    there = np.sqrt(r * r + shadow_km * (2.0 * r * mu + shadow_km))
+    height = np.clip(there - m.bottom_km, 0.0, m.thickness_km) if shadow_km else np.full(mu.size, height_km)
+    passed = _passed(tables, np.full(mu.size, height_km), mu) if shadow_km else 1.0
+    mu, mu_s = (r * mu + shadow_km) / there, (r * mu_s + shadow_km * nu) / there
+    if shadow_km:
+        passed = passed / _passed(tables, height, mu)
+
+    def texels(table: np.ndarray, logarithmic: bool) -> np.ndarray:
+        out = np.zeros((mu.size, table.shape[-1]))
+        kept = stored(np.ascontiguousarray(table, np.float32), logarithmic)
+        read(m, kept, logarithmic, height, mu, mu_s, nu, ground, out, 0, mu.size)
+        return out
+
+    out = texels(tables.scattering, logarithmic)
     beta_r, beta_m = np.array(c["rayleigh_scattering_per_km"]), np.array(c["mie_scattering_per_km"])
     rest, red = out[:, :3], out[:, :1]
     single = np.zeros((mu.size, 3))
     if tables.single_mie is not None:
-        kept = np.ascontiguousarray(tables.single_mie, np.float32)
-        read(m, kept, False, np.full(mu.size, height_km), mu, mu_s, nu, ground, single, 0, mu.size)
+        single = texels(tables.single_mie, False)
     elif beta_m[0] > 0.0:
         share = np.divide(out[:, 3:], red, out=np.zeros_like(red), where=red > 0.0)
         single = rest * share * (beta_r[0] / beta_m[0]) * (beta_m / beta_r)
+    if tables.higher_order is None:
+        rest = rest * passed
+    else:
+        more = texels(tables.higher_order, False)
+        rest = (rest - more) * passed + more
+    single = single * passed
     rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + nu**2)
     total = rest * rayleigh[:, None] + single * phase_of(c["mie_phase_function_g"], nu)[:, None]
     return total / c["scale"]
+
+
+def _passed(tables: BrunetonTables, height_km: np.ndarray, mu: np.ndarray) -> np.ndarray:
+    """Transmittance (D, 3) to the top, from heights and cosines (D,)."""
+    depth = -np.log(np.maximum(tables.transmittance, 1e-30))
+    out = np.zeros((mu.size, 3))
+    for d in range(mu.size):
+        optical_depth_to_top(tables.mapping, depth, height_km[d], mu[d], out[d])
+    return np.exp(-out)
 
 
 def _asymmetry(source: Source) -> float:
@@ -251,6 +316,13 @@ def _packed(
     share = np.divide(red, rest, out=np.zeros_like(red), where=rest > 0.0)[..., None]
     out[..., :3] = (light / (rayleigh + mie * share * ratio))[..., ::-1]
     return out, bare[..., ::-1]
+
+
+def _scattered_by_air(source: Source, height: float, mu_s: float, rays: _Rays) -> np.ndarray:
+    """Light that air scattered once (mu, nu, 3), without its phase function, over F0; red first."""
+    altitude, sun = source.medium.bottom_km + height, math.degrees(math.asin(mu_s))
+    pairs = zip(rays.elevation_deg, rays.azimuth_deg, strict=True)
+    return np.stack([source.single_air(altitude, e, a, sun)[0, 0] for e, a in pairs])[..., ::-1]
 
 
 def _irradiance(source: Source, mapping: Mapping, rows: int) -> np.ndarray:

@@ -24,14 +24,15 @@ PHASE_ANGLES = 256
 
 
 @njit(cache=True, nogil=True)
-def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, begin, end):
-    """Light that each aerosol scattered once, without its phase function, out (K, S, E, A, W), for rows begin..end.
+def _single(profile, beam, altitude_km, elevation, azimuth, sun, first, out, begin, end):
+    """Light that species scattered once, without its phase function, out (K, S, E, A, W), for rows begin..end.
 
     profile: `Profile`; beam: `Beam`; altitude_km: the observer's; elevation (E,), azimuth (A,) and sun (S,) [rad].
+    first: of the K species, 0 is the air and 1 the first aerosol.
     """
     n_w = out.shape[4]
     line = new_line(profile)
-    source = np.empty((line.place.shape[0], 1 + out.shape[0], n_w))
+    source = np.empty((line.place.shape[0], profile.species_scattering.shape[0], n_w))
     light = np.empty(n_w)
     r = profile.earth_radius_km + altitude_km
     for e in range(begin, end):
@@ -50,7 +51,7 @@ def _single_aerosol(profile, beam, altitude_km, elevation, azimuth, sun, out, be
                     for k in range(out.shape[0]):
                         for w in range(n_w):
                             if light[w] > 0.0:
-                                out[k, s, e, a, w] += source[p, 1 + k, w] * light[w]
+                                out[k, s, e, a, w] += source[p, first + k, w] * light[w]
 
 
 class Filling(Protocol):
@@ -142,15 +143,24 @@ class Source:
     def single_aerosol(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray]:
         """(with the phase functions [sr^-1], without) of light that aerosol scattered once, each (S, E, A, W)."""
         e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
-        k = len(self.medium.phase_functions)
-        parts = np.zeros((k, s.size, e.size, a.size, self.medium.n_wavelengths))
-        in_slices(lambda i, j: _single_aerosol(self.profile, self.beam, altitude_km, e, a, s, parts, i, j), e.size)
+        parts = self._once(altitude_km, e, a, s, 1, len(self.medium.phase_functions))
         cosine = np.sin(e)[None, :, None] * np.sin(s)[:, None, None]
         cosine = cosine + (np.cos(e)[None, :, None] * np.cos(s)[:, None, None]) * np.cos(a)
         light = np.zeros(parts.shape[1:])
         for part, phase, f in zip(parts, self.medium.phase_functions, self.scaled.forward_share, strict=True):
             light += np.moveaxis(phase(cosine), 0, -1) / (1.0 - f) * part
         return light, parts.sum(axis=0)
+
+    def single_air(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> np.ndarray:
+        """Light that air scattered once, without its phase function (S, E, A, W)."""
+        e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
+        return self._once(altitude_km, e, a, s, 0, 1)[0]
+
+    def _once(self, altitude_km: float, e: np.ndarray, a: np.ndarray, s: np.ndarray, first: int, count: int):
+        """Light that species scattered once, without phase functions (count, S, E, A, W); angles in rad."""
+        parts = np.zeros((count, s.size, e.size, a.size, self.medium.n_wavelengths))
+        in_slices(lambda i, j: _single(self.profile, self.beam, altitude_km, e, a, s, first, parts, i, j), e.size)
+        return parts
 
     def ground(self, sun_deg: np.ndarray) -> np.ndarray:
         """Radiance (..., W) of the ground under suns [deg], looking down at it; interpolated in its logarithm."""

@@ -47,7 +47,7 @@ def ecliptic_from_sun(
         level = np.array([0.0, 1.0, 0.0])
         pole = np.cos(tilt) * level - np.sin(tilt) * np.cross(sun, level)
     else:
-        pole = _to_horizon(_ecliptic_pole(), place)
+        pole = to_horizon(_ecliptic_pole(), place)
         pole = _turned(pole, -sun_azimuth_deg)
     latitude = np.degrees(np.arcsin(np.clip(direction @ pole, -1.0, 1.0)))
     sun = sun - (sun @ pole) * pole  # 0 but for the accuracy of the sidereal time
@@ -57,9 +57,17 @@ def ecliptic_from_sun(
 
 
 def galactic_latitude(elevation_deg, azimuth_deg, sun_azimuth_deg: float, place: Place) -> np.ndarray:
-    """Absolute galactic latitude [deg] of directions whose azimuth is relative to the sun."""
-    pole = _turned(_to_horizon(_equatorial(*GALACTIC_POLE_DEG), place), -sun_azimuth_deg)
+    """Absolute galactic latitude [deg] of directions whose azimuth is relative to the sun.
+
+    Here and for the ecliptic the precession of the poles since J2000, 0.3 deg, is left out.
+    """
+    pole = _turned(to_horizon(_equatorial(*GALACTIC_POLE_DEG), place), -sun_azimuth_deg)
     return np.degrees(np.abs(np.arcsin(np.clip(unit_vector(elevation_deg, azimuth_deg) @ pole, -1.0, 1.0))))
+
+
+def years_from_j2000(place: Place) -> float:
+    """Julian years from J2000 to the observer's time."""
+    return (place.time - _J2000).total_seconds() / (86400.0 * 365.25)
 
 
 def sidereal_time_deg(place: Place) -> float:
@@ -76,8 +84,8 @@ def _ecliptic_pole() -> np.ndarray:
     return _equatorial(270.0, 90.0 - OBLIQUITY_DEG)
 
 
-def _to_horizon(equatorial: np.ndarray, place: Place) -> np.ndarray:
-    """North, east and up components of an equatorial unit vector (precession since J2000, 0.3 deg, is left out)."""
+def to_horizon(equatorial: np.ndarray, place: Place) -> np.ndarray:
+    """North, east and up components (3, ...) of equatorial unit vectors (3, ...) of the equinox of date."""
     turn, latitude = np.radians(sidereal_time_deg(place)), np.radians(place.latitude_deg)
     south = np.cos(turn) * equatorial[0] + np.sin(turn) * equatorial[1]  # towards the meridian in the equator
     east = -np.sin(turn) * equatorial[0] + np.cos(turn) * equatorial[1]

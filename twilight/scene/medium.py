@@ -35,12 +35,23 @@ def wavelengths_of(config: Config) -> np.ndarray | None:
 def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium:
     """The optical medium of a climate at the given wavelengths [nm].
 
-    wavelength_nm may be None for a tabulated medium only, and then means the table's wavelengths.
+    wavelength_nm may be None for a tabulated medium only, and then means the table's wavelengths.  All but a tabulated
+    medium know their air at fixed wavelengths, by which solvers lay out their grids (`Medium.reference`).
     Errors: TwilightError for what the data do not cover, and for a table that is not what its SHA-256 says.
     """
     if climate.medium is not None:
         return _with_ground(_tabulated(climate, climate.medium, wavelength_nm), climate.ground)
     assert wavelength_nm is not None
+    from functools import partial
+
+    from twilight.atmosphere.reference import Reference, fixed_wavelengths
+
+    medium = _with_ground(_built(climate, wavelength_nm), climate.ground)
+    return medium.with_reference(Reference(partial(_built, climate), fixed_wavelengths(medium.wavelength_nm)))
+
+
+def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
+    """The air of a climate that is no table, over black ground."""
     from dataclasses import replace
 
     from twilight.atmosphere.bands import water_column_mm
@@ -76,8 +87,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
         column_mm, source = water_column_mm(full), f"AFGL 1986, {WHERE_AND_WHEN[full.name]}"
     water = {"water_vapour_column_mm": column_mm, "water_vapour_source": source}
-    medium = replace(medium, notes={**medium.notes, **water})
-    return _with_ground(medium, climate.ground)
+    return replace(medium, notes={**medium.notes, **water})
 
 
 def climate_bands(climate: Climate, medium: Medium) -> Bands | None:

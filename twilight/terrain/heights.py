@@ -1,7 +1,8 @@
-"""Fields of heights: by formulas, from .npy and from GeoTIFF."""
+"""Fields of heights: by formulas, shipped, from .npy and from GeoTIFF."""
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from twilight.errors import TwilightError
 from twilight.extras import missing
 
 MOST_POINTS = 4096
+SHIPPED = {"jacksboro": (30.1, 31.8)}
+"""Extents (x, y) [km] of the fields of heights in `data/terrain`."""
 
 
 class Heights(NamedTuple):
@@ -42,6 +45,10 @@ def heights_of(terrain: Terrain, folder: Path | None = None) -> Heights:
         x, y = np.meshgrid(u, u)
         shape = _FORMULAS[terrain.heights](x, y, terrain.seed)
         altitude = terrain.base_km + terrain.height_km * shape / shape.max()
+    elif terrain.heights in SHIPPED:
+        with resources.files("twilight").joinpath(f"data/terrain/{terrain.heights}.npy").open("rb") as file:
+            altitude = np.load(file)[::-1] / 1000.0
+        size_x, size_y = SHIPPED[terrain.heights]
     else:
         path = Path(terrain.heights) if folder is None else folder / terrain.heights
         metres, own = _read(path)

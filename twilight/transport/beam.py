@@ -35,7 +35,7 @@ from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.errors import TwilightError
 from twilight.transport import beam_lookup as lookup
 from twilight.transport import beam_tables
-from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground
+from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground, lit_at
 from twilight.transport.beam_pack import Segments, Tables, pack
 from twilight.transport.ray_profile import (
     AEROSOL,
@@ -49,7 +49,7 @@ from twilight.transport.ray_profile import (
 )
 from twilight.transport.rays import lowest_point
 
-__all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "prepare_beam"]
+__all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepare_beam"]
 
 DEEPEST_DUCT_KM = 1.0
 """Air that traps light up to higher than this makes no shadow whose edge the tables could follow."""
@@ -158,6 +158,7 @@ def prepare_beam(
     guess_nodes: int = 48,
     spreading_window_km: float = 0.25,
     max_breaks: int = 120,
+    laid_out_for: Medium | None = None,
 ) -> Beam:
     """Tables of the direct sun beam in `medium`, for every altitude and every position of the sun.
 
@@ -169,6 +170,8 @@ def prepare_beam(
     horizontal would be reflected or focused, which is a property of the layers and not of the air.
     spreading_window_km: least half-width in altitude over which the bending of limb rays is differentiated.  An index
         that bends at the levels of a profile has a spike of the spreading below every level; this averages over it.
+    laid_out_for: the same levels at other wavelengths, whose coefficients say where nodes are, and whose most refracted
+        wavelength is the reference, so that the tables of one wavelength do not depend on others; None: the medium.
 
     Errors: TwilightError for air that traps light up to more than DEEPEST_DUCT_KM above the ground.
     """
@@ -177,23 +180,27 @@ def prepare_beam(
         medium = with_joined_refractivity(medium)
     profile = ray_profile(medium, refraction=refraction)
     n_w = medium.n_wavelengths
-    edges = _segments(medium, profile, max_breaks)
-    size, start, altitudes = _nodes(edges, profile, altitude_nodes_per_scale, 6, 64)
-    ground = np.array([refractivity_at(profile, w, edges[0]) for w in range(n_w)])
-    reference = int(np.argmax(ground))
+    layout = profile
+    if laid_out_for is not None:
+        layout = ray_profile(with_joined_refractivity(laid_out_for), refraction=refraction)
+        coefficient = np.concatenate([profile.coefficient, layout.coefficient])
+        profile = layout._replace(coefficient=coefficient)
+    edges = _segments(laid_out_for or medium, layout, max_breaks)
+    size, start, altitudes = _nodes(edges, layout, altitude_nodes_per_scale, 6, 64)
+    ground = np.array([refractivity_at(profile, w, edges[0]) for w in range(profile.coefficient.shape[0])])
+    reference, other = int(np.argmax(ground)), int(np.argmin(ground))
     limb_edges, limb_x = _limb_edges(edges, profile, reference)
-    limb_size, limb_start, lowest = _nodes(
-        limb_edges, profile, limb_nodes_per_scale, 8, 128, 0.7 if refraction else 0.0
-    )
+    limb_size, limb_start, lowest = _nodes(limb_edges, layout, limb_nodes_per_scale, 8, 128, 0.7 if refraction else 0.0)
     lowest = _uniform_in_invariant(lowest, limb_edges, limb_x, limb_size, limb_start, profile, reference)
-    scale = ground / ground[reference] if ground[reference] > 0 else np.ones(n_w)
-    invariant, bending = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size))
-    slope, free = np.empty((n_w, lowest.size)), np.empty((n_w, lowest.size), dtype=np.bool_)
+    scales = ground / ground[reference] if ground[reference] > 0 else np.ones(ground.size)
+    scale = scales[:n_w]
+    invariant, bending = np.empty((ground.size, lowest.size)), np.empty((ground.size, lowest.size))
+    slope, free = np.empty(bending.shape), np.empty(bending.shape, dtype=np.bool_)
     # each node stands for the flux up to half-way to its neighbours
     half = 0.5 * np.diff(lowest)
     below = lowest - np.maximum(np.concatenate([half[:1], half]), spreading_window_km)
     above = lowest + np.maximum(np.concatenate([half, half[-1:]]), spreading_window_km)
-    for w in range(n_w):
+    for w in {*range(n_w), reference}:
         beam_tables.limb_table(profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
     lowest_free = float(lowest[int(np.argmax(free[reference]))])
     if lowest_free - medium.bottom_km > DEEPEST_DUCT_KM:
@@ -231,11 +238,10 @@ def prepare_beam(
     )
     distances = lookup.NEAR_KM * t / (1.0 - t)
     shift = np.zeros((lowest.size, distance_nodes + 1))
-    other = int(np.argmin(scale))
-    dispersing = bool(refraction and scale[other] < 1.0 - 1e-9)
+    dispersing = bool(refraction and scales[other] < 1.0 - 1e-9)
     if dispersing:
         beam_tables.shift_table(profile, reference, other, lowest, invariant[reference], distances, slope, shift)
-        shift /= 1.0 - scale[other]
+        shift /= 1.0 - scales[other]
     log_down = np.empty((n_w, lowest.size, distance_nodes + 1))
     far = _FAR_KM if spreading and refraction else 1e300
     beam_tables.down_table(

@@ -304,6 +304,12 @@ def _place_down(pool, index, p, u):
 
 
 @njit(cache=True)
+def lit_at(beam, altitude_km, cos_sun_zenith):
+    """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
+    return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith)[0]
+
+
+@njit(cache=True)
 def beam_at(beam, altitude_km, cos_sun_zenith, out):
     """Irradiance of the sun beam on a surface normal to it, over F0, at one point and every wavelength.
 

@@ -60,23 +60,28 @@ class Profile(NamedTuple):
     earth_radius_km: float
 
 
-def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: float = 2e-4) -> Profile:
-    """Refine a medium until linear interpolation of its coefficients is good to `tolerance`; rays are straight."""
-    fine = medium.refined(max_thickness_km, tolerance)
+def prepare_profile(
+    medium: Medium, max_thickness_km: float = 0.5, tolerance: float = 2e-4, like: Medium | None = None
+) -> Profile:
+    """Refine a medium until linear interpolation of its coefficients is good to `tolerance`; rays are straight.
+
+    like: the same levels at other wavelengths, which say what levels are inserted and how rays step; None: the medium.
+    """
+    fine = medium.refined(max_thickness_km, tolerance, like)
+    whose = fine if like is None else like.refined(max_thickness_km, tolerance)
     aerosol = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
     species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_share])
     z = fine.altitude_km
     starts = z[0] + BIN_KM * np.arange(int(np.ceil((z[-1] - z[0]) / BIN_KM)) + 1)
     level = np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2)
-    scattering = species.sum(axis=0)
-    stops, breaks = _stops(z, np.concatenate([fine.extinction_per_km, scattering], axis=1))
-    largest = fine.extinction_per_km.max(axis=1)
+    stops, breaks = _stops(z, np.concatenate([whose.extinction_per_km, _scattering(whose)], axis=1))
+    largest = whose.extinction_per_km.max(axis=1)
     expected = expected_extinction(z, expected_factors(z, largest) or (1.0, 1.0))
     guide = GUIDE_PER_KM * np.exp((z[0] - z) / GUIDE_SCALE_KM)
     return Profile(
         np.ascontiguousarray(z),
         np.ascontiguousarray(fine.extinction_per_km),
-        np.ascontiguousarray(scattering),
+        np.ascontiguousarray(species.sum(axis=0)),
         np.ascontiguousarray(species),
         level.astype(np.int64),
         stops,
@@ -86,6 +91,11 @@ def prepare_profile(medium: Medium, max_thickness_km: float = 0.5, tolerance: fl
         np.where(largest > expected, largest, guide),
         float(medium.earth_radius_km),
     )
+
+
+def _scattering(medium: Medium) -> np.ndarray:
+    aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
+    return medium.air_scattering_per_km + (aerosol[None] * medium.aerosol_share).sum(axis=0)
 
 
 def expected_extinction(altitude_km: np.ndarray, factors: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:

@@ -9,12 +9,14 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.threads import in_slices
+from twilight.transport.around import Directions
 from twilight.transport.beam import Beam
 from twilight.transport.bundle import Rays, species_share, trace_rays
 from twilight.transport.lines import ALTITUDE
 from twilight.transport.profile import Profile
 from twilight.transport.scaling import ScaledMedium, species_phase
-from twilight.transport.sunlit import Directions, Phases, scattered_once
+from twilight.transport.sunlit import scattered_once
+from twilight.transport.sunlit_ray import Phases
 
 REFERENCE_BEND_RAD = math.radians(0.5)
 """Phase functions are taken at the true and at this bent direction of the sun, and linearly between and beyond."""

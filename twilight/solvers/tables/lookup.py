@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from twilight.solvers.tables.mapping import (
+    angle_texel,
     height_texel,
     irradiance_texels,
     meets_ground,
@@ -79,7 +80,7 @@ def scattering(mapping, table, logarithmic, height_km, mu, mu_s, nu, ground, out
     """
     i, f = _split(height_texel(mapping, height_km), mapping.n_r)
     j, g = _split(sun_texel(mapping, mu_s), mapping.n_mu_s)
-    k, h = _split(0.5 * (1.0 + min(1.0, max(-1.0, nu))) * (mapping.n_nu - 1), mapping.n_nu)
+    k, h = _split(angle_texel(mapping, nu), mapping.n_nu)
     half = mapping.n_mu // 2
     position = view_texel(mapping, height_km, mu, ground)
     first = 0 if ground else half

@@ -28,7 +28,8 @@ KINDS = {"bruneton2008": BRUNETON_2008, "bruneton2017": BRUNETON_2017}
 
 class Mapping(NamedTuple):
     """kind of mapping; bottom_km, thickness_km: radius of the ground, and from there to the top; mu_s_min: cosine of
-    the largest solar zenith angle; n_r, n_mu, n_mu_s, n_nu: texels of S; n_t_r, n_t_mu: of T; n_e_r, n_e_mu_s: of E."""
+    the largest solar zenith angle; n_r, n_mu, n_mu_s, n_nu: texels of S; n_t_r, n_t_mu: of T; n_e_r, n_e_mu_s: of E;
+    half_sines: texels of nu are even in the sine of half the scattering angle, instead of in nu."""
 
     kind: int
     bottom_km: float
@@ -42,6 +43,7 @@ class Mapping(NamedTuple):
     n_t_mu: int
     n_e_r: int
     n_e_mu_s: int
+    half_sines: bool = False
 
 
 @njit(cache=True, inline="always")
@@ -107,6 +109,20 @@ def sun_cosine(mapping, texel):
     a = most * (1.0 - u) / (1.0 + u * most)
     d = least + a * (far - least)
     return min(1.0, max(-1.0, (far * far - d * d) / (2.0 * mapping.bottom_km * d)))
+
+
+@njit(cache=True, inline="always")
+def angle_texel(mapping, nu):
+    """Position of nu, the cosine of the scattering angle."""
+    u = 0.5 * (1.0 + min(1.0, max(-1.0, nu)))
+    return (mapping.n_nu - 1) * (1.0 - math.sqrt(1.0 - u) if mapping.half_sines else u)
+
+
+@njit(cache=True, inline="always")
+def angle_cosine(mapping, texel):
+    """nu at a position."""
+    u = texel / (mapping.n_nu - 1)
+    return 1.0 - 2.0 * (1.0 - u) ** 2 if mapping.half_sines else 2.0 * u - 1.0
 
 
 @njit(cache=True, inline="always")
@@ -195,4 +211,7 @@ def grid(mapping):
             view[i, k] = view_cosine(mapping, heights[i], k)[0]
     for j in range(mapping.n_mu_s):
         sun[j] = sun_cosine(mapping, j)
-    return heights, view, sun, np.linspace(-1.0, 1.0, mapping.n_nu)
+    nus = np.empty(mapping.n_nu)
+    for k in range(mapping.n_nu):
+        nus[k] = angle_cosine(mapping, k)
+    return heights, view, sun, nus

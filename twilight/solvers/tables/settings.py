@@ -16,6 +16,8 @@ class TablesSettings:
         bruneton2017 (of his later code; it ends at lowest_sun_deg)
     lowest_sun_deg: of the mapping bruneton2017; below it tables hold their last texel
     scattering_r, scattering_mu, scattering_mu_s, scattering_nu: texels of S
+    scattering_angles: texels of nu: cosines, even in nu, as his mappings have them; or half_sines, even in the sine
+        of half the scattering angle, close together towards the sun, where aerosol scatters most
     transmittance_r, transmittance_mu: texels of T
     irradiance_r, irradiance_mu_s: texels of E (both mapped as in the 2017 code; the paper gives sizes alone)
     interpolation: between texels of S: linear, as on a graphics card, or logarithmic (what was scattered once, which is
@@ -37,6 +39,7 @@ class TablesSettings:
     scattering_mu: int = 128
     scattering_mu_s: int = 32
     scattering_nu: int = 8
+    scattering_angles: Literal["cosines", "half_sines"] = "cosines"
     transmittance_r: int = 64
     transmittance_mu: int = 256
     irradiance_r: int = 16

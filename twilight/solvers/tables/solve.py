@@ -62,6 +62,7 @@ def make_mapping(settings: TablesSettings, bottom_km: float, thickness_km: float
         n_t_mu=s.transmittance_mu,
         n_e_r=s.irradiance_r,
         n_e_mu_s=s.irradiance_mu_s,
+        half_sines=s.scattering_angles == "half_sines",
     )
 
 

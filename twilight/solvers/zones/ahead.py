@@ -15,10 +15,12 @@ from twilight.solvers.zones.grid import Series
 from twilight.solvers.zones.passes import Light, Refinement
 from twilight.solvers.zones.paths import LANES, Points
 from twilight.solvers.zones.view import view_multiple
+from twilight.transport.around import Directions
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.bundle import Rays
 from twilight.transport.profile import Profile
-from twilight.transport.sunlit import Directions, Phases, scattered_once
+from twilight.transport.sunlit import scattered_once
+from twilight.transport.sunlit_ray import Phases
 
 
 def _none(*shape: int, dtype: type = float) -> np.ndarray:
@@ -48,8 +50,8 @@ def compile_look() -> None:
     )  # fmt: skip
     peak = Peak(_none(1, 1, 1), _none(1, 1), profile)
     _compile(
-        widen, beam, peak, rays.first, rays.place, rays.weight, share, 0.0, directions.first, _none(0), _none(0, 1, 1),
-        _none(0, 1, 1), 0, 0,
+        widen, beam, peak, rays.first, rays.place, rays.weight, share, 0.0, directions.first, _none(3, 0),
+        _none(3, 0, 1, 1), _none(3, 0, 1, 1), 0, 0,
     )  # fmt: skip
     points = Points(
         _none(0, dtype=np.int32), _none(0, dtype=single), _none(0, dtype=single), _none(0, 1, dtype=single),

@@ -1,37 +1,106 @@
-"""Which wavelengths may be solved together without one of them moving another."""
+"""What all wavelengths of a field share, and which may be solved together without one of them moving another."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.reference import RANGES, range_of
+from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile
-from twilight.transport.scaling import delta_scaled
+from twilight.transport.scaling import ScaledMedium, delta_scaled
+
+MORE = 1.5
+"""Extinction over the largest of a range's fixed wavelengths up to which a grid made for those serves."""
 
 
-def field_altitudes(medium: Medium, profile: Profile, density: float) -> np.ndarray:
-    """Altitudes [km] of the nodes of a field; profile: of the scaled medium."""
-    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density)
-    return resolve_layers(nodes, profile, density)
+class Layout(NamedTuple):
+    """Grids of a field.
+
+    profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
+    as many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out
+    for; bends: that whose index bends rays
+    """
+
+    profile: Profile
+    altitude_km: np.ndarray
+    directions: ZonesSettings
+    beam: Medium
+    bends: Medium
+
+
+def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> Layout:
+    """Grids for all wavelengths of a medium: those of their ranges, if these serve; else made for the medium itself.
+
+    scaled: the medium with phase functions of the settings' degree
+    """
+    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
+    if fixed is None or not _serves(fixed, medium).all():
+        profile = prepare_profile(scaled.medium)
+        nodes = _field_altitudes(medium, profile, settings.altitude_density)
+        return Layout(profile, nodes, needed(settings, scaled, profile), scaled.medium, medium)
+    air = delta_scaled(fixed, settings.degree)
+    profile, reference = prepare_profile(scaled.medium, like=air.medium), prepare_profile(air.medium)
+    nodes = _field_altitudes(medium, reference, settings.altitude_density)
+    # the most refracted wavelength of a range is its first, which need not be a fixed one
+    first = RANGES[range_of(fixed.wavelength_nm[0])][0]
+    there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
+    beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
+    return Layout(profile, nodes, needed(settings, air, reference), beam, fixed)
 
 
 def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     """A key for each wavelength: those with equal keys share nodes, directions and points of lines as if alone.
 
-    All the wavelengths of a field share its grids, which follow the one that needs the finest.  At a low quality the
-    finer grid moves the others by per cents.  Air that is thicker than any that steps are made for shortens them by its
-    own extinction: it is like no other wavelength's.
+    All the wavelengths of a field share its grids.  Those of one range of wavelengths have the grid of that range.
+    Where that is not known, or not made for such air, the grid follows the wavelength that needs the finest, and at a
+    low quality moves the others by per cents: only those that need the same grid share a key.  Air that is then thicker
+    than any that steps are made for shortens them by its own extinction: it is like no other wavelength's.
     """
-    keys = []
-    for w in range(medium.n_wavelengths):
-        scaled = delta_scaled(medium.select(slice(w, w + 1)), settings.degree)
-        profile = prepare_profile(scaled.medium)
-        nodes = field_altitudes(medium, profile, settings.altitude_density)
-        factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
-        steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
-        directions = str(needed(settings, scaled, profile))
-        keys.append(steps.encode() + directions.encode() + nodes.tobytes() + profile.stop_km.tobytes())
-    return keys
+    ranges = np.array([range_of(w) for w in medium.wavelength_nm])
+    served = np.zeros(ranges.size, bool)
+    for r in np.unique(ranges):
+        fixed, of = _fixed(medium, {int(r)}), ranges == r
+        if fixed is not None:
+            served[of] = _serves(fixed, medium)[of]
+    return [
+        f"range {ranges[w]}".encode() if served[w] else _own(medium, settings, w) for w in range(medium.n_wavelengths)
+    ]
+
+
+def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
+    scaled = delta_scaled(medium.select(slice(w, w + 1)), settings.degree)
+    profile = prepare_profile(scaled.medium)
+    nodes = _field_altitudes(medium, profile, settings.altitude_density)
+    factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
+    steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
+    directions = str(needed(settings, scaled, profile))
+    return steps.encode() + directions.encode() + nodes.tobytes() + profile.stop_km.tobytes()
+
+
+def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:
+    """The air at the fixed wavelengths of some ranges, None where one of them has none."""
+    reference = medium.reference
+    if reference is None:
+        return None
+    of = np.array([range_of(w) for w in reference.wavelength_nm])
+    return reference.select(np.isin(of, list(ranges))) if ranges <= set(of.tolist()) else None
+
+
+def _serves(fixed: Medium, medium: Medium) -> np.ndarray:
+    """Whether a grid made for `fixed` serves each wavelength of a medium, (W,)."""
+    if not np.array_equal(fixed.altitude_km, medium.altitude_km):
+        return np.zeros(medium.n_wavelengths, bool)
+    return np.all(medium.extinction_per_km <= MORE * fixed.extinction_per_km.max(axis=1)[:, None], axis=0)
+
+
+def _field_altitudes(medium: Medium, profile: Profile, density: float) -> np.ndarray:
+    """Altitudes [km] of the nodes of a field; profile: of the scaled air."""
+    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density)
+    return resolve_layers(nodes, profile, density)

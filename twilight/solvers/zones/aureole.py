@@ -22,7 +22,10 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.geometry import distance_to_sphere
 from twilight.kernels import njit
-from twilight.transport.beam import beam_at
+from twilight.threads import in_slices
+from twilight.transport.around import Directions
+from twilight.transport.beam import Beam, beam_at
+from twilight.transport.bundle import Rays
 from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
 from twilight.transport.profile import Profile, locate
@@ -65,12 +68,12 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Peak
 
 @njit(cache=True, nogil=True)
 def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosine, narrow, out, begin, end):
-    """Add to out (D, K, W) what the phase functions over 1 - f change by, for directions at scattering angles `cosine`.
+    """Add to out (V, D, K, W) what the phase functions over 1 - f change by, at V scattering angles `cosine` (V, D).
 
     beam: `Beam`; peak: `Peak`; rays_first (R + 1,), place (P, 4), weight (P, W): of the rays, as in `Rays`, for
-    begin..end; zenith [rad]: of the sun; row_first (R + 1,), cosine (D,): of the directions, as in `Directions`
+    begin..end; zenith [rad]: of the sun; row_first (R + 1,): of the directions, as in `Directions`
     share (1 + K, P, W): of air and of each aerosol in what points scatter
-    narrow (D, K, W): f/(1 - f) P'' at the scattering angles
+    narrow (V, D, K, W): f/(1 - f) P'' at the scattering angles
     """
     moments, strength = peak.moments, peak.strength
     n_l, n_k, n_w = moments.shape
@@ -132,15 +135,45 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
             if n > 40 and largest < 1e-7:
                 last = n
                 break
-        for d in range(row_first[r], row_first[r + 1]):
-            c = cosine[d]
-            before, here = 0.0, 1.0
-            for n in range(last):
+        for v in range(cosine.shape[0]):
+            for d in range(row_first[r], row_first[r + 1]):
+                c = cosine[v, d]
+                before, here = 0.0, 1.0
+                for n in range(last):
+                    for k in range(n_k):
+                        for w in range(n_w):
+                            out[v, d, k, w] += here * series[n, k, w]
+                    before, here = here, ((2 * n + 1) * c * here - n * before) / (n + 1)
                 for k in range(n_k):
                     for w in range(n_w):
-                        out[d, k, w] += here * series[n, k, w]
-                before, here = here, ((2 * n + 1) * c * here - n * before) / (n + 1)
-            for k in range(n_k):
-                for w in range(n_w):
-                    if x[w] >= LEAST_DEPTH:
-                        out[d, k, w] += math.expm1(-x[w]) * narrow[d, k, w]
+                        if x[w] >= LEAST_DEPTH:
+                            out[v, d, k, w] += math.expm1(-x[w]) * narrow[v, d, k, w]
+
+
+def widen_peaks(
+    peak: Peak,
+    scaled: ScaledMedium,
+    beam: Beam,
+    phases: np.ndarray,
+    cosine: np.ndarray,
+    rays: Rays,
+    share: np.ndarray,
+    directions: Directions,
+) -> None:
+    """Change the aerosol's phase functions (V, D, 1 + K, W) at `cosine` (V, D) to those of the widened forward peak.
+
+    share (1 + K, P, W): of air and of each aerosol in what the points of the rays scatter.
+    """
+    degree = np.arange(scaled.moments.shape[1])
+    legendre = np.polynomial.legendre.legvander(cosine, degree.size - 1) * (2 * degree + 1) / (4 * np.pi)
+    smooth = np.einsum("vdl,klw->vdkw", legendre, scaled.moments[1:], optimize=True)
+    narrow = np.ascontiguousarray(np.where(peak.strength > 0.0, phases[:, :, 1:] - smooth, 0.0))
+    change = np.zeros_like(narrow)
+    in_slices(
+        lambda begin, end: widen(
+            beam, peak, rays.first, rays.place, rays.weight, share, directions.zenith_rad, directions.first,
+            cosine, narrow, change, begin, end,
+        ),
+        directions.first.size - 1,
+    )  # fmt: skip
+    phases[:, :, 1:] = np.maximum(0.0, phases[:, :, 1:] + change)

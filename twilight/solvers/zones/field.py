@@ -13,9 +13,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
-from twilight.solvers.zones.alike import field_altitudes
-from twilight.solvers.zones.aureole import forward_peak, widen
-from twilight.solvers.zones.directions import needed
+from twilight.solvers.zones.alike import lay_out
+from twilight.solvers.zones.aureole import forward_peak, widen_peaks
 from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
@@ -28,22 +27,23 @@ from twilight.solvers.zones.paths import (
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.reach import LAST_ZENITH_DEG, reach_deg
 from twilight.solvers.zones.settings import ZonesSettings
+from twilight.solvers.zones.sights import KeptLines, LinesOfSight, make_lines
 from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import USUAL_TURN_RAD, reference_turns, view_multiple
 from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of, view_sunlit_water
 from twilight.threads import in_slices
+from twilight.transport.around import Directions, smooth_around
 from twilight.transport.beam import Beam, beam_at, prepare_beam
-from twilight.transport.bundle import species_share, trace_rays
-from twilight.transport.lines import ALTITUDE, ANGLE, horizon_cosine, with_refraction
+from twilight.transport.bundle import trace_rays
+from twilight.transport.lines import ANGLE, horizon_cosine, with_refraction
 from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
-from twilight.transport.sunlit import Directions, Phases, scattered_once
+from twilight.transport.sunlit import scattered_once
+from twilight.transport.sunlit_ray import Phases
 
-SHARP, LEAST_SHARP = 1.5, 2.25
-"""Density of steps on a line of sight for light scattered once: over that for the rest, and at least."""
 THICK_PER_DEGREE = 2
 """Polar angles a side for each degree of the light in thick white air: fewer let through 3 to 5 % too much of it."""
 SLOW_DEPTH = 2.0
@@ -69,10 +69,12 @@ class Field(BareField):
         """The settings that were asked for: with a target error those that it took may be finer."""
         self.observer_altitude_km = observer_at(medium, observer_altitude_km)
         self.zenith_range_deg = zenith_range_deg
+        self._sights = KeptLines()
         tell = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
         self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)
+        layout = lay_out(medium, self.scaled, settings)
         tell("sunbeam", 0.0)
         if solved is None:
             d = settings.beam_density
@@ -84,19 +86,19 @@ class Field(BareField):
                 cosine_nodes=round(40 * d),
                 distance_nodes=max(8, round(12 * d)),
                 guess_nodes=round(48 * d),
+                laid_out_for=layout.beam,
             )
         else:
             self.beam = solved[0]
-        self.profile = prepare_profile(self.scaled.medium)
-        self.directions = needed(settings, self.scaled, self.profile)
+        self.profile, altitude = layout.profile, layout.altitude_km
+        self.directions = layout.directions
         """The settings with as many directions and harmonics as this air needs."""
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
-        bent = with_refraction(self.profile, medium)
+        bent = with_refraction(self.profile, layout.bends)
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile
         breaks = self.profile.break_km
-        altitude = field_altitudes(medium, self.profile, settings.altitude_density)
         self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
@@ -297,20 +299,20 @@ class Field(BareField):
         order = np.argsort(row_of, kind="stable")
         row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
         directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
-        start, cosine = np.full(row_elevation.size, altitude), np.sin(np.radians(row_elevation))
-        rays = trace_rays(self.sight_profile, start, cosine, self.settings.sight_density, far_km=rows[1])
-        sharp = max(LEAST_SHARP, SHARP * self.settings.sight_density)
-        pairs = trace_rays(self.sight_profile, start, cosine, sharp, pairs=True, far_km=rows[1])
-        if distance_km is not None:
-            rays = rays._replace(ground_weight=np.zeros_like(rays.ground_weight))
-            pairs = pairs._replace(ground_weight=np.zeros_like(pairs.ground_weight))
+        with_ground = distance_km is None
+        density = self.settings.sight_density
+        sights = self._sights.get(
+            (altitude, with_ground, rows.tobytes()),
+            lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
+        )
         sorted_elevation = np.radians(e[order])
         lift = self._sun_lift(altitude, directions.zenith_rad)
-        out = self._single(pairs, directions, np.radians(row_elevation), sorted_elevation, lift, n_stokes)
+        out = self._single(sights, directions, np.radians(row_elevation), sorted_elevation, lift, n_stokes)
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
-            seen = self._multiple(rays, directions, block, solution, n_stokes)
+            seen = self._multiple(sights, directions, block, solution, n_stokes)
             out[:, :, part] += seen[:, :, : part.stop - part.start]
+        self._sights.trim()
         if n_stokes > 1:
             # all was computed to the right of the sun; left of it the vibration leans the other way
             out[:, 2] *= np.where(np.sin(a[order]) < 0.0, -1.0, 1.0)[:, None]
@@ -324,28 +326,32 @@ class Field(BareField):
         bending = beam_at(self.beam, altitude_km, math.cos(zenith_rad), light)
         return bending if light.max() > 0.0 else USUAL_TURN_RAD
 
-    def _single(self, rays, directions: Directions, row_elevation, elevation, lift: float, n_stokes: int) -> np.ndarray:
+    def _single(
+        self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, n_stokes: int
+    ) -> np.ndarray:
         """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) and lift of the sun [rad]."""
-        share = np.ascontiguousarray(species_share(self.scaled.medium, rays.place[:, ALTITUDE]))
+        rays, share = sights.pairs, sights.pairs_share
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
-        values = []
         of_sun, of_rays = reference_turns(rays, row_elevation, lift)
         of_ray = np.repeat(of_rays, np.diff(directions.first))
-        for lifted, lowered in ((0.0, 0.0), (of_sun, 0.0), (0.0, of_ray)):
-            t, e = directions.zenith_rad - lifted, elevation - lowered
-            cosine = np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth
-            phase = species_phase(self.medium, self.scaled.forward_share, cosine)
-            if self.peak is not None:
-                self._widen_peak(self.peak, phase, cosine, rays, share, directions)
-            stokes = [phase]
-            if n_stokes > 1:
-                p12 = species_polarising_phase(self.medium, self.scaled.forward_share, cosine)
-                # elevations below the horizon too: sine and cosine of the zenith angle are cos e and sin e
-                _, twice_cos, twice_sin = rotated(np.sin(e), cos_azimuth, sin_azimuth, t)
-                stokes += [p12 * twice_cos[:, None, None], p12 * twice_sin[:, None, None]]
-            values.append(np.stack(stokes))
-        plain, lifted_sun, lowered_ray = values
+        # the sun and the ray as they are, the sun lifted, the ray lowered
+        suns = [directions.zenith_rad - lifted for lifted in (0.0, of_sun, 0.0)]
+        seen = [elevation - lowered for lowered in (0.0, 0.0, of_ray)]
+        cosine = np.array(
+            [np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth for t, e in zip(suns, seen, strict=True)]
+        )
+        p11 = species_phase(self.medium, self.scaled.forward_share, cosine.ravel())
+        p11 = p11.reshape(*cosine.shape, *p11.shape[1:])
+        if self.peak is not None:
+            widen_peaks(self.peak, self.scaled, self.beam, p11, cosine, sights.rays, sights.rays_share, directions)
+        stokes = [p11]
+        if n_stokes > 1:
+            p12 = species_polarising_phase(self.medium, self.scaled.forward_share, cosine.ravel()).reshape(p11.shape)
+            # elevations below the horizon too: sine and cosine of the zenith angle are cos e and sin e
+            turned = [rotated(np.sin(e), cos_azimuth, sin_azimuth, t)[1:] for t, e in zip(suns, seen, strict=True)]
+            stokes += [p12 * np.array(part)[..., None, None] for part in zip(*turned, strict=True)]
+        plain, lifted_sun, lowered_ray = np.stack(stokes, axis=1)
         phases = Phases(plain, (lifted_sun - plain) / of_sun, (lowered_ray - plain) / of_ray[:, None, None])
         out = np.zeros((cos_azimuth.size, n_stokes, self.medium.n_wavelengths))
         in_slices(
@@ -365,36 +371,28 @@ class Field(BareField):
             )
         return out
 
-    def _widen_peak(self, peak, phase, cosine, rays, share, directions: Directions) -> None:
-        """Change the aerosol's phase functions (D, 1 + K, W) at `cosine` (D,) to those of the widened forward peak."""
-        degree = np.arange(self.scaled.moments.shape[1])
-        legendre = np.polynomial.legendre.legvander(cosine, degree.size - 1) * (2 * degree + 1) / (4 * np.pi)
-        smooth = np.einsum("dl,klw->dkw", legendre, self.scaled.moments[1:])
-        narrow = np.ascontiguousarray(np.where(peak.strength > 0.0, phase[:, 1:] - smooth, 0.0))
-        change = np.zeros_like(narrow)
-        in_slices(
-            lambda begin, end: widen(
-                self.beam, peak, rays.first, rays.place, rays.weight, share, directions.zenith_rad, directions.first,
-                cosine, narrow, change, begin, end,
-            ),
-            directions.first.size - 1,
-        )  # fmt: skip
-        phase[:, 1:] = np.maximum(0.0, phase[:, 1:] + change)
-
-    def _multiple(self, rays, directions: Directions, block: int, solution: Solution, n_stokes: int) -> np.ndarray:
+    def _multiple(
+        self, sights: LinesOfSight, directions: Directions, block: int, solution: Solution, n_stokes: int
+    ) -> np.ndarray:
         """Light scattered at least twice, (D, Stokes, LANES)."""
-        n = self.nodes
+        n, rays = self.nodes, sights.rays
         s = self.directions
         series = Series.of(s.degree, self._pattern_degree, s.azimuth_directions)
-        points = make_points(rays, self.scattering, n.fine_altitude_km, 1.0, series, block)
-        out = np.zeros((directions.cos_azimuth.size, n_stokes, LANES))
+        if block not in sights.points:
+            sights.points[block] = make_points(rays, self.scattering, n.fine_altitude_km, 1.0, series, block)
+        points = sights.points[block]
         ground_weight = lanes_of(rays.ground_weight, block)
         ground_place = place_of_cosine(-rays.ground_cosine)
-        in_slices(
-            lambda begin, end: view_multiple(
-                rays.first, rays.place, points, directions, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule,
-                series, ground_weight, rays.ground_angle_rad, ground_place, out, begin, end,
-            ),
-            directions.first.size - 1,
-        )  # fmt: skip
-        return out
+
+        def along(where: Directions) -> np.ndarray:
+            out = np.zeros((where.cos_azimuth.size, n_stokes, LANES))
+            in_slices(
+                lambda begin, end: view_multiple(
+                    rays.first, rays.place, points, where, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule,
+                    series, ground_weight, rays.ground_angle_rad, ground_place, out, begin, end,
+                ),
+                where.first.size - 1,
+            )  # fmt: skip
+            return out
+
+        return smooth_around(along, directions)

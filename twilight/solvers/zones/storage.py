@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.reference import Reference
 from twilight.errors import TwilightError
 from twilight.phase import PhaseFunction
 from twilight.reading import check_hdf5
@@ -22,7 +23,7 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 4"
+FORMAT = "twilight zones field 5"
 _SOLUTION = ("log_mean", "ratio", "log_ground", "waves")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
 
@@ -46,6 +47,14 @@ class Stored:
 def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> str:
     """SHA-256 of all that a solution depends on."""
     digest = hashlib.sha256(FORMAT.encode())
+    for part in (medium, medium.reference):
+        if part is not None:
+            _add_medium(digest, part)
+    digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
+    return digest.hexdigest()
+
+
+def _add_medium(digest: Any, medium: Medium) -> None:
     for key in _MEDIUM:
         array = np.ascontiguousarray(getattr(medium, key), dtype=float)
         digest.update(f"{key}{array.shape}".encode() + array.tobytes())
@@ -54,8 +63,6 @@ def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[
         digest.update(np.ascontiguousarray(phase.asymmetry, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(phase.log_table, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(phase.ratios, dtype=float).tobytes())
-    digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
-    return digest.hexdigest()
 
 
 def _physics(settings: ZonesSettings) -> dict[str, Any]:
@@ -94,14 +101,9 @@ def save(field: Stored, path: str | Path) -> None:
             file.attrs["zenith_range_deg"] = field.zenith_range_deg
             convergence = field.convergence
             file.attrs["convergence"] = json.dumps(asdict(convergence) if convergence else None)
-            m = file.create_group("medium")
-            m.attrs["earth_radius_km"], m.attrs["name"] = field.medium.earth_radius_km, field.medium.name
-            for key in _MEDIUM:
-                m[key] = getattr(field.medium, key)
-            for k, phase in enumerate(field.medium.phase_functions):
-                g = m.create_group(f"phase_function_{k}")
-                g.attrs["kind"], g.attrs["name"] = phase.kind, phase.name
-                g["asymmetry"], g["log_table"], g["ratios"] = phase.asymmetry, phase.log_table, phase.ratios
+            _write_medium(file.create_group("medium"), field.medium)
+            if field.medium.reference is not None:
+                _write_medium(file.create_group("reference"), field.medium.reference)
             file["beam/pool"], file["beam/layout"] = field.beam.pool, field.beam.layout
             for k, solution in enumerate(field.solutions):
                 g = file.create_group(f"solution_{k}")
@@ -131,25 +133,9 @@ def read(path: str | Path) -> Stored:
             if file.attrs.get("format") != FORMAT:
                 raise TwilightError(f"{path}: is not a field of the zones solver ({FORMAT})")
             check_hdf5(path, file)
-            m = file["medium"]
-            phases: list[PhaseFunction] = []
-            while f"phase_function_{len(phases)}" in m:
-                g = m[f"phase_function_{len(phases)}"]
-                phases.append(
-                    PhaseFunction(
-                        int(g.attrs["kind"]),
-                        g["asymmetry"][()],
-                        g["log_table"][()],
-                        str(g.attrs["name"]),
-                        g["ratios"][()],
-                    )
-                )
-            medium = Medium(
-                **{key: m[key][()] for key in _MEDIUM},
-                phase_functions=tuple(phases),
-                earth_radius_km=float(m.attrs["earth_radius_km"]),
-                name=str(m.attrs["name"]),
-            )
+            medium = _read_medium(file["medium"])
+            if "reference" in file:
+                medium = medium.with_reference(Reference.of(_read_medium(file["reference"])))
             settings = ZonesSettings(**json.loads(file.attrs["settings"]))
             asked = ZonesSettings(**json.loads(file.attrs["asked"]))
             zenith_range = tuple(float(x) for x in file.attrs["zenith_range_deg"])
@@ -174,6 +160,33 @@ def read(path: str | Path) -> Stored:
         beam,
         solutions,
         Convergence(**convergence) if convergence else None,
+    )
+
+
+def _write_medium(group: Any, medium: Medium) -> None:
+    group.attrs["earth_radius_km"], group.attrs["name"] = medium.earth_radius_km, medium.name
+    for key in _MEDIUM:
+        group[key] = getattr(medium, key)
+    for k, phase in enumerate(medium.phase_functions):
+        g = group.create_group(f"phase_function_{k}")
+        g.attrs["kind"], g.attrs["name"] = phase.kind, phase.name
+        g["asymmetry"], g["log_table"], g["ratios"] = phase.asymmetry, phase.log_table, phase.ratios
+
+
+def _read_medium(group: Any) -> Medium:
+    phases: list[PhaseFunction] = []
+    while f"phase_function_{len(phases)}" in group:
+        g = group[f"phase_function_{len(phases)}"]
+        phases.append(
+            PhaseFunction(
+                int(g.attrs["kind"]), g["asymmetry"][()], g["log_table"][()], str(g.attrs["name"]), g["ratios"][()]
+            )
+        )
+    return Medium(
+        **{key: group[key][()] for key in _MEDIUM},
+        phase_functions=tuple(phases),
+        earth_radius_km=float(group.attrs["earth_radius_km"]),
+        name=str(group.attrs["name"]),
     )
 
 

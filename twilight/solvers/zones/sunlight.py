@@ -14,7 +14,7 @@ import numpy as np
 
 from twilight.kernels import njit
 from twilight.threads import in_slices
-from twilight.transport.beam import Beam, beam_at, beam_on_ground
+from twilight.transport.beam import Beam, beam_at, beam_on_ground, lit_at
 
 DARK = np.float32(-690.0)
 """Logarithm that counts as no light."""
@@ -49,8 +49,7 @@ def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
         low, high = 0.5 * math.pi, math.pi
         for _ in range(48):
             middle = 0.5 * (low + high)
-            beam_at(beam, z, math.cos(middle), light)
-            if light.max() > 0.0:
+            if lit_at(beam, z, math.cos(middle)):
                 low = middle
             else:
                 high = middle

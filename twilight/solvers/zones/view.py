@@ -62,6 +62,8 @@ def view_multiple(
     zenith = directions.zenith_rad
     ct, st = math.cos(zenith), math.sin(zenith)
     for r in range(begin, end):
+        if directions.first[r] == directions.first[r + 1]:
+            continue
         for k in range(rays_first[r], rays_first[r + 1]):
             psi = place[k, ANGLE]
             low = max(0, np.searchsorted(zenith_nodes, zenith - psi, side="right") - 1)

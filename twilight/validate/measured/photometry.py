@@ -16,6 +16,7 @@ import numpy as np
 
 from twilight import solvers, spectrum
 from twilight.config.scene import Config
+from twilight.engine.night import levels_of
 from twilight.engine.solve import problem_of
 from twilight.engine.sunbeam import Sunbeam
 from twilight.errors import TwilightError
@@ -151,7 +152,7 @@ class Photometer:
         """Luminance of the night sky (E, A) [cd m^-2], None where the configuration has none."""
         if self.config.night is None:
             return None
-        from twilight.night import NightLevels, Place, night_radiance
+        from twilight.night import Place, night_radiance
 
         sun_azimuth, place = None, None
         if site is not None:
@@ -161,7 +162,7 @@ class Photometer:
             self.medium,
             np.degrees(elevation_rad),
             np.arange(columns) * (360.0 / columns),
-            NightLevels(**self.config.night.model_dump()),
+            levels_of(self.config.night),
             sun_elevation_deg=sun_deg,
             sun_azimuth_deg=sun_azimuth,
             place=place,

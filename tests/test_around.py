@@ -1,0 +1,45 @@
+"""Light as a series in azimuth: closed forms, and light that is no such series."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from twilight.transport.around import SMOOTH, Directions, at_azimuth, cosine_series, smooth_around
+
+
+@pytest.mark.parametrize("n", [4, 16])
+def test_a_short_series_is_found_and_summed_exactly(n):
+    wanted = np.random.default_rng(3).normal(size=(n + 1, 2))
+    angle = np.pi * np.arange(n + 1) / n
+    series = np.empty((n + 1, 2))
+    cosine_series(np.cos(np.outer(angle, np.arange(n + 1))) @ wanted, n, series)
+    np.testing.assert_allclose(series, wanted, atol=1e-12)
+    out = np.empty(2)
+    at_azimuth(series, n, math.cos(0.7), out)
+    np.testing.assert_allclose(out, np.cos(0.7 * np.arange(n + 1)) @ wanted, atol=1e-12)
+
+
+def sky(directions: Directions, asked: list[int]) -> np.ndarray:
+    """Bright towards the sun, polarised; the second ray has a shadow with an edge."""
+    asked.append(directions.cos_azimuth.size)
+    row = np.repeat(np.arange(directions.first.size - 1), np.diff(directions.first))
+    a = np.arccos(np.clip(directions.cos_azimuth, -1.0, 1.0))
+    light = np.exp(3.0 * np.cos(a)) * np.where((row == 1) & (a > 1.0), 0.1, 1.0)
+    return np.stack([light, 0.3 * light * np.cos(2.0 * a), 0.2 * light * np.sin(a)], axis=1)[:, :, None]
+
+
+def test_smooth_light_is_followed_in_few_azimuths_and_a_shadow_in_all():
+    a = np.radians(np.concatenate([np.linspace(0.0, 180.0, 91), np.linspace(3.0, 177.0, 60), [20.0, 50.0]]))
+    directions = Directions(np.array([0, 91, 151, 153]), np.cos(a), 1.0)
+    asked: list[int] = []
+    found = smooth_around(lambda where: sky(where, asked), directions)
+    np.testing.assert_allclose(found, sky(directions, []), rtol=1e-7, atol=1e-7)
+    assert asked == [2 * (SMOOTH + 1) + 2, 60]
+
+
+def test_no_light_stays_none():
+    directions = Directions(np.array([0, 40]), np.cos(np.linspace(0.0, np.pi, 40)), 1.0)
+    assert (smooth_around(lambda where: np.zeros((where.cos_azimuth.size, 1, 8)), directions) == 0.0).all()

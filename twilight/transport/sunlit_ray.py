@@ -1,0 +1,284 @@
+"""Sunlight scattered once on the way along one line of sight, to the edge of the shadow and through every sharp change.
+
+The points of a ray come in pairs, the two Gauss points of each step (`Line` traced with `pairs`).  With the weight
+g = scattering coefficient x transmittance x length of each, what counts of the light is sums over points of
+
+    g x share_s x E/F0,
+
+E the sunbeam and share_s that of a species in what a point scatters.  The steps follow the air; what the beam does
+within one depends on the sun: it begins at the edge of the Earth's shadow, and its logarithm bends where the beam
+grazes a layer.  Steps in which such a change matters are cut again.  In a cut step the density of g goes exponentially
+through its two points, with the same sum; a part that begins at the edge of the shadow, found by bisection, has points
+spaced like squares from there, because light grows like a square root behind an edge.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from twilight.kernels import njit
+from twilight.transport.beam import beam_at
+from twilight.transport.beam_lookup import AT_DISPERSION
+from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
+
+WORTH = 5e-5
+"""Share of a direction's light that a step may be wrong by."""
+MOST_PARTS, EDGE_PARTS = 24, 8
+"""Parts that a step is cut into, and a piece of one that ends on the shadow's edge."""
+_BETWEEN = GAUSS_HIGH - GAUSS_LOW
+_EQUAL = np.int64(0)
+"""Parts of a step that are equal: no literal, for which numba would compile `_add_part` once more."""
+
+
+class Phases(NamedTuple):
+    """What each species makes of sunlight in each direction, (Stokes, D, S, W) [sr^-1]: P11, and P12 turned to the
+    vertical plane for Q and for U.
+
+    value: with the sun at its true and the ray at its apparent place; of_sun, of_ray: its change per radian by which
+    the sun is lifted and the ray is lowered by refraction.
+    """
+
+    value: np.ndarray
+    of_sun: np.ndarray
+    of_ray: np.ndarray
+
+
+@njit(cache=True, inline="always")
+def cos_sun(angle, to_sun, cos_azimuth):
+    """Cosine of the solar zenith angle at a geocentric `angle` [rad] from the start of a ray.
+
+    to_sun (2,): cosine and sine of the solar zenith angle at the start; cos_azimuth: of the ray from the sun.
+    """
+    return math.cos(angle) * to_sun[0] + math.sin(angle) * to_sun[1] * cos_azimuth
+
+
+@njit(cache=True)
+def _between(place, k, t):
+    """(altitude [km], angle [rad], cosine) at the fraction t of the step whose points are k and k + 1."""
+    f = (t - GAUSS_LOW) / _BETWEEN
+    length = place[k + 1, DISTANCE] - place[k, DISTANCE]
+    z0, z1 = place[k, ALTITUDE], place[k + 1, ALTITUDE]
+    c0, c1 = place[k, COSINE], place[k + 1, COSINE]
+    # the cubic with these altitudes and slopes
+    g = 1.0 - f
+    bulge = f * g * (g * (length * c0 - (z1 - z0)) + f * (z1 - z0 - length * c1))
+    z = z0 + f * (z1 - z0) + bulge
+    return z, place[k, ANGLE] + f * (place[k + 1, ANGLE] - place[k, ANGLE]), c0 + f * (c1 - c0)
+
+
+@njit(cache=True)
+def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
+    """Fraction of step k in low..high at which the light begins or ends; lit_low: whether `low` is lit."""
+    for _ in range(30):
+        t = 0.5 * (low + high)
+        z, angle, _ = _between(place, k, t)
+        beam_at(beam, z, cos_sun(angle, to_sun, cos_azimuth), light)
+        if (light.max() > 0.0) == lit_low:
+            low = t
+        else:
+            high = t
+    return high if not lit_low else low
+
+
+@njit(cache=True)
+def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
+    """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
+
+    row: `Row`; square: 0 for equal parts, -1 where they grow like squares from the begin, 1 from the end
+    density (W, 2): value at the first point and logarithmic slope of g per step; light (W,): room.
+    """
+    place = rays.place
+    for part in range(parts):
+        for side in range(2):
+            v = (part + (GAUSS_LOW if side == 0 else GAUSS_HIGH)) / parts
+            width = 0.5 * (end - begin) / parts
+            if square < 0:
+                t = begin + (end - begin) * v * v
+                width *= 2.0 * v
+            elif square > 0:
+                t = end - (end - begin) * v * v
+                width *= 2.0 * v
+            else:
+                t = begin + (end - begin) * v
+            z, angle, cosine = _between(place, k, t)
+            lifted = beam_at(beam, z, cos_sun(angle, row.to_sun, row.cos_azimuth), light)
+            lowered = row.elevation - (math.asin(min(1.0, max(-1.0, cosine))) - angle)
+            f = (t - GAUSS_LOW) / _BETWEEN
+            g = min(1.0, max(0.0, f))
+            for w in range(light.size):
+                if light[w] > 0.0:
+                    strength = width * density[w, 0] * math.exp(density[w, 1] * f) * light[w]
+                    for s in range(share.shape[0]):
+                        source = strength * ((1.0 - g) * share[s, k, w] + g * share[s, k + 1, w])
+                        piece[0, s, w] += source
+                        piece[1, s, w] += source * lifted
+                        piece[2, s, w] += source * lowered
+
+
+@njit(cache=True, inline="always")
+def turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
+    """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered by so much [rad].
+
+    lifted: at the most refracted wavelength of the beam; at the others by as much less as the air refracts less.
+    """
+    own = lifted * (1.0 - beam.pool[beam.layout[AT_DISPERSION] + w])
+    value = phases.value[stokes, d, s, w] + own * phases.of_sun[stokes, d, s, w]
+    value += lowered * phases.of_ray[stokes, d, s, w]
+    return max(floor, value) if stokes == 0 else value
+
+
+@njit(cache=True)
+def _densities(weight, k, density):
+    """Exponentials through the weights of points k and k + 1 with their sum over the step, into density (W, 2)."""
+    f0, f1 = -GAUSS_LOW / _BETWEEN, (1.0 - GAUSS_LOW) / _BETWEEN
+    for w in range(density.shape[0]):
+        a, b = weight[k, w], weight[k + 1, w]
+        slope = math.log(b / a) if a > 0.0 and b > 0.0 else 0.0
+        slope = min(3.0, max(-3.0, slope))
+        mean = 1.0
+        if abs(slope) > 1e-6:
+            mean = _BETWEEN * (math.exp(slope * f1) - math.exp(slope * f0)) / slope
+        density[w, 0] = (a + b) / mean
+        density[w, 1] = slope
+
+
+class Room(NamedTuple):
+    """Room for the points of one ray: light, logarithm, part (P, W); lit (P,); bent (P, 2): by how much the sun is
+    lifted and the ray lowered; at_one (W,), density (W, 2)."""
+
+    light: np.ndarray
+    logarithm: np.ndarray
+    part: np.ndarray
+    lit: np.ndarray
+    bent: np.ndarray
+    at_one: np.ndarray
+    density: np.ndarray
+
+
+class Row(NamedTuple):
+    """One direction: elevation [rad] of its ray, cosine and sine of the solar zenith angle at the observer, cosine of
+    the azimuth from the sun."""
+
+    elevation: float
+    to_sun: tuple[float, float]
+    cos_azimuth: float
+
+
+@njit(cache=True)
+def along(beam, rays, share, r, row, phases, d, floor, room, moments):
+    """Moments (3, S, W) of the light along ray r in the direction `row`: sums over points of g share_s E/F0, and of
+    that times the angles by which the sun is lifted and the ray is lowered.
+
+    The phase functions of direction d say which steps matter.
+    """
+    light, logarithm, part, lit, bent = room.light, room.logarithm, room.part, room.lit, room.bent
+    place, weight = rays.place, rays.weight
+    n_s, n_w = share.shape[0], weight.shape[1]
+    k0 = rays.first[r]
+    n = rays.first[r + 1] - k0
+    total = np.zeros(n_w)
+    moments[:] = 0.0
+    for i in range(n):
+        k = k0 + i
+        lifted = beam_at(beam, place[k, ALTITUDE], cos_sun(place[k, ANGLE], row.to_sun, row.cos_azimuth), light[i])
+        lowered = row.elevation - (math.asin(min(1.0, max(-1.0, place[k, COSINE]))) - place[k, ANGLE])
+        bent[i, 0], bent[i, 1] = lifted, lowered
+        lit[i] = False
+        for w in range(n_w):
+            logarithm[i, w] = -80.0
+            source = 0.0
+            if light[i, w] > 0.0:
+                lit[i] = True
+                logarithm[i, w] = max(-80.0, math.log(light[i, w]))
+                for s in range(n_s):
+                    source += share[s, k, w] * turned(beam, phases, 0, d, s, w, lifted, lowered, floor)
+            part[i, w] = weight[k, w] * light[i, w] * source
+            total[w] += part[i, w]
+    for i in range(0, n, 2):
+        if not _cut(beam, rays, share, k0, n, i, row, room, total, moments):
+            for j in range(i, i + 2):
+                for s in range(n_s):
+                    for w in range(n_w):
+                        source = weight[k0 + j, w] * light[j, w] * share[s, k0 + j, w]
+                        moments[0, s, w] += source
+                        moments[1, s, w] += source * bent[j, 0]
+                        moments[2, s, w] += source * bent[j, 1]
+
+
+@njit(cache=True)
+def _cut(beam, rays, share, k0, n, i, row, room, total, moments):
+    """Whether the step of points k0 + i and k0 + i + 1 had to be cut; then its light is added to moments (3, S, W)."""
+    logarithm, part, lit, at_one, density = room.logarithm, room.part, room.lit, room.at_one, room.density
+    place, weight = rays.place, rays.weight
+    k = k0 + i
+    before = max(i - 1, 0)
+    after = min(i + 2, n - 1)
+    if not (lit[before] or lit[i] or lit[i + 1] or lit[after]):
+        return True
+    all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
+    length = place[k + 1, DISTANCE] - place[k, DISTANCE]
+    if length <= 0.0:
+        return False
+    error = change = 0.0
+    for w in range(total.size):
+        if total[w] <= 0.0:
+            continue
+        here = (logarithm[i + 1, w] - logarithm[i, w]) / length
+        bend = 0.0
+        if before < i:
+            gap = place[k, DISTANCE] - place[k0 + before, DISTANCE]
+            bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - here)
+        if after > i + 1:
+            gap = place[k0 + after, DISTANCE] - place[k + 1, DISTANCE]
+            bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - here))
+        bend *= length / _BETWEEN
+        step = abs(here) * length / _BETWEEN
+        # as bright as the brighter end would make it
+        brightest = max(
+            max(part[i, w], part[i + 1, w]),
+            max(
+                part[before, w] * weight[k, w] / max(weight[k0 + before, w], 1e-300),
+                part[after, w] * weight[k + 1, w] / max(weight[k0 + after, w], 1e-300),
+            ),
+        )
+        wrong = min(1.0, 0.02 * bend + min(step, 10.0) ** 4 / 4320.0) * 2.0 * brightest / total[w]
+        if not all_lit:
+            wrong = 2.0 * brightest / total[w]
+        if wrong > error:
+            error = wrong
+        if wrong > WORTH:
+            change = max(change, max(bend, step))
+    if error <= WORTH:
+        return False
+    _densities(weight, k, density)
+    parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
+    if all_lit:
+        _add_part(beam, rays, share, row, k, 0.0, 1.0, _EQUAL, parts, at_one, density, moments)
+        return True
+    mark = (0.0, GAUSS_LOW, GAUSS_HIGH, 1.0)
+    start, square = 0.0, 0
+    z, angle, _ = _between(place, k, 0.0)
+    beam_at(beam, z, cos_sun(angle, row.to_sun, row.cos_azimuth), at_one)
+    here_lit = at_one.max() > 0.0
+    for m in range(4):
+        next_lit = here_lit
+        if m < 3:
+            z, angle, _ = _between(place, k, mark[m + 1])
+            beam_at(beam, z, cos_sun(angle, row.to_sun, row.cos_azimuth), at_one)
+            next_lit = at_one.max() > 0.0
+            if next_lit == here_lit:
+                continue
+        stop = 1.0
+        if m < 3:
+            stop = _edge(beam, place, k, mark[m], mark[m + 1], here_lit, row.to_sun, row.cos_azimuth, at_one)
+        if here_lit and stop > start:
+            cuts = parts
+            if m < 3 or square != 0:
+                cuts = max(cuts, EDGE_PARTS)
+            kind = -1 if square != 0 else (1 if m < 3 else 0)
+            _add_part(beam, rays, share, row, k, start, stop, kind, cuts, at_one, density, moments)
+        start, square, here_lit = stop, 1, next_lit
+    return True
