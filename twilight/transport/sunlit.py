@@ -20,9 +20,11 @@ from twilight.transport.around import MOST, at_azimuth, cosine_series, nearest
 from twilight.transport.beam import beam_on_ground
 from twilight.transport.sunlit_ray import Room, Row, along, cos_sun, turned
 
-AROUND, DIM = 1e-3, 1e-3
-"""How wrong half the azimuths may be, all of them being far better: a share of the light, or of DIM of the brightest
+AROUND, DIM = 3e-4, 1e-3
+"""How wrong half the azimuths may be, all of them being better: a share of all light, or of DIM of the brightest
 azimuth's.  The sum over points is itself rough to some 1e-4 from one direction to the next."""
+BY_DAY, IN_TWILIGHT = 8, 16
+"""Fewest intervals: with fewer the azimuths between happen to be right now and then, in twilight more often."""
 HOPELESS = 0.1
 """From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
 LEAST, DARKEST = 1e-3, 1e-100
@@ -82,15 +84,19 @@ def _from_series(series, n, least, cos_azimuth, form, moments):
 
 
 @njit(cache=True)
-def _few_azimuths(beam, rays, share, r, elevation, directions, phases, floor, room, moments, values, least, series):
+def _few_azimuths(
+    beam, rays, share, r, elevation, directions, phases, floor, other, room, moments, values, least, series
+):  # fmt: skip
     """The moments along ray r as a series in azimuth; returns its number of intervals, 0 where none was found.
 
     values (MOST + 1, 3, S, W): room; least (S, W), series (MOST + 1, 3 S W): filled, as of `_series_of`.  A set of
     azimuths is good enough where the set before it, half as many, is right within AROUND at the azimuths between.
+    other (D, W): light that is there besides.
     """
     first, end = directions.first[r], directions.first[r + 1]
     form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
+    least_intervals = BY_DAY if to_sun[0] > 0.0 else IN_TWILIGHT
     n = 2
     while n <= MOST and n + 1 < end - first:
         stride = MOST // n
@@ -102,7 +108,7 @@ def _few_azimuths(beam, rays, share, r, elevation, directions, phases, floor, ro
             d = nearest(directions.cos_azimuth, first, end, cos_azimuth)
             row = Row(elevation, to_sun, cos_azimuth)
             here = values[j * stride]
-            along(beam, rays, share, r, row, phases, d, floor, room, here)
+            along(beam, rays, share, r, row, phases, d, floor, other, room, here)
             if n > 2:
                 _from_series(series, n // 2, least, cos_azimuth, form, moments)
             for w in range(brightest.size):
@@ -110,9 +116,9 @@ def _few_azimuths(beam, rays, share, r, elevation, directions, phases, floor, ro
                 brightest[w] = max(brightest[w], size)
                 if n > 2 and brightest[w] > 0.0:
                     wrong = abs(_seen(beam, phases, 0, d, floor, moments, w)[0] - light)
-                    error = max(error, wrong / (size + DIM * brightest[w]))
+                    error = max(error, wrong / (size + DIM * brightest[w] + other[d, w]))
         _series_of(values, n, least, series)
-        if n > 2 and error < AROUND:
+        if n >= least_intervals and error < AROUND:
             return n
         if n >= 8 and error > HOPELESS:
             break
@@ -121,13 +127,15 @@ def _few_azimuths(beam, rays, share, r, elevation, directions, phases, floor, ro
 
 
 @njit(cache=True, nogil=True)
-def scattered_once(beam, rays, share, elevation, directions, phases, floor, ground_km, ground_albedo, out, begin, end):
+def scattered_once(
+    beam, rays, share, elevation, directions, phases, floor, other, ground_km, ground_albedo, out, begin, end
+):  # fmt: skip
     """Light scattered once, by air or by the ground in view, added to out (D, Stokes, W) for rays begin..end.
 
     beam: of :func:`twilight.transport.beam.prepare_beam`; rays: traced with `pairs`
     share (1 + K, P, W): of air and of each aerosol in what the points scatter
     elevation (R,) [rad]: apparent, of each ray; directions: `Directions`; phases: `Phases`
-    floor: least value of a phase function
+    floor: least value of a phase function; other (D, W): light that is there besides, of which errors are shares too
     ground_km: altitude of the ground; ground_albedo (W,)
     """
     n_stokes, n_w = out.shape[1], out.shape[2]
@@ -145,7 +153,7 @@ def scattered_once(beam, rays, share, elevation, directions, phases, floor, grou
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     for r in range(begin, end):
         n = _few_azimuths(
-            beam, rays, share, r, elevation[r], directions, phases, floor, room, moments, values, least, series
+            beam, rays, share, r, elevation[r], directions, phases, floor, other, room, moments, values, least, series
         )
         for d in range(directions.first[r], directions.first[r + 1]):
             cos_azimuth = directions.cos_azimuth[d]
@@ -153,7 +161,7 @@ def scattered_once(beam, rays, share, elevation, directions, phases, floor, grou
                 _from_series(series, n, least, cos_azimuth, form, moments)
             else:
                 row = Row(elevation[r], to_sun, cos_azimuth)
-                along(beam, rays, share, r, row, phases, d, floor, room, moments)
+                along(beam, rays, share, r, row, phases, d, floor, other, room, moments)
             for stokes in range(n_stokes):
                 for w in range(n_w):
                     out[d, stokes, w] += _seen(beam, phases, stokes, d, floor, moments, w)[0]

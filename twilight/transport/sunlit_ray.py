@@ -25,9 +25,11 @@ from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
 
 WORTH = 5e-5
-"""Share of a direction's light that a step may be wrong by."""
+"""Share of all light in a direction that a step may be wrong by."""
 MOST_PARTS, EDGE_PARTS = 24, 8
 """Parts that a step is cut into, and a piece of one that ends on the shadow's edge."""
+EDGE_HALVINGS = 16
+"""Halvings of a step that find the shadow's edge in it."""
 _BETWEEN = GAUSS_HIGH - GAUSS_LOW
 _EQUAL = np.int64(0)
 """Parts of a step that are equal: no literal, for which numba would compile `_add_part` once more."""
@@ -72,7 +74,7 @@ def _between(place, k, t):
 @njit(cache=True)
 def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
     """Fraction of step k in low..high at which the light begins or ends; lit_low: whether `low` is lit."""
-    for _ in range(30):
+    for _ in range(EDGE_HALVINGS):
         t = 0.5 * (low + high)
         z, angle, _ = _between(place, k, t)
         beam_at(beam, z, cos_sun(angle, to_sun, cos_azimuth), light)
@@ -168,18 +170,20 @@ class Row(NamedTuple):
 
 
 @njit(cache=True)
-def along(beam, rays, share, r, row, phases, d, floor, room, moments):
+def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
     """Moments (3, S, W) of the light along ray r in the direction `row`: sums over points of g share_s E/F0, and of
     that times the angles by which the sun is lifted and the ray is lowered.
 
-    The phase functions of direction d say which steps matter.
+    The phase functions of direction d, and the other light (D, W) in it, say which steps matter.
     """
     light, logarithm, part, lit, bent = room.light, room.logarithm, room.part, room.lit, room.bent
     place, weight = rays.place, rays.weight
     n_s, n_w = share.shape[0], weight.shape[1]
     k0 = rays.first[r]
     n = rays.first[r + 1] - k0
-    total = np.zeros(n_w)
+    total = np.empty(n_w)
+    for w in range(n_w):
+        total[w] = other[d, w]
     moments[:] = 0.0
     for i in range(n):
         k = k0 + i

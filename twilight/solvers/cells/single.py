@@ -83,10 +83,11 @@ def single_scattering(
     phases = Phases(value[None], of_sun[None], np.zeros_like(value)[None])
     directions = Directions(sight.row_first, np.cos(sight.azimuth[order]), 0.5 * math.pi - sun)
     found = np.zeros((order.size, 1, medium.n_wavelengths))
+    no_other = np.zeros((order.size, medium.n_wavelengths))
     in_slices(
         lambda begin, end: scattered_once(
-            beam, sight.rays, sight.share, sight.elevation, directions, phases, floor, medium.bottom_km,
-            medium.ground_albedo, found, begin, end,
+            beam, sight.rays, sight.share, sight.elevation, directions, phases, floor, no_other,
+            medium.bottom_km, medium.ground_albedo, found, begin, end,
         ),
         sight.elevation.size,
     )  # fmt: skip

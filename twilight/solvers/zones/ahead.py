@@ -41,7 +41,8 @@ def compile_look() -> None:
     share = _none(1, 0, 1)
     _compile(beam_at, beam, 0.0, 0.0, _none(0))
     _compile(
-        scattered_once, beam, rays, share, _none(0), directions, phases, 0.0, 0.0, _none(0), _none(0, 3, 1), 0, 0,
+        scattered_once, beam, rays, share, _none(0), directions, phases, 0.0, _none(0, 1), 0.0, _none(0),
+        _none(0, 3, 1), 0, 0,
     )  # fmt: skip
     fields: list[Any] = [_none(1) for _ in Profile._fields]
     profile = Profile(*fields)._replace(

@@ -307,11 +307,12 @@ class Field(BareField):
         )
         sorted_elevation = np.radians(e[order])
         lift = self._sun_lift(altitude, directions.zenith_rad)
-        out = self._single(sights, directions, np.radians(row_elevation), sorted_elevation, lift, n_stokes)
+        out = np.zeros((e.size, n_stokes, self.medium.n_wavelengths))
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
             seen = self._multiple(sights, directions, block, solution, n_stokes)
-            out[:, :, part] += seen[:, :, : part.stop - part.start]
+            out[:, :, part] = seen[:, :, : part.stop - part.start]
+        self._add_single(sights, directions, np.radians(row_elevation), sorted_elevation, lift, out)
         self._sights.trim()
         if n_stokes > 1:
             # all was computed to the right of the sun; left of it the vibration leans the other way
@@ -326,10 +327,12 @@ class Field(BareField):
         bending = beam_at(self.beam, altitude_km, math.cos(zenith_rad), light)
         return bending if light.max() > 0.0 else USUAL_TURN_RAD
 
-    def _single(
-        self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, n_stokes: int
-    ) -> np.ndarray:
-        """Light scattered once, (D, Stokes, W), directions sorted by ray; elevation (D,) and lift of the sun [rad]."""
+    def _add_single(
+        self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, out: np.ndarray
+    ) -> None:
+        """Add light scattered once to out (D, Stokes, W), which holds the rest; directions sorted by ray, elevation
+        (D,) and lift of the sun [rad]."""
+        n_stokes, other = out.shape[1], np.ascontiguousarray(out[:, 0])
         rays, share = sights.pairs, sights.pairs_share
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
@@ -353,10 +356,9 @@ class Field(BareField):
             stokes += [p12 * np.array(part)[..., None, None] for part in zip(*turned, strict=True)]
         plain, lifted_sun, lowered_ray = np.stack(stokes, axis=1)
         phases = Phases(plain, (lifted_sun - plain) / of_sun, (lowered_ray - plain) / of_ray[:, None, None])
-        out = np.zeros((cos_azimuth.size, n_stokes, self.medium.n_wavelengths))
         in_slices(
             lambda begin, end: scattered_once(
-                self.beam, rays, share, row_elevation, directions, phases, 0.0, self.medium.bottom_km,
+                self.beam, rays, share, row_elevation, directions, phases, 0.0, other, self.medium.bottom_km,
                 self.medium.ground_albedo, out, begin, end,
             ),
             row_elevation.size,
@@ -369,7 +371,6 @@ class Field(BareField):
                 ),
                 row_elevation.size,
             )
-        return out
 
     def _multiple(
         self, sights: LinesOfSight, directions: Directions, block: int, solution: Solution, n_stokes: int
