@@ -31,7 +31,7 @@ LEAST, DARKEST = 1e-3, 1e-100
 """What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _seen(beam, phases, stokes, d, floor, moments, w):
     """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts."""
     total = size = 0.0
@@ -45,7 +45,7 @@ def _seen(beam, phases, stokes, d, floor, moments, w):
     return total, size
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _series_of(values, n, least, series):
     """The series of n intervals for moments (MOST + 1, 3, S, W) at as many of the azimuths, into series (., 3 S W).
 
@@ -69,7 +69,7 @@ def _series_of(values, n, least, series):
     cosine_series(form, n, series)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _from_series(series, n, least, cos_azimuth, form, moments):
     """Moments (3, S, W) at one azimuth; form (3 S W,): room."""
     at_azimuth(series, n, cos_azimuth, form)
@@ -83,7 +83,7 @@ def _from_series(series, n, least, cos_azimuth, form, moments):
             moments[2, s, w] = light * form[2 * n_s * n_w + i]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _few_azimuths(
     beam, rays, share, r, elevation, directions, phases, floor, other, room, moments, values, least, series
 ):  # fmt: skip

@@ -71,7 +71,7 @@ def _between(place, k, t):
     return z, place[k, ANGLE] + f * (place[k + 1, ANGLE] - place[k, ANGLE]), c0 + f * (c1 - c0)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
     """Fraction of step k in low..high at which the light begins or ends; lit_low: whether `low` is lit."""
     for _ in range(EDGE_HALVINGS):
@@ -85,7 +85,7 @@ def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
     return high if not lit_low else low
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
     """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
 
@@ -132,7 +132,7 @@ def turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
     return max(floor, value) if stokes == 0 else value
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _densities(weight, k, density):
     """Exponentials through the weights of points k and k + 1 with their sum over the step, into density (W, 2)."""
     f0, f1 = -GAUSS_LOW / _BETWEEN, (1.0 - GAUSS_LOW) / _BETWEEN

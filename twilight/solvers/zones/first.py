@@ -131,7 +131,7 @@ def look_up(table, angle, out):
                     out[t, a, s, w] = (ONE - b1) * table[j, s, w] + b1 * table[j + 1, s, w]
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_sunlit_ground(turning, place, beams, transmittance, ground_factor, sums):
     """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES)."""
     step = min(int(place), turning.shape[0] - 2)

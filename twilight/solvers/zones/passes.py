@@ -102,7 +102,7 @@ def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
                 out[w] += y0 * r0[w] + y1 * r1[w]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def refine_patterns(rule, series, low, high, fine_wave):
     """Waves of Q and U between the nodes, by cubics: on the fine grid of solar zenith angles low..high."""
     for t in range(low, high + 1):
@@ -119,7 +119,7 @@ def refine_patterns(rule, series, low, high, fine_wave):
                     out[w] += y * value[w]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def add_patterns(point, k, below, above, series, with_i, wave):
     """The source of Q and U, set in wave (waves, LANES), and what Q and U of the light give to I, added to it.
 
@@ -243,7 +243,7 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
                 add_ground(turning, ground_angle[ray], light.log_ground, ground_weight[ray], sums)
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_ground(turning, place, log_ground, transmittance, sums):
     """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES)."""
     step = min(int(place), turning.shape[0] - 2)

@@ -257,7 +257,7 @@ def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, s
                 add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_reflected(turning, place, log_ground, waves, cosine_place, transmittance, sums):
     """The sky that water reflects at the end of a ray, added to sums (T, F, S, LANES)."""
     step = min(int(place), turning.shape[0] - 2)
@@ -289,7 +289,7 @@ def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
             out[2, w] += strength * p12 * 2.0 * of_v * of_h / square
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_sunlit_water(turning, place, beams, transmittance, surface, cell, sums):
     """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `Beams`.
 
