@@ -7,6 +7,11 @@ sun; the phase functions, which do not, are multiplied to it in every direction 
 
 The moments of a ray are a series in azimuth (`around`) where half its azimuths already tell the rest; where they do
 not, for light beyond the edge of the shadow for example, every direction is followed by itself.
+
+Arguments that kernels share: `sunlit_ray`; r: index of a ray; elevation [rad]: its apparent one; directions:
+`Directions`; n: intervals of a series in azimuth; values (MOST + 1, 3, S, W): moments at the azimuths, moments (3, S,
+W): at one; cos_azimuth: of the azimuth from the sun; least (S, W): what is added to the light; series (MOST + 1, 3 S
+W): coefficients; room: `Room`.
 """
 
 from __future__ import annotations
@@ -33,7 +38,10 @@ LEAST, DARKEST = 1e-3, 1e-100
 
 @njit(inner=True, cache=True)
 def _seen(beam, phases, stokes, d, floor, moments, w):
-    """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts."""
+    """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts.
+
+    stokes: 0, 1 or 2, of I, Q, U.
+    """
     total = size = 0.0
     for s in range(moments.shape[1]):
         light = moments[0, s, w]

@@ -133,7 +133,11 @@ def look_up(table, angle, out):
 
 @njit(inner=True, cache=True, nogil=True)
 def add_sunlit_ground(turning, place, beams, transmittance, ground_factor, sums):
-    """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES)."""
+    """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES).
+
+    turning (N, T, F, 3): as in `Turning`; place: of the ray's end in it; beams: `Beams`; transmittance (LANES,): of the
+    ray; ground_factor (LANES,): albedo / pi.
+    """
     step = min(int(place), turning.shape[0] - 2)
     h1 = place - np.float32(step)
     scale = np.float32(N_ANGLE / math.sqrt(beams.span_rad))

@@ -4,6 +4,10 @@ Along a ray the source of I is J = mean radiance x sum_lm Y_lm (chi_l r_lm + b_l
 `polarised`, with the logarithm of the mean and the moments r, e, b relative to it interpolated between nodes: right
 where the field falls by e within a degree.  The vertical plane through a ray is the same all along it, straight or bent
 by refraction: Q and U add up as they are.
+
+Arguments that the kernels share: point: `Points`, k: index of one of them; light: `Light`; rule: `Refinement`; series:
+`Series`; turning (N, T, F, 3): as in `Turning`, place: of a point or of the end of a ray in it; transmittance (LANES,):
+of a ray to its end.
 """
 
 from __future__ import annotations
@@ -104,7 +108,10 @@ def slab(point, k, light, rule, series, low, high, fine_log, fine_wave):
 
 @njit(inner=True, cache=True)
 def refine_patterns(rule, series, low, high, fine_wave):
-    """Waves of Q and U between the nodes, by cubics: on the fine grid of solar zenith angles low..high."""
+    """Waves of Q and U between the nodes, by cubics: on the fine grid of solar zenith angles low..high.
+
+    fine_wave (T', waves, LANES): filled there, as in `slab`.
+    """
     for t in range(low, high + 1):
         if t % rule.per_interval == 0:
             continue
@@ -160,9 +167,10 @@ def add_patterns(point, k, below, above, series, with_i, wave):
 
 @njit(cache=True, inline="always")
 def add_waves(near, far, b0, b1, c, first, orders, scale, total):
-    """Add Q and U of one point to total (3, LANES): scale (LANES) x (b0 near + b1 far) at the azimuth of cosine c.
+    """Add Q and U of one point to total (3, LANES): scale (LANES,) x (b0 near + b1 far) at an azimuth.
 
-    near, far (waves, LANES): amplitudes on the fine grid; those of Q begin at `first`, `orders` of each.
+    near, far (waves, LANES): amplitudes on the fine grid; those of Q begin at `first`, `orders` of each; (b0, b1):
+    shares of the two; c: cosine of the azimuth from the sun.
     """
     c = min(ONE, max(-ONE, c))
     sine = np.float32(math.sqrt(max(ZERO, ONE - c * c)))
@@ -183,11 +191,9 @@ def add_waves(near, far, b0, b1, c, first, orders, scale, total):
 def scatter(rays_first, point, turning, light, rule, series, ground_weight, ground_angle, n_polar, out, begin, end):
     """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] from the light of the order before.
 
-    rays_first (R + 1,): where the points of each ray start, n_polar rays for each node altitude; point: `Points`;
-    turning (N, T, F, 3): as in `Turning`; light: `Light`; rule: `Refinement`; series: `Series`
-    ground_weight (R, LANES): transmittance to the ground, a Lambertian one; ground_angle (R,): its place in the turning
-    table
-    Node altitudes begin..end are computed.  The Stokes axis has one entry where series has no patterns.
+    rays_first (R + 1,): where the points of each ray start; n_polar: rays for each node altitude; ground_weight (R,
+    LANES): transmittance to the ground, a Lambertian one; ground_angle (R,): its place in the turning table.  Node
+    altitudes begin..end are computed.  The Stokes axis has one entry where series has no patterns.
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
     n_fine = rule.node.shape[0]
@@ -245,7 +251,10 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
 
 @njit(inner=True, cache=True, nogil=True)
 def add_ground(turning, place, log_ground, transmittance, sums):
-    """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES)."""
+    """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES).
+
+    log_ground (T', LANES): as in `Light`.
+    """
     step = min(int(place), turning.shape[0] - 2)
     h1 = place - np.float32(step)
     h0 = ONE - h1
@@ -262,9 +271,10 @@ def add_ground(turning, place, log_ground, transmittance, sums):
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def moments_of(radiance, analysis, pattern_analysis, moments, begin, end):
-    """Moments (Z, T, C + 2 C', LANES) of Stokes parameters (Z, M, T, F, Stokes, LANES), for altitudes begin..end.
+    """Moments (Z, T, C + 2 C', LANES), added to, of Stokes parameters, for altitudes begin..end.
 
-    analysis (Z, C, M, F), pattern_analysis (Z, 2 C', 2, M, F): as in `Angles`.
+    radiance (Z, M, T, F, Stokes, LANES); moments (Z, T, C + 2 C', LANES); analysis (Z, C, M, F), pattern_analysis (Z, 2
+    C', 2, M, F): as in `Angles`.
     """
     n_polar, n_zenith, n_azimuth = radiance.shape[1:4]
     n_harmonics, n_patterns = analysis.shape[1], pattern_analysis.shape[1]
