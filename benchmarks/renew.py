@@ -92,9 +92,23 @@ BENCHMARKS = {
     "sweep_compact": Benchmark(
         "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"
     ),
+    "sweep_many": Benchmark(
+        "sweep.py pure-air --many --places 1x1 --table sweep_many", "sweep_many.csv", "10,000 skies of a sweep"
+    ),
+    "sweep_compact_many": Benchmark(
+        "sweep.py sweep-compact --many --places 1x1 --table sweep_compact_many",
+        "sweep_compact_many.csv",
+        "10,000 skies of a sweep by `compact`",
+    ),
+    "memory": Benchmark(
+        "memory.py", "memory.csv", "1000 wavelengths and a large panorama: what `--plan` says, and what they take"
+    ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
+    "estimate": Benchmark(
+        "estimate.py ../shared/data/photos", "estimate.csv", "how long a photograph's air takes to estimate"
+    ),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),
     "dawn": Benchmark("gallery.py dawn", "../docs/dawn.jpg", "the photograph of README"),
     "sunset": Benchmark("sunset.py", "../docs/sunset.jpg", "README's first picture"),

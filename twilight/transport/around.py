@@ -36,6 +36,19 @@ class Directions(NamedTuple):
     zenith_rad: float
 
 
+def once_each(row: np.ndarray, azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions that differ by more than the side of the sun: their row (N,), sorted, their azimuth from the sun
+    (N,), 0 to 180 deg, and which of them each of row (D,), azimuth_deg (D,) is (D,)."""
+    around = np.round(np.abs((azimuth_deg + 180.0) % 360.0 - 180.0), 9)
+    order = np.lexsort((around, row))
+    row, around = row[order], around[order]
+    new = np.ones(row.size, bool)
+    new[1:] = (np.diff(row) > 0) | (np.diff(around) > 0.0)
+    which = np.empty(row.size, np.int64)
+    which[order] = np.cumsum(new) - 1
+    return row[new], around[new], which
+
+
 @njit(cache=True)
 def cosine_series(values, n, out):
     """Coefficients out[: n + 1] of values (n + 1, M) at n + 1 azimuths.

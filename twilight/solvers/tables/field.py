@@ -29,7 +29,8 @@ def prepare(
 ) -> Field:
     """Fill the tables of a medium: for every sun, observer and direction.
 
-    Errors: TwilightError for an observer below the ground, and for a packing that the medium does not allow.
+    Errors: TwilightError for an observer below the ground, for a packing that the medium does not allow, and for layers
+    that lie between two heights of the tables.
     """
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 

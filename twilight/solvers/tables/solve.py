@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twilight.progress import Progress
+from twilight.solvers.tables.layers import refuse_unseen_layers
 from twilight.solvers.tables.lookup import DARK
 from twilight.solvers.tables.mapping import KINDS, Mapping, grid
 from twilight.solvers.tables.passes import (
@@ -67,10 +68,14 @@ def make_mapping(settings: TablesSettings, bottom_km: float, thickness_km: float
 
 
 def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) -> Tables:
-    """Fill T, then S and E order by order, until max_events."""
+    """Fill T, then S and E order by order, until max_events.
+
+    Errors: TwilightError for layers that lie between two heights.
+    """
     medium = scaled.medium
     profile = prepare_profile(medium)
     mapping = make_mapping(settings, medium.earth_radius_km + medium.bottom_km, medium.top_km - medium.bottom_km)
+    refuse_unseen_layers(medium, mapping)
     n_w = medium.n_wavelengths
     texels = Texels(*grid(mapping))
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
