@@ -133,8 +133,8 @@ def add_patterns(point, k, ratio, series, nodes, per_interval, by_pattern, wave)
     """The source of Q and U at nodes of the solar zenith angle, set in their rows of wave (T', waves, LANES), and what
     Q and U of the light give to I, added to it.
 
-    ratio (Z', T, C + 2 C', LANES): moments, as in `Light`; nodes: first, first and last with I wanted, end by_pattern
-    (C', 7, LANES): room per_interval: as in `Refinement`.
+    ratio (Z', T, C + 2 C', LANES): moments, as in `Light`; nodes: first, first and last with I wanted, end;
+    per_interval: as in `Refinement`; by_pattern (C', 7, LANES): room.
     """
     even, odd, polar, matrix = point.even, point.odd, point.polar, point.matrix
     n_patterns = even.shape[1]
@@ -279,7 +279,7 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
 def add_ground(turning, place, log_ground, transmittance, ray, sums):
     """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES).
 
-    transmittance (R, LANES): of all rays; place: in the turning table, as in `scatter` log_ground (T', LANES): as in
+    transmittance (R, LANES): of all rays; place: in the turning table, as in `scatter`; log_ground (T', LANES): as in
     `Light`.
     """
     step = min(int(place), turning.shape[0] - 2)
