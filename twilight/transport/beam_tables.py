@@ -31,6 +31,8 @@ from twilight.transport.rays import (
 
 _SMALLEST_WIDENING = 0.05
 """Bound on d(true zenith angle)/d(apparent): below it rays cross (a mirage), which the table does not follow."""
+_FIRST = np.int64(0)
+"""No literal, for which numba would compile `log_irradiance_from_above` once more."""
 
 
 @njit(inner=True, cache=True)
@@ -173,7 +175,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, b
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
             bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], 0
+                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], _FIRST
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:

@@ -34,6 +34,8 @@ HOPELESS = 0.1
 """From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
 LEAST, DARKEST = 1e-3, 1e-100
 """What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
+_INTENSITY, _FEWEST = np.int64(0), np.int64(2)
+"""No literals, for which numba would compile what they are handed to once more."""
 
 
 @njit(inner=True, cache=True)
@@ -105,7 +107,7 @@ def _few_azimuths(
     form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     least_intervals = BY_DAY if to_sun[0] > 0.0 else IN_TWILIGHT
-    n = 2
+    n = _FEWEST
     while n <= MOST and n + 1 < end - first:
         stride = MOST // n
         error = 0.0
@@ -120,10 +122,10 @@ def _few_azimuths(
             if n > 2:
                 _from_series(series, n // 2, least, cos_azimuth, form, moments)
             for w in range(brightest.size):
-                light, size = _seen(beam, phases, 0, d, floor, here, w)
+                light, size = _seen(beam, phases, _INTENSITY, d, floor, here, w)
                 brightest[w] = max(brightest[w], size)
                 if n > 2 and brightest[w] > 0.0:
-                    wrong = abs(_seen(beam, phases, 0, d, floor, moments, w)[0] - light)
+                    wrong = abs(_seen(beam, phases, _INTENSITY, d, floor, moments, w)[0] - light)
                     error = max(error, wrong / (size + DIM * brightest[w] + other[d, w]))
         _series_of(values, n, least, series)
         if n >= least_intervals and error < AROUND:

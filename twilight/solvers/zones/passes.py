@@ -23,6 +23,8 @@ from twilight.lanes import LANES, at_least, exp, read, same, write
 LEAST = np.float32(1e-3)
 """Least source of I relative to the mean: a truncated series may dip below 0."""
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+_FIRST = np.int64(0)
+"""No literal, for which numba would compile `add_patterns` once more."""
 
 
 class Light(NamedTuple):
@@ -250,7 +252,7 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
         for i in range(n_polar):
             ray = node * n_polar + i
             for k in range(rays_first[ray], rays_first[ray + 1]):
-                slab(point, k, light, rule, series, 0, n_zenith - 1, source)
+                slab(point, k, light, rule, series, _FIRST, n_zenith - 1, source)
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
