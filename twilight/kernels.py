@@ -21,4 +21,6 @@ def njit(*, inner: bool = False, **options: Any) -> Callable[..., Any]:
 
     inner: kernels alone call it; a call from Python ends the process.
     """
-    return numba.njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=inner, **options)
+    # numba's own types do not list the last two
+    made: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
+    return numba.njit(**made, **options)
