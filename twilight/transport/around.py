@@ -51,7 +51,10 @@ def once_each(row: np.ndarray, azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.
 
 @njit(cache=True)
 def cosine_series(values, n, out):
-    """Coefficients out[: n + 1] of values (n + 1, M) at n + 1 azimuths."""
+    """Coefficients out[: n + 1] of values (n + 1, M) at n + 1 azimuths.
+
+    n: number of intervals; out (MOST + 1, M).
+    """
     for m in range(n + 1):
         out[m, :] = 0.0
         for j in range(n + 1):
@@ -66,7 +69,10 @@ def cosine_series(values, n, out):
 
 @njit(cache=True)
 def at_azimuth(series, n, cos_azimuth, out):
-    """The sum of a series of n + 1 coefficients (., M) at one azimuth, into out (M,)."""
+    """The sum of a series of n + 1 coefficients at one azimuth, into out (M,).
+
+    series (., M): of `cosine_series`; n: its intervals; cos_azimuth: of the azimuth from the sun.
+    """
     out[:] = 0.0
     before, here = cos_azimuth, 1.0
     for m in range(n + 1):
@@ -77,7 +83,10 @@ def at_azimuth(series, n, cos_azimuth, out):
 
 @njit(cache=True)
 def nearest(cos_azimuth, first, end, wanted):
-    """Which of the directions first..end has the azimuth nearest to that of cosine `wanted`."""
+    """Which of the directions first..end has the azimuth nearest to that of cosine `wanted`.
+
+    cos_azimuth (D,): of the directions.
+    """
     best = first
     for d in range(first + 1, end):
         if abs(cos_azimuth[d] - wanted) < abs(cos_azimuth[best] - wanted):

@@ -35,7 +35,7 @@ _FIRST = np.int64(0)
 """No literal, for which numba would compile `log_irradiance_from_above` once more."""
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def up_slope(profile, w, altitude_km, u_km):
     """d(bending)/d(apparent zenith angle) of a ray that comes from above, by a difference over 0.001 of the radius."""
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
@@ -107,7 +107,7 @@ def interpolate(x, xs, ys):
     return ys[lo] + (ys[hi] - ys[lo]) * (x - xs[lo]) / width if width > 0.0 else ys[lo]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
     """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
 
@@ -140,7 +140,7 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
     return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening))), True
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, first):
     """`log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
 
@@ -185,7 +185,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, b
                 beta[j, m] = beta[j, m + 1]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
     """Apparent zenith angle [rad] of a sun whose true one is `chi`: two Newton steps from a near guess."""
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
