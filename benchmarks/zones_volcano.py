@@ -20,7 +20,14 @@ SUNS_DEG = (0.0, -12.0, -18.0)
 ELEVATION_DEG = np.array([1.0, 6.0, 27.0, 90.0, 1.5, 45.0, 10.0])
 AZIMUTH_DEG = np.array([0.0, 0.0, 0.0, 0.0, 90.0, 90.0, 180.0])
 BASE = replace(zones.QUALITIES["draft"], polarisation=False)
-FINER = {"altitude_density": 1.0, "zenith_density": 1.2, "polar_directions": 16, "degree": 20, "step_density": 0.8}
+FINER = (
+    ("altitude_density", 1.0),
+    ("altitude_density", 2.0),
+    ("zenith_density", 1.2),
+    ("polar_directions", 16),
+    ("degree", 20),
+    ("step_density", 0.8),
+)
 
 
 def sky(settings: zones.ZonesSettings) -> np.ndarray:
@@ -33,7 +40,7 @@ def sky(settings: zones.ZonesSettings) -> np.ndarray:
 def main() -> None:
     base = sky(BASE)
     rows = []
-    for setting, value in FINER.items():
+    for setting, value in FINER:
         for sun, moved in zip(SUNS_DEG, 100.0 * (sky(replace(BASE, **{setting: value})) / base - 1.0), strict=True):
             rows.append([setting, f"{value:g}", f"{sun:g}", f"{moved.mean():.2f}", *(f"{x:.2f}" for x in moved)])
             print(*rows[-1], sep="\t", flush=True)
