@@ -83,6 +83,8 @@ BENCHMARKS = {
     ),
     "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
     "montecarlo_tables": Benchmark("montecarlo_tables.py", "", "orders of scattering; Haber's isotropic assumption"),
+    "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the referee"),
+    "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
     "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
