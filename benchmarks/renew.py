@@ -50,6 +50,9 @@ BENCHMARKS = {
     "zones_convergence": Benchmark(
         "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
     ),
+    "zones_volcano": Benchmark(
+        "zones_volcano.py", "zones_volcano.csv", "which grids limit `zones` below a volcano's stratosphere"
+    ),
     "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
     "montecarlo_zscores": Benchmark(
         "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether the referee's stated errors are its scatter"
@@ -80,6 +83,8 @@ BENCHMARKS = {
     ),
     "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
     "montecarlo_tables": Benchmark("montecarlo_tables.py", "", "orders of scattering; Haber's isotropic assumption"),
+    "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the referee"),
+    "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
     "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
@@ -92,9 +97,23 @@ BENCHMARKS = {
     "sweep_compact": Benchmark(
         "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"
     ),
+    "sweep_many": Benchmark(
+        "sweep.py pure-air --many --places 1x1 --table sweep_many", "sweep_many.csv", "10,000 skies of a sweep"
+    ),
+    "sweep_compact_many": Benchmark(
+        "sweep.py sweep-compact --many --places 1x1 --table sweep_compact_many",
+        "sweep_compact_many.csv",
+        "10,000 skies of a sweep by `compact`",
+    ),
+    "memory": Benchmark(
+        "memory.py", "memory.csv", "1000 wavelengths and a large panorama: what `--plan` says, and what they take"
+    ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
+    "estimate": Benchmark(
+        "estimate.py ../shared/data/photos", "estimate.csv", "how long a photograph's air takes to estimate"
+    ),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),
     "dawn": Benchmark("gallery.py dawn", "../docs/dawn.jpg", "the photograph of README"),
     "sunset": Benchmark("sunset.py", "../docs/sunset.jpg", "README's first picture"),

@@ -2,6 +2,7 @@
 
     python benchmarks/sweep.py [CONFIG] [--set KEY=VALUE ...] [--places 1x1,1x2,2x1] [--table NAME]
     python benchmarks/sweep.py pure-air --many --places 1x1 --table sweep_many     10,000 skies, all of them computed
+    python benchmarks/sweep.py sweep-compact --many --places 1x1 --table sweep_compact_many      10,000 by `compact`
 
 Runs of the same sweep, each on machine code that is there: WORKERSxTHREADS, all of 1x1, 1x2 and 2x1 unless said
 otherwise.  Processor time hardly depends on what else the machine does; `busy` is the share of the workers' wall time
@@ -40,6 +41,15 @@ MANY = {
     },
 }
 """20 airs under 500 suns, on 6 x 24 directions."""
+MANY_COMPACT = {
+    "vary": {
+        "aerosol.optical_depth_550nm": {"from": 0.02, "to": 0.7, "count": 10, "scale": "log"},
+        "gases.ozone.column_du": [220, 280, 340, 400],
+        "ground.albedo": [0, 0.2, 0.4, 0.6, 0.8],
+        "sun.elevation_deg": {"from": 60, "to": -18, "count": 50},
+    },
+}
+"""200 airs under 50 suns, on the directions and wavelengths of the configuration."""
 HOURS_PER_S = 1.0 / 3600.0
 
 
@@ -52,7 +62,8 @@ def main() -> None:
     parser.add_argument("--places", default=PLACES, help="WORKERSxTHREADS, with commas between")
     parser.add_argument("--table", default="sweep")
     options = parser.parse_args()
-    settings = (MANY if options.many else {}) | dict(parse_setting(text) for text in options.settings)
+    many = MANY_COMPACT if options.config == "sweep-compact" else MANY
+    settings = (many if options.many else {}) | dict(parse_setting(text) for text in options.settings)
     places = [tuple(int(n) for n in place.split("x")) for place in options.places.split(",")]
     warm = Sweep(load_axes(options.config, settings | {"vary": {"sun.elevation_deg": [5.0, -4.0]}}))
     measured(warm, 1, 1)

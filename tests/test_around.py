@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from twilight.transport.around import SMOOTH, Directions, at_azimuth, cosine_series, smooth_around
+from twilight.transport.around import SMOOTH, Directions, at_azimuth, cosine_series, once_each, smooth_around
 
 
 @pytest.mark.parametrize("n", [4, 16])
@@ -40,6 +40,21 @@ def test_smooth_light_is_followed_in_few_azimuths_and_a_shadow_in_all():
     assert asked == [2 * (SMOOTH + 1) + 2, 60]
 
 
+def test_rays_of_which_none_is_smooth_are_followed_in_all_azimuths():
+    a = np.radians(np.linspace(0.0, 180.0, 40))
+    directions = Directions(np.array([0, 0, 40]), np.cos(a), 1.0)
+    found = smooth_around(lambda where: sky(where, []), directions)
+    np.testing.assert_array_equal(found, sky(directions, []))
+
+
 def test_no_light_stays_none():
     directions = Directions(np.array([0, 40]), np.cos(np.linspace(0.0, np.pi, 40)), 1.0)
     assert (smooth_around(lambda where: np.zeros((where.cos_azimuth.size, 1, 8)), directions) == 0.0).all()
+
+
+def test_a_direction_and_its_mirror_image_are_one():
+    row, azimuth = np.array([2, 0, 0, 1, 0, 2]), np.array([-10.0, 350.0, 10.0, 5.0, 370.0, 190.0])
+    rows, around, which = once_each(row, azimuth)
+    assert rows.tolist() == [0, 1, 2, 2] and around.tolist() == [10.0, 5.0, 10.0, 170.0]
+    np.testing.assert_array_equal(rows[which], row)
+    np.testing.assert_allclose(np.cos(np.radians(around[which])), np.cos(np.radians(azimuth)))

@@ -175,6 +175,13 @@ def test_white_balance_is_free_on_request():
     assert by_name(free)["aerosol"].value == pytest.approx(0.22, rel=0.1)
 
 
+def test_the_library_s_error_enters_the_uncertainties():
+    photo, library = seen(latlong(), TRUTH), toy_library()
+    one, other = (by_name(estimate(photo, [replace(library, luminance_error=error)])[0]) for error in (0.0, 0.05))
+    for name in TRUTH:
+        assert other[name].standard_error > 1.3 * one[name].standard_error
+
+
 # Files and errors -----------------------------------------------------------------------------------------------
 
 TINY = {"sun.elevation_deg": 20.0, "solver.name": "preetham"}
@@ -199,12 +206,10 @@ def test_a_library_is_computed_once(tmp_path, monkeypatch):
     def never(*_):
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(module, "frames", never)
+    monkeypatch.setattr(module.emulator, "compute", never)
     two = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
     assert (two.xyz == one.xyz).all()
-    assert two.select(15.0, 30.0).xyz.shape == (5, 1, 15, 60, 3)
-    with pytest.raises(TwilightError, match="no sun"):
-        two.select(-5.0, 0.0)
+    assert two.luminance_error == one.luminance_error > 0.0
     with pytest.raises(AssertionError):  # another question is not answered from the file
         make_library(base, design, "desert", [10.0, 20.0], 6.0, file=file)
     file.write_bytes(file.read_bytes()[:2000])
@@ -251,15 +256,15 @@ def test_skies_are_kept_for_the_next_photograph_and_interrupted_ones_are_fitted(
     assert CliRunner().invoke(app, words).exit_code == 0
     first = json.loads((tmp_path / "out" / "estimate.json").read_text())["estimates"]
     shown = CliRunner().invoke(app, ["cache"]).output
-    assert shown.startswith("0 fields and skies of 5 climates of ")
+    assert shown.startswith("0 fields and skies of 7 climates of ")  # two of them are held out
 
     computed = []
 
-    def interrupted(config, *args, **kwargs):
+    def interrupted(config, *_):
         computed.append(config)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "frames", interrupted)
+    monkeypatch.setattr(module.emulator, "compute", interrupted)
     words[words.index("continental_average")] = "continental_average,desert,urban"
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 130 and "interrupted; fits continental_average, not desert, urban" in done.stderr

@@ -126,6 +126,63 @@ def test_a_model_of_another_climate_is_a_file(tmp_path, model):
         solve(scene(solver__model=str(path)))
 
 
+def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
+    """What the fit itself gives is tested in test_compact.py; here it is the shipped model with the air of urban."""
+    from dataclasses import replace
+
+    from typer.testing import CliRunner
+
+    import twilight
+    from twilight.cli.app import app
+    from twilight.fit.compact import own
+    from twilight.fit.compact.build import Errors, Fit
+
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
+    fitted = []
+
+    def fit(config, progress=None):
+        fitted.append(config)
+        depths = [float(depth) for depth in model.optical_depth_550nm]
+        made = replace(model, air=air_of_climate(config, depths))
+        return Fit(made, (Errors((-18.0, 90.0), "all", 1, 0.004, 0.021, 0.1),), 432.0, 500.0)
+
+    monkeypatch.setattr(own, "fit_compact", fit)
+    words = [
+        "render",
+        "urban",
+        "--sun-elevation",
+        "5",
+        "--solver",
+        "compact",
+        "--overwrite",
+        "--output",
+        str(tmp_path / "sky"),
+    ]
+    none_kept = CliRunner().invoke(app, words)  # the tests keep nothing on disk unless they say so
+    assert none_kept.exit_code == 2 and "TWILIGHT_CACHE_GB is 0" in none_kept.stderr
+    monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
+    plan = CliRunner().invoke(app, [*words, "--plan"])
+    assert "there is no compact model of urban yet" in plan.stdout and "minutes of processor time" in plan.stdout
+    assert not fitted
+    first = CliRunner().invoke(app, words)
+    assert first.exit_code == 0, first.output
+    assert "off by 0.4 % (median), 2.1 % (95 %)" in first.stderr and len(fitted) == 1
+    assert fitted[0].climate.aerosol.type == "urban" and fitted[0].solver["polarisation"] is True
+    keys = {"aerosol.optical_depth_550nm": 0.3, "ground.albedo": 0.5, "gases.ozone.column_du": 300.0}
+    assert (
+        CliRunner().invoke(app, [*words, *(w for k, v in keys.items() for w in ("--set", f"{k}={v}"))]).exit_code == 0
+    )
+    sky = twilight.render("urban", sun_elevation_deg=5.0, solver="compact", settings=keys)
+    assert sky.provenance["configuration"]["solver"]["model"].endswith(".model.npz") and len(fitted) == 1
+    assert "1 compact model of" in CliRunner().invoke(app, ["cache"]).output
+    assert "no compact model" not in CliRunner().invoke(app, [*words, "--plan"]).stdout
+    refused = CliRunner().invoke(app, [*words, "--set", "aerosol.optical_depth_550nm=1.5"])
+    assert refused.exit_code == 2 and len(fitted) == 1  # no model holds such a load
+    assert CliRunner().invoke(app, [*words, "--set", "solver.model=continental-average"]).exit_code == 2
+    assert CliRunner().invoke(app, ["cache", "--clear"]).exit_code == 0
+    assert own.needs_fit(scene(climate="urban")) and not own.needs_fit(scene())
+
+
 def test_nothing_is_compiled_for_a_picture(tmp_path):
     """The command, in a process whose folder of machine code is empty."""
     cache = tmp_path / "machine-code"

@@ -15,7 +15,7 @@ from twilight.geometry import distance_to_sphere
 from twilight.solvers import zones
 from twilight.terrain.heights import Heights, heights_of
 from twilight.terrain.march import Air, Shadow, dark_parts, first_hits, height_at, shadow_over
-from twilight.terrain.scene import Place, add_terrain
+from twilight.terrain.scene import Place, _Perspective, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 
 RADIUS = 6371.0
@@ -201,3 +201,22 @@ def test_heights_from_geotiff(tmp_path):
     path.write_bytes(b"no tiff")
     with pytest.raises(TwilightError, match="cannot be read as GeoTIFF"):
         heights_of(Terrain(heights=str(path)))
+
+
+def test_air_before_terrain_is_even_across_the_horizon():
+    """Lines that end on the ground beyond a hill at 20 km, and those above the horizon, see it through the same air."""
+
+    class Even:
+        def inscatter(self, sun, elevation, azimuth, distance, *, observer_altitude_km, peak_passes):
+            light = 0.1 * (2.0 + np.sin(np.radians(elevation))) * -np.expm1(-0.02 * distance)
+            return light[..., None], np.exp(-0.02 * distance)[..., None]
+
+    elevation = np.linspace(-2.0, 3.0, 501)
+    place = Place(0.6, 3.0, 0.0)
+    bridge = _Perspective(Even(), place, turbid(3.0), elevation, np.zeros(501), np.full(501, 90.0))
+    for distance in (0.5, 5.0, 20.0):
+        far = np.minimum(distance, bridge._length_km(elevation))
+        light, passed = bridge.at(np.ones(501, bool), far)
+        exact = 0.1 * (2.0 + np.sin(np.radians(elevation))) * -np.expm1(-0.02 * far)
+        np.testing.assert_allclose(light[:, 0], exact, rtol=0.012)
+        np.testing.assert_allclose(passed[:, 0], np.exp(-0.02 * far), rtol=1e-3)

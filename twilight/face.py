@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from twilight.config import Config, load
 from twilight.engine import Solved, frames
 from twilight.engine import solve as solve_config
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 from twilight.scene.suns import count_suns
 from twilight.sky import Sky
 
@@ -101,9 +102,18 @@ def _config(
     keys = {**chosen, **{key: value for key, value in given.items() if value is not None}, **(settings or {})}
     if isinstance(scene, Config):
         if not keys:
-            return scene
+            return _own_model(scene)
         scene = scene.model_dump(mode="json", exclude_unset=True)
-    return load(scene, keys)
+    return _own_model(load(scene, keys))
+
+
+def _own_model(config: Config) -> Config:
+    """With the compact model of its own air, fitted first where there is none, for scenes that ask for that solver."""
+    if config.solver.get("name") != "compact":
+        return config
+    from twilight.fit.compact.own import with_own_model
+
+    return with_own_model(config, say=lambda sentence: warnings.warn(sentence, TwilightWarning, stacklevel=5))
 
 
 def _numbers(values: Any, name: str) -> list[float]:

@@ -116,7 +116,7 @@ def render(
     if plan:
         _print_plans(cases)
         return
-    from twilight.cli.first_run import say_that_it_compiles
+    from twilight.cli.first_run import own_models, say_that_it_compiles
     from twilight.cli.render_files import render_files
     from twilight.config.solver import resolve_solver
     from twilight.config.sun import SunElevation
@@ -129,6 +129,7 @@ def render(
             f"twilight: no sun is given: it stands at {default:+g} deg (--sun-elevation, or --at and a place)",
             file=sys.stderr,
         )
+    cases = own_models(cases)
     for name in sorted({resolve_solver(case.config.solver)[0] for case in cases}):
         say_that_it_compiles(name)
     render_files(cases, scene, chosen, output, overwrite)
@@ -202,6 +203,7 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
+    from twilight.fit.compact.own import needs_fit, waiting
     from twilight.scene.plan import make_plan, not_computed
 
     rows = []
@@ -213,18 +215,28 @@ def _print_plans(cases: list[Any]) -> None:
         if not left_out:
             rows.append([name, "nothing", "all that this program knows is computed", ""])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
-    print_table(
-        ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"],
-        [_size_row(case) for case in cases],
-        right=(1, 2, 3, 4, 5),
-    )
+    for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
+        print(sentence)
+    columns = ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"]
+    columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]
+    print_table(columns, [_size_row(case) for case in cases], right=tuple(range(1, len(columns))))
 
 
 def _size_row(case: Any) -> list[str]:
-    """What a scene takes, beside the program and the solver's field of one block of wavelengths."""
-    from twilight.engine.memory import takes
+    """What a scene takes; of a solver that does not say what its field does, that of the arrays alone."""
+    from twilight.engine.memory import takes_in_full
 
-    sizes = takes(case.config)
-    blocks = f"{sizes.blocks} of {sizes.at_once}"
+    sizes = takes_in_full(case.config)
+    blocks = f"{sizes.blocks} of {min(sizes.at_once, sizes.wavelengths)}"
     numbers = [f"{sizes.sky_bytes / 1e9:.3g}", f"{sizes.view_bytes / 1e9:.3g}" if sizes.view_bytes else "none"]
-    return [case.name or case.config.title, str(sizes.suns), str(sizes.wavelengths), blocks, *numbers]
+    in_full = ["-", "-", "-"]
+    if sizes.field_bytes is not None and sizes.total_bytes is not None and sizes.cpu_s is not None:
+        in_full = [f"{sizes.field_bytes / 1e9:.2g}", f"{sizes.total_bytes / 1e9:.2g}", _time(sizes.cpu_s)]
+    name = case.name or case.config.title
+    return [name, str(sizes.suns), str(sizes.wavelengths), blocks, *numbers, *in_full]
+
+
+def _time(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.2g} min" if seconds < 6000.0 else f"{seconds / 3600.0:.2g} h"

@@ -46,7 +46,8 @@ def estimate(
         str, option("NAMES", "Besides the aerosol's optical depth: humidity, ozone, albedo, or none.")
     ] = "humidity,ozone,albedo",
     library: Annotated[
-        Path | None, option("DIR", "Folder where computed skies are kept for other photographs of the same sun.")
+        Path | None,
+        option("DIR", "Folder where the fitted skies are kept, for other photographs of the same sun."),
     ] = None,
     white_balance: WhiteBalance = False,
     no_colour: Annotated[bool, typer.Option("--no-colour", help="Use the luminance only.")] = False,
@@ -62,10 +63,11 @@ def estimate(
 ) -> None:
     """Estimate aerosol, humidity, ozone, ground albedo and, on request, the sun's elevation from a photograph.
 
-    Computes a library of skies, fits them to the photograph, computes the sky of the best fit and compares it.  Writes
-    estimate.json, climate.yaml and what `twilight validate photo` writes.  Says what the photograph cannot tell.  The
-    skies are kept for the next photograph under the same sun (`twilight cache`).  Interrupted (Ctrl-C), it fits the
-    types that are there.
+    Emulates the skies of each aerosol type from a few computed ones, fits them to the photograph, computes the sky of
+    the best fit and compares it.  Writes estimate.json, climate.yaml and what `twilight validate photo` writes.  Says
+    what the photograph cannot tell, and how far emulated skies are off, which its uncertainties hold.  What a type was
+    emulated from is kept for the next photograph under a sun some degrees from this one's (`twilight cache`).
+    Interrupted (Ctrl-C), it fits the types that are there.
     """
     from twilight.config import load_series
     from twilight.io.whole import check_folder
@@ -188,7 +190,8 @@ def _estimate(
         seen = photograph.seen(azimuth, float(0.5 * (middle[0] + middle[-1])))
 
         def compute(name: str, values: Any) -> Any:
-            return sky_to_xyz(run(_scene(config, design, values, name, photograph.cell_deg)), observer=OBSERVER)
+            scene = _scene(config, design, values, name, photograph.cell_deg)
+            return sky_to_xyz(run(scene, plain_sun=True), observer=OBSERVER)
 
         made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
     unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []
@@ -201,6 +204,13 @@ def _estimate(
             "photograph": image.name,
             "scene": config.title,
             "suns_deg": suns,
+            "emulation": {
+                library.aerosol_type: {
+                    "luminance_rms": library.luminance_error,
+                    "uv_rms": library.chromaticity_error,
+                }
+                for library in libraries
+            },
             "estimates": facts(made),
             "remarks": [*sentences(made), *unseen],
         },
@@ -224,6 +234,12 @@ def _estimate(
     print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
     for line in [*sentences(made), *unseen]:
         print(line)
+    luminance = max(one.luminance_error for one in libraries)
+    chromaticity = max(one.chromaticity_error for one in libraries)
+    print(
+        f"emulated skies are off by up to {100 * luminance:.1f} % in luminance and {chromaticity:.4f} in u', v' "
+        "(root mean squares of a type); the uncertainties hold this"
+    )
     _compare(image, photograph, final, azimuth, options["white_balance"], folder)
     print(f"wrote estimate.json and climate.yaml to {folder}/")
     if left:

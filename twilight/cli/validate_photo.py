@@ -95,7 +95,7 @@ def _compare(
     note = ""
     with progress_bar() as bar:
         bar("looking at the photograph", 0.0)
-        for frame in frames(config, part_of(bar, 0.0, 0.9)):
+        for frame in frames(config, part_of(bar, 0.0, 0.9), plain_sun=count_suns(config) == 1):
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)

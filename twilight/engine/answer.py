@@ -38,6 +38,13 @@ def joined(answers: Sequence[Answer]) -> Answer:
     return Answer(*whole)
 
 
+def stacked(answers: Sequence[Answer]) -> Answer:
+    """One answer for all rows of a texture from those of some."""
+    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
+    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=0) for part in parts]
+    return Answer(*whole)
+
+
 def of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
     """The answer that holds Stokes parameters (..., 3, W)."""
     found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])

@@ -46,8 +46,8 @@ class Frame:
     view: Sight | None = None
 
 
-def run(config: Config, progress: Progress | None = None) -> Sky:
-    """The sky of a configuration with one sun.
+def run(config: Config, progress: Progress | None = None, *, plain_sun: bool = False) -> Sky:
+    """The sky of a configuration with one sun; plain_sun: as of `Problem`.
 
     Errors: TwilightError for a configuration with several suns (`frames` gives them one by one), and for whatever in
     the configuration cannot be computed.
@@ -55,16 +55,21 @@ def run(config: Config, progress: Progress | None = None) -> Sky:
     count = count_suns(config)
     if count > 1:
         raise TwilightError(f"sun: the configuration has {count} suns; frames gives them one by one")
-    return next(iter(frames(config, progress))).sky
+    return next(iter(frames(config, progress, plain_sun=plain_sun))).sky
 
 
 def frames(
-    config: Config, progress: Progress | None = None, *, wanted: Collection[str] | None = None, keep: bool = True
+    config: Config,
+    progress: Progress | None = None,
+    *,
+    wanted: Collection[str] | None = None,
+    keep: bool = True,
+    plain_sun: bool = False,
 ) -> Iterator[Frame]:
     """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
 
     wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  keep: whether fields are taken from disk and
-    left there, where the user keeps any.  Warns (TwilightWarning) of a black sky.
+    left there, where the user keeps any.  plain_sun: as of `Problem`.  Warns (TwilightWarning) of a black sky.
     As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
     """
     tell = progress or silent
@@ -77,7 +82,7 @@ def frames(
         return
     # ground far away has another sun than the observer
     asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
-    problem = problem_of(config, asked, kept=kept_fields() if keep else None)
+    problem = replace(problem_of(config, asked, kept=kept_fields() if keep else None), plain_sun=plain_sun)
     if config.observer.view is not None:
         check_view(config.observer.view, problem.capabilities, config.title)
     set_up_s = time.perf_counter() - started

@@ -33,6 +33,9 @@ DEFAULT_LIMIT_GB = 2.0
 _SUFFIX = ".field.h5"
 SKIES_SUFFIX = ".skies.npz"
 """Of skies that a study keeps beside the fields (`KeptFields.skies_path`), under the same limit."""
+MODEL_SUFFIX = ".model.npz"
+"""Of compact models (`KeptFields.model_path`)."""
+SUFFIXES = (_SUFFIX, SKIES_SUFFIX, MODEL_SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,10 @@ class KeptFields:
         """Where the skies of a study are, if they are there; key: a hash of all that enters."""
         return self.folder / f"{key}{SKIES_SUFFIX}"
 
+    def model_path(self, key: str) -> Path:
+        """Where a compact model is, if it is there; key: a hash of all that enters."""
+        return self.folder / f"{key}{MODEL_SUFFIX}"
+
     def write(self, path: Path, save: Callable[[Path], Any]) -> None:
         """Have a file written by `save` and make room for it."""
         with contextlib.suppress(OSError, TwilightError):  # what it holds is there, only not for the next time
@@ -82,7 +89,7 @@ class KeptFields:
     def files(self) -> list[KeptFile]:
         """What is there."""
         found = []
-        for path in (*self.folder.glob(f"*{_SUFFIX}"), *self.folder.glob(f"*{SKIES_SUFFIX}")):
+        for path in (p for suffix in SUFFIXES for p in self.folder.glob(f"*{suffix}")):
             with contextlib.suppress(OSError):  # removed by another process meanwhile
                 about = path.stat()
                 found.append(KeptFile(path, about.st_size, about.st_mtime))
@@ -103,8 +110,13 @@ class KeptFile:
 
     @property
     def is_field(self) -> bool:
-        """Whether it is a solved field; else the skies of a study."""
+        """Whether it is a solved field."""
         return self.path.name.endswith(_SUFFIX)
+
+    @property
+    def is_model(self) -> bool:
+        """Whether it is a compact model; else, if no field, the skies of a study."""
+        return self.path.name.endswith(MODEL_SUFFIX)
 
 
 def _add(digest: Any, value: Any) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from twilight import solvers
 from twilight.colour import TONE_MAPPINGS
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
+from twilight.engine.solve import VALUES_AT_ONCE, problem_of
 from twilight.errors import TwilightError
 from twilight.scene.medium import wavelengths_of
-from twilight.scene.suns import count_suns
+from twilight.scene.suns import count_suns, suns_of
 
 ARRAYS_AT_ONCE = 4
 """Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
@@ -27,13 +30,21 @@ BYTES_WHOLE = 200
 """More where the whole view is held: its rays, the film's channels and what develops them."""
 
 
+PROGRAM_BYTES = 2.8e8
+"""Of the program with its libraries and machine code."""
+BYTES_OF_A_LOOK = 700
+"""Of a direction and wavelength while a field is asked for it."""
+
+
 @dataclass(frozen=True)
-class Takes:
+class SceneTakes:
     """What a scene takes.
 
-    blocks: in which its wavelengths are solved, one after the other, of at most `at_once`; more where gases have bands
-    sky_bytes: of the arrays of one sky and its pictures at the same time; view_bytes: of the picture of a view.  The
-    field of one block and the program itself are not in them.
+    blocks: in which its wavelengths are solved, one after the other, of at most `at_once`
+    sky_bytes: of the arrays of one sky and its pictures at the same time; view_bytes: of the picture of a view.
+    field_bytes: of the field of one block, while it is solved; total_bytes: the most that all take together, with the
+        program; cpu_s: processor time on a quiet core of some 3 GHz, machine code being there.  None for solvers that
+        do not say.
     """
 
     suns: int
@@ -42,10 +53,47 @@ class Takes:
     blocks: int
     sky_bytes: int
     view_bytes: int
+    field_bytes: float | None = None
+    total_bytes: float | None = None
+    cpu_s: float | None = None
 
 
-def takes(config: Config) -> Takes:
-    """What a configuration's scene takes; a table's wavelengths, which are in its file, count as one."""
+def takes_in_full(config: Config) -> SceneTakes:
+    """What a configuration's scene takes, its field too; a second's work at many wavelengths.
+
+    Errors: TwilightError for whatever in the configuration cannot be computed.
+    """
+    sizes = takes(config)
+    suns = [sun.elevation_deg for sun in suns_of(config)]
+    problem = problem_of(config, None if config.terrain is not None else suns)
+    blocks = len(problem.slices)
+    sizes = replace(sizes, wavelengths=problem.medium.n_wavelengths, at_once=problem.wavelengths_at_once, blocks=blocks)
+    found = problem.takes
+    if found is None:
+        return sizes
+    lanes = np.ones(problem.medium.n_wavelengths, int) if problem.bands is None else problem.bands.lanes
+    of_blocks = [int(lanes[part].sum()) for part in problem.slices]
+    field = max(found.n_bytes(n) for n in of_blocks)
+    rows, columns = config.texture.shape
+    directions = rows * (columns // 2 + 1)
+    width = config.texture.latlong_width
+    if width is not None:
+        directions += width // 4 * (width // 2 + 1)
+    look = BYTES_OF_A_LOOK * min(VALUES_AT_ONCE, directions * max(of_blocks))
+    solved = sum(-(-n // found.together) * found.together for n in of_blocks)
+    seconds = found.cpu_s_per_wavelength * solved + found.cpu_s_per_look * len(suns) * directions * int(lanes.sum())
+    # a sky is whole when the field of its last block is still there
+    return replace(
+        sizes,
+        field_bytes=field,
+        total_bytes=PROGRAM_BYTES + field + max(look, sizes.sky_bytes) + sizes.view_bytes,
+        cpu_s=seconds,
+    )
+
+
+def takes(config: Config) -> SceneTakes:
+    """What a configuration's skies take, without their field; a table's wavelengths, which are in its file, count as
+    one."""
     rows, columns = config.texture.shape
     width, spectral_width = config.texture.latlong_width or config.output.width, config.output.spectral_width
     wavelength_nm = wavelengths_of(config)
@@ -59,7 +107,7 @@ def takes(config: Config) -> Takes:
         values += width * width // 4 * n_wavelengths
     arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None else 0)
     at_once = min(able.wavelengths_at_once, n_wavelengths)
-    return Takes(
+    return SceneTakes(
         count_suns(config),
         n_wavelengths,
         at_once,

@@ -26,7 +26,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.disc import Disc
-from twilight.engine.answer import Answer, joined, of_stokes, sky_of, summed
+from twilight.engine.answer import Answer, joined, of_stokes, sky_of, stacked, summed
 from twilight.engine.disc import make_disc
 from twilight.engine.kept import KeptFields, kept_fields
 from twilight.engine.sunbeam import Direct, Sunbeam
@@ -36,7 +36,13 @@ from twilight.progress import Progress, part_of, silent
 from twilight.scene.medium import climate_bands, climate_medium, wavelengths_of
 from twilight.scene.plan import LeftOut, make_plan
 from twilight.sky import Sky
-from twilight.solvers.base import Capabilities, Field, Solver
+from twilight.solvers.base import Capabilities, Field, Solver, Takes
+
+FIELD_BYTES = 1.0e9
+"""Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
+VALUES_AT_ONCE = 400_000
+"""Directions times wavelengths of a texture that a solver is asked for at once, by rows: what it needs for each of them
+is gone before the next."""
 
 
 def check_ground(medium: Medium, solver: Solver) -> None:
@@ -56,6 +62,7 @@ class Problem:
     title: what to call it in errors; left_out: what the plan of its scene left out of the medium.
     kept: where solved fields are taken from and left for the next time; None: every field is solved here.
     bands: of gases, whose lanes are solved in place of the medium's wavelengths and summed.
+    plain_sun: the sun's own light on the ground is found by quadrature, where one sun is not worth tables.
     """
 
     medium: Medium
@@ -67,6 +74,7 @@ class Problem:
     left_out: tuple[LeftOut, ...] = ()
     kept: KeptFields | None = None
     bands: Bands | None = None
+    plain_sun: bool = False
 
     def __post_init__(self) -> None:
         check_ground(self.medium, self.solver)
@@ -87,14 +95,30 @@ class Problem:
         return self.medium.bottom_km if self.observer_altitude_km is None else self.observer_altitude_km
 
     @cached_property
+    def takes(self) -> Takes | None:
+        """What its fields take, where the solver knows."""
+        if self.capabilities.takes is None:
+            return None
+        known = self.sun_elevations_deg if self.capabilities.takes_suns else None
+        return self.capabilities.takes(self.medium, self.settings, known, self.altitude_km)
+
+    @cached_property
+    def wavelengths_at_once(self) -> int:
+        """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold."""
+        most = self.capabilities.wavelengths_at_once
+        if self.takes is None or self.medium.n_wavelengths <= self.takes.together:
+            return most
+        return self.takes.at_once(most, FIELD_BYTES)
+
+    @cached_property
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as places in those of the medium.
 
-        A block holds as many lanes as the solver takes at once, at least one wavelength.  Wavelengths that are not
+        A block holds `wavelengths_at_once` lanes at most, at least one wavelength.  Wavelengths that are not
         alike to the solver share no block, nor do those in a band with others, whose grids would follow the band's
         darkest lane, unless a file is to hold them all.
         """
-        step, count = self.capabilities.wavelengths_at_once, self.medium.n_wavelengths
+        step, count = self.wavelengths_at_once, self.medium.n_wavelengths
         lanes = np.ones(count, int) if self.bands is None else self.bands.lanes
         keys: list[Any] = [0] * count
         if count > 1 and not (self.capabilities.field_file and self.settings.field_file):
@@ -140,7 +164,7 @@ class Block:
         self.problem, self.wavelengths, self.medium, self.bands = problem, wavelengths, medium, bands
         self.capabilities = problem.capabilities
         self._lanes = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain)
+        self.sunbeam = Sunbeam(self._lanes, self.capabilities.plain or problem.plain_sun)
         self._progress = progress
         self._altitude_km = problem.altitude_km
         self.from_disk = False
@@ -243,8 +267,13 @@ class Block:
             # means
             return replace(found, radiance=np.maximum(found.radiance, 0.0))
         column, back = half_of(azimuth_deg)
-        e, a = np.meshgrid(elevation_deg, azimuth_deg[column], indexing="ij")
-        half = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+        columns = azimuth_deg[column]
+        rows_at_once = max(1, VALUES_AT_ONCE // (columns.size * self._lanes.n_wavelengths))
+        parts = []
+        for start in range(0, elevation_deg.size, rows_at_once):
+            e, a = np.meshgrid(elevation_deg[start : start + rows_at_once], columns, indexing="ij")
+            parts.append(self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True))
+        half = parts[0] if len(parts) == 1 else stacked(parts)
         if half.polarisation is None:
             return Answer(half.radiance[:, back])
         mirrored = half.polarisation[:, back]

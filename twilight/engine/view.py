@@ -30,6 +30,8 @@ from twilight.transport.scaling import delta_scaled
 SUN_RADIUS_DEG = 0.2666
 GROWTH, LARGEST_STEP_DEG = 0.06, 2.0
 """Steps grow by this share of the distance from where they are finest, to at most this."""
+COARSEST_DEG = 0.5
+"""Elevations at the horizon are no farther apart, however coarse the pixels are."""
 HORIZON_BAND_DEG = (-0.15, 0.6)
 """About the horizon of straight lines: where refraction may move it; steps there are a pixel."""
 GROUND_STEP_DEG = 0.5
@@ -158,7 +160,7 @@ def see(block: Block, view: View, sun_elevation_deg: float) -> Look:
     medium = block.medium
     above_ground = block.problem.altitude_km - medium.bottom_km
     radius = medium.earth_radius_km + medium.bottom_km
-    e = elevation_nodes(low, high, pitch, above_ground, radius, sun_elevation_deg)
+    e = elevation_nodes(low, high, min(pitch, COARSEST_DEG), above_ground, radius, sun_elevation_deg)
     a = azimuth_nodes(left, right, pitch, above_ground)
     found = block.answer(sun_elevation_deg, *np.meshgrid(e, a, indexing="ij")).radiance
     return Look(view, e, a, found, pitch, sun_elevation_deg)

@@ -29,6 +29,27 @@ from twilight.progress import Progress
 
 
 @dataclass(frozen=True)
+class Takes:
+    """What a field will take: bytes of all its wavelengths together and of each, processor seconds of a wavelength and
+    of a wavelength in a direction; `together` wavelengths take as much as one."""
+
+    fixed_bytes: float
+    bytes_per_wavelength: float
+    cpu_s_per_wavelength: float
+    cpu_s_per_look: float
+    together: int = 1
+
+    def n_bytes(self, wavelengths: int) -> float:
+        """Of a field of so many wavelengths."""
+        return self.fixed_bytes + self.bytes_per_wavelength * self.together * -(-wavelengths // self.together)
+
+    def at_once(self, most: int, n_bytes: float) -> int:
+        """The most wavelengths of a field that takes no more than so many bytes: up to `most`, at least `together`."""
+        room = (n_bytes - self.fixed_bytes) / (self.bytes_per_wavelength * self.together)
+        return max(self.together, min(most, self.together * int(max(room, 0.0))))
+
+
+@dataclass(frozen=True)
 class Capabilities:
     """What a solver declares; the defaults are those of the least that can be asked of one.
 
@@ -52,6 +73,8 @@ class Capabilities:
     alike: keys of the wavelengths of a medium under settings; those with different keys share no block, for one would
         move the other; None: none moves another
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
+    takes: what a field of a medium will take under settings, suns (None: any) and the altitude of an observer; None:
+        not known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -73,6 +96,7 @@ class Capabilities:
     plain: bool = False
     alike: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     formula: bool = False
+    takes: Callable[[Medium, Any, Sequence[float] | None, float], Takes] | None = None
     package: str = ""
 
     @property

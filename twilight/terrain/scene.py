@@ -43,6 +43,10 @@ NEAREST = 1e-3
 """The nearest of them, over the length of the line."""
 
 
+BELOW_HORIZON = (1e-5, 1e-3, 4e-3, 0.01, 0.02, 0.04, 0.07, 0.11, 0.17, 0.25, 0.4, 0.6)
+"""Elevations of nodes below it, in dips of the horizon; lines there are 1.00, 0.96, 0.91 ... times as long as to it."""
+
+
 class Place(NamedTuple):
     """Where one looks from: altitude [km], true elevation of the sun [deg] and how far it is lifted [deg]."""
 
@@ -155,9 +159,10 @@ class _Perspective:
         self.height_km = place.altitude_km - medium.bottom_km
         self.elevation, self.folded = elevation_deg, np.minimum(azimuth_deg, 360.0 - azimuth_deg)
         low, high = float(elevation_deg.min()), float(elevation_deg.max())
-        self.e = np.unique(
-            np.concatenate([np.linspace(low, high, ELEVATIONS), np.clip([-1, -0.3, 0, 0.3, 1], low, high)])
-        )
+        # the length of a line changes ever faster towards the horizon of the medium's ground
+        dip = np.degrees(np.arccos(min(1.0, (self.radius_km - self.height_km) / self.radius_km)))
+        near = np.concatenate([[-1, -0.3, 0, 0.3, 1], -dip - dip * np.array(BELOW_HORIZON), [-dip + 1e-4]])
+        self.e = np.unique(np.concatenate([np.linspace(low, high, ELEVATIONS), np.clip(near, low, high)]))
         first, last = float(self.folded.min()), float(self.folded.max())
         around = np.array([0, 0.5, 1, 2, 3.5, 5, 7.5, 10, 15, 20, 30, 45, 60, 80, 100, 120, 150, 180.0])
         self.a = np.unique(np.concatenate([[first, last], around[(around > first) & (around < last)]]))

@@ -18,7 +18,7 @@ from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.errors import TwilightError
 from twilight.fit.compact import training
-from twilight.fit.compact.decompose import absorption_spectra, decompose, refine_wavelengths, spline_coefficients
+from twilight.fit.compact.decompose import absorption_spectra, decompose, refine_wavelengths
 from twilight.fit.compact.training import Air, Clock, Skies, compute_skies
 from twilight.io.provenance import configuration_hash
 from twilight.io.whole import whole_file
@@ -26,6 +26,7 @@ from twilight.progress import Progress, part_of, silent
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
 from twilight.solvers.compact.recognise import air_of
+from twilight.splines import spline_coefficients
 
 GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
 RANKS = {"dark": (80, 36, 12, 6), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}

@@ -35,6 +35,10 @@ AIR = ("the optical depth of the air's own scattering", "the mean altitude of th
 PLACE = ("the altitude of the ground", "the refractivity of the air at the ground")
 
 
+class OtherAir(TwilightError):
+    """A medium is of other air than a model's."""
+
+
 @dataclass(frozen=True)
 class Recognised:
     """The aerosol optical depth at 550 nm and the ozone column [DU] of a medium; None: the model's own."""
@@ -142,11 +146,11 @@ def _ozone(medium: Medium, model: CompactSky, name: str) -> float | None:
 
 
 def _check(what: str, mine: np.ndarray, its: np.ndarray, wavelength_nm: np.ndarray, name: str) -> None:
-    """TwilightError where a column of a medium (W,) is not that of the model's air."""
+    """OtherAir where a column of a medium (W,) is not that of the model's air."""
     wrong = np.abs(mine - its) > TOLERANCE * np.abs(its) + LEAST_DEPTH
     if wrong.any():
         w = int(np.argmax(np.abs(mine - its) * wrong))
-        raise TwilightError(
+        raise OtherAir(
             f"the compact model {name} is of other air: {what} is {mine[w]:.4g} here at {wavelength_nm[w]:g} nm, and "
             f"{its[w]:.4g} in the model's; take --solver zones, or fit a model of this climate: twilight fit compact"
         )

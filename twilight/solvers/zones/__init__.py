@@ -5,6 +5,7 @@ from twilight.solvers.zones.alike import alike
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
+from twilight.solvers.zones.takes import takes
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -17,6 +18,7 @@ CAPABILITIES = Capabilities(
     field_file=True,
     ahead="twilight.solvers.zones.ahead",
     alike=alike,
+    takes=takes,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]

@@ -34,7 +34,7 @@ from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import USUAL_TURN_RAD, reference_turns, view_multiple
 from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of, view_sunlit_water
 from twilight.threads import in_slices
-from twilight.transport.around import Directions, smooth_around
+from twilight.transport.around import Directions, once_each, smooth_around
 from twilight.transport.beam import Beam, beam_at, prepare_beam
 from twilight.transport.bundle import trace_rays
 from twilight.transport.lines import ANGLE, horizon_cosine, with_refraction
@@ -293,32 +293,30 @@ class Field(BareField):
             np.asarray(azimuth_deg, dtype=float),
             np.asarray(np.inf if distance_km is None else distance_km, dtype=float),
         )
-        e, a = elevation.ravel(), np.radians(azimuth.ravel())
-        rows, row_of = np.unique(np.stack([e, far.ravel()]), axis=1, return_inverse=True)
-        row_elevation, row_of = rows[0], row_of.ravel()
-        order = np.argsort(row_of, kind="stable")
-        row_first = np.searchsorted(row_of[order], np.arange(row_elevation.size + 1))
-        directions = Directions(row_first, np.cos(a)[order], math.radians(90.0 - sun_elevation_deg))
+        ends = np.stack([elevation.ravel(), far.ravel()])
+        rows, row_of = np.unique(ends, axis=1, return_inverse=True)
+        row_of, place, of_place = once_each(row_of.ravel(), azimuth.ravel())
+        row_elevation = np.radians(rows[0])
+        row_first = np.searchsorted(row_of, np.arange(row_elevation.size + 1))
+        directions = Directions(row_first, np.cos(np.radians(place)), math.radians(90.0 - sun_elevation_deg))
         with_ground = distance_km is None
         density = self.settings.sight_density
         sights = self._sights.get(
             (altitude, with_ground, rows.tobytes()),
             lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
         )
-        sorted_elevation = np.radians(e[order])
         lift = self._sun_lift(altitude, directions.zenith_rad)
-        out = np.zeros((e.size, n_stokes, self.medium.n_wavelengths))
+        out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
             seen = self._multiple(sights, directions, block, solution, n_stokes)
             out[:, :, part] = seen[:, :, : part.stop - part.start]
-        self._add_single(sights, directions, np.radians(row_elevation), sorted_elevation, lift, out)
+        self._add_single(sights, directions, row_elevation, row_elevation[row_of], lift, out)
         self._sights.trim()
+        result = out[of_place]
         if n_stokes > 1:
             # all was computed to the right of the sun; left of it the vibration leans the other way
-            out[:, 2] *= np.where(np.sin(a[order]) < 0.0, -1.0, 1.0)[:, None]
-        result = np.empty_like(out)
-        result[order] = out
+            result[:, 2] *= np.where(np.sin(np.radians(azimuth.ravel())) < 0.0, -1.0, 1.0)[:, None]
         return result.reshape(*elevation.shape, *out.shape[1:])
 
     def _sun_lift(self, altitude_km: float, zenith_rad: float) -> float:

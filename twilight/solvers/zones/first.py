@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.kernels import njit
+from twilight.lanes import LANES, exp, read, same, write
 from twilight.solvers.zones.passes import ONE, ZERO
-from twilight.solvers.zones.paths import LANES
 from twilight.solvers.zones.sunlight import N_ANGLE
 
 
@@ -53,16 +53,14 @@ def scatter_sunlight(
     """
     n_zenith, n_azimuth, n_stokes = out.shape[2], out.shape[3], out.shape[4]
     n_species = point.share.shape[1]
+    share, log_light = point.share, beams.log_light
     of_ray = np.zeros((n_zenith, n_azimuth, n_species, LANES), np.float32)
     of_ray_12 = np.zeros((n_zenith, n_azimuth, n_species, LANES) if n_stokes > 1 else (1, 1, 1, LANES), np.float32)
-    exponent = np.zeros(LANES, np.float32)
-    source = np.zeros(LANES, np.float32)
     last = turning.shape[0] - 2
     scale = np.float32(N_ANGLE / math.sqrt(beams.span_rad))
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
-            sums = out[node, i]
             look_up(scattered.p11, scattered.angle[node, i], of_ray)
             if n_stokes > 1:
                 look_up(scattered.p12, scattered.angle[node, i], of_ray_12)
@@ -70,52 +68,38 @@ def scatter_sunlight(
                 row = beams.row[k]
                 f = beams.share[k]
                 g = ONE - f
-                lower, upper = beams.log_light[row], beams.log_light[row + 1]
                 shadow = g * np.float32(beams.edge_rad[row]) + f * np.float32(beams.edge_rad[row + 1])
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
                 h0 = ONE - h1
-                near, far = turning[step], turning[step + 1]
-                strength, share = point.weight[k], point.share[k]
+                strength = read(point.weight, k)
                 for t in range(n_zenith):
                     for a in range(n_azimuth):
-                        inside = shadow - (h0 * near[t, a, 2] + h1 * far[t, a, 2])
+                        inside = shadow - (h0 * turning[step, t, a, 2] + h1 * turning[step + 1, t, a, 2])
                         if inside < ZERO:
                             continue
                         x = scale * math.sqrt(inside)
                         j = min(int(x), N_ANGLE - 1)
                         b1 = x - np.float32(j)
                         b0 = ONE - b1
-                        c0, c1, c2, c3 = g * b0, g * b1, f * b0, f * b1
-                        u0, u1, v0, v1 = lower[j], lower[j + 1], upper[j], upper[j + 1]
-                        for w in range(LANES):
-                            exponent[w] = c0 * u0[w] + c1 * u1[w] + c2 * v0[w] + c3 * v1[w]
-                            source[w] = ZERO
-                        of_species = of_ray[t, a]
+                        low = b0 * read(log_light, (row, j)) + b1 * read(log_light, (row, j + 1))
+                        high = b0 * read(log_light, (row + 1, j)) + b1 * read(log_light, (row + 1, j + 1))
+                        light = strength * exp(g * low + f * high)
+                        source = same(ZERO)
                         for s in range(n_species):
-                            r0, r1 = share[s], of_species[s]
-                            for w in range(LANES):
-                                source[w] += r0[w] * r1[w]
-                        total = sums[t, a, 0]
-                        for w in range(LANES):
-                            exponent[w] = strength[w] * math.exp(exponent[w])
-                            total[w] += exponent[w] * source[w]
+                            source += read(share, (k, s)) * read(of_ray, (t, a, s))
+                        write(out, (node, i, t, a, 0), read(out, (node, i, t, a, 0)) + light * source)
                         if n_stokes > 1:
-                            for w in range(LANES):
-                                source[w] = ZERO
-                            of_species = of_ray_12[t, a]
+                            source = same(ZERO)
                             for s in range(n_species):
-                                r0, r1 = share[s], of_species[s]
-                                for w in range(LANES):
-                                    source[w] += r0[w] * r1[w]
+                                source += read(share, (k, s)) * read(of_ray_12, (t, a, s))
+                            light = light * source
                             of_q, of_u = scattered.turn[node, i, t, a, 0], scattered.turn[node, i, t, a, 1]
-                            q, r = sums[t, a, 1], sums[t, a, 2]
-                            for w in range(LANES):
-                                q[w] += of_q * exponent[w] * source[w]
-                                r[w] += of_u * exponent[w] * source[w]
+                            write(out, (node, i, t, a, 1), read(out, (node, i, t, a, 1)) + of_q * light)
+                            write(out, (node, i, t, a, 2), read(out, (node, i, t, a, 2)) + of_u * light)
             if ground_weight[ray].max() > ZERO:
-                add_sunlit_ground(turning, ground_angle[ray], beams, ground_weight[ray], ground_factor, sums)
+                add_sunlit_ground(turning, ground_angle[ray], beams, ground_weight, ray, ground_factor, out[node, i])
 
 
 @njit(cache=True, nogil=True)
@@ -127,14 +111,19 @@ def look_up(table, angle, out):
             j = min(int(x), table.shape[0] - 2)
             b1 = x - np.float32(j)
             for s in range(out.shape[2]):
-                for w in range(LANES):
-                    out[t, a, s, w] = (ONE - b1) * table[j, s, w] + b1 * table[j + 1, s, w]
+                write(out, (t, a, s), (ONE - b1) * read(table, (j, s)) + b1 * read(table, (j + 1, s)))
 
 
-@njit(cache=True, nogil=True)
-def add_sunlit_ground(turning, place, beams, transmittance, ground_factor, sums):
-    """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES)."""
+@njit(inner=True, cache=True, nogil=True)
+def add_sunlit_ground(turning, place, beams, transmittance, ray, ground_factor, sums):
+    """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES).
+
+    turning (N, T, F, 3): as in `Turning`; beams: `Beams`; transmittance (R, LANES): of all rays; place: in the turning
+    table, ground_factor: as in `scatter_sunlight`.
+    """
     step = min(int(place), turning.shape[0] - 2)
+    log_ground = beams.log_ground
+    reflected = read(transmittance, ray) * read(ground_factor, ())
     h1 = place - np.float32(step)
     scale = np.float32(N_ANGLE / math.sqrt(beams.span_rad))
     for t in range(sums.shape[0]):
@@ -147,9 +136,5 @@ def add_sunlit_ground(turning, place, beams, transmittance, ground_factor, sums)
             x = scale * math.sqrt(inside)
             j = min(int(x), N_ANGLE - 1)
             b1 = x - np.float32(j)
-            for w in range(LANES):
-                sums[t, a, 0, w] += (
-                    transmittance[w]
-                    * ground_factor[w]
-                    * math.exp((ONE - b1) * beams.log_ground[j, w] + b1 * beams.log_ground[j + 1, w])
-                )
+            light = exp((ONE - b1) * read(log_ground, j) + b1 * read(log_ground, j + 1))
+            write(sums, (t, a, 0), read(sums, (t, a, 0)) + reflected * light)

@@ -11,14 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.lanes import LANES
 from twilight.solvers.zones.grid import Series, even_harmonics
 from twilight.solvers.zones.polarised import patterns
 from twilight.transport.bundle import Rays, species_share
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE
 from twilight.transport.matrix_moments import MatrixMoments
-
-LANES = 8
-"""Wavelengths that the inner loops take at once: one vector register."""
 
 
 def lanes_of(array: np.ndarray, block: int) -> np.ndarray:

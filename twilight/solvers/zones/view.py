@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from twilight.kernels import njit
-from twilight.solvers.zones.passes import LEAST, ONE, TWO, ZERO, add_waves, slab
-from twilight.solvers.zones.paths import LANES
+from twilight.lanes import LANES, at_least, exp, read, write
+from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab, source_room, wave_of_i, waves_of_q_and_u
 from twilight.solvers.zones.water import add_amplitudes
 from twilight.transport.lines import ANGLE, COSINE
 
@@ -35,7 +35,10 @@ def reference_turns(rays, elevation: np.ndarray, lift: float) -> tuple[float, np
 
 @njit(cache=True, inline="always")
 def fine_interval(fine, angle, low, high):
-    """Interval j of the fine grid of solar zenith angles that holds `angle`, within low..high, and the way into it."""
+    """Interval j of a fine grid of solar zenith angles that holds `angle`, within low..high, and the way into it.
+
+    fine (T',) [rad]: the grid; angle [rad].
+    """
     j = min(max(np.searchsorted(fine, angle, side="right") - 1, low), high)
     return j, np.float32(min(1.0, max(0.0, (angle - fine[j]) / (fine[j + 1] - fine[j]))))
 
@@ -54,10 +57,8 @@ def view_multiple(
     """
     n_nodes = zenith_nodes.size
     per_interval = rule.per_interval
-    fine_log = np.zeros((fine.size, LANES), np.float32)
-    fine_wave = np.zeros((fine.size, series.orders + 2 * series.pattern_orders, LANES), np.float32)
-    wave = np.zeros(LANES, np.float32)
-    scale = np.zeros(LANES, np.float32)
+    source = source_room(point, light, rule, series)
+    log_mean, waves = source.log_mean, source.wave
     sums = np.zeros((3, LANES), np.float32)
     zenith = directions.zenith_rad
     ct, st = math.cos(zenith), math.sin(zenith)
@@ -70,8 +71,8 @@ def view_multiple(
             high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
             low = min(low, n_nodes - 2)
             high = max(high, low + 1)
-            slab(point, k, light, rule, series, low, high, fine_log, fine_wave)
-            strength = point.weight[k]
+            slab(point, k, light, rule, series, low, high, source)
+            strength = read(point.weight, k)
             highest = point.highest[k]
             cp, sp = math.cos(psi), math.sin(psi)
             for d in range(directions.first[r], directions.first[r + 1]):
@@ -82,23 +83,15 @@ def view_multiple(
                 angle = math.acos(min(1.0, max(-1.0, up)))
                 j, b1 = fine_interval(fine, angle, low * per_interval, high * per_interval - 1)
                 b0 = ONE - b1
-                u, v = fine_wave[j], fine_wave[j + 1]
-                for w in range(LANES):
-                    wave[w] = b0 * u[0, w] + b1 * v[0, w]
-                before, here = ONE, c
-                for m in range(1, highest + 1):
-                    for w in range(LANES):
-                        wave[w] += here * (b0 * u[m, w] + b1 * v[m, w])
-                    before, here = here, TWO * c * here - before
-                for w in range(LANES):
-                    scale[w] = strength[w] * math.exp(b0 * fine_log[j, w] + b1 * fine_log[j + 1, w])
-                    out[d, 0, w] += scale[w] * max(LEAST, wave[w])
+                mean = strength * exp(b0 * read(log_mean, j) + b1 * read(log_mean, j + 1))
+                write(sums, 0, mean * at_least(wave_of_i(waves, j, b0, b1, c, highest), LEAST))
                 if out.shape[1] > 1:
-                    sums[:] = ZERO
-                    add_waves(u, v, b0, b1, c, series.orders, series.pattern_orders, scale, sums)
+                    q, u = waves_of_q_and_u(waves, j, b0, b1, c, series.orders, series.pattern_orders)
+                    write(sums, 1, mean * q)
+                    write(sums, 2, mean * u)
+                for s in range(out.shape[1]):
                     for w in range(LANES):
-                        out[d, 1, w] += sums[1, w]
-                        out[d, 2, w] += sums[2, w]
+                        out[d, s, w] += sums[s, w]
         if ground_weight[r].max() > ZERO:
             cp, sp = math.cos(ground_angle[r]), math.sin(ground_angle[r])
             for d in range(directions.first[r], directions.first[r + 1]):

@@ -7,7 +7,8 @@ request, one free white balance) over a library of precomputed skies (``library`
 alike over some degrees, and the photograph counts as N = clear solid angle / CORRELATED_SR independent places with
 three numbers each.  Errors that the fit cannot see because they are alike over the whole sky (vignetting left over,
 the camera's colours, the solver) are taken to be FLOOR, in M places, 1 to SYSTEMATIC_PLACES by the share of the
-hemisphere that is seen.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is the sum of squares of the residuals.
+hemisphere that is seen; the library's own error is added to it.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is
+the sum of squares of the residuals.
 Standard errors are from its curvature, intervals from its profile (chi^2 + 1, all others fitted again).
 
 *A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than
@@ -39,6 +40,8 @@ AT_BOUND = 1e-6
 STEP = 2e-3
 """Step of the Jacobian's differences, as a share of a parameter's range."""
 REFINEMENTS = 2
+SETTLED = 0.01
+"""A fit that moves by less, as a share of every parameter's range, is not refined again."""
 
 Refine = Callable[[str, Mapping[str, float]], np.ndarray]
 """From an aerosol type and the values of all parameters to the XYZ (E, A, 3) of that sky on the library's texture."""
@@ -101,15 +104,21 @@ class _Problem:
     def variance(self, q: float) -> float:
         """Of the mean over the sky of one number, for a best sum of squares q."""
         seen = float(self.photo.solid_angle_sr.sum()) / (2.0 * np.pi)
-        return q / self.places + FLOOR / (1.0 + (SYSTEMATIC_PLACES - 1.0) * seen)
+        library = (self.library.luminance_error / LOG_SCALE) ** 2
+        if self.with_colour:
+            library += (self.library.chromaticity_error / CHROMATICITY_SCALE) ** 2
+        return q / self.places + (FLOOR + library) / (1.0 + (SYSTEMATIC_PLACES - 1.0) * seen)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         scaled = self.low + x * (self.high - self.low)
         return {p.name: float(p.value(s)) for p, s in zip(self.parameters, scaled, strict=True)}
 
-    def correct(self, x: np.ndarray, xyz: np.ndarray) -> None:
-        """Move the library by what it is off at x, where the sky itself is xyz (E, A, 3)."""
-        off = self.library.cells(self.photo, xyz).reshape(-1) - self.library.weights(self.values(x)) @ self.table
+    def off(self, x: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+        """What the library is off at x, where the sky itself is xyz (E, A, 3); (1, cells x 3)."""
+        return self.library.cells(self.photo, xyz).reshape(1, -1) - self.library.weights(self.values(x)) @ self.table
+
+    def correct(self, off: np.ndarray) -> None:
+        """Move all skies of the library by what it is off."""
         self.table = self.table + off  # the weights of all skies sum to 1
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
@@ -163,8 +172,9 @@ def estimate(
 ) -> list[Estimate]:
     """The best climate of every library, the best type first.
 
-    refine: computes the sky of a climate itself; the best type is then fitted again with what its library is off there
-    taken out, REFINEMENTS times, so that the design's spacing does not bias the result.
+    refine: computes the sky of a climate itself; all types are then fitted again with what the library of the best is
+    off there taken out, REFINEMENTS times at most, so that neither the design's spacing nor the solver's quality in the
+    library biases the result.
 
     Errors: TwilightError without a library, and where a library's suns do not suit the photograph.
     """
@@ -178,13 +188,17 @@ def estimate(
         for start, share in zip(starts, (0.2, 0.5, 0.8), strict=True):
             start[0] = share
         fits.append((problem, *min((problem.fit(start) for start in starts), key=lambda f: f[1])))
-    if refine is not None:
-        i = int(np.argmin([q for _, _, q, _ in fits]))
-        for _ in range(REFINEMENTS):
-            problem, x, _, _ = fits[i]
-            progress(f"computing the sky of the best {problem.library.aerosol_type}", 0.45)
-            problem.correct(x, refine(problem.library.aerosol_type, problem.values(x)))
-            fits[i] = (problem, *problem.fit(x))
+    for _ in range(0 if refine is None else REFINEMENTS):
+        assert refine is not None
+        problem, x, _, _ = fits[int(np.argmin([q for _, _, q, _ in fits]))]
+        progress(f"computing the sky of the best {problem.library.aerosol_type}", 0.45)
+        off = problem.off(x, refine(problem.library.aerosol_type, problem.values(x)))
+        for i, (other, start, _, _) in enumerate(fits):
+            other.correct(off)
+            fits[i] = (other, *other.fit(start))
+        moved = next(found for other, found, _, _ in fits if other is problem)
+        if np.abs(moved - x).max() < SETTLED:
+            break
     best = min(q for _, _, q, _ in fits)
     made = []
     for i, (problem, x, q, jacobian) in enumerate(fits):

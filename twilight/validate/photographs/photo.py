@@ -103,7 +103,8 @@ def simulated_sky(sky: Sky, photo: PhotoSky) -> PhotoSky:
 
 
 def seen_as(photo: PhotoSky, sky: Sky, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """XYZ on the grid of ``sky`` taken to the fine grid (e, a, 3) and to the cells (E, A, 3) of a photograph."""
+    """XYZ, of one sky or more, on the grid of ``sky`` taken to the fine grid (e, a, N) and the cells (E, A, N) of a
+    photograph."""
     rows, columns = photo.fine_elevation_deg, photo.fine_azimuth_deg
     fine = np.asarray(sky.smooth(xyz, rows[:, None], columns[None, :]), float)
     k = rows.size // photo.elevation_deg.size
@@ -114,11 +115,11 @@ def seen_as(photo: PhotoSky, sky: Sky, xyz: np.ndarray) -> tuple[np.ndarray, np.
 def _average(
     fine: np.ndarray, clear: np.ndarray, rows_deg: np.ndarray, k: int, step_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means over clear fine cells by solid angle (E, A, 3), NaN where too few; and their solid angle (E, A)."""
+    """Means (E, A, N) over clear fine cells (e, a, N) by solid angle, NaN where too few; their solid angle (E, A)."""
     weight = clear * np.cos(np.radians(rows_deg))[:, None]
     e, a = fine.shape[0] // k, fine.shape[1] // k
     total = np.where(clear[..., None], fine, 0.0) * weight[..., None]
-    total = total.reshape(e, k, a, k, 3).sum(axis=(1, 3))
+    total = total.reshape(e, k, a, k, -1).sum(axis=(1, 3))
     weights = weight.reshape(e, k, a, k).sum(axis=(1, 3))
     enough = clear.reshape(e, k, a, k).mean(axis=(1, 3)) >= LEAST_CLEAR_SHARE
     with np.errstate(divide="ignore", invalid="ignore"):
