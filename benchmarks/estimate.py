@@ -1,12 +1,13 @@
 """How long `twilight validate estimate` takes for a first photograph, and for the next of its kind.
 
-    python benchmarks/estimate.py FOLDER_OF_PHOTOS [--beside CHECKOUT] [--types NAMES]
+    python benchmarks/estimate.py FOLDER_OF_PHOTOS [--beside CHECKOUT] [--part low,dawn,beside]
 
 The panoramas are those of benchmarks/photos.py.  Kernels are compiled before anything is measured; the folder of kept
 skies is empty at first, and the next photograph finds what the first has left.  The next one of the same sun is the
 same panorama; of another sun, it again with the sun 0.2 deg higher.  CHECKOUT is another version of the program, whose
-figures are measured in turn with these, for a first photograph of the type of --beside-types.  Processor seconds are
-those of all processes of a command, wall seconds those of this machine as it was.  Writes benchmarks/estimate.csv.
+figures are measured in turn with these, for a first photograph and one aerosol type.  With --part the other rows of the
+table stay as they are, with the commit that they were made at.  Processor seconds are those of all processes of a
+command, wall seconds those of this machine as it was.  Writes benchmarks/estimate.csv.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -35,6 +37,9 @@ climate:
 sun: SUN
 solver: {name: zones, quality: draft}
 """
+HEAD = ["program", "case", "types", "wall_s", "processor_s", "load_average", "best_type"]
+HEAD += ["optical_depth_550nm", "relative_humidity_percent", "ozone_du", "albedo", "sun_elevation_deg", "commit"]
+COMMAND = "python benchmarks/estimate.py ../shared/data/photos --beside OLD"
 ONE = "continental_average"
 ALL = "continental_average,maritime_clean,desert,urban"
 
@@ -95,40 +100,40 @@ def row(program: str, case: Case, types: str, found: tuple[float, float, Any]) -
         else ""
         for p in ("aerosol", "humidity", "ozone", "albedo", "sun")
     ]
-    made = [program, case.name, str(types.count(",") + 1), f"{wall:.1f}", f"{processor:.1f}", best["aerosol_type"]]
-    print(*made, *fitted, sep="\t", flush=True)
-    return made + fitted
+    made = [program, case.name, str(types.count(",") + 1), f"{wall:.1f}", f"{processor:.1f}"]
+    made += [f"{os.getloadavg()[0]:.1f}", best["aerosol_type"], *fitted]
+    print(*made, sep="\t", flush=True)
+    return made
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("photos", type=Path)
     parser.add_argument("--beside", type=Path)
-    parser.add_argument("--types", default=ALL)
-    parser.add_argument("--beside-types", default=ONE)
+    parser.add_argument("--part", default="low,dawn,beside", help="low,dawn,beside")
     options = parser.parse_args()
-    photos, rows = options.photos.resolve(), []
+    photos, parts, path = options.photos.resolve(), options.part.split(","), ROOT / "benchmarks" / "estimate.csv"
+    found = re.search(r"commit (.*?):", results.heading("x"))
+    here = found[1] if found else ""
+    rows = {tuple(row.values())[:3]: list(row.values()) for row in results.read_rows(path)} if path.exists() else {}
+
+    def take(program: str, root: Path, case: Case, types: str, commit: str, folder: Path) -> None:
+        made = [*row(program, case, types, seconds(root, case, types, photos, folder)), commit]
+        rows[tuple(made[:3])] = made
+        results.write(path, HEAD, rows.values(), notes=[f"{len(os.sched_getaffinity(0))} cores"], command=COMMAND)
+
     compiled(ROOT, photos)
     with tempfile.TemporaryDirectory() as made:
         for case in CASES:
-            found = seconds(ROOT, case, options.types, photos, Path(made))
-            rows.append(row("this program", case, options.types, found))
-    notes = []
-    if options.beside is not None:
-        types, root = options.beside_types, options.beside.resolve()
-        compiled(root, photos)
-        for case in (CASES[0], CASES[3]):
-            for program, where in (("this program", ROOT), ("beside", root)):
-                with tempfile.TemporaryDirectory() as made:
-                    rows.append(row(program, case, types, seconds(where, case, types, photos, Path(made))))
+            if case.keeps in parts:
+                take("this program", ROOT, case, ALL, here, Path(made))
+    if options.beside is not None and "beside" in parts:
+        root = options.beside.resolve()
         git = subprocess.run(["git", "log", "-1", "--format=%h"], cwd=root, capture_output=True, text=True)
-        notes.append(f"beside: commit {git.stdout.strip() or 'unknown'}")
-    notes.append(f"{len(os.sched_getaffinity(0))} cores, load average {os.getloadavg()[0]:.1f} at the end")
-    head = ["program", "case", "types", "wall_s", "processor_s", "best_type"]
-    head += ["optical_depth_550nm", "relative_humidity_percent", "ozone_du", "albedo", "sun_elevation_deg"]
-    command = "python benchmarks/estimate.py ../shared/data/photos"
-    command += "" if options.beside is None else " --beside OLD"
-    results.write(ROOT / "benchmarks" / "estimate.csv", head, rows, notes=notes, command=command)
+        compiled(root, photos)
+        for program, where, commit in (("this program", ROOT, here), ("before", root, git.stdout.strip())):
+            with tempfile.TemporaryDirectory() as made:
+                take(program, where, CASES[0], ONE, commit, Path(made))
 
 
 if __name__ == "__main__":

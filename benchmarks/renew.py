@@ -50,6 +50,9 @@ BENCHMARKS = {
     "zones_convergence": Benchmark(
         "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
     ),
+    "zones_volcano": Benchmark(
+        "zones_volcano.py", "zones_volcano.csv", "which grids limit `zones` below a volcano's stratosphere"
+    ),
     "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
     "montecarlo_zscores": Benchmark(
         "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether the referee's stated errors are its scatter"

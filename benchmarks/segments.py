@@ -1,6 +1,6 @@
 """Aerial perspective: light that a segment of air scatters in, and its transmittance, against Monte-Carlo.
 
-    python benchmarks/segments.py [--climate NAME] [--solvers zones,tables,tables:fine] [--wavelengths 550]
+    python benchmarks/segments.py [--climate NAME] [--solvers zones,tables,tables:fine] [--wavelengths 550] [--keep]
 
 Writes benchmarks/segments.csv: for each solver, sun and distance how far it is from the referee in percent of the
 radiance scale (the largest sky radiance of the wavelength in the same directions): median, 95th percentile and largest
@@ -56,7 +56,7 @@ def judged(name: str, air: Medium, quality: str, true: dict) -> list[list[str]]:
     """Rows of one solver."""
     solver = load(name)
     field, rows = solver.prepare(air, solver.QUALITIES[quality]), []
-    name = name if quality == "standard" else f"{name} {quality}"
+    name = title(f"{name}:{quality}")
     for sun in SUNS_DEG:
         off: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
         grain: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
@@ -80,17 +80,35 @@ def judged(name: str, air: Medium, quality: str, true: dict) -> list[list[str]]:
     return rows
 
 
+def title(asked: str) -> str:
+    """The name in the table of SOLVER or SOLVER:QUALITY."""
+    name, _, quality = asked.partition(":")
+    return name if quality in ("", "standard") else f"{name} {quality}"
+
+
+def others(asked: list[str]) -> tuple[list[list[str]], list[str]]:
+    """Rows of the table that are of other solvers, and the lines above it that say how they were made."""
+    lines = OUT.read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines if not line.startswith(("#", "solver,"))]
+    rows = [row for row in rows if row[0] not in {title(one) for one in asked}]
+    names = ", ".join(dict.fromkeys(row[0] for row in rows))
+    about = "; ".join(line[2:] for line in lines if line.startswith("#") and "percent of the" not in line)
+    return rows, [f"rows of {names}: {about}"]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--climate", default="continental-average")
     parser.add_argument("--solvers", default="zones,tables,tables:fine", help="SOLVER or SOLVER:QUALITY, standard")
     parser.add_argument("--wavelengths", default="550")
     parser.add_argument("--error", type=float, default=0.004, help="relative standard error of the referee")
+    parser.add_argument("--keep", action="store_true", help="keep the rows of other solvers")
     args = parser.parse_args()
     medium = climate_medium(load_climate(args.climate), np.array([float(w) for w in args.wavelengths.split(",")]))
+    kept, before = others(args.solvers.split(",")) if args.keep else ([], [])
     straight = replace(medium, refractivity=np.zeros_like(medium.refractivity))
     true: dict[bool, dict] = {}
-    rows = []
+    rows: list[list[str]] = []
     for asked in args.solvers.split(","):
         name, _, quality = asked.partition(":")
         bent = name == "zones"
@@ -100,7 +118,8 @@ def main() -> None:
         rows += judged(name, air, quality or "standard", true[bent])
     columns = "solver,sun_deg,distance_km,median_percent,p95_percent,largest_percent,referee_percent,transmittance_off"
     note = f"{args.climate}, {args.wavelengths} nm, standard unless said; referee to {100 * args.error:g} % each"
-    write(OUT, columns.split(","), rows, notes=[note, "percent of the largest radiance of the sky in the directions"])
+    notes = [note, "percent of the largest radiance of the sky in the directions", *before]
+    write(OUT, columns.split(","), kept + rows, notes=notes)
 
 
 if __name__ == "__main__":

@@ -83,8 +83,6 @@ def of_checkout(root: Path, qualities: list[str], repeat: int) -> tuple[np.ndarr
 
 def main() -> None:
     """Measure this program, and another beside it, and write the table."""
-    import results
-
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--beside", type=Path)
     parser.add_argument("--qualities", default="draft,standard,reference")
@@ -94,6 +92,8 @@ def main() -> None:
     if options.measure:
         measure(options.measure[0].split(","), int(options.measure[1]))
         return
+    import results  # a process that measures another checkout sees that one's modules alone
+
     qualities = options.qualities.split(",")
     skies, new = of_checkout(ROOT, qualities, options.repeat)
     columns, notes = ["what", "processor_s"], ["one thread; fields of all suns at 8 wavelengths, skies of 120 x 30"]

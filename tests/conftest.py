@@ -5,10 +5,12 @@ import os
 import pickle
 
 import pytest
+from hazy_zones import SCALAR
 from rendering import plain, table
 from sweeping import log, toy
 
 from twilight.engine import sunbeam
+from twilight.solvers import zones
 
 os.environ["TWILIGHT_CACHE_GB"] = "0"
 
@@ -36,6 +38,12 @@ compile different solvers, so that two processes do not compile the same one at 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     places = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
+
+
+@pytest.fixture
+def coarse_draft(monkeypatch):
+    """`draft` of `zones` is coarser than it is, for tests of what is done with a sky, whatever it looks like."""
+    monkeypatch.setitem(zones.QUALITIES, "draft", SCALAR)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from twilight import solvers
 from twilight.cli.app import app
 from twilight.errors import TwilightError
+from twilight.io import picture
 from twilight.solvers.base import BareField, Capabilities
 
 SHEETS = {"contact-sheet.png", "series.csv", "series.nc", "skies.jsonl"}
@@ -49,7 +50,7 @@ class PlainField(BareField):
 
 @pytest.fixture
 def plain(monkeypatch):
-    """A registered solver `plain`; `calls` lists what `prepare` was asked for."""
+    """A registered solver `plain`; `calls` lists what `prepare` was asked for.  Pictures have a tenth of the pixels."""
     module = types.ModuleType("plain_solver")
     module.calls = []
 
@@ -65,6 +66,8 @@ def plain(monkeypatch):
     monkeypatch.setitem(sys.modules, "plain_solver", module)
     monkeypatch.setitem(solvers.SOLVERS, "plain", "plain_solver")
     monkeypatch.setattr(solvers, "DEFAULT", "plain")
+    for view, width in picture.DEFAULT_WIDTH.items():
+        monkeypatch.setitem(picture.DEFAULT_WIDTH, view, width // 12 * 4)
     return module
 
 

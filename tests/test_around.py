@@ -40,6 +40,13 @@ def test_smooth_light_is_followed_in_few_azimuths_and_a_shadow_in_all():
     assert asked == [2 * (SMOOTH + 1) + 2, 60]
 
 
+def test_rays_of_which_none_is_smooth_are_followed_in_all_azimuths():
+    a = np.radians(np.linspace(0.0, 180.0, 40))
+    directions = Directions(np.array([0, 0, 40]), np.cos(a), 1.0)
+    found = smooth_around(lambda where: sky(where, []), directions)
+    np.testing.assert_array_equal(found, sky(directions, []))
+
+
 def test_no_light_stays_none():
     directions = Directions(np.array([0, 40]), np.cos(np.linspace(0.0, np.pi, 40)), 1.0)
     assert (smooth_around(lambda where: np.zeros((where.cos_azimuth.size, 1, 8)), directions) == 0.0).all()

@@ -19,6 +19,8 @@ from twilight.errors import TwilightError
 from twilight.scene.plan import _limb_optical_depth, make_plan
 from twilight.solvers.base import BareField, Capabilities
 
+pytestmark = pytest.mark.usefixtures("coarse_draft")
+
 MASSES = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0])
 WATER_MM = 20.0
 PRESSURE_HPA = 1013.0

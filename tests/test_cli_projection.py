@@ -20,6 +20,18 @@ USUAL = (
 )
 
 
+@pytest.fixture(scope="module")
+def fields(tmp_path_factory):
+    return tmp_path_factory.mktemp("fields")
+
+
+@pytest.fixture(autouse=True)
+def one_field_for_all(fields, monkeypatch, coarse_draft):
+    """Kept on disk, as a user's is."""
+    monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(fields))
+
+
 def call(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 

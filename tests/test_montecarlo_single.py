@@ -13,7 +13,7 @@ from twilight.transport.beam import beam_at_one
 SINGLE = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0, bent_lines_of_sight=False)
 
 
-def line(medium, height, elevation_deg, extra=()):
+def line(medium, height, elevation_deg, extra=(), cell_km=2.0):
     """Points along a line of sight: nodes and weights [km], altitudes, and whether it ends on the ground.
 
     extra: distances [km] at which cells end besides.
@@ -31,12 +31,12 @@ def line(medium, height, elevation_deg, extra=()):
     lands = bool(ground >= 0)
     if lands:
         end = ground
-    # every kink of the medium is an edge, so Gauss-Legendre converges; between them cells of at most 2 km
+    # every kink of the medium is an edge, so Gauss-Legendre converges; between them cells of at most cell_km
     marks = [start, end, -r * sine, *extra]
     for z in np.unique(medium.altitude_km):
         marks += list(crossings(r0 + z))
     marks = np.unique([m for m in marks if start <= m <= end])
-    edges = np.concatenate([np.linspace(a, b, 2 + int((b - a) / 2.0))[:-1] for a, b in pairwise(marks)])
+    edges = np.concatenate([np.linspace(a, b, 2 + int((b - a) / cell_km))[:-1] for a, b in pairwise(marks)])
     edges = np.append(edges, end)
     x, w = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(edges)
@@ -58,10 +58,10 @@ def depth_along(medium, s, weight, z):
 
 
 def straight_beam(medium, z, cos_sun):
-    """Transmittance to the sun along straight rays, and no bending."""
+    """Transmittance to the sun along straight rays, and no bending; cells of 20 and of 2 km differ by 1e-5 of it."""
     if cos_sun < 0 and (medium.earth_radius_km + z) * np.sqrt(1 - cos_sun**2) < medium.earth_radius_km:
         return 0.0, 0.0
-    _, weight, zz, _, _ = line(medium, z, np.degrees(np.arcsin(cos_sun)))
+    _, weight, zz, _, _ = line(medium, z, np.degrees(np.arcsin(cos_sun)), cell_km=20.0)
     return np.exp(-(medium.at(zz).extinction[..., 0] * weight).sum()), 0.0
 
 

@@ -175,6 +175,13 @@ def test_white_balance_is_free_on_request():
     assert by_name(free)["aerosol"].value == pytest.approx(0.22, rel=0.1)
 
 
+def test_the_library_s_error_enters_the_uncertainties():
+    photo, library = seen(latlong(), TRUTH), toy_library()
+    one, other = (by_name(estimate(photo, [replace(library, luminance_error=error)])[0]) for error in (0.0, 0.05))
+    for name in TRUTH:
+        assert other[name].standard_error > 1.3 * one[name].standard_error
+
+
 # Files and errors -----------------------------------------------------------------------------------------------
 
 TINY = {"sun.elevation_deg": 20.0, "solver.name": "preetham"}

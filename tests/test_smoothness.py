@@ -30,9 +30,13 @@ def flicker(skies) -> float:
     return float(np.max(np.abs(skies[1:-1] / (0.5 * (skies[:-2] + skies[2:])) - 1.0)))
 
 
+FEW_EVENTS = replace(QUALITIES["draft"], max_events=4, tolerance=0.0)
+"""Flicker comes from where nodes, points and directions stand, and every event sees them."""
+
+
 @pytest.fixture(scope="module")
 def field():
-    return prepare(air(), QUALITIES["draft"])
+    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), FEW_EVENTS)
 
 
 @pytest.mark.parametrize("sun", [-1.5, -4.5, -9.0])
@@ -52,17 +56,35 @@ def test_as_the_view_rises(field, azimuth_deg):
         assert flicker(field.radiance(-4.0, start + 0.01 * np.arange(100), azimuth_deg)) < LEAST
 
 
-@pytest.mark.parametrize(
-    "what", ["optical depth", pytest.param("wavelength", marks=(pytest.mark.slow, pytest.mark.ci))]
-)
-def test_as_the_air_changes(what):
+def change_air(what, settings):
     skies = []
     some = WAVELENGTH_NM[[0, 2, 4]]
     for k in range(3):
         medium = air(3.0 + 0.01 * k, some) if what == "optical depth" else air(3.0, some + 0.5 * k)
-        solved = prepare(medium, QUALITIES["draft"])
+        solved = prepare(medium, settings)
         skies.append([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in (30.0, -2.0, -5.0)])
     assert flicker(skies) < LEAST
+
+
+def test_as_the_air_changes():
+    change_air("optical depth", replace(FEW_EVENTS, max_events=3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["optical depth", pytest.param("wavelength", marks=pytest.mark.ci)])
+def test_as_the_air_changes_and_all_its_light(what):
+    change_air(what, QUALITIES["draft"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sun", [-1.5, -4.5, -9.0])
+def test_as_the_sun_moves_with_all_events(whole, sun):
+    assert flicker([whole.radiance(sun + 0.01 * k, ELEVATION_DEG, AZIMUTH_DEG) for k in range(24)]) < LEAST
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return prepare(air(), QUALITIES["draft"])
 
 
 @pytest.mark.slow

@@ -140,17 +140,28 @@ ELEVATION = np.array([-70.0, -40.0, -20.0, -8.0, 10.0, 50.0])
 AZIMUTH = np.array([20.0, 20.0, 70.0, 20.0, 20.0, 110.0])
 
 
-@pytest.mark.parametrize("sun", [pytest.param(40.0, marks=pytest.mark.slow), 8.0, -3.0])
-def test_both_solvers_see_the_same_sea(sun):
+@pytest.fixture(scope="module")
+def hazy_sea():
+    """Fields by the referee, by `zones`, and by `zones` without the water."""
     air = replace(hazy_earth(ground=0.02), water_mean_square_slope=WIND_5)
-    exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.5).stokes_with_error(sun, ELEVATION, AZIMUTH)
-    quick = zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=True), observer_altitude_km=1.5)
+    draft = replace(zones.QUALITIES["draft"], polarisation=True)
+    exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.5)
+    quick, land = (
+        zones.prepare(medium, draft, observer_altitude_km=1.5)
+        for medium in (air, replace(air, water_mean_square_slope=0.0))
+    )
+    return exact, quick, land
+
+
+@pytest.mark.parametrize("sun", [pytest.param(40.0, marks=pytest.mark.slow), 8.0, -3.0])
+def test_both_solvers_see_the_same_sea(hazy_sea, sun):
+    field, quick, land = hazy_sea
+    exact = field.stokes_with_error(sun, ELEVATION, AZIMUTH)
     ours, right, noise = quick.stokes(sun, ELEVATION, AZIMUTH), exact.stokes, exact.standard_error / exact.stokes[:, :1]
     assert noise.max() < 0.04
     error = np.abs(ours - right) / right[:, :1]
     assert np.all(error < 0.02 + 3.0 * noise), error[..., 0]
     # and water is seen to polarise: without it these directions are those of a black ground
-    land = zones.prepare(replace(air, water_mean_square_slope=0.0), quick.settings, observer_altitude_km=1.5)
     assert np.any(np.abs(land.stokes(sun, ELEVATION, AZIMUTH) - right)[:4] / right[:4, :1] > 0.1)
 
 

@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from twilight.export import own
 from twilight.export.values import PHASE_ANGLES
+from twilight.kernels import njit
 from twilight.threads import in_slices
 from twilight.window.colours import CHANNELS
 from twilight.window.tables import Sizes, Tables

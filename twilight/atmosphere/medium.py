@@ -14,12 +14,12 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.reference import Reference
 from twilight.atmosphere.smooth import interpolate_smooth, log_cubics, monotone_cubic
 from twilight.conventions import EARTH_RADIUS_KM
 from twilight.errors import TwilightError
+from twilight.kernels import njit
 from twilight.phase import PhaseFunction
 
 ON_LEVELS = (
@@ -391,7 +391,7 @@ def layer_mean(lower, upper):
     return np.where(positive, mean, 0.5 * (lower + upper))
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def level_below(altitude_km, z):
     """Index i with altitude_km[i] <= z < altitude_km[i+1], clipped to [0, L-2]; of two equal levels the upper one.
 

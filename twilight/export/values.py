@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
+from twilight.kernels import njit
 from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.chord import chord_depth

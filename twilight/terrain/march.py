@@ -24,8 +24,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.transport.beam import beam_at
 
 SHADOW_STEP = 0.5
@@ -52,7 +52,7 @@ def height_at(field, x, y):
     return bilinear(field.altitude_km, u, v)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def place_on(start_km, radius_km, sine, cosine, s):
     """(altitude [km], distance along the sphere [km]) after s km of a line from altitude start_km above the sphere.
 
@@ -129,7 +129,7 @@ def shadow_field(field, radius_km, sun, x, y, out, begin, end):
             out[i, j] = shadow_over(field, radius_km, x[j], y[i], sun)
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def slopes(field, x, y, step_km):
     """Rise of the ground per km to the right and towards the sun at a place; step_km: between the places compared."""
     here = height_at(field, x, y)

@@ -51,7 +51,10 @@ def once_each(row: np.ndarray, azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.
 
 @njit(cache=True)
 def cosine_series(values, n, out):
-    """Coefficients out[: n + 1] of values (n + 1, M) at n + 1 azimuths."""
+    """Coefficients out[: n + 1] of values (n + 1, M) at n + 1 azimuths.
+
+    n: number of intervals; out (MOST + 1, M).
+    """
     for m in range(n + 1):
         out[m, :] = 0.0
         for j in range(n + 1):
@@ -66,7 +69,10 @@ def cosine_series(values, n, out):
 
 @njit(cache=True)
 def at_azimuth(series, n, cos_azimuth, out):
-    """The sum of a series of n + 1 coefficients (., M) at one azimuth, into out (M,)."""
+    """The sum of a series of n + 1 coefficients at one azimuth, into out (M,).
+
+    series (., M): of `cosine_series`; n: its intervals; cos_azimuth: of the azimuth from the sun.
+    """
     out[:] = 0.0
     before, here = cos_azimuth, 1.0
     for m in range(n + 1):
@@ -77,7 +83,10 @@ def at_azimuth(series, n, cos_azimuth, out):
 
 @njit(cache=True)
 def nearest(cos_azimuth, first, end, wanted):
-    """Which of the directions first..end has the azimuth nearest to that of cosine `wanted`."""
+    """Which of the directions first..end has the azimuth nearest to that of cosine `wanted`.
+
+    cos_azimuth (D,): of the directions.
+    """
     best = first
     for d in range(first + 1, end):
         if abs(cos_azimuth[d] - wanted) < abs(cos_azimuth[best] - wanted):
@@ -98,24 +107,27 @@ def smooth_around(evaluate: Callable[[Directions], np.ndarray], directions: Dire
     nodes = np.pi * np.arange(SMOOTH + 1) / SMOOTH
     own = [directions.cos_azimuth[a:b] for a, b in zip(directions.first[:-1], directions.first[1:], strict=True)]
     found = _split(evaluate, directions, [np.cos(nodes) if m else c for c, m in zip(own, many, strict=True)])
-    whole, half = _series(nodes), _series(nodes[::2])
-    between = _waves(np.cos(nodes[1::2]), SMOOTH // 2)
-    cosines, waves = np.empty(0), _waves(np.empty(0), SMOOTH)
-    for r in np.flatnonzero(many):
-        form = _smooth_form(found[r])
-        guess = _from_smooth_form(_summed(between, _coefficients(half, form[::2])))
-        there = found[r][1::2]
-        wrong = np.abs(guess - there).sum(axis=1) - FAINT
-        if np.any(wrong > CHECKED * there[:, 0]):
-            many[r] = False
-            continue
-        if not np.array_equal(cosines, own[r]):
-            cosines, waves = own[r], _waves(own[r], SMOOTH)
-        found[r] = _from_smooth_form(_summed(waves, _coefficients(whole, form)))
-    again = ~many & (counts > SMOOTH + 1)
-    if again.any():
-        rest = _split(evaluate, directions, [c if a else c[:0] for c, a in zip(own, again, strict=True)])
-        found = [new if a else old for new, old, a in zip(rest, found, again, strict=True)]
+    rays = np.flatnonzero(many)
+    there = np.stack([found[r] for r in rays])
+    form = _smooth_form(there)
+    guess = _summed(_waves(np.cos(nodes[1::2]), SMOOTH // 2), _summed(_series(nodes[::2]), form[:, ::2]))
+    between = there[:, 1::2]
+    wrong = np.abs(_from_smooth_form(guess) - between).sum(axis=2) - FAINT
+    smooth = ~np.any(wrong > CHECKED * between[:, :, 0], axis=(1, 2))
+    coefficients = _summed(_series(nodes), form[smooth])
+    # a picture has the same azimuths in all its rows
+    alike: dict[bytes, list[int]] = {}
+    for place, r in enumerate(rays[smooth]):
+        alike.setdefault(own[r].tobytes(), []).append(place)
+    for places in alike.values():
+        same = rays[smooth][places]
+        lights = _from_smooth_form(_summed(_waves(own[same[0]], SMOOTH), coefficients[places]))
+        for r, light in zip(same, lights, strict=True):
+            found[r] = light
+    rough = set(rays[~smooth].tolist())
+    if rough:
+        rest = _split(evaluate, directions, [c if r in rough else c[:0] for r, c in enumerate(own)])
+        found = [rest[r] if r in rough else light for r, light in enumerate(found)]
     return np.concatenate(found)
 
 
@@ -127,17 +139,17 @@ def _split(evaluate: Callable[[Directions], np.ndarray], directions: Directions,
 
 
 def _smooth_form(stokes: np.ndarray) -> np.ndarray:
-    """Logarithm of I, Q/I and U/I (N, S, W)."""
+    """Logarithm of I, Q/I and U/I (..., S, W)."""
     form = np.array(stokes, dtype=float)
-    intensity = np.where(form[:, :1] > 0.0, form[:, :1], np.exp(2.0 * DARK))
-    form[:, 1:] /= intensity
-    form[:, :1] = np.log(intensity)
+    intensity = np.where(form[..., :1, :] > 0.0, form[..., :1, :], np.exp(2.0 * DARK))
+    form[..., 1:, :] /= intensity
+    form[..., :1, :] = np.log(intensity)
     return form
 
 
 def _from_smooth_form(form: np.ndarray) -> np.ndarray:
-    intensity = np.where(form[:, :1] > DARK, np.exp(form[:, :1]), 0.0)
-    return np.concatenate([intensity, form[:, 1:] * intensity], axis=1)
+    intensity = np.where(form[..., :1, :] > DARK, np.exp(form[..., :1, :]), 0.0)
+    return np.concatenate([intensity, form[..., 1:, :] * intensity], axis=-2)
 
 
 def _series(azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,13 +166,12 @@ def _waves(cos_azimuth: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.cos(angle), np.sin(angle)
 
 
-def _coefficients(matrices: tuple[np.ndarray, np.ndarray], form: np.ndarray) -> np.ndarray:
+def _summed(matrices: tuple[np.ndarray, np.ndarray], form: np.ndarray) -> np.ndarray:
+    """Matrices (K, N) of cosines, for I and Q, and of sines, for U, times form (R, N, S, W): (R, K, S, W)."""
     cosines, sines = matrices
-    even = np.tensordot(cosines, form[:, :2], 1)
-    return np.concatenate([even, np.tensordot(sines, form[:, 2:], 1)], axis=1)
-
-
-def _summed(waves: tuple[np.ndarray, np.ndarray], coefficients: np.ndarray) -> np.ndarray:
-    cosines, sines = waves
-    even = np.tensordot(cosines, coefficients[:, :2], 1)
-    return np.concatenate([even, np.tensordot(sines, coefficients[:, 2:], 1)], axis=1)
+    parts = []
+    for matrix, part in ((cosines, form[:, :, :2]), (sines, form[:, :, 2:])):
+        rays, n, n_stokes, n_w = part.shape
+        product = matrix @ part.reshape(rays, n, n_stokes * n_w)
+        parts.append(product.reshape(rays, matrix.shape[0], n_stokes, n_w))
+    return np.concatenate(parts, axis=2)

@@ -205,7 +205,7 @@ def _ray(pool, index, z, c):
     return lit, bending, p, u, jz, fz
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _ray_from_space(pool, index, z, c):
     """(lit, bending, p, u) of the reference ray at a point above the top of the air."""
     r = pool[RADIUS] + z
@@ -303,7 +303,7 @@ def _place_down(pool, index, p, u):
     return d, fd, shift
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def lit_at(beam, altitude_km, cos_sun_zenith):
     """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
     return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith)[0]
@@ -364,7 +364,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     return bending
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def beam_on_ground(beam, ground_km, cos_sun_zenith, out):
     """Irradiance of the horizontal ground by the beam over F0 into out (W,): what arrives at the sun's apparent place.
 

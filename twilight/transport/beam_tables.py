@@ -31,9 +31,11 @@ from twilight.transport.rays import (
 
 _SMALLEST_WIDENING = 0.05
 """Bound on d(true zenith angle)/d(apparent): below it rays cross (a mirage), which the table does not follow."""
+_FIRST = np.int64(0)
+"""No literal, for which numba would compile `log_irradiance_from_above` once more."""
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def up_slope(profile, w, altitude_km, u_km):
     """d(bending)/d(apparent zenith angle) of a ray that comes from above, by a difference over 0.001 of the radius."""
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
@@ -105,7 +107,7 @@ def interpolate(x, xs, ys):
     return ys[lo] + (ys[hi] - ys[lo]) * (x - xs[lo]) / width if width > 0.0 else ys[lo]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
     """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
 
@@ -138,7 +140,7 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
     return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening))), True
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, first):
     """`log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
 
@@ -173,7 +175,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, b
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
             bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], 0
+                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], _FIRST
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
@@ -183,7 +185,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, b
                 beta[j, m] = beta[j, m + 1]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
     """Apparent zenith angle [rad] of a sun whose true one is `chi`: two Newton steps from a near guess."""
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))

@@ -122,7 +122,7 @@ def _turning(profile, z):
     return flat + gradient[i] * (1.0 - f) + gradient[i + 1] * f, flat
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def advance(profile, z, psi, a, h):
     """One Runge-Kutta step of length h [km]: altitude z [km], geocentric angle psi and elevation a [rad] at its end."""
     k1, f1 = _turning(profile, z)
@@ -143,7 +143,7 @@ def advance(profile, z, psi, a, h):
     )
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def step_length(profile, z, slope, travelled, fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
@@ -336,7 +336,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     return n, (GROUND if status == GROUND else OUT)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def by_species(profile, altitude_km, weight, out):
     """Share out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
     i, f = locate(profile, altitude_km)
@@ -348,7 +348,7 @@ def by_species(profile, altitude_km, weight, out):
             out[c, w] = factor * species
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def per_scattering(profile, altitude_km, weight, out):
     """The `weight` (W,) of a point over its scattering coefficient [km] into out (W,): transmittance x length."""
     i, f = locate(profile, altitude_km)

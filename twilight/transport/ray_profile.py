@@ -85,7 +85,7 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
     )
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def layer_above(profile, altitude_km):
     """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground.
 

@@ -70,7 +70,7 @@ class Path(NamedTuple):
     free: bool
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _positive(slope):
     """slope: d(n r)/dr, as an estimate of a zero takes it: in a duct, where it is not positive, that of air without
     index.
@@ -78,7 +78,7 @@ def _positive(slope):
     return 1.0 if slope < 0.05 else slope
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _snell(p, x, uu, x_beyond, uu_beyond):
     """Bending [rad] at a jump of the index, i' - i, for a ray of invariant p [km].
 
@@ -129,7 +129,7 @@ def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
     return Path(bending, tau, length, u_km, True)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _in_vacuum(profile, altitude_km, uu, stop_km):
     """u [km] at `stop_km` of a ray that goes straight there from `altitude_km`, where u^2 is `uu` [km^2]."""
     rise = stop_km - altitude_km
@@ -208,7 +208,7 @@ def _turned(path, angle_rad):
     return Path(path.bending_rad + angle_rad, path.optical_depth, path.length_km, path.u_km, path.free)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _trapped(path):
     """The path of a ray that ends in a duct."""
     return Path(path.bending_rad, path.optical_depth, path.length_km, 0.0, False)

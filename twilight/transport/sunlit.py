@@ -7,6 +7,11 @@ sun; the phase functions, which do not, are multiplied to it in every direction 
 
 The moments of a ray are a series in azimuth (`around`) where half its azimuths already tell the rest; where they do
 not, for light beyond the edge of the shadow for example, every direction is followed by itself.
+
+Arguments that kernels share: `sunlit_ray`; r: index of a ray; elevation [rad]: its apparent one; directions:
+`Directions`; n: intervals of a series in azimuth; values (MOST + 1, 3, S, W): moments at the azimuths, moments (3, S,
+W): at one; cos_azimuth: of the azimuth from the sun; least (S, W): what is added to the light; series (MOST + 1, 3 S
+W): coefficients; room: `Room`.
 """
 
 from __future__ import annotations
@@ -29,11 +34,16 @@ HOPELESS = 0.1
 """From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
 LEAST, DARKEST = 1e-3, 1e-100
 """What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
+_INTENSITY, _FEWEST = np.int64(0), np.int64(2)
+"""No literals, for which numba would compile what they are handed to once more."""
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _seen(beam, phases, stokes, d, floor, moments, w):
-    """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts."""
+    """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts.
+
+    stokes: 0, 1 or 2, of I, Q, U.
+    """
     total = size = 0.0
     for s in range(moments.shape[1]):
         light = moments[0, s, w]
@@ -45,7 +55,7 @@ def _seen(beam, phases, stokes, d, floor, moments, w):
     return total, size
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _series_of(values, n, least, series):
     """The series of n intervals for moments (MOST + 1, 3, S, W) at as many of the azimuths, into series (., 3 S W).
 
@@ -69,7 +79,7 @@ def _series_of(values, n, least, series):
     cosine_series(form, n, series)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _from_series(series, n, least, cos_azimuth, form, moments):
     """Moments (3, S, W) at one azimuth; form (3 S W,): room."""
     at_azimuth(series, n, cos_azimuth, form)
@@ -83,7 +93,7 @@ def _from_series(series, n, least, cos_azimuth, form, moments):
             moments[2, s, w] = light * form[2 * n_s * n_w + i]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _few_azimuths(
     beam, rays, share, r, elevation, directions, phases, floor, other, room, moments, values, least, series
 ):  # fmt: skip
@@ -97,7 +107,7 @@ def _few_azimuths(
     form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     least_intervals = BY_DAY if to_sun[0] > 0.0 else IN_TWILIGHT
-    n = 2
+    n = _FEWEST
     while n <= MOST and n + 1 < end - first:
         stride = MOST // n
         error = 0.0
@@ -112,10 +122,10 @@ def _few_azimuths(
             if n > 2:
                 _from_series(series, n // 2, least, cos_azimuth, form, moments)
             for w in range(brightest.size):
-                light, size = _seen(beam, phases, 0, d, floor, here, w)
+                light, size = _seen(beam, phases, _INTENSITY, d, floor, here, w)
                 brightest[w] = max(brightest[w], size)
                 if n > 2 and brightest[w] > 0.0:
-                    wrong = abs(_seen(beam, phases, 0, d, floor, moments, w)[0] - light)
+                    wrong = abs(_seen(beam, phases, _INTENSITY, d, floor, moments, w)[0] - light)
                     error = max(error, wrong / (size + DIM * brightest[w] + other[d, w]))
         _series_of(values, n, least, series)
         if n >= least_intervals and error < AROUND:

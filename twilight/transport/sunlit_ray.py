@@ -10,6 +10,11 @@ within one depends on the sun: it begins at the edge of the Earth's shadow, and 
 grazes a layer.  Steps in which such a change matters are cut again.  In a cut step the density of g goes exponentially
 through its two points, with the same sum; a part that begins at the edge of the shadow, found by bisection, has points
 spaced like squares from there, because light grows like a square root behind an edge.
+
+Arguments that the kernels share: beam: `Beam`; rays: `Rays`, place (P, 4): theirs, k: index of the first point of a
+step; share (S, P, W): of each species in what the points scatter, s: one of them; to_sun (2,): cosine and sine of the
+solar zenith angle at the start, cos_azimuth: of the ray from the sun; phases: `Phases`, d: a direction of them; floor:
+least value of a phase function; w: index of the wavelength; light (W,): work space.
 """
 
 from __future__ import annotations
@@ -59,7 +64,7 @@ def cos_sun(angle, to_sun, cos_azimuth):
 
 @njit(cache=True)
 def _between(place, k, t):
-    """(altitude [km], angle [rad], cosine) at the fraction t of the step whose points are k and k + 1."""
+    """(altitude [km], angle [rad], cosine) within the step whose points are k and k + 1; t: fraction of the step."""
     f = (t - GAUSS_LOW) / _BETWEEN
     length = place[k + 1, DISTANCE] - place[k, DISTANCE]
     z0, z1 = place[k, ALTITUDE], place[k + 1, ALTITUDE]
@@ -71,7 +76,7 @@ def _between(place, k, t):
     return z, place[k, ANGLE] + f * (place[k + 1, ANGLE] - place[k, ANGLE]), c0 + f * (c1 - c0)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
     """Fraction of step k in low..high at which the light begins or ends; lit_low: whether `low` is lit."""
     for _ in range(EDGE_HALVINGS):
@@ -85,7 +90,7 @@ def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
     return high if not lit_low else low
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
     """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
 
@@ -122,9 +127,10 @@ def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, densi
 
 @njit(cache=True, inline="always")
 def turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
-    """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered by so much [rad].
+    """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered.
 
-    lifted: at the most refracted wavelength of the beam; at the others by as much less as the air refracts less.
+    lifted [rad]: of the sun, at the most refracted wavelength of the beam; at the others by as much less as the air
+    refracts less; lowered [rad]: of the ray.
     """
     own = lifted * (1.0 - beam.pool[beam.layout[AT_DISPERSION] + w])
     value = phases.value[stokes, d, s, w] + own * phases.of_sun[stokes, d, s, w]
@@ -132,9 +138,12 @@ def turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
     return max(floor, value) if stokes == 0 else value
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _densities(weight, k, density):
-    """Exponentials through the weights of points k and k + 1 with their sum over the step, into density (W, 2)."""
+    """Exponentials through the weights of points k and k + 1 with their sum over the step.
+
+    weight (P, W): of `Rays`; density (W, 2): filled, value at the first point and logarithmic slope per step.
+    """
     f0, f1 = -GAUSS_LOW / _BETWEEN, (1.0 - GAUSS_LOW) / _BETWEEN
     for w in range(density.shape[0]):
         a, b = weight[k, w], weight[k + 1, w]
@@ -175,6 +184,8 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
     that times the angles by which the sun is lifted and the ray is lowered.
 
     The phase functions of direction d, and the other light (D, W) in it, say which steps matter.
+
+    r: index of the ray; row: `Row`; room: `Room`, used; moments: filled; other (D, W): over F0, of all kinds.
     """
     light, logarithm, part, lit, bent = room.light, room.logarithm, room.part, room.lit, room.bent
     place, weight = rays.place, rays.weight
@@ -214,7 +225,11 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
 
 @njit(cache=True)
 def _cut(beam, rays, share, k0, n, i, row, room, total, moments):
-    """Whether the step of points k0 + i and k0 + i + 1 had to be cut; then its light is added to moments (3, S, W)."""
+    """Whether the step of points k0 + i and k0 + i + 1 had to be cut; then its light is added to moments (3, S, W).
+
+    k0: index of the ray's first point, n: number of its points, i: of the step's first one among them; row: `Row`;
+    room: `Room`, filled for the ray; total (W,): all light in the direction.
+    """
     logarithm, part, lit, at_one, density = room.logarithm, room.part, room.lit, room.at_one, room.density
     place, weight = rays.place, rays.weight
     k = k0 + i

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
+from twilight.kernels import njit
 from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.nodes import gauss_directions, graded_altitudes
 from twilight.solvers.cells.ordinates import TINY

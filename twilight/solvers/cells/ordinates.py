@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.solvers.cells.stencils import Mesh, Stencils
 from twilight.threads import in_slices
@@ -158,7 +158,7 @@ def mirror(field, n_cos, n_dir_azimuth):
                         target[p, j, w] = source[p, n_azimuth - j, w]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out):
     """Add the source along one ray to out (W,).
 

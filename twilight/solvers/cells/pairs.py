@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.cells.grid import CellGrid
 from twilight.transport.chord import chord_depth
 from twilight.transport.profile import Profile
@@ -125,7 +125,7 @@ def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source,
     return True
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _capture_along(rings, cell, azimuth, dx, dy, dz, distance, depth, out):
     """Share of light that a cell captures, out (W,), by the chord through its middle, as a box along its own axes.
 

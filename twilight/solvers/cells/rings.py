@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from twilight.geometry import distance_to_sphere
+from twilight.kernels import njit
 from twilight.solvers.cells.grid import CellGrid
 from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture
 from twilight.threads import in_slices

@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.cells.nodes import Directions, Nodes
 from twilight.threads import in_slices
 from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, new_line, trace_line
@@ -59,7 +59,7 @@ def make_mesh(nodes: Nodes, observer_radius_km: float) -> Mesh:
     )
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def _bracket(altitudes, low, high, z):
     """Point below an altitude z [km] within altitudes[low:high] and the fraction to the next one, clamped at both ends.
 
@@ -80,7 +80,7 @@ def _bracket(altitudes, low, high, z):
     return a, (z - altitudes[a]) / (altitudes[a + 1] - altitudes[a])
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
     """Four points around a position and their weights; its azimuth [rad] is returned.
 

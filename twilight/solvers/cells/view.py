@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import RectBivariateSpline
 
+from twilight.kernels import njit
 from twilight.solvers.cells.nodes import real_harmonics
 from twilight.solvers.cells.ordinates import TINY, gather
 from twilight.solvers.cells.stencils import Mesh, trace

@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.water import refractive_index
 
@@ -287,7 +287,7 @@ def _smooth_tables(medium: Medium) -> np.ndarray:
     return out
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
     """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`.
 
@@ -305,7 +305,7 @@ def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
     return i, min(1.0, max(0.0, f))
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def locate(air, z, first, last):
     """`locate_level` in the levels of the air: altitude z [km], between the levels `first` and `last`."""
     return locate_level(air.level_km, air.bin_start, air.bins_per_km, air.per_km, z, first, last)
@@ -374,7 +374,7 @@ def depth_from_ground(at, i, f, c0, c1, c2):
     return weighted_depth(at.table, at.moment, h, 1.0 / at.per_km[i], i, f, c0, c1, c2)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def shell_of(air, z):
     """Index of the shell of the air that holds the altitude z [km]."""
     lo = 0

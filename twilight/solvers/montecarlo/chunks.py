@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import SPECIES
 from twilight.solvers.montecarlo.directions import new_work
 from twilight.solvers.montecarlo.events import EVENT_COLUMNS
@@ -76,7 +76,7 @@ def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_su
     to_sun[0], to_sun[1], to_sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def add_sample(orders, first, second):
     """Add one sample, and its squares, to the sums of a job; returns the whole I.
 

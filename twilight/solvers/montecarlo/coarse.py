@@ -14,8 +14,8 @@ import math
 from functools import partial
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
@@ -130,7 +130,7 @@ def _to_node(steering, node, to_sun):
     return i, j
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ray):
     """Trace a leg from a node towards the centre of a cell of directions, without randomness.
 

@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SPECIES, interpolate
 from twilight.solvers.montecarlo.events import ACROSS, ALTITUDE, FRACTION, HEADING, LEVEL, MATRIX, NUMBERS, ON_GROUND
 from twilight.solvers.montecarlo.ground import draw_ground, ground_density, ground_matrix
@@ -52,13 +52,13 @@ class Work(NamedTuple):
     matrix: np.ndarray
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def new_work():
     """Work space of one thread."""
     return Work(np.empty(N_DIRECTIONS), np.empty(N_SMOOTH), np.empty(3), np.empty((3, 3)), np.empty(9), np.empty(9))
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def mixed_phase(air, w, i, f, cosine):
     """(p, q, p12) [sr^-1] at the place (i, f): phase function, density of its stand-in that is drawn from, P12.
 
@@ -82,7 +82,7 @@ def mixed_phase(air, w, i, f, cosine):
     return p / total, q / total, p12 / total
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def draw_cosine(air, w, i, f, number, stream):
     """Cosine of a scattering angle from the stand-in of the phase function at the place (i, f).
 
@@ -135,7 +135,7 @@ def turn(dx, dy, dz, cosine, psi, out):
     out[2] = z * h
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def local_frame(px, py, pz, to_sun, frame):
     """Fill frame (3, 3) of a `Work` at the point (px, py, pz) [km]; returns the cosine of the sun's zenith angle."""
     sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
@@ -157,7 +157,7 @@ def local_frame(px, py, pz, to_sun, frame):
     return cos_sun
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def draw_direction(air, steering, w, event, horizon, from_table, total, number, a, b, stream, work):
     """Draw a candidate into work.trial from the mixture of `choose_direction`; returns its cell of directions.
 
@@ -195,7 +195,7 @@ def draw_direction(air, steering, w, event, horizon, from_table, total, number, 
     return cell_of(steering, horizon, x, y, up)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candidates, polarised, stream, work):
     """Draw the next leg's direction into work.new; returns (p / probability density, light expected from there).
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import EVENT, SPECIES, interpolate, locate
 from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
@@ -33,7 +32,7 @@ WEIGHT, ORDER, ALTITUDE, LEVEL, FRACTION, ON_GROUND, NUMBERS = range(18, 25)
 EVENT_COLUMNS = NUMBERS + 3
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def draw_piece(pieces, column, n, x):
     """First of the n pieces (M, PIECE_COLUMNS) whose running sum in a `column` exceeds x.
 
@@ -50,7 +49,7 @@ def draw_piece(pieces, column, n, x):
     return lo
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, number, stream):
     """Draw one of the first n pieces of a leg, or its ground, from a mixture of steered and plain weights.
 
@@ -91,7 +90,7 @@ def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, numb
     return k, probability, uniform(stream)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def event_weight(air, w, piece, t, i, f):
     """Transmittance x scattering x length of a piece (its row), at its fraction t: the weight but for the probability.
 
@@ -101,7 +100,7 @@ def event_weight(air, w, piece, t, i, f):
     return piece[LENGTH] * math.exp(-piece[DEPTH] - within) * interpolate(air, w, i, f, EVENT)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def event_distance(piece, t):
     """Distance [km] from the start of the chord to a point of a piece (its row).
 
@@ -110,13 +109,13 @@ def event_distance(piece, t):
     return piece[START] + t * piece[LENGTH]
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def event_level(air, piece, z):
     """`locate` an altitude z [km] within the shell or layer of a piece (its row)."""
     return locate(air, z, int(piece[FIRST]), int(piece[LAST]))
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def mixed_matrix(air, w, i, f, cosine):
     """(P12, P22, P33) over P11 at the place (i, f) of the levels.
 
@@ -139,7 +138,7 @@ def mixed_matrix(air, w, i, f, cosine):
     return m12 / total, m22 / total, m33 / total
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def begin_leg(air, w, event, polarised, work):
     """Complete work.new, whose direction is drawn, and work.matrix; returns the factor on the weight of the path.
 

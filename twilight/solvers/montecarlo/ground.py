@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.random import uniform
 from twilight.water import facet_density, flat_reflectance, glitter
@@ -30,7 +29,7 @@ def ground_share(air, w, cosine):
     return air.ground_albedo[w]
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def ground_matrix(air, w, mu_in, mu_out, cosine):
     """(P11, P12, P22, P33) [sr^-1] of the ground: light (I, Q, U) sent on over the irradiance normal to a beam.
 
@@ -46,7 +45,7 @@ def ground_matrix(air, w, mu_in, mu_out, cosine):
     return diffuse + p11, p12, p11, p33
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def ground_density(air, mu_in, mu_out, cosine):
     """Density [sr^-1] of the directions that `draw_ground` draws.
 
@@ -58,7 +57,7 @@ def ground_density(air, mu_in, mu_out, cosine):
     return FACETS * facet_density(mu_in, mu_out, cosine, air.water_slope) + (1.0 - FACETS) * plain
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def draw_ground(air, frame, d, a, b, stream, out):
     """Draw a direction after the ground into out (3,).  It may point below the horizon.
 

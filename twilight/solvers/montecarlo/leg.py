@@ -25,8 +25,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, air_at, column, depth_from_ground, place_in
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
@@ -77,7 +77,7 @@ TURNED = 2e-6
 """1 - cosine of the angle by which a leg may turn before the phase functions towards the sun are taken anew."""
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def enter_air(air, ray):
     """Move the start of a ray (9,) from space to the top of the air along a line; False if it misses the air."""
     r = math.sqrt(ray[ORIGIN] * ray[ORIGIN] + ray[ORIGIN + 1] * ray[ORIGIN + 1] + ray[ORIGIN + 2] * ray[ORIGIN + 2])

@@ -17,8 +17,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import locate, shell_of
 from twilight.solvers.montecarlo.kernel import INNER
 
@@ -123,7 +122,7 @@ def curvature(air, w, altitude, sine):
     return -change * air.per_km[i] * sine / (1.0 + lower + f * change)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def turn_down(ray, r, mu, angle):
     """Turn the direction and the reference of a ray (9,) towards the Earth by an angle [rad], in the vertical plane.
 
@@ -161,7 +160,7 @@ class Chord(NamedTuple):
     half_turn: float
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def begin_chord(air, w, bent, sag_km, ray):
     """The chord that begins at a ray (9,), whose direction becomes the chord's.
 
@@ -195,7 +194,7 @@ def begin_chord(air, w, bent, sag_km, ray):
     return Chord(z, r, mu, length, half_turn)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def end_chord(chord, ray):
     """Move a ray (9,) from the start of a chord, a `Chord`, to the start of the next one.
 
@@ -211,7 +210,7 @@ def end_chord(chord, ray):
         turn_down(ray, r, mu, chord.half_turn)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def first_shell(air, altitude, mu):
     """Shell of the air in which a line goes on from an altitude [km].
 

@@ -25,15 +25,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.phase import aerosol_matrix, rayleigh_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 
 N_STOKES = 3
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def species_matrix(air, w, c, cosine):
     """(P11, P12, P22, P33) [sr^-1] of a species.
 
@@ -47,7 +47,7 @@ def species_matrix(air, w, c, cosine):
     )
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def species_polarising(air, w, c, cosine):
     """(P11, P12) [sr^-1] of a species: what becomes of unpolarised light.
 
@@ -74,7 +74,7 @@ def components(e, d, x, y, z):
     return a, b
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def any_normal(d, e):
     """Write some unit vector normal to the unit vector d (3,) into e (3,)."""
     if abs(d[2]) < 0.9:
@@ -85,7 +85,7 @@ def any_normal(d, e):
         e[0], e[1], e[2] = -d[2] * h, 0.0, d[0] * h
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def next_reference(d, e, new, out):
     """Write into out (3,) the reference of the leg `new` after the leg d with the reference e, all (3,)."""
     cosine = d[0] * new[0] + d[1] * new[1] + d[2] * new[2]
@@ -127,7 +127,7 @@ def scatter(matrix, cos_2phi, sin_2phi, m12, m22, m33, out):
     return first
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def depolarise(out, matrix):
     """Write into out (9,) a path's matrix (9,) after a Lambertian ground, which forgets how the light vibrated."""
     for k in range(N_STOKES):

@@ -18,8 +18,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.directions import Work, choose_direction, local_frame
 from twilight.solvers.montecarlo.events import (
     ALTITUDE,
@@ -88,7 +88,7 @@ class Memory(NamedTuple):
     work: Work
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def descent(chord, s):
     """Sine of the angle by which a chord (9,) points below the horizontal at its distance s [km]."""
     up = square = 0.0
@@ -99,7 +99,7 @@ def descent(chord, s):
     return -up / math.sqrt(square)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies, order, stack, size, stream):
     """Draw `copies` stratified events on a leg and put them on the stack.
 
@@ -180,7 +180,7 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
     return size, known
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def next_leg(air, steering, w, walk, event, unit, to_sun, stream, work):
     """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
 
@@ -207,7 +207,7 @@ def next_leg(air, steering, w, walk, event, unit, to_sun, stream, work):
     return max(0.0, weight)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders):
     """Add one estimate of the light scattered more than once, order by order, to `orders`; 1 if a limit was met.
 

@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import EXTINCTION, column, depth_from_ground, place_in, weighted_depth
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.lines import CHORD_COLUMNS
@@ -171,7 +171,7 @@ def keep_chord(ray, chords, n):
     return row
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def steered_light(leg, found):
     """The coarse field's estimate of the light that is scattered again along a leg [sr^-1]."""
     if found.pieces > 0:

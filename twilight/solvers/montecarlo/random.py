@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.kernel import INNER
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)

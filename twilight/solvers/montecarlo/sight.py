@@ -15,8 +15,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import EVENT, EXTINCTION, column, locate
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import enter_air, land
@@ -86,7 +86,7 @@ class Gathered(NamedTuple):
     brightest: float
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def local_sun(chord, row, to_sun, earth_radius, s):
     """(altitude [km], cosine of the true sun's zenith angle) at the distance s [km] of a chord.
 
@@ -99,7 +99,7 @@ def local_sun(chord, row, to_sun, earth_radius, s):
     return z, min(1.0, max(-1.0, along / (earth_radius + z)))
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def is_lit(air, beam, w, chord, row, to_sun, s):
     """Whether any sunlight reaches the point at the distance s [km] of a chord.
 
@@ -110,7 +110,7 @@ def is_lit(air, beam, w, chord, row, to_sun, s):
     return irradiance > 0.0
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def lit_part(air, beam, w, chord, row, to_sun, a, b):
     """(a, b) [km]: the lit side of a part of a chord that the shadow's edge crosses; all of it if both ends agree.
 

@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, N_SMOOTH, SPECIES, Air, interpolate
 from twilight.solvers.montecarlo.kernel import INNER
 
@@ -164,7 +164,7 @@ def altitude_place(place_of_root, n_altitudes, root):
     return i, min(1.0, place - i)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def altitude_index(steering, z):
     """(i, fraction) of the altitude z [km] in the tables."""
     return altitude_place(
@@ -174,7 +174,7 @@ def altitude_index(steering, z):
     )
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def sun_index(nodes, hint, cos_sun):
     """(i, fraction) of the cosine of the local solar zenith angle in the tables.
 
@@ -226,7 +226,7 @@ def log_ground_light(steering, w, cos_sun):
     return steering.log_ground[w, j] * (1 - b) + steering.log_ground[w, j + 1] * b
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def log_light_from(steering, w, z, cos_sun, cell):
     """Logarithm of the diffuse radiance [sr^-1] from one cell of directions.
 
@@ -257,7 +257,7 @@ def row_sine(g, horizon):
     return horizon + (1.0 - horizon if g >= 0.0 else 1.0 + horizon) * g
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def cell_of(steering, horizon, x, y, z):
     """Cell of directions that holds the unit vector (x, y, z) of the local frame.
 
@@ -278,7 +278,7 @@ def cell_of(steering, horizon, x, y, z):
     return e * N_AZIMUTHS + a
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def cell_solid_angle(steering, horizon, cell):
     """Solid angle [sr] of a cell of directions.
 
@@ -294,7 +294,7 @@ def cell_solid_angle(steering, horizon, cell):
     return (upper - lower) * (steering.azimuth_edges[a + 1] - steering.azimuth_edges[a])
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def nearest_node(steering, z, cos_sun):
     """Indices (altitude, sun) of the table node nearest to a point.
 
@@ -305,7 +305,7 @@ def nearest_node(steering, z, cos_sun):
     return i + (1 if a > 0.5 else 0), j + (1 if b > 0.5 else 0)
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def weigh_cells(steering, air, w, node_i, node_j, air_i, air_f, horizon, vx, vy, vz, on_ground, cumulative, blurred):
     """Running sums over the cells of share x blurred phase function (x cosine on the ground); returns the total.
 

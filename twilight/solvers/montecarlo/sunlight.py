@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import SPECIES, column, interpolate
 from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
@@ -77,7 +76,7 @@ def sunlight(air, beam, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
     return total, polarising * cos_2phi, polarising * sin_2phi
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def ground_sunlight(air, beam, w, x, y, z, mu_sun, chord, to_sun, polarised):
     """(I, Q, U) [sr^-1] of sunlight that the ground at a point (x, y, z) [km] sends back along a chord (9,).
 
@@ -100,7 +99,7 @@ def ground_sunlight(air, beam, w, x, y, z, mu_sun, chord, to_sun, polarised):
     return irradiance * p11, irradiance * p12 * cos_2phi, irradiance * p12 * sin_2phi
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def fill_phases(air, w, ray, to_sun, polarised, phases):
     """Fill phases (C, 3, 2) of a `Leg` for the direction of a ray (9,): without bending, and with BENDING_STEP_RAD of
     it.

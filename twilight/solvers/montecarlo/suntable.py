@@ -13,8 +13,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import Air
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.threads import in_slices
@@ -110,7 +110,7 @@ def lowest_drop(r, cosine):
     return r * c2 / (1.0 + math.sqrt(max(0.0, 1.0 - c2)))
 
 
-@njit(**INNER)
+@njit(inner=True, **INNER)
 def quick_sun(edge_km, high, low, radius_km, z, root, cosine):
     """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow.
 

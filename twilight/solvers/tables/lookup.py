@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from twilight.kernels import njit
 from twilight.solvers.tables.mapping import (
     angle_texel,
     height_texel,

@@ -20,7 +20,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from twilight.kernels import njit
 
 BRUNETON_2008, BRUNETON_2017 = 0, 1
 KINDS = {"bruneton2008": BRUNETON_2008, "bruneton2017": BRUNETON_2017}

@@ -19,9 +19,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from twilight.geometry import distance_to_sphere
+from twilight.kernels import njit
 from twilight.solvers.tables.lookup import irradiance, optical_depth_to_top, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
@@ -89,7 +89,7 @@ class Directions(NamedTuple):
     orders: np.ndarray
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def off_horizon(mapping, height_km, mu, ground):
     """mu of a ray that ends on the ground, or passes above it, as `ground` says: rounding does not decide."""
     rho = horizon_km(mapping, height_km)
@@ -130,7 +130,7 @@ def fill_depth(profile, mapping, depth, begin, end):
             chord_depth(profile, z, mu, length, depth[i, j])
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
     """Both points of every step along a view into `line`, which carry light scattered there; returns their number."""
     up = off_horizon(mapping, height_km, mu, ground)
@@ -173,7 +173,7 @@ def fill_single(profile, mapping, depth, texels, fineness, out, begin, end):
                             out[s, i, j, k, m, w] = total[s, w]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, mu_s, nu, ground, scratch):
     """Radiance (W,) of light that comes to a point, into light: one table as it is, or single scattering by species.
 

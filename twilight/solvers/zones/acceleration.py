@@ -37,6 +37,9 @@ def _column_rows(rays_first, point, ground_weight, polar_weight, rows, begin, en
 
     polar_weight (Z, R, M): share of each polar angle in each of R results, the mean and the vertical flux for example
     rows (Z, R, 2 Z' + 1, LANES): from the moments 0 and 1 at the Z' fine altitudes, and from the ground
+
+    rays_first (R + 1,): where the points of each ray start; point: `Points`; ground_weight (R, LANES): transmittance to
+    the ground.
     """
     n_results, n_polar = polar_weight.shape[1:]
     n_fine = (rows.shape[2] - 1) // 2
@@ -81,7 +84,7 @@ def _factor(matrix, swap):
 
 @njit(cache=True, nogil=True)
 def _solve(factors, swap, values):
-    """Solve for right-hand sides (N, T) in place."""
+    """Solve for right-hand sides values (N, T) in place; factors (N, N), swap (N,): of `_factor`."""
     n, n_columns = values.shape
     for k in range(n):
         p = swap[k]

@@ -114,11 +114,12 @@ def look_up(table, angle, out):
                 write(out, (t, a, s), (ONE - b1) * read(table, (j, s)) + b1 * read(table, (j + 1, s)))
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_sunlit_ground(turning, place, beams, transmittance, ray, ground_factor, sums):
     """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES).
 
-    transmittance (R, LANES): of all rays; place: in the turning table, ground_factor: as in `scatter_sunlight`
+    turning (N, T, F, 3): as in `Turning`; beams: `Beams`; transmittance (R, LANES): of all rays; place: in the turning
+    table, ground_factor: as in `scatter_sunlight`.
     """
     step = min(int(place), turning.shape[0] - 2)
     log_ground = beams.log_ground

@@ -114,11 +114,11 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
     pattern_deg, pattern_order = pattern_orders(series.pattern_degree, series.pattern_orders - 1)
     cosines = np.cos(pattern_order[:, None] * azimuth)[:, None, :]
     sines = np.sin(pattern_order[:, None] * azimuth)[:, None, :]
-    analysis, pattern_analysis = [], []
+    pattern_analysis = []
     waves = np.cos(order[:, None] * azimuth)
-    for mu, share, horizon in zip(cosine, weight, horizon_cosine, strict=True):
-        rows = smooth_exact(mu, share, float(horizon), n_below, deg, order)
-        analysis.append(rows[:, :, None] * waves[:, None, :] / around)
+    rows = smooth_exact(cosine, weight, horizon_cosine, n_below, deg, order)
+    analysis = rows[..., None] * waves[:, None, :] / around
+    for mu, share in zip(cosine, weight, strict=True):
         x, z = (part.T[:, :, None] for part in patterns(mu, series.pattern_degree, series.pattern_orders - 1))
         of_q = np.concatenate([x * cosines, z * cosines])
         of_u = np.concatenate([z * sines, x * sines])
@@ -132,15 +132,15 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         order,
         pattern_deg,
         pattern_order,
-        np.array(analysis),
+        analysis,
         np.array(pattern_analysis),
     )
 
 
 def smooth_exact(
-    cosine: np.ndarray, weight: np.ndarray, horizon: float, below: int, degree: np.ndarray, order: np.ndarray
+    cosine: np.ndarray, weight: np.ndarray, horizon: np.ndarray, below: int, degree: np.ndarray, order: np.ndarray
 ) -> np.ndarray:
-    """Rows (C, M) that find harmonics in light at M polar angles, exact for light smooth on both sides of the horizon.
+    """Rows (Z, C, M) that find harmonics in light at M polar angles, exact for light smooth beside the horizon.
 
     Polar angles that crowd at the horizon are missing elsewhere.  Weights alone, 14 of them find up to 7 % of light
     that is the same all over the hemisphere in a harmonic of degree 20, and a phase function with a strong forward peak
@@ -148,29 +148,32 @@ def smooth_exact(
     polynomial in the cosine times sin^m is fitted to the light, by angles away from the horizon, and integrated in
     closed form; the weights sum what is left.  A glow at the horizon is in that rest: it is summed as by weights alone.
 
-    weight (M,): over the sphere; below: how many of the angles are below the horizon; degree, order (C,): sorted by
-    order
+    cosine, weight (Z, M): over the sphere; horizon (Z,): its cosine; below: how many of the angles are below it;
+    degree, order (C,): sorted by order
     """
     highest = int(order.max())
-    rows = (even_harmonics(cosine, int(degree.max()), highest) * weight[:, None]).T
+    rows = np.ascontiguousarray((even_harmonics(cosine, int(degree.max()), highest) * weight[..., None]).swapaxes(1, 2))
     x, w = np.polynomial.legendre.leggauss(int(degree.max()) + 4)
-    for part, low, high in ((slice(0, below), -1.0, horizon), (slice(below, None), horizon, 1.0)):
-        mu = cosine[part]
-        n = min(MOST_FITTED, mu.size // 3)
+    edge = horizon[:, None]
+    for part, low, high in ((slice(0, below), -1.0, edge), (slice(below, None), edge, 1.0)):
+        mu = cosine[:, part]
+        n = min(MOST_FITTED, mu.shape[1] // 3)
         if n == 0:
             continue
-        away = (mu - horizon) ** 2
-        trust = weight[part] * (away / (away + AWAY**2)) ** 3
+        away = (mu - edge) ** 2
+        trust = (weight[:, part] * (away / (away + AWAY**2)) ** 3)[..., None]
         inner = 0.5 * (low + high) + 0.5 * (high - low) * x
-        harmonics = even_harmonics(inner, int(degree.max()), highest) * (0.25 * (high - low) * w)[:, None]
+        harmonics = even_harmonics(inner, int(degree.max()), highest) * (0.25 * (high - low) * w)[..., None]
         powers = np.polynomial.legendre.legvander((2.0 * mu - low - high) / (high - low), n - 1)
         inner_powers = np.polynomial.legendre.legvander(x, n - 1)
         for m in range(highest + 1):
             of = order == m
-            fit = powers * (1.0 - mu**2)[:, None] ** (0.5 * m)
-            truth = harmonics[:, of].T @ (inner_powers * (1.0 - inner**2)[:, None] ** (0.5 * m))
-            solve = np.linalg.solve((fit * trust[:, None]).T @ fit, (fit * trust[:, None]).T)
-            rows[of, part] += (truth - rows[of, part] @ fit) @ solve
+            fit = powers * (1.0 - mu**2)[..., None] ** (0.5 * m)
+            inner_fit = inner_powers * (1.0 - inner**2)[..., None] ** (0.5 * m)
+            truth = harmonics[..., of].swapaxes(1, 2) @ inner_fit
+            trusted = (fit * trust).swapaxes(1, 2)
+            found = rows[:, of, part]
+            rows[:, of, part] = found + (truth - found @ fit) @ np.linalg.solve(trusted @ fit, trusted)
     return rows
 
 

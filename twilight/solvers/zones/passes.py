@@ -4,6 +4,10 @@ Along a ray the source of I is J = mean radiance x sum_lm Y_lm (chi_l r_lm + b_l
 `polarised`, with the logarithm of the mean and the moments r, e, b relative to it interpolated between nodes: right
 where the field falls by e within a degree.  The vertical plane through a ray is the same all along it, straight or bent
 by refraction: Q and U add up as they are.
+
+Arguments that the kernels share: point: `Points`, k: index of one of them; light: `Light`; rule: `Refinement`; series:
+`Series`; source: `Source`, room; turning (N, T, F, 3): as in `Turning`; waves (T', waves, LANES): amplitudes, as
+`Source.wave`; c: cosine of the azimuth from the sun.
 """
 
 from __future__ import annotations
@@ -19,6 +23,8 @@ from twilight.lanes import LANES, at_least, exp, read, same, write
 LEAST = np.float32(1e-3)
 """Least source of I relative to the mean: a truncated series may dip below 0."""
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+_FIRST = np.int64(0)
+"""No literal, for which numba would compile `add_patterns` once more."""
 
 
 class Light(NamedTuple):
@@ -106,10 +112,13 @@ def slab(point, k, light, rule, series, low, high, source):
         write(source.log_mean, t, g * lower + f * upper)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def refine_patterns(rule, first, low, high, wave):
     """Waves (T', waves, LANES) of Q and U, `first` and beyond, between the nodes, by cubics: on the fine grid of solar
-    zenith angles low..high."""
+    zenith angles low..high.
+
+    wave (T', waves, LANES): filled between the nodes.
+    """
     n = rule.per_interval
     for t in range(low, high + 1):
         if t % n == 0:
@@ -121,13 +130,13 @@ def refine_patterns(rule, first, low, high, wave):
             write(wave, (t, m), near + (y0 * read(wave, (j0, m)) + y3 * read(wave, (j3, m))))
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def add_patterns(point, k, ratio, series, nodes, per_interval, by_pattern, wave):
     """The source of Q and U at nodes of the solar zenith angle, set in their rows of wave (T', waves, LANES), and what
     Q and U of the light give to I, added to it.
 
-    ratio (Z', T, C + 2 C', LANES): moments, as in `Light`; nodes: first, first and last with I wanted, end
-    by_pattern (C', 7, LANES): room
+    ratio (Z', T, C + 2 C', LANES): moments, as in `Light`; nodes: first, first and last with I wanted, end;
+    per_interval: as in `Refinement`; by_pattern (C', 7, LANES): room.
     """
     even, odd, polar, matrix = point.even, point.odd, point.polar, point.matrix
     n_patterns = even.shape[1]
@@ -192,7 +201,10 @@ def source_room(point, light, rule, series):
 
 @njit(cache=True, inline="always")
 def wave_of_i(waves, j, b0, b1, c, highest):
-    """I over the mean, `Lanes`, at the azimuth of cosine c and b0, b1 of rows j and j + 1 of waves."""
+    """I over the mean, `Lanes`, at an azimuth.
+
+    j: row of waves, (b0, b1): shares of it and of the next; highest: largest order that counts.
+    """
     wave = b0 * read(waves, (j, 0)) + b1 * read(waves, (j + 1, 0))
     before, here = ONE, c
     twice = TWO * c
@@ -205,7 +217,10 @@ def wave_of_i(waves, j, b0, b1, c, highest):
 
 @njit(cache=True, inline="always")
 def waves_of_q_and_u(waves, j, b0, b1, c, first, orders):
-    """Q and U over the mean, `Lanes` each, as `wave_of_i`; amplitudes of Q begin at `first`, `orders` of each."""
+    """Q and U over the mean, `Lanes` each; amplitudes of Q begin at `first`, `orders` of each.
+
+    j, b0, b1: as in `wave_of_i`.
+    """
     c = min(ONE, max(-ONE, c))
     sine = np.float32(math.sqrt(max(ZERO, ONE - c * c)))
     twice = TWO * c
@@ -224,11 +239,9 @@ def waves_of_q_and_u(waves, j, b0, b1, c, first, orders):
 def scatter(rays_first, point, turning, light, rule, series, ground_weight, ground_angle, n_polar, out, begin, end):
     """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] from the light of the order before.
 
-    rays_first (R + 1,): where the points of each ray start, n_polar rays for each node altitude; point: `Points`;
-    turning (N, T, F, 3): as in `Turning`; light: `Light`; rule: `Refinement`; series: `Series`
-    ground_weight (R, LANES): transmittance to the ground, a Lambertian one; ground_angle (R,): its place in the turning
-    table
-    Node altitudes begin..end are computed.  The Stokes axis has one entry where series has no patterns.
+    rays_first (R + 1,): where the points of each ray start; n_polar: rays for each node altitude; ground_weight (R,
+    LANES): transmittance to the ground, a Lambertian one; ground_angle (R,): its place in the turning table.  Node
+    altitudes begin..end are computed.  The Stokes axis has one entry where series has no patterns.
     """
     n_zenith, n_azimuth = out.shape[2], out.shape[3]
     n_fine = rule.node.shape[0]
@@ -239,7 +252,7 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
         for i in range(n_polar):
             ray = node * n_polar + i
             for k in range(rays_first[ray], rays_first[ray + 1]):
-                slab(point, k, light, rule, series, 0, n_zenith - 1, source)
+                slab(point, k, light, rule, series, _FIRST, n_zenith - 1, source)
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
@@ -264,11 +277,12 @@ def scatter(rays_first, point, turning, light, rule, series, ground_weight, grou
                 add_ground(turning, ground_angle[ray], light.log_ground, ground_weight, ray, out[node, i])
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_ground(turning, place, log_ground, transmittance, ray, sums):
     """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES).
 
-    transmittance (R, LANES): of all rays; place: in the turning table, as in `scatter`
+    transmittance (R, LANES): of all rays; place: in the turning table, as in `scatter`; log_ground (T', LANES): as in
+    `Light`.
     """
     step = min(int(place), turning.shape[0] - 2)
     h1 = place - np.float32(step)
@@ -285,9 +299,10 @@ def add_ground(turning, place, log_ground, transmittance, ray, sums):
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def moments_of(radiance, analysis, pattern_analysis, moments, begin, end):
-    """Moments (Z, T, C + 2 C', LANES) of Stokes parameters (Z, M, T, F, Stokes, LANES), for altitudes begin..end.
+    """Moments (Z, T, C + 2 C', LANES), added to, of Stokes parameters, for altitudes begin..end.
 
-    analysis (Z, C, M, F), pattern_analysis (Z, 2 C', 2, M, F): as in `Angles`.
+    radiance (Z, M, T, F, Stokes, LANES); moments (Z, T, C + 2 C', LANES); analysis (Z, C, M, F), pattern_analysis (Z, 2
+    C', 2, M, F): as in `Angles`.
     """
     n_polar, n_zenith, n_azimuth = radiance.shape[1:4]
     n_harmonics, n_patterns = analysis.shape[1], pattern_analysis.shape[1]

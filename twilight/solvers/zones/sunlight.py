@@ -38,9 +38,9 @@ class Sunlight(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
-    """Fill edge (Z,) [rad], log_light (Z, angles, W) and ground (angles, W) for the altitudes (Z,) [km] begin..end.
+    """Fill edge (Z,) [rad], log_light (Z, angles, W) and ground (angles, W) for the altitudes begin..end.
 
-    beam: `Beam`; span [rad]: of the angles from the shadow's edge.
+    beam: `Beam`; altitude (Z,) [km]; span [rad]: of the angles from the shadow's edge.
     """
     n_w = log_light.shape[2]
     light = np.empty(n_w)

@@ -17,7 +17,7 @@ from twilight.transport.scaling import delta_scaled
 WORKING_COPIES, KEPT_COPIES, PER_BLOCK_BYTES = 6.0, 5.5, 30e6
 """Of an order's light in directions and moments while it is scattered, and of its moments that every block of LANES
 wavelengths leaves; measured at `draft` and `standard` in continental air, to 15 %."""
-BLOCK_S, PRODUCT_S, LOOK_S = 0.7, 6e-8, 12e-6
+BLOCK_S, PRODUCT_S, LOOK_S = 0.7, 2.5e-8, 5e-6
 """Processor seconds of a block of LANES wavelengths: of its tables, and of the product of nodes, directions and
 moments; of a direction and wavelength.  Of a quiet core of some 3 GHz; right within a factor of two."""
 

@@ -35,7 +35,10 @@ def reference_turns(rays, elevation: np.ndarray, lift: float) -> tuple[float, np
 
 @njit(cache=True, inline="always")
 def fine_interval(fine, angle, low, high):
-    """Interval j of the fine grid of solar zenith angles that holds `angle`, within low..high, and the way into it."""
+    """Interval j of a fine grid of solar zenith angles that holds `angle`, within low..high, and the way into it.
+
+    fine (T',) [rad]: the grid; angle [rad].
+    """
     j = min(max(np.searchsorted(fine, angle, side="right") - 1, low), high)
     return j, np.float32(min(1.0, max(0.0, (angle - fine[j]) / (fine[j + 1] - fine[j]))))
 

@@ -4,6 +4,10 @@ The surface looks the same from all sides, so that it keeps the order m of cos(m
 azimuth) in U: each order has a matrix of its own from the polar angles above the ground to those that one looks down
 in.  It is summed over slopes of facets, with light interpolated by cubics between polar angles.
 Sunlight is mirrored with exact angles wherever a ray ends on the water.
+
+Arguments that the kernels share: turning (N, T, F, 3): as in `Turning`, place: of the end of a ray in it; transmittance
+(LANES,): of a ray to its end; index (W,): refractive index; slope2: mean square slope; c: cosine of the azimuth from
+the sun; surface: `Surface`.
 """
 
 from __future__ import annotations
@@ -89,6 +93,7 @@ def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray
 
 @njit(cache=True)
 def _hidden(cosine, slope2):
+    """`twilight.water.hidden` for cosines of zenith angles, cosine (N,)."""
     out = np.empty(cosine.size)
     for k in range(cosine.size):
         out[k] = hidden(cosine[k], slope2)
@@ -97,6 +102,7 @@ def _hidden(cosine, slope2):
 
 @njit(cache=True)
 def _fresnel(cosine, index):
+    """`twilight.water.fresnel` for cosines of the angle of incidence, cosine (N,), and one index: (2, N)."""
     out = np.empty((2, cosine.size))
     for k in range(cosine.size):
         out[0, k], out[1, k] = fresnel(cosine[k], index)
@@ -228,7 +234,8 @@ def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
 def reflect(turning, light, ground_weight, ground_angle, ground_place, out, begin, end):
     """Add the sky that water reflects at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
 
-    turning, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`
+    turning, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`; for
+    node altitudes begin..end.
     """
     n_polar = out.shape[1]
     for node in range(begin, end):
@@ -246,7 +253,7 @@ def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, s
     """Add the sunlight that water mirrors at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
 
     turning, beams, ground_weight, ground_angle: as in `first.scatter_sunlight`; ground_cells (R, 3): of `cells`;
-    surface: `Surface`
+    surface: `Surface`; for node altitudes begin..end.
     """
     n_polar = out.shape[1]
     for node in range(begin, end):
@@ -257,9 +264,12 @@ def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, s
                 add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_reflected(turning, place, log_ground, waves, cosine_place, transmittance, sums):
-    """The sky that water reflects at the end of a ray, added to sums (T, F, S, LANES)."""
+    """The sky that water reflects at the end of a ray, added to sums (T, F, S, LANES).
+
+    log_ground (T', LANES), waves (T', N_COSINES, S', orders, LANES): as in `Light`; cosine_place: of `place_of_cosine`.
+    """
     step = min(int(place), turning.shape[0] - 2)
     h1 = place - step
     for t in range(sums.shape[0]):
@@ -272,7 +282,10 @@ def add_reflected(turning, place, log_ground, waves, cosine_place, transmittance
 
 @njit(cache=True, inline="always")
 def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
-    """Sunlight that water mirrors, added to out (S, W): light (W,) is the irradiance normal to the beam."""
+    """Sunlight that water mirrors, added to out (S, W): light (W,) is the irradiance normal to the beam.
+
+    mu_in, mu_out: cosines of the zenith angles of where light comes from and goes to.
+    """
     sine_in = math.sqrt(max(0.0, 1.0 - mu_in * mu_in))
     sine_out = math.sqrt(max(0.0, 1.0 - mu_out * mu_out))
     cosine = sine_in * sine_out * c - mu_in * mu_out
@@ -289,7 +302,7 @@ def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
             out[2, w] += strength * p12 * 2.0 * of_v * of_h / square
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True)
 def add_sunlit_water(turning, place, beams, transmittance, surface, cell, sums):
     """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `Beams`.
 
@@ -358,6 +371,7 @@ def view_sunlit_water(beam, rays, directions, surface, ground_km, out, begin, en
     """Sunlight that water in view mirrors, added to out (D, S, W) for rays begin..end; U as to the right of the sun.
 
     beam: of :func:`twilight.transport.beam.prepare_beam`; rays: `Rays`; directions: `Directions`; surface of all W.
+    ground_km: altitude of the water.
     """
     light = np.empty(out.shape[2])
     ct, st = math.cos(directions.zenith_rad), math.sin(directions.zenith_rad)
