@@ -38,7 +38,7 @@ def run_tests(file: str) -> tuple[int, int, int, float]:
     """(long tests, passed, failed, processor seconds)."""
     before = os.times()
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", "slow", f"tests/{file}", "-q", "-p", "no:cacheprovider"],
+        [sys.executable, "-m", "pytest", "-m", "slow", f"tests/{file}", "-v", "-p", "no:cacheprovider"],
         cwd=ROOT,
         capture_output=True,
         text=True,

@@ -5,6 +5,7 @@ import pytest
 
 from twilight import colour
 from twilight.config import load
+from twilight.digest import files_of
 from twilight.engine import run
 from twilight.grids import texture_grid
 from twilight.validate.photographs import emulator
@@ -88,3 +89,10 @@ def test_the_stated_error_is_that_of_held_out_skies():
     assert bent[0] > np.hypot(luminance, 0.015) and bent[1] == pytest.approx(chromaticity, rel=1e-3)
     tinted = stated([one + np.array([0.01, 0.0, 0.0]) for one in made])
     assert tinted[0] == pytest.approx(luminance, rel=1e-6) and tinted[1] > chromaticity
+
+
+def test_a_refit_of_the_shipped_model_keeps_the_skies():
+    """No part of an emulated sky comes from it."""
+    read = files_of("twilight.validate.photographs.emulator", "twilight.solvers.zones", without=("data/compact",))
+    assert {("zones", "field.py"), ("twilight", "compact.py")} <= {file.parts[-2:] for file in read}
+    assert not any(file.suffix == ".npz" and file.parent.name == "compact" for file in read)

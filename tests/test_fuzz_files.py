@@ -70,8 +70,8 @@ def state() -> dict[str, Any]:
 
     count = np.full((1, 1, 2), 8, dtype=np.int64)
     sums = np.zeros((1, 1, 2, N_ORDERS + 1))
-    return {"count": count, "sums": sums, "squares": sums, "limited": 0, "chunks_used": count, "round_plan": count,
-            "round_index": 0, "batch_index": 0}  # fmt: skip
+    return {"count": count, "sums": sums, "squares": sums, "high": sums[..., :2], "limited": 0, "chunks_used": count,
+            "round_plan": count, "round_index": 0, "batch_index": 0}  # fmt: skip
 
 
 def readers() -> dict[str, Callable[[Path], Any]]:

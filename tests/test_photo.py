@@ -353,7 +353,7 @@ def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scen
 
     original = comparing.compare
     monkeypatch.setattr(comparing, "compare", remembered)
-    monkeypatch.setattr(engine, "frames", lambda config, progress: iter([engine.Frame("sun", polarised)]))
+    monkeypatch.setattr(engine, "frames", lambda config, progress, **_: iter([engine.Frame("sun", polarised)]))
     done = command(
         *("photo", PANORAMAS / "rooitou_park_256.hdr", "--camera", scene / "camera.yaml", "--config", "pure-air"),
         *("--resolution", 3, "--polariser", 22.5, "--output", tmp_path / "out"),

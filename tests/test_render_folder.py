@@ -101,3 +101,23 @@ def test_a_sky_that_was_moved_away_is_no_obstacle(tmp_path):
         file.rename(tmp_path / "kept" / file.name)
     assert render(tmp_path, {"": B}) == [""]
     assert np.array_equal(sorted(content(tmp_path)), ["kept/sky.h5", "kept/sky.png", "sky.h5", "sky.png"])
+
+
+def test_a_sky_whose_files_were_begun_is_made_again(tmp_path):
+    """Killed between two files: they are this render's, not somebody's."""
+    root = tmp_path / "out"
+    with open_folder(root, {"sun1": A}, "1", overwrite=False) as folder:
+        folder.begin("sun1", A)
+        (root / "sun1").mkdir()
+        (root / "sun1" / "sky.png").write_bytes(b"half")
+    with pytest.raises(TwilightError, match="holds another sky"):
+        render(root, {"sun1": B})
+    assert render(root, {"sun1": A}) == ["sun1"]
+    assert render(root, {"sun1": A}) == []
+
+
+def test_a_sky_that_was_begun_and_not_written_leaves_no_folder(tmp_path):
+    root = tmp_path / "out"
+    with open_folder(root, {"": A}, "1", overwrite=False) as folder:
+        folder.begin("", A)
+    assert not root.exists()

@@ -132,6 +132,7 @@ def _compute(
         report = part_of(progress, done / len(missing), len(of_case) / len(missing), case.name)
         for frame in frames(case.config, report, wanted=of_case.keys()):
             one = of_case[frame.name]
+            folder.begin(one.folder, wanted[one.folder])
             files = _write(frame, case.config, folder.root / one.folder)
             rows[one.folder] = figures(frame.sky)
             folder.add(one.folder, wanted[one.folder], files, rows[one.folder])

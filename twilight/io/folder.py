@@ -1,7 +1,7 @@
 """The folder of a render: which skies are in it, so that none is lost and none that is finished is computed again.
 
-The file `skies.jsonl` has a line for each sky that is finished: its subfolder, the hash of its configuration, that of
-the program, its files with their sizes, and its figures.
+The file `skies.jsonl` has a line for each sky whose files were begun, without any, and one where they are finished: its
+subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ class RenderFolder:
     def __init__(self, root: Path, code: str, there: dict[str, dict[str, Any]], journal: Journal):
         self.root, self.there = root, there
         self._code, self._journal = code, journal
+
+    def begin(self, name: str, wanted: Wanted) -> None:
+        """Note that the files of a sky will be written: those that an interrupted render leaves are this sky's."""
+        self._journal.write({"sky": name, "hash": wanted.hash, "code": self._code, "files": {}, "figures": {}})
 
     def add(self, name: str, wanted: Wanted, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
         """Note that a sky is finished: all its files are whole."""
@@ -78,13 +82,14 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
     for name, line in lines.items():
         if name in wanted and line["hash"] == wanted[name].hash:
             continue
-        if not any((root / file).is_file() for file in line["files"]):
+        if not _left(root, name, line["files"]):
             continue  # somebody has moved or deleted it
         _refuse(root, name, wanted)
     listed = {root / file for line in lines.values() for file in line["files"]} | {root / name for name in SHEETS}
+    begun = {name for name, line in lines.items() if not line["files"]}
     for name in wanted:
         for file in files_of_a_sky(root / name):
-            if file not in listed:
+            if file not in listed and name not in begun:
                 raise TwilightError(
                     f"{file}: is there already, and {JOURNAL} does not say of which sky; "
                     "give --overwrite or another --output"
@@ -92,7 +97,7 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
     return {
         name: line["figures"]
         for name, line in lines.items()
-        if name in wanted and line["code"] == code and _whole(root, line["files"])
+        if name in wanted and name not in begun and line["code"] == code and _whole(root, line["files"])
     }
 
 
@@ -132,11 +137,16 @@ def _whole(root: Path, files: Mapping[str, int]) -> bool:
     return all((root / file).is_file() and (root / file).stat().st_size == size for file, size in files.items())
 
 
+def _left(root: Path, name: str, files: Mapping[str, int]) -> list[Path]:
+    """Files of a sky that are still there; of one that was only begun, all that have the name of a sky's."""
+    return [root / file for file in files if (root / file).is_file()] if files else files_of_a_sky(root / name)
+
+
 def _clear(root: Path) -> None:
     """Delete what renders have written, as the journal says, and the folders that are then empty."""
-    for line in _lines(root).values():
-        for file in line["files"]:
-            (root / file).unlink(missing_ok=True)
+    for name, line in _lines(root).items():
+        for file in _left(root, name, line["files"]):
+            file.unlink(missing_ok=True)
         folder = root / line["sky"]
         while folder != root:
             with suppress(OSError):
@@ -150,7 +160,7 @@ def _clear(root: Path) -> None:
 def _leave_nothing(root: Path) -> None:
     """A render that has finished no sky leaves no folder."""
     with suppress(OSError):
-        if (root / JOURNAL).stat().st_size == 0:
+        if not any(_left(root, name, line["files"]) for name, line in _lines(root).items()):
             (root / JOURNAL).unlink()
             root.rmdir()
 
