@@ -89,7 +89,7 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
             stacklevel=3,
         )
     peak, peaked_depth = _sharpest_peak(field.medium)
-    if settings.max_events > 1 and peak > PEAKED and peaked_depth > PEAKED_DEPTH:
+    if settings.max_events > 1 and peak > PEAKED:
         warnings.warn(
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
             "follow: beside the referee, quality standard is 2 % off at an asymmetry of 0.9, 5 % at 0.95 and 15 % at "
@@ -100,14 +100,14 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
 
 
 def _sharpest_peak(medium: Medium) -> tuple[float, float]:
-    """(the largest asymmetry parameter of all kinds of aerosol and wavelengths, the largest vertical optical depth of
-    that kind)."""
-    found = [(float(phase.legendre_moments(1)[:, 1].max()), kind) for kind, phase in enumerate(medium.phase_functions)]
-    if not found:
-        return 0.0, 0.0
-    peak, kind = max(found)
-    extinction = medium.aerosol_extinction_per_km * medium.aerosol_share[kind]
-    return peak, float(np.trapezoid(extinction, medium.altitude_km, axis=0).max())
+    """(the largest asymmetry parameter of the kinds of aerosol that there is more of than PEAKED_DEPTH, and the largest
+    vertical optical depth of that kind); zeros where there is none."""
+    found = [(0.0, 0.0)]
+    for phase, share in zip(medium.phase_functions, medium.aerosol_share, strict=True):
+        depth = np.trapezoid(medium.aerosol_extinction_per_km * share, medium.altitude_km, axis=0).max()
+        if depth > PEAKED_DEPTH:
+            found.append((float(phase.legendre_moments(1)[:, 1].max()), float(depth)))
+    return max(found)
 
 
 def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:

@@ -19,7 +19,7 @@ WORKING_COPIES, KEPT_COPIES, PER_BLOCK_BYTES = 6.0, 5.5, 30e6
 wavelengths leaves; measured at `draft` and `standard` in continental air, to 15 %."""
 BLOCK_S, PRODUCT_S, LOOK_S = 0.7, 2.5e-8, 5e-6
 """Processor seconds of a block of LANES wavelengths: of its tables, and of the product of nodes, directions and
-moments; of a direction and wavelength.  Of a quiet core of some 3 GHz; right within a factor of two."""
+moments; of a direction and wavelength.  From profiles of continental air, not fitted: an order of magnitude."""
 
 
 def takes(
