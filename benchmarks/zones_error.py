@@ -1,4 +1,4 @@
-"""Error of the zones solver against the committed Monte-Carlo referee, in the shipped climates, with run time and memory.
+"""Error of the zones solver against the committed Monte-Carlo referee, by climate, with time and memory.
 
     python benchmarks/zones_error.py                      draft and standard, all climates whose tables are there
     python benchmarks/zones_error.py standard             one quality
