@@ -188,8 +188,8 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
 def next_leg(air, steering, w, walk, table_fraction, event, unit, to_sun, stream, work):
     """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
 
-    table_fraction: that of `Walk`, or 0; unit [sr^-1]: light that a path is worth; below a fraction of it the path may end by chance (roulette).  work:
-    `Work`, with its frame filled.
+    table_fraction: that of `Walk`, or 0; unit [sr^-1]: light that a path is worth; below a fraction of it the path may
+    end by chance (roulette).  work: `Work`, with its frame filled.
     """
     polarised = walk.later.polarised
     cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], to_sun, work.frame)
