@@ -36,6 +36,8 @@ STANDARD = zones.QUALITIES["standard"]
 NODES = {"altitude_density": 0.5, "zenith_density": 0.6, "tolerance": 1e-2}
 CHANGES: dict[str, dict[str, float]] = {
     "degree_28": {"degree": 28},
+    "degree_28_polar_directions_20": {"degree": 28, "polar_directions": 20},
+    "degree_32_polar_directions_24": {"degree": 32, "polar_directions": 24},
     "polar_directions_24": {"polar_directions": 24},
     "early_events_6": {"early_events": 6},
     "step_density_1.4": {"step_density": 1.4},

@@ -38,7 +38,11 @@ DIRECTIONS_DEG = (
     (45.0, 90.0),
     (90.0, 0.0),
 )
-CLIMATES = ("continental-average", "urban", "desert", "maritime-clean", "pure-air", "volcanic-extreme")
+CLIMATES = (
+    *("continental-average", "urban", "desert", "maritime-clean", "pure-air", "volcanic-extreme"),
+    *("continental-clean", "continental-polluted", "maritime-polluted", "maritime-tropical", "arctic", "antarctic"),
+    "volcanic-stratosphere",
+)
 CLIMATE_SUNS_DEG = (30.0, 10.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -18.0)
 UNREFRACTED_SUNS_DEG = (30.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -15.0)
 CLIMATE_DIRECTIONS_DEG = (

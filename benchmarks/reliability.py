@@ -13,6 +13,7 @@ they are, and then the page: slow_tests.csv, and how many damaged inputs (fuzz.c
 from __future__ import annotations
 
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -25,7 +26,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 PAGE = ROOT / "docs" / "reliability.md"
 TESTS = HERE / "slow_tests.csv"
-COLUMNS = ("file", "long_tests", "passed", "failed", "processor_s", "commit")
+COLUMNS = ("file", "long_tests", "passed", "failed", "processor_s", "processor", "commit")
 ALLOWED_PERCENT = {"odd_air.csv": 1.0, "sharp_layers.csv": 3.0}
 
 
@@ -52,13 +53,22 @@ def run_tests(file: str) -> tuple[int, int, int, float]:
     return passed + failed + counts.get("skipped", 0), passed, failed, seconds
 
 
+def processor() -> str:
+    """What the system calls it, "unknown" where it does not say."""
+    try:
+        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text("utf-8"))
+    except OSError:
+        found = None
+    return found[1].strip() if found else platform.processor() or "unknown"
+
+
 def tests(files: list[str]) -> None:
     """slow_tests.csv"""
     commit = re.search(r"commit (.*?):", results.heading("x"))
     for file in files or slow_files():
         row = run_tests(file)
         rows = {r["file"]: tuple(r.values()) for r in results.read_rows(TESTS)} if TESTS.exists() else {}
-        rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", commit[1] if commit else "")
+        rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", processor(), commit[1] if commit else "")
         results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py tests")
 
 

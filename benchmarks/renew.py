@@ -43,7 +43,7 @@ BENCHMARKS = {
     "montecarlo_steering": Benchmark(
         "montecarlo_speed.py steering", "montecarlo_steering.csv", "what finer steering of the referee would bring"
     ),
-    "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in six climates"),
+    "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in thirteen climates"),
     "coarse_particles": Benchmark(
         "coarse_particles.py", "coarse_particles*.csv", "what the errors of `zones` beside coarse particles consist of"
     ),

@@ -6,7 +6,12 @@ import ast
 import re
 from pathlib import Path
 
+import numba
+import numpy as np
+import pytest
+
 import twilight
+from twilight.kernels import njit
 
 PACKAGE = Path(twilight.__file__).parent
 CALLERS = (PACKAGE, Path(__file__).parent, Path(__file__).parents[1] / "benchmarks")
@@ -54,6 +59,13 @@ def test_every_argument_of_a_kernel_is_explained():
                     missing.append(f"{path.relative_to(PACKAGE)}: {node.name}: {', '.join(left)}")
     assert counted > 1000, "kernels are not found any more"
     assert not missing, "not explained:\n" + "\n".join(missing)
+
+
+def test_a_kernel_that_is_said_to_make_no_arrays_makes_none():
+    made = njit(makes_arrays=False)(lambda n: np.empty(n).size)
+    with pytest.raises(numba.TypingError):
+        made(3)
+    assert njit()(lambda n: np.empty(n).size)(3) == 3
 
 
 def test_a_word_of_a_sentence_explains_nothing():

@@ -309,7 +309,7 @@ def lit_at(beam, altitude_km, cos_sun_zenith):
     return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith)[0]
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def beam_at(beam, altitude_km, cos_sun_zenith, out):
     """Irradiance of the sun beam on a surface normal to it, over F0, at one point and every wavelength.
 

@@ -20,7 +20,7 @@ STEP_KM, STEP_GROWTH = 0.8, 0.1
 _INSIDE_KM = 1e-9
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def chord_depth(profile, altitude_km, cos_zenith, length, out):
     """Optical depth (W,) into `out`, of a chord of `length` [km] that starts inside the air under `cos_zenith`.
 

@@ -160,7 +160,7 @@ def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.
     return np.unique(stops), breaks, breaks[np.isin(breaks, sharp)]
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def locate(profile, z):
     """(i, f): level index below the altitude z [km] and the fraction of the way to level i + 1; z is clamped to the
     profile.

@@ -107,7 +107,8 @@ def _few_azimuths(
     form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     least_intervals = BY_DAY if to_sun[0] > 0.0 else IN_TWILIGHT
-    n = _FEWEST
+    # fewer directions than a series takes
+    n = _FEWEST if end - first > least_intervals + 1 else MOST + 1
     while n <= MOST and n + 1 < end - first:
         stride = MOST // n
         error = 0.0
@@ -155,7 +156,7 @@ def scattered_once(
         most = max(most, rays.first[r + 1] - rays.first[r])
     room = Room(
         np.empty((most, n_w)), np.empty((most, n_w)), np.empty((most, n_w)), np.empty(most, np.bool_),
-        np.empty((most, 2)), np.empty(n_w), np.empty((n_w, 2)),
+        np.empty((most, 2)), np.empty(n_w), np.empty(n_w), np.empty((n_w, 2)),
     )  # fmt: skip
     moments, form = np.empty((3, n_s, n_w)), np.empty(3 * n_s * n_w)
     values, series = np.empty((MOST + 1, 3, n_s, n_w)), np.empty((MOST + 1, form.size))

@@ -62,7 +62,7 @@ def cos_sun(angle, to_sun, cos_azimuth):
     return math.cos(angle) * to_sun[0] + math.sin(angle) * to_sun[1] * cos_azimuth
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def _between(place, k, t):
     """(altitude [km], angle [rad], cosine) within the step whose points are k and k + 1; t: fraction of the step."""
     f = (t - GAUSS_LOW) / _BETWEEN
@@ -76,21 +76,30 @@ def _between(place, k, t):
     return z, place[k, ANGLE] + f * (place[k + 1, ANGLE] - place[k, ANGLE]), c0 + f * (c1 - c0)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
+def _any(light):
+    """Whether some of light (W,) is above 0."""
+    for w in range(light.size):
+        if light[w] > 0.0:
+            return True
+    return False
+
+
+@njit(inner=True, cache=True, makes_arrays=False)
 def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
     """Fraction of step k in low..high at which the light begins or ends; lit_low: whether `low` is lit."""
     for _ in range(EDGE_HALVINGS):
         t = 0.5 * (low + high)
         z, angle, _ = _between(place, k, t)
         beam_at(beam, z, cos_sun(angle, to_sun, cos_azimuth), light)
-        if (light.max() > 0.0) == lit_low:
+        if _any(light) == lit_low:
             low = t
         else:
             high = t
     return high if not lit_low else low
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
     """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
 
@@ -138,7 +147,7 @@ def turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
     return max(floor, value) if stokes == 0 else value
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _densities(weight, k, density):
     """Exponentials through the weights of points k and k + 1 with their sum over the step.
 
@@ -158,7 +167,7 @@ def _densities(weight, k, density):
 
 class Room(NamedTuple):
     """Room for the points of one ray: light, logarithm, part (P, W); lit (P,); bent (P, 2): by how much the sun is
-    lifted and the ray lowered; at_one (W,), density (W, 2)."""
+    lifted and the ray lowered; at_one, total (W,), density (W, 2)."""
 
     light: np.ndarray
     logarithm: np.ndarray
@@ -166,6 +175,7 @@ class Room(NamedTuple):
     lit: np.ndarray
     bent: np.ndarray
     at_one: np.ndarray
+    total: np.ndarray
     density: np.ndarray
 
 
@@ -178,7 +188,7 @@ class Row(NamedTuple):
     cos_azimuth: float
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
     """Moments (3, S, W) of the light along ray r in the direction `row`: sums over points of g share_s E/F0, and of
     that times the angles by which the sun is lifted and the ray is lowered.
@@ -188,106 +198,120 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
     r: index of the ray; row: `Row`; room: `Room`, used; moments: filled; other (D, W): over F0, of all kinds.
     """
     light, logarithm, part, lit, bent = room.light, room.logarithm, room.part, room.lit, room.bent
-    place, weight = rays.place, rays.weight
+    place, weight, here, total = rays.place, rays.weight, room.at_one, room.total
     n_s, n_w = share.shape[0], weight.shape[1]
     k0 = rays.first[r]
     n = rays.first[r + 1] - k0
-    total = np.empty(n_w)
     for w in range(n_w):
         total[w] = other[d, w]
     moments[:] = 0.0
     for i in range(n):
         k = k0 + i
-        lifted = beam_at(beam, place[k, ALTITUDE], cos_sun(place[k, ANGLE], row.to_sun, row.cos_azimuth), light[i])
+        # not into a row of `light`: an array made here would be counted in and out at every point
+        lifted = beam_at(beam, place[k, ALTITUDE], cos_sun(place[k, ANGLE], row.to_sun, row.cos_azimuth), here)
         lowered = row.elevation - (math.asin(min(1.0, max(-1.0, place[k, COSINE]))) - place[k, ANGLE])
         bent[i, 0], bent[i, 1] = lifted, lowered
         lit[i] = False
         for w in range(n_w):
+            light[i, w] = here[w]
             logarithm[i, w] = -80.0
             source = 0.0
-            if light[i, w] > 0.0:
+            if here[w] > 0.0:
                 lit[i] = True
-                logarithm[i, w] = max(-80.0, math.log(light[i, w]))
+                logarithm[i, w] = max(-80.0, math.log(here[w]))
                 for s in range(n_s):
                     source += share[s, k, w] * turned(beam, phases, 0, d, s, w, lifted, lowered, floor)
-            part[i, w] = weight[k, w] * light[i, w] * source
+            part[i, w] = weight[k, w] * here[w] * source
             total[w] += part[i, w]
     for i in range(0, n, 2):
-        if not _cut(beam, rays, share, k0, n, i, row, room, total, moments):
-            for j in range(i, i + 2):
-                for s in range(n_s):
-                    for w in range(n_w):
-                        source = weight[k0 + j, w] * light[j, w] * share[s, k0 + j, w]
-                        moments[0, s, w] += source
-                        moments[1, s, w] += source * bent[j, 0]
-                        moments[2, s, w] += source * bent[j, 1]
+        before, after = max(i - 1, 0), min(i + 2, n - 1)
+        some_lit = lit[before] or lit[i] or lit[i + 1] or lit[after]
+        if not some_lit:
+            continue
+        all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
+        error, change = _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total)
+        if error > WORTH:
+            _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments)
+            continue
+        for j in range(i, i + 2):
+            for s in range(n_s):
+                for w in range(n_w):
+                    source = weight[k0 + j, w] * light[j, w] * share[s, k0 + j, w]
+                    moments[0, s, w] += source
+                    moments[1, s, w] += source * bent[j, 0]
+                    moments[2, s, w] += source * bent[j, 1]
 
 
-@njit(cache=True)
-def _cut(beam, rays, share, k0, n, i, row, room, total, moments):
-    """Whether the step of points k0 + i and k0 + i + 1 had to be cut; then its light is added to moments (3, S, W).
+@njit(cache=True, inline="always")
+def _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total):
+    """By how much of all light in the direction a step that is not cut may be wrong, and how much the logarithm of the
+    sunlight changes in it where that is too much.
 
-    k0: index of the ray's first point, n: number of its points, i: of the step's first one among them; row: `Row`;
-    room: `Room`, filled for the ray; total (W,): all light in the direction.
+    k0: index of the ray's first point; before, i, i + 1, after: of the step's points and their neighbours among those
+    of the ray; all_lit: whether they all are; weight (P, W): of `Rays`; logarithm, part (P, W): as in `Room`; total
+    (W,): all light in the direction.
     """
-    logarithm, part, lit, at_one, density = room.logarithm, room.part, room.lit, room.at_one, room.density
+    k = k0 + i
+    length = place[k + 1, DISTANCE] - place[k, DISTANCE]
+    error = change = 0.0
+    if length > 0.0:
+        for w in range(total.size):
+            if total[w] <= 0.0:
+                continue
+            here = (logarithm[i + 1, w] - logarithm[i, w]) / length
+            bend = 0.0
+            if before < i:
+                gap = place[k, DISTANCE] - place[k0 + before, DISTANCE]
+                bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - here)
+            if after > i + 1:
+                gap = place[k0 + after, DISTANCE] - place[k + 1, DISTANCE]
+                bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - here))
+            bend *= length / _BETWEEN
+            step = abs(here) * length / _BETWEEN
+            # as bright as the brighter end would make it
+            brightest = max(
+                max(part[i, w], part[i + 1, w]),
+                max(
+                    part[before, w] * weight[k, w] / max(weight[k0 + before, w], 1e-300),
+                    part[after, w] * weight[k + 1, w] / max(weight[k0 + after, w], 1e-300),
+                ),
+            )
+            wrong = min(1.0, 0.02 * bend + min(step, 10.0) ** 4 / 4320.0) * 2.0 * brightest / total[w]
+            if not all_lit:
+                wrong = 2.0 * brightest / total[w]
+            if wrong > error:
+                error = wrong
+            if wrong > WORTH:
+                change = max(change, max(bend, step))
+    return error, change
+
+
+@njit(cache=True, makes_arrays=False)
+def _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments):
+    """Add the light of the step of points k0 + i and k0 + i + 1, cut in parts, to moments (3, S, W).
+
+    k0: index of the ray's first point, i: of the step's first one among them; row: `Row`; room: `Room`; all_lit:
+    whether it is, and so are its neighbours; change: of `_error`.
+    """
+    at_one, density = room.at_one, room.density
     place, weight = rays.place, rays.weight
     k = k0 + i
-    before = max(i - 1, 0)
-    after = min(i + 2, n - 1)
-    if not (lit[before] or lit[i] or lit[i + 1] or lit[after]):
-        return True
-    all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
-    length = place[k + 1, DISTANCE] - place[k, DISTANCE]
-    if length <= 0.0:
-        return False
-    error = change = 0.0
-    for w in range(total.size):
-        if total[w] <= 0.0:
-            continue
-        here = (logarithm[i + 1, w] - logarithm[i, w]) / length
-        bend = 0.0
-        if before < i:
-            gap = place[k, DISTANCE] - place[k0 + before, DISTANCE]
-            bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - here)
-        if after > i + 1:
-            gap = place[k0 + after, DISTANCE] - place[k + 1, DISTANCE]
-            bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - here))
-        bend *= length / _BETWEEN
-        step = abs(here) * length / _BETWEEN
-        # as bright as the brighter end would make it
-        brightest = max(
-            max(part[i, w], part[i + 1, w]),
-            max(
-                part[before, w] * weight[k, w] / max(weight[k0 + before, w], 1e-300),
-                part[after, w] * weight[k + 1, w] / max(weight[k0 + after, w], 1e-300),
-            ),
-        )
-        wrong = min(1.0, 0.02 * bend + min(step, 10.0) ** 4 / 4320.0) * 2.0 * brightest / total[w]
-        if not all_lit:
-            wrong = 2.0 * brightest / total[w]
-        if wrong > error:
-            error = wrong
-        if wrong > WORTH:
-            change = max(change, max(bend, step))
-    if error <= WORTH:
-        return False
     _densities(weight, k, density)
     parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
     if all_lit:
         _add_part(beam, rays, share, row, k, 0.0, 1.0, _EQUAL, parts, at_one, density, moments)
-        return True
+        return
     mark = (0.0, GAUSS_LOW, GAUSS_HIGH, 1.0)
     start, square = 0.0, 0
     z, angle, _ = _between(place, k, 0.0)
     beam_at(beam, z, cos_sun(angle, row.to_sun, row.cos_azimuth), at_one)
-    here_lit = at_one.max() > 0.0
+    here_lit = _any(at_one)
     for m in range(4):
         next_lit = here_lit
         if m < 3:
             z, angle, _ = _between(place, k, mark[m + 1])
             beam_at(beam, z, cos_sun(angle, row.to_sun, row.cos_azimuth), at_one)
-            next_lit = at_one.max() > 0.0
+            next_lit = _any(at_one)
             if next_lit == here_lit:
                 continue
         stop = 1.0
@@ -300,4 +324,3 @@ def _cut(beam, rays, share, k0, n, i, row, room, total, moments):
             kind = -1 if square != 0 else (1 if m < 3 else 0)
             _add_part(beam, rays, share, row, k, start, stop, kind, cuts, at_one, density, moments)
         start, square, here_lit = stop, 1, next_lit
-    return True

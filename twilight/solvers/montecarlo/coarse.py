@@ -5,6 +5,10 @@ included), a small dense system that is solved at once, so that thick and bright
 interpolates linearly, which is too bright in the deep shadow, where the field falls by e per degree; sweeps that
 interpolate the logarithm follow, with blurred phase functions, and give the light and its source by direction.
 
+In thick air the light goes by diffusion, which the linear system has to get right, for sweeps take it no farther than a
+free path: there events are those of the air without forward peaks (similarity), the altitudes are close enough, and
+what a piece of a leg scatters is integrated over it, so that none is lost at any of hundreds of events.
+
 Arguments that kernels share: `kernel`.
 """
 
@@ -15,20 +19,23 @@ from functools import partial
 
 import numpy as np
 
+from twilight.atmosphere.medium import Medium
 from twilight.kernels import njit
-from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air
+from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air, prepare_air
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import trace
 from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, altitude_at
 from twilight.solvers.montecarlo.matrix import any_normal
-from twilight.solvers.montecarlo.pieces import LEG_PIECES, LENGTH, PLAIN, START, Cuts, new_leg, steered_light
+from twilight.solvers.montecarlo.pieces import DEPTH, LEG_PIECES, LENGTH, PLAIN, START, Cuts, new_leg, steered_light
 from twilight.solvers.montecarlo.steering import (
     DARK,
     N_AZIMUTHS,
     N_DIRECTIONS,
+    THICK,
     Steering,
     altitude_index,
+    diffusing_depth,
     empty_steering,
     source_directions,
     sun_index,
@@ -38,20 +45,26 @@ from twilight.threads import in_slices
 
 CUTS = Cuts(max_length=80.0, max_depth=1.0, sag_km=0.0, bent=False, polarised=False, random=False)
 """Legs are straight, scalar and without randomness."""
+SUN_CUTS = CUTS._replace(random=True)
+"""In thick air sunlight changes within a piece: its source is taken at a random point of it, of a stream per node."""
 NEIGHBOUR = 2.0
 """A wavelength starts from the field of the one before if their vertical optical depths differ by less than this."""
 
 
-def solve_steering(air: Air, sun: Sun, sweeps: int = 2, stop: np.ndarray | None = None) -> Steering:
+def solve_steering(air: Air, medium: Medium, sun: Sun, sweeps: int = 2, stop: np.ndarray | None = None) -> Steering:
     """Steering tables: the linear solution and then some logarithmic sweeps (0: no steering at all).
 
-    stop (1,): once it is not 0, what is not solved yet is left as it is, at the cost of noise.
+    air: of the medium; stop (1,): once it is not 0, what is not solved yet is left as it is, at the cost of noise.
     """
     if stop is None:
         stop = np.zeros(1, dtype=np.uint8)
-    steering = empty_steering(air)
+    moments = [phase.legendre_moments(1)[:, 1] for phase in medium.phase_functions]
+    between = diffusing_depth(air, np.array(moments).reshape(len(moments), -1))
+    steering = empty_steering(air, between)
     if sweeps == 0:
         return steering
+    is_thick = between[:, -1] > THICK
+    diffuse = prepare_air(medium, 1) if is_thick.any() and not air.isotropic_events else air
     z = steering.altitude_km
     n_sun = steering.cos_sun.size
     n = z.size * n_sun
@@ -59,13 +72,15 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2, stop: np.ndarray | None 
     for w in range(air.table.shape[0]):
         phase = _source_phase(air, steering, w, z)
         todo = sweeps
-        if w > 0 and sweeps > 1 and 1.0 / NEIGHBOUR < depth[w] / max(depth[w - 1], 1e-300) < NEIGHBOUR:
+        near = w > 0 and not is_thick[w]
+        if near and sweeps > 1 and 1.0 / NEIGHBOUR < depth[w] / max(depth[w - 1], 1e-300) < NEIGHBOUR:
             # the field of the wavelength before is a better start than the linear solution, and costs nothing
             steering.log_source[w] = steering.log_source[w - 1]
             steering.log_ground[w] = steering.log_ground[w - 1]
             todo = sweeps - 1
         else:
-            _linear(air, sun, steering, w, z, stop)
+            thick = bool(is_thick[w])
+            _linear(diffuse if thick else air, sun, steering, w, z, thick, stop)
         for _ in range(todo):
             radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
             in_slices(partial(_sweep, air, sun, steering, w, CUTS, z, stop, radiance), n)
@@ -75,14 +90,14 @@ def solve_steering(air: Air, sun: Sun, sweeps: int = 2, stop: np.ndarray | None 
     return steering
 
 
-def _linear(air: Air, sun: Sun, steering: Steering, w: int, z: np.ndarray, stop: np.ndarray) -> None:
+def _linear(air: Air, sun: Sun, steering: Steering, w: int, z: np.ndarray, integrated: bool, stop: np.ndarray) -> None:
     """Mean light at the nodes from the linear system of one wavelength, the same in all directions."""
     n_sun = steering.cos_sun.size
     n = z.size * n_sun
     # unknowns: mean light at the nodes, then diffuse irradiance on the ground
     source = np.zeros(n + n_sun)
     kernel = np.zeros((n + n_sun, n + n_sun))
-    in_slices(partial(_system, air, sun, steering, w, CUTS, z, stop, source, kernel), n)
+    in_slices(partial(_system, air, sun, steering, w, CUTS, z, integrated, stop, source, kernel), n)
     if stop[0]:
         return
     light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
@@ -145,16 +160,18 @@ def _leg_from_node(air, sun, steering, w, cuts, r, to_sun, i, d, stream, leg, ra
 
 
 @njit(cache=True, nogil=True)
-def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, first, end):
+def _system(air, sun, steering, w, cuts, altitude_km, integrated, stop, source, kernel, first, end):
     """S and K of the module's equation, rows of some nodes.
 
-    cuts: `CUTS`; altitude_km (A,): of the nodes; stop (1,): no node is begun once it is not 0; source (N,) [sr^-1],
+    cuts: `CUTS`; altitude_km (A,): of the nodes; integrated: whether what a piece scatters is integrated over it, not
+    taken from its middle; stop (1,): no node is begun once it is not 0; source (N,) [sr^-1],
     kernel (N, N): S and K, added to, for N = A Z mean lights and Z irradiances on the ground; first, end: the first
     node and the one after the last.
     """
     n_sun = steering.cos_sun.size
     n_nodes = altitude_km.size * n_sun
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
+    other = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES if integrated else 1, 1)
     pieces = leg.pieces
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.zeros(3)
@@ -162,6 +179,7 @@ def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, firs
     for node in range(first, end):
         if stop[0] != 0:
             break
+        stream[0] = node
         i, j = _to_node(steering, node, to_sun)
         sx, sz = to_sun[0], to_sun[2]
         r = air.earth_radius_km + altitude_km[i]
@@ -175,6 +193,9 @@ def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, firs
             mean = share / (4.0 * math.pi)
             down = share * up if i == 0 and up > 0.0 else 0.0
             single = found.sun_i + found.sun_ground
+            if integrated:
+                again = _leg_from_node(air, sun, steering, w, SUN_CUTS, r, to_sun, i, d, stream, other, ray)
+                single = again.sun_i + again.sun_ground
             source[node] += mean * single
             if i == 0:
                 source[n_nodes + j] += down * single
@@ -182,6 +203,14 @@ def _system(air, sun, steering, w, cuts, altitude_km, stop, source, kernel, firs
             for k in range(found.pieces):
                 weight = pieces[k, PLAIN] - before
                 before = pieces[k, PLAIN]
+                if integrated:
+                    # of exp(-t) over a piece of the depth x, beside x times its value in the middle
+                    passed = -math.log(max(1e-30, found.transmittance))
+                    if k + 1 < found.pieces:
+                        passed = pieces[k + 1, DEPTH]
+                    half = 0.5 * (passed - pieces[k, DEPTH])
+                    if 1e-6 < half < 1.0:
+                        weight *= math.sinh(half) / half
                 s = pieces[k, START] + 0.5 * pieces[k, LENGTH]
                 z = altitude_at(altitude_km[i], r, up, s)
                 cos_sun = (r * sz + s * (steering.centre[i, d, 0] * sx + up * sz)) / (air.earth_radius_km + z)

@@ -61,7 +61,7 @@ def prepare(
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
     sun = Sun(beam, prepare_sun_table(air, beam), settings.check_rate)
     with _stop_after(settings.time_limit_s) as stop:
-        steering = solve_steering(air, sun, settings.steering_sweeps, stop)
+        steering = solve_steering(air, medium, sun, settings.steering_sweeps, stop)
     return Field(medium, settings, air, sight, sun, steering, altitude_km, progress)
 
 

@@ -52,6 +52,10 @@ MAX_EVENTS = 5000
 LEAST_SURVIVAL = 0.1
 NEGLIGIBLE = 1e-12
 MOST_COPIES = 16.0
+LEAST_WORTH, MOST_WORTH = 0.33, 3.0
+"""A path of more than N_ORDERS events, as there are in thick air, goes on alone while it is worth as much in units of a
+continuation of the first leg, and in directions of the phase function: the noise of a roulette and of the coarse
+field's directions at each of hundreds of events would add up."""
 STACK = 4096
 LATTICE_1, LATTICE_2, LATTICE_3 = 0.8191725134, 0.6710436067, 0.5497004779
 
@@ -181,16 +185,16 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
 
 
 @njit(inner=True, **INNER)
-def next_leg(air, steering, w, walk, event, unit, to_sun, stream, work):
+def next_leg(air, steering, w, walk, table_fraction, event, unit, to_sun, stream, work):
     """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
 
-    unit [sr^-1]: light that a path is worth; below a fraction of it the path may end by chance (roulette).  work:
-    `Work`, with its frame filled.
+    table_fraction: that of `Walk`, or 0; unit [sr^-1]: light that a path is worth; below a fraction of it the path may
+    end by chance (roulette).  work: `Work`, with its frame filled.
     """
     polarised = walk.later.polarised
     cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], to_sun, work.frame)
     ratio, light = choose_direction(
-        air, steering, w, event, cos_sun, walk.table_fraction, walk.candidates, polarised, stream, work
+        air, steering, w, event, cos_sun, table_fraction, walk.candidates, polarised, stream, work
     )
     weight = event[WEIGHT] * ratio
     if weight <= 0.0:
@@ -243,10 +247,11 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
     while size > 0:
         size -= 1
         event = stack[size]
-        weight = next_leg(air, steering, w, walk, event, unit, to_sun, stream, work)
+        order = int(event[ORDER])
+        table_fraction = walk.table_fraction if order <= N_ORDERS else 0.0
+        weight = next_leg(air, steering, w, walk, table_fraction, event, unit, to_sun, stream, work)
         if weight <= 0.0:
             continue
-        order = int(event[ORDER])
         at_start = refractivity_at(air, w, event[ALTITUDE]) if walk.later.bent else 0.0
         found = trace(air, sun, steering, w, work.new, to_sun, walk.later, stream, leg)
         if found.pieces < 0:
@@ -264,7 +269,7 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
         if order < walk.max_orders and remaining > 0.0:
             copies = 1
             worth = weight * remaining / unit
-            if walk.roulette > 0.0:
+            if walk.roulette > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
                 mean_copies = min(max(worth * walk.continuation, LEAST_SURVIVAL), MOST_COPIES)
                 copies = int(mean_copies + uniform(stream))
                 weight /= mean_copies

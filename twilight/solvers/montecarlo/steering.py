@@ -9,6 +9,7 @@ Arguments that kernels share: `kernel`.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,16 @@ from twilight.solvers.montecarlo.air import EVENT, N_SAMPLING, N_SMOOTH, SPECIES
 from twilight.solvers.montecarlo.kernel import INNER
 
 N_ALTITUDES = 20
-N_ROOTS = 1024
+N_ROOTS, N_ROOTS_THICK = 1024, 16384
 LAYER_FACTOR, LAYER_KM, LAYER_ABOVE_KM, MOST_EDGES = 3.0, 0.5, 3.0, 8
 """An edge of a layer is where scattering changes by LAYER_FACTOR within LAYER_KM, above LAYER_ABOVE_KM; the strongest
 MOST_EDGES of them get altitudes of the tables on both sides."""
 BESIDE_KM = 0.05
+THICK = 3.0
+"""Vertical depth of scattering, forward peaks left out, from which air counts as thick: light in it diffuses."""
+THICK_STEP, THICK_EDGE, MOST_THICK = 1.2, 0.1, 30
+"""Most such depth between altitudes of the tables in thick air; the depth of the altitudes next to where it begins and
+ends; and how many altitudes are added at the most."""
 N_HINTS = 4096
 N_SOURCE_ROWS = 12
 N_SOURCE_AZIMUTHS = 10
@@ -48,8 +54,8 @@ N_DIRECTIONS = (ABOVE_HORIZON_DEG.size - 1) * N_AZIMUTHS
 class Steering(NamedTuple):
     """Tables over A altitudes, Z cosines of the local solar zenith angle, D directions of the local sky.
 
-    altitude_km (A,); place_of_root (N_ROOTS + 1,): place among the altitudes (2.5: between the third and the fourth)
-    over the root of the relative height above the ground, in equal steps.
+    altitude_km (A,); place_of_root (R + 1,): place among the altitudes (2.5: between the third and the fourth) over the
+    root of the relative height above the ground, in R equal steps, N_ROOTS or, in thick air, N_ROOTS_THICK.
     log_mean (W, A, Z): logarithm of the mean diffuse radiance [sr^-1]; log_source (W, A, Z, N_SOURCE): logarithm of the
     diffuse light that an event scatters per unit of scattering [sr^-1], over directions in cells uniform in the sine of
     the elevation and in the sine of half the azimuth from the sun; log_ground (W, Z): of the diffuse downward
@@ -82,16 +88,21 @@ class Steering(NamedTuple):
     solid_angle: np.ndarray
 
 
-def empty_steering(air: Air) -> Steering:
-    """Tables that know of no light: every event is drawn by transmittance and scattering alone."""
+def empty_steering(air: Air, depth: np.ndarray) -> Steering:
+    """Tables that know of no light: every event is drawn by transmittance and scattering alone.
+
+    depth (W, N): `diffusing_depth`, which says where altitudes are wanted.
+    """
     n_wavelengths = air.table.shape[0]
     cos_sun = np.sort(np.cos(np.radians(SUN_ZENITH_DEG)))
     rows = np.sin(np.radians(ABOVE_HORIZON_DEG))
-    bottom, depth = float(air.shell_km[0]), float(air.shell_km[-1] - air.shell_km[0])
+    bottom, height = float(air.shell_km[0]), float(air.shell_km[-1] - air.shell_km[0])
     ground_radius = air.earth_radius_km + bottom
     altitude = table_altitudes(air)
-    root = np.sqrt((altitude - bottom) / depth)
-    place = np.interp(np.linspace(0.0, 1.0, N_ROOTS + 1), root, np.arange(altitude.size))
+    altitude = np.union1d(altitude, thick_altitudes(air.level_km, depth, altitude))
+    root = np.sqrt((altitude - bottom) / height)
+    n_roots = N_ROOTS_THICK if (depth[:, -1] > THICK).any() else N_ROOTS
+    place = np.interp(np.linspace(0.0, 1.0, n_roots + 1), root, np.arange(altitude.size))
     ratio = ground_radius / (ground_radius + altitude - bottom)
     horizon = -np.sqrt(np.maximum(0.0, 1.0 - ratio**2))[:, None]
     edges = horizon + np.where(rows < 0, 1 + horizon, 1 - horizon) * rows
@@ -104,7 +115,7 @@ def empty_steering(air: Air) -> Steering:
     starts = -1 + 2 * np.arange(N_HINTS) / N_HINTS
     return Steering(
         bottom,
-        depth,
+        height,
         altitude,
         place,
         cos_sun,
@@ -149,15 +160,50 @@ def table_altitudes(air: Air) -> np.ndarray:
     return np.unique(np.concatenate([plain, beside]))
 
 
+def diffusing_depth(air: Air, asymmetry: np.ndarray) -> np.ndarray:
+    """Vertical depth (W, N) of the scattering of events from the ground to every level, without forward peaks.
+
+    asymmetry (K, W): mean cosines of the aerosols' phase functions, the share that is left out.
+    """
+    z = air.level_km
+    events = air.table[:, :, EVENT].copy()
+    if not air.isotropic_events:
+        for k, g in enumerate(np.clip(asymmetry, 0.0, 0.999)):
+            events -= g[:, None] * air.table[:, :, SPECIES + 1 + k]
+    steps = 0.5 * (events[:, 1:] + events[:, :-1]) * np.diff(z)
+    return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+
+
+def thick_altitudes(level_km: np.ndarray, depth: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
+    """Altitudes [km] to add to those of the tables (A,) where the depth between two of them is more than THICK_STEP.
+
+    level_km (N,); depth (W, N): `diffusing_depth`.  None where the air is not THICK.
+    """
+    which = depth[:, -1] > THICK
+    if not which.any():
+        return np.zeros(0)
+    most = depth[which].max(axis=0)
+    step = max(THICK_STEP, most[-1] / MOST_THICK)
+    added: list[float] = []
+    at = np.interp(altitude_km, level_km, most)
+    for begin, end in pairwise(at):
+        if end - begin > step:
+            inside = np.linspace(begin, end, int(np.ceil((end - begin) / step)) + 1)[1:-1]
+            added += [begin + THICK_EDGE, *inside, end - THICK_EDGE]
+    rises = np.concatenate([[True], np.diff(most) > 0.0])
+    return np.interp(added, most[rises], level_km[rises])
+
+
 @njit(inline="always", **INNER)
 def altitude_place(place_of_root, n_altitudes, root):
     """(i, fraction) among the altitudes of the tables.
 
-    place_of_root (N_ROOTS + 1,): see `Steering`; n_altitudes: how many there are; root: of the height above the ground
+    place_of_root (R + 1,): see `Steering`; n_altitudes: how many there are; root: of the height above the ground
     over the depth of the air, 0 to 1.
     """
-    x = root * N_ROOTS
-    k = min(int(x), N_ROOTS - 1)
+    n_roots = place_of_root.size - 1
+    x = root * n_roots
+    k = min(int(x), n_roots - 1)
     f = min(1.0, x - k)
     place = place_of_root[k] * (1.0 - f) + place_of_root[k + 1] * f
     i = min(int(place), n_altitudes - 2)
@@ -200,7 +246,7 @@ def source_directions() -> np.ndarray:
 def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_to_sun):
     """Logarithm of the diffuse light scattered at a point towards the viewer per unit of scattering [sr^-1].
 
-    source (A, Z, N_SOURCE): log_source of one wavelength; place_of_root (N_ROOTS + 1,), nodes (Z,), hint (N_HINTS,): of
+    source (A, Z, N_SOURCE): log_source of one wavelength; place_of_root (R + 1,), nodes (Z,), hint (N_HINTS,): of
     `Steering`, as arrays because this is the innermost loop; root: of the relative altitude; mu_sun, up: cosines to the
     vertical of the sun and of the direction of view; cos_to_sun: cosine between the two.
     """

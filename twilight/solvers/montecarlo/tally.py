@@ -21,6 +21,11 @@ SKEW_SHARE = 1.75
 UNTRUSTED = 0.5
 """Relative error of the variance beyond which a standard error is not to be trusted."""
 FEWEST = 8
+UNCERTAIN = 0.25
+"""Relative error of the mean beyond which it is not to be trusted: light is not negative, so that so uncertain a mean
+hangs on a few bright samples, whether they came or not."""
+LEANING = 0.25
+"""Share of the light that may come from the coarse field's part, whose mean is 0, in an answer that is trusted."""
 GROWTH = 64
 """Most by which the samples of a pixel grow in one round, so that no pilot with one bright sample asks for millions."""
 MISSED = 1.5
@@ -110,13 +115,16 @@ class Tally:
     def untrusted(self) -> np.ndarray:
         """Where (P, W) the variance itself is known to no better than UNTRUSTED of itself: sqrt((kurtosis - 1) / n).
 
-        And where an arm has fewer than FEWEST samples that vary.
+        And where an arm has fewer than FEWEST samples that vary, the error is more than UNCERTAIN of the mean, or the
+        coarse field's part, which light that no path found yet leaves behind, is more than LEANING of it.
         """
         _, kurtosis = self.shape_of_samples()
         doubt = np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)
-        _, variance = self.moments((0, TOTAL))
-        few = (self.count.min(axis=-1) < FEWEST) & np.any(variance != 0.0, axis=-1)
-        return few | (np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED)
+        mean, variance = self.moments((0, slice(None)))
+        few = (self.count.min(axis=-1) < FEWEST) & np.any(variance[..., TOTAL] != 0.0, axis=-1)
+        mean = mean.mean(axis=-2)
+        leans = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1)) > LEANING * np.abs(mean[..., TOTAL])
+        return few | leans | (self.relative_error() > UNCERTAIN) | (np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED)
 
     def wanted(self, target: float, max_samples: int, late: bool) -> np.ndarray:
         """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2).

@@ -1,0 +1,85 @@
+"""Monte-Carlo under a thick white cloud: the field that steers it, its errors, and when it says that it is not to be
+trusted.  Truth is plane-parallel doubling and adding."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from thick_media import cloud, slabs
+
+from twilight.solvers.montecarlo import MonteCarloSettings, prepare
+from twilight.solvers.montecarlo.paths import N_ORDERS, TOTAL
+from twilight.solvers.montecarlo.tally import Tally
+
+SUN_COSINE = 0.5
+SUN_DEG = float(np.degrees(np.arcsin(SUN_COSINE)))
+MU, WEIGHT = np.polynomial.legendre.leggauss(3)
+MU, WEIGHT = 0.5 * (MU + 1.0), 0.5 * WEIGHT
+DEPTH, ASYMMETRY = 16.0, 0.7
+SETTINGS = MonteCarloSettings(target_stderr=None, samples=64, polarisation=False)
+
+
+@pytest.fixture(scope="module")
+def below():
+    return prepare(cloud(DEPTH, asymmetry=ASYMMETRY, ground=0.0), SETTINGS)
+
+
+def flux_down(field) -> tuple[float, float, bool]:
+    """Diffuse irradiance of the ground over F0, its standard error, and whether any of its radiances is not trusted.
+
+    Under such a cloud radiance does not depend on the azimuth.
+    """
+    found = field.radiance_with_error(SUN_DEG, np.degrees(np.arcsin(MU)), 90.0)
+    weight = 2.0 * np.pi * WEIGHT * MU
+    error = np.sqrt(((weight * found.standard_error[:, 0]) ** 2).sum())
+    return float(weight @ found.radiance[:, 0]), float(error), bool(found.untrusted.any())
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return slabs(DEPTH, SUN_COSINE, asymmetry=ASYMMETRY, ground=0.0).flux_down[-1]
+
+
+def test_the_steering_field_knows_how_much_light_comes_through(below, truth):
+    """Before it was told of diffusion it had 40 times too little, and paths were split for nothing."""
+    steering = below.steering
+    assert 0.4 < np.interp(SUN_COSINE, steering.cos_sun, np.exp(steering.log_ground[0])) / truth < 2.0
+    z = steering.altitude_km
+    assert np.diff(z[(z >= 1.0) & (z <= 2.0)]).max() < 0.35
+
+
+def test_light_through_a_cloud_is_within_its_error(below, truth):
+    value, error, _ = flux_down(below)
+    assert error < 0.15 * truth
+    assert abs(value - truth) < 3.0 * error
+
+
+@pytest.mark.slow
+def test_errors_through_a_cloud_are_the_scatter_between_seeds(below, truth):
+    found = np.array([flux_down(replace(below, settings=replace(SETTINGS, seed=s, samples=128))) for s in range(12)])
+    statistic = (((found[:, 0] - truth) / found[:, 1]) ** 2).sum()
+    assert 1e-3 < chi2.sf(statistic, found.shape[0]) < 1.0 - 1e-3
+
+
+def tally_of(samples: np.ndarray, coarse: np.ndarray) -> Tally:
+    """One pixel whose arms have these samples: light of paths, and of the coarse field."""
+    tally = Tally(1, 1, 1)
+    total = samples + coarse
+    tally.count[:] = samples.size
+    for column, x in ((0, samples), (TOTAL, total)):
+        tally.sums[..., 0, column] = x.sum()
+        tally.squares[..., 0, column] = (x**2).sum()
+    tally.high[..., 0], tally.high[..., 1] = (total**3).sum(), (total**4).sum()
+    assert TOTAL == N_ORDERS
+    return tally
+
+
+def test_an_answer_that_hangs_on_few_paths_or_on_the_coarse_field_is_not_trusted():
+    plain = np.tile([0.8, 1.2], 50)
+    assert not tally_of(plain, 0.0 * plain).untrusted()
+    # the paths found a tenth of the light that the coarse field expects, and the rest is its word alone
+    assert tally_of(0.1 * plain, 0.9 * np.ones(100)).untrusted()
+    # one in fifty paths holds all the light: 70 % of error in each arm
+    rare = np.where(np.arange(100) % 50 == 0, 1.0, 0.0)
+    assert tally_of(rare, 0.0 * rare).untrusted()
