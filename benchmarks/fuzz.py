@@ -28,7 +28,7 @@ def configurations(folder: Path, seed: int, count: int) -> tuple[int, list[str]]
     """(documents accepted, faults)."""
     rng = random.Random(f"configuration/{seed}")
     documents = seeds(ROOT)
-    (folder / "t1.csv").write_text(test_fuzz_configurations.TABLE)
+    test_fuzz_configurations.write_tables(folder)
     path = folder / "scene.yaml"
     accepted, faults = 0, []
     for i in range(count):

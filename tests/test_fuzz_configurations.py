@@ -28,6 +28,19 @@ TABLE = (
 )
 
 
+def write_tables(folder: Path) -> None:
+    """The tables that documents name."""
+    (folder / "t1.csv").write_text(TABLE)
+    for table in (ROOT / "climates").glob("*.csv"):
+        (folder / table.name).write_bytes(table.read_bytes())
+
+
+@pytest.fixture
+def place(tmp_path):
+    write_tables(tmp_path)
+    return tmp_path
+
+
 def look_at(path: Path) -> None:
     """All that a render does with a configuration before the solver."""
     for case in load_series(path)[:20]:
@@ -37,11 +50,10 @@ def look_at(path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_faulty_configurations(tmp_path, seed):
+def test_faulty_configurations(place, seed):
     rng = random.Random(seed)
     documents = seeds(ROOT)
-    (tmp_path / "t1.csv").write_text(TABLE)
-    path = tmp_path / "scene.yaml"
+    path = place / "scene.yaml"
     accepted = 0
     for i in range(100):
         text = mutated_document(rng, documents)
@@ -50,11 +62,10 @@ def test_faulty_configurations(tmp_path, seed):
     assert 0 < accepted < 100
 
 
-def test_seeds_are_valid(tmp_path):
+def test_seeds_are_valid(place):
     import yaml
 
-    (tmp_path / "t1.csv").write_text(TABLE)
-    path = tmp_path / "scene.yaml"
+    path = place / "scene.yaml"
     for document in seeds(ROOT):
         path.write_text(yaml.safe_dump(document))
         look_at(path)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from montecarlo_media import slab
 from scipy.stats import chi2
 from thick_media import cloud, slabs
 
@@ -60,6 +61,12 @@ def test_errors_through_a_cloud_are_the_scatter_between_seeds(below, truth):
     found = np.array([flux_down(replace(below, settings=replace(SETTINGS, seed=s, samples=128))) for s in range(12)])
     statistic = (((found[:, 0] - truth) / found[:, 1]) ** 2).sum()
     assert 1e-3 < chi2.sf(statistic, found.shape[0]) < 1.0 - 1e-3
+
+
+def test_air_without_aerosol_needs_no_altitudes_more():
+    for depth, more in ((1.0, False), (20.0, True)):
+        z = prepare(slab(depth, 1.0), replace(SETTINGS, steering_sweeps=1)).steering.altitude_km
+        assert (z.size > 20) == more
 
 
 def tally_of(samples: np.ndarray, coarse: np.ndarray) -> Tally:

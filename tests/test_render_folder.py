@@ -121,3 +121,31 @@ def test_a_sky_that_was_begun_and_not_written_leaves_no_folder(tmp_path):
     with open_folder(root, {"": A}, "1", overwrite=False) as folder:
         folder.begin("", A)
     assert not root.exists()
+
+
+def test_what_a_killed_render_has_not_written_is_not_deleted(tmp_path):
+    """Killed in a sky's first files, and given again with --overwrite: its own go, and nothing else."""
+    (tmp_path / "sun.json").write_text("a sun of mine")
+    (tmp_path / "sky.blend").write_text("a scene of mine")
+    with open_folder(tmp_path, {"": A}, "1", overwrite=True) as folder:
+        folder.begin("", A)
+        (tmp_path / "sky.rgb.exr").write_bytes(b"whole")
+        (tmp_path / ".sky.h5.0123abcd.part.h5").write_bytes(b"half")
+    (tmp_path / "sky.txt").write_text("a note of mine")
+    with open_folder(tmp_path, {"": B}, "1", overwrite=True) as folder:
+        assert content(tmp_path) == {"sun.json", "sky.blend", "sky.txt"}
+        folder.begin("", B)
+        (tmp_path / "sky.rgb.exr").write_bytes(b"whole")
+    with open_folder(tmp_path, {"": B}, "1", overwrite=False) as folder:
+        folder.begin("", B)  # what the render before had begun stays its own
+    with open_folder(tmp_path, {"": B}, "1", overwrite=True):
+        assert content(tmp_path) == {"sun.json", "sky.blend", "sky.txt"}
+    assert (tmp_path / "sun.json").read_text() == "a sun of mine"
+
+
+def test_a_finished_sky_that_is_begun_again_is_not_taken_for_somebodys(tmp_path):
+    render(tmp_path, {"": A})
+    with open_folder(tmp_path, {"": A}, "2", overwrite=False) as folder:
+        folder.begin("", A)  # by a newer program, and killed
+    assert render(tmp_path, {"": B}, overwrite=True) == [""]
+    assert content(tmp_path) == {"sky.h5", "sky.png"}

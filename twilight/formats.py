@@ -1,7 +1,7 @@
 """The files that a render can write, by the names that a configuration (`output.files`) and `--only` give them.
 
 A new one is two files: a module with a function of (rendered: Rendered, folder: Path, options: Options) that returns
-the paths it wrote (types: `twilight.io.rendered`), and a line here that names both.
+the paths it wrote (types: `twilight.io.rendered`), and a line here that names both; its file's name goes to OF_A_SKY.
 """
 
 from __future__ import annotations
@@ -16,6 +16,12 @@ FORMATS: dict[str, str] = {
     "disc": "twilight.io.disc:write_picture",
     "view": "twilight.io.view:write_view",
 }
+OF_A_SKY = (
+    "sky.png", "sky.wide.png", "sky.panorama.png", "sky.fisheye.png", "sky.luminance.json", "sky.rgb.exr",
+    "sky.rgb.hdr", "sky.spectral.exr", "sky.h5", "sky.polarisation.png", "sun.json", "sun.png", "sky.view.png",
+    "sky.view.exr",
+)  # fmt: skip
+"""Names of all files that these write; a render knows its own by them."""
 WHERE_POLARISED = ("polarisation",)
 """Files that are written by themselves for polarised skies alone."""
 WHERE_DISC = ("disc",)

@@ -117,12 +117,13 @@ def render(
         _print_plans(cases)
         return
     from twilight.cli.first_run import own_models, say_that_it_compiles
-    from twilight.cli.render_files import render_files
+    from twilight.cli.render_files import check_cases, render_files
     from twilight.config.solver import resolve_solver
     from twilight.config.sun import SunElevation
 
     for case in cases:
         check_polarised(case.config)
+    check_cases(cases)  # before anything is said: a refusal is one sentence
     if any(_has_default_sun(case.config) for case in cases):
         default = SunElevation().elevation_deg
         print(

@@ -34,17 +34,22 @@ class _Asked:
     label: str
 
 
-def render_files(
-    cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
-) -> None:
-    """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
+def check_cases(cases: Sequence[Any]) -> None:
+    """TwilightError for what is too large, and for files that cannot be made from the others."""
     from twilight.engine import check_size
-    from twilight.io.folder import JOURNAL, files_of_a_sky, open_folder
-    from twilight.io.whole import check_folder
 
     for case in cases:
         check_size(case.config)
         _check_exposure(case.config)
+
+
+def render_files(
+    cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
+) -> None:
+    """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
+    from twilight.io.folder import JOURNAL, files_of_a_sky, open_folder
+    from twilight.io.whole import check_folder
+
     asked, wanted = _asked(cases)
     root = output or _default_folder(cases, scene, settings, asked)
     check_folder(root)

@@ -1,7 +1,8 @@
 """The folder of a render: which skies are in it, so that none is lost and none that is finished is computed again.
 
 The file `skies.jsonl` has a line for each sky whose files were begun, without any, and one where they are finished: its
-subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.
+subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.  The line of
+a sky that was begun also names the files that were there before and are nobody's known.
 """
 
 from __future__ import annotations
@@ -14,14 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from twilight.errors import TwilightError
+from twilight.formats import OF_A_SKY
 from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.provenance import differences
 
 JOURNAL = "skies.jsonl"
 SHEETS = ("contact-sheet.png", "series.csv", "series.nc")
 """What a series has once, made again at its end."""
-OF_A_SKY = ("sky.*", "sun.*")
-"""Names of the files of one sky."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,11 @@ class RenderFolder:
 
     def begin(self, name: str, wanted: Wanted) -> None:
         """Note that the files of a sky will be written: those that an interrupted render leaves are this sky's."""
-        self._journal.write({"sky": name, "hash": wanted.hash, "code": self._code, "files": {}, "figures": {}})
+        known = _lines(self.root).get(name)
+        own = _left(self.root, name, known) if known else []
+        before = [file.name for file in files_of_a_sky(self.root / name) if file not in own]
+        line = {"sky": name, "hash": wanted.hash, "code": self._code, "files": {}, "before": before, "figures": {}}
+        self._journal.write(line)
 
     def add(self, name: str, wanted: Wanted, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
         """Note that a sky is finished: all its files are whole."""
@@ -82,7 +86,7 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
     for name, line in lines.items():
         if name in wanted and line["hash"] == wanted[name].hash:
             continue
-        if not _left(root, name, line["files"]):
+        if not _left(root, name, line):
             continue  # somebody has moved or deleted it
         _refuse(root, name, wanted)
     listed = {root / file for line in lines.values() for file in line["files"]} | {root / name for name in SHEETS}
@@ -103,7 +107,7 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
 
 def files_of_a_sky(folder: Path) -> list[Path]:
     """The files in a folder that have the names of a sky's, sorted."""
-    return sorted(file for pattern in OF_A_SKY for file in folder.glob(pattern) if file.is_file())
+    return sorted(folder / name for name in OF_A_SKY if (folder / name).is_file())
 
 
 def _refuse(root: Path, name: str, wanted: Mapping[str, Wanted]) -> None:
@@ -124,7 +128,14 @@ def _lines(root: Path) -> dict[str, dict[str, Any]]:
             name, files = str(line["sky"]), {str(k): int(v) for k, v in line["files"].items()}
             line["figures"] = dict(line["figures"])
             if all(_inside(file) for file in (name, *files)):
-                found[name] = {**line, "files": files, "hash": str(line["hash"]), "code": str(line["code"])}
+                before = [str(file) for file in line.get("before", [])]
+                found[name] = {
+                    **line,
+                    "files": files,
+                    "before": before,
+                    "hash": str(line["hash"]),
+                    "code": str(line["code"]),
+                }
     return found
 
 
@@ -137,15 +148,24 @@ def _whole(root: Path, files: Mapping[str, int]) -> bool:
     return all((root / file).is_file() and (root / file).stat().st_size == size for file, size in files.items())
 
 
-def _left(root: Path, name: str, files: Mapping[str, int]) -> list[Path]:
-    """Files of a sky that are still there; of one that was only begun, all that have the name of a sky's."""
-    return [root / file for file in files if (root / file).is_file()] if files else files_of_a_sky(root / name)
+def _left(root: Path, name: str, line: Mapping[str, Any]) -> list[Path]:
+    """Files of a sky's line that are still there; of one that was only begun, those with the names of a sky's that were
+    not there before, and what was being written."""
+    if line["files"]:
+        return [root / file for file in line["files"] if (root / file).is_file()]
+    own = [file for file in files_of_a_sky(root / name) if file.name not in line["before"]]
+    return own + [file for file in (root / name).glob(".*.part*") if _is_part(file.name)]
+
+
+def _is_part(name: str) -> bool:
+    """Whether a name is that of `whole_file` for a file of a sky that is being written."""
+    return any(name.startswith(f".{own}.") for own in OF_A_SKY)
 
 
 def _clear(root: Path) -> None:
     """Delete what renders have written, as the journal says, and the folders that are then empty."""
     for name, line in _lines(root).items():
-        for file in _left(root, name, line["files"]):
+        for file in _left(root, name, line):
             file.unlink(missing_ok=True)
         folder = root / line["sky"]
         while folder != root:
@@ -160,7 +180,7 @@ def _clear(root: Path) -> None:
 def _leave_nothing(root: Path) -> None:
     """A render that has finished no sky leaves no folder."""
     with suppress(OSError):
-        if not any(_left(root, name, line["files"]) for name, line in _lines(root).items()):
+        if not any(_left(root, name, line) for name, line in _lines(root).items()):
             (root / JOURNAL).unlink()
             root.rmdir()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.errors import TwilightError
-from twilight.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names
+from twilight.formats import FORMATS, OF_A_SKY, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
 from twilight.io.rendered import Options, Rendered, Sight
@@ -59,7 +59,9 @@ def write_outputs(
     except OSError as error:
         raise TwilightError(f"{folder}: the folder cannot be made ({error.strerror or error})") from error
     rendered = Rendered(sky, sky if panorama is None else panorama, o.polariser_deg, view)
-    return [path for name in chosen for path in _writer(name)(rendered, folder, o)]
+    written = [path for name in chosen for path in _writer(name)(rendered, folder, o)]
+    assert all(path.name in OF_A_SKY for path in written)
+    return written
 
 
 def _writer(name: str) -> Any:

@@ -33,6 +33,10 @@ SUDDEN_KM = 0.02
 """A change by e within this altitude is a break: nothing is interpolated across it."""
 
 
+JUMP = 0.05
+"""Change of the logarithm of a coefficient at a doubled level up to which the air's light is smooth there."""
+
+
 class Profile(NamedTuple):
     """N refined levels, W wavelengths, K aerosol phase functions.
 
@@ -41,6 +45,7 @@ class Profile(NamedTuple):
     level_of_bin: for each BIN_KM of altitude the last level at or below the bin's start.
     stop_km (S,): altitudes that no step crosses: bottom, top, jumps, and where the air is layered as many as it takes
     break_km: those of them that are jumps or the ends of sudden changes, without the bottom and the top
+    sharp_km: those of these at which light bends: not where coefficients jump by less than JUMP, or only its phase
     gradient_per_km (N,): d ln n/dz that bends rays, 0 where they are straight
     thickest_per_km (N,): extinction by which steps are shortened: as expected, or the largest of all wavelengths
     guide_per_km (N,): extinction by which the one point of a step is placed: air's, or where steps follow the largest
@@ -54,6 +59,7 @@ class Profile(NamedTuple):
     level_of_bin: np.ndarray
     stop_km: np.ndarray
     break_km: np.ndarray
+    sharp_km: np.ndarray
     gradient_per_km: np.ndarray
     thickest_per_km: np.ndarray
     guide_per_km: np.ndarray
@@ -74,7 +80,7 @@ def prepare_profile(
     z = fine.altitude_km
     starts = z[0] + BIN_KM * np.arange(int(np.ceil((z[-1] - z[0]) / BIN_KM)) + 1)
     level = np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2)
-    stops, breaks = _stops(z, np.concatenate([whose.extinction_per_km, _scattering(whose)], axis=1))
+    stops, breaks, sharp = _stops(z, np.concatenate([whose.extinction_per_km, _scattering(whose)], axis=1))
     largest = whose.extinction_per_km.max(axis=1)
     expected = expected_extinction(z, expected_factors(z, largest) or (1.0, 1.0))
     guide = GUIDE_PER_KM * np.exp((z[0] - z) / GUIDE_SCALE_KM)
@@ -86,6 +92,7 @@ def prepare_profile(
         level.astype(np.int64),
         stops,
         breaks,
+        sharp,
         np.zeros(z.size),
         np.maximum(expected, largest),
         np.where(largest > expected, largest, guide),
@@ -116,8 +123,8 @@ def expected_factors(altitude_km: np.ndarray, extinction_per_km: np.ndarray) -> 
     return None if found[0] is None or found[1] is None else (found[0], found[1])
 
 
-def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`stop_km` and `break_km` of coefficients per_km (N, C) at levels altitude_km (N,)."""
+def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`stop_km`, `break_km` and `sharp_km` of coefficients per_km (N, C) at levels altitude_km (N,)."""
     z = altitude_km
     thickness = np.diff(z)
     step = SMOOTH_STEP_KM + SMOOTH_STEP_GROWTH * (z[:-1] - z[0])
@@ -134,8 +141,10 @@ def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.
     change = np.abs(np.log(np.maximum(per_km[1:], floor)) - np.log(np.maximum(per_km[:-1], floor)))
     excess = np.maximum(0.0, change - smooth[:, None])
     sudden = (thickness > 0) & (change.max(axis=1) > thickness / SUDDEN_KM)
-    begins = np.concatenate([[False], sudden[1:] != sudden[:-1], [False]]) | np.insert(thickness <= 0.0, 0, False)
+    ends = np.concatenate([[False], sudden[1:] != sudden[:-1], [False]])
+    begins = ends | np.insert(thickness <= 0.0, 0, False)
     breaks = z[begins]
+    sharp = z[ends | np.insert((thickness <= 0.0) & (change.max(axis=1) > JUMP), 0, False)]
     stops = [z[0], z[-1], *breaks]
     since = np.zeros(per_km.shape[1])
     for i in range(thickness.size):
@@ -147,7 +156,8 @@ def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.
             since = np.zeros_like(since)
     breaks = np.unique(breaks)
     breaks = breaks[np.diff(breaks, prepend=-np.inf) > CLOSE_KM]
-    return np.unique(stops), breaks[(breaks > z[0]) & (breaks < z[-1])]
+    breaks = breaks[(breaks > z[0]) & (breaks < z[-1])]
+    return np.unique(stops), breaks, breaks[np.isin(breaks, sharp)]
 
 
 @njit(inner=True, cache=True, makes_arrays=False)

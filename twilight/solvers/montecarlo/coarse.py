@@ -58,8 +58,7 @@ def solve_steering(air: Air, medium: Medium, sun: Sun, sweeps: int = 2, stop: np
     """
     if stop is None:
         stop = np.zeros(1, dtype=np.uint8)
-    moments = [phase.legendre_moments(1)[:, 1] for phase in medium.phase_functions]
-    between = diffusing_depth(air, np.array(moments).reshape(len(moments), -1))
+    between = diffusing_depth(air, [phase.legendre_moments(1)[:, 1] for phase in medium.phase_functions])
     steering = empty_steering(air, between)
     if sweeps == 0:
         return steering

@@ -9,6 +9,7 @@ Arguments that kernels share: `kernel`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -160,16 +161,16 @@ def table_altitudes(air: Air) -> np.ndarray:
     return np.unique(np.concatenate([plain, beside]))
 
 
-def diffusing_depth(air: Air, asymmetry: np.ndarray) -> np.ndarray:
+def diffusing_depth(air: Air, asymmetry: Sequence[np.ndarray]) -> np.ndarray:
     """Vertical depth (W, N) of the scattering of events from the ground to every level, without forward peaks.
 
-    asymmetry (K, W): mean cosines of the aerosols' phase functions, the share that is left out.
+    asymmetry: mean cosines (W,) of the aerosols' phase functions, the share that is left out.
     """
     z = air.level_km
     events = air.table[:, :, EVENT].copy()
     if not air.isotropic_events:
-        for k, g in enumerate(np.clip(asymmetry, 0.0, 0.999)):
-            events -= g[:, None] * air.table[:, :, SPECIES + 1 + k]
+        for k, g in enumerate(asymmetry):
+            events -= np.clip(g, 0.0, 0.999)[:, None] * air.table[:, :, SPECIES + 1 + k]
     steps = 0.5 * (events[:, 1:] + events[:, :-1]) * np.diff(z)
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
 

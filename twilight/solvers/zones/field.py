@@ -98,8 +98,8 @@ class Field(BareField):
         bent = with_refraction(self.profile, layout.bends)
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile
-        breaks = self.profile.break_km
-        self.nodes = Nodes.of(altitude, zenith_nodes(*zenith_range_deg, settings.zenith_density), breaks)
+        zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
+        self.nodes = Nodes.of(altitude, zenith, self.profile.sharp_km)
         self.convergence: Convergence | None = None
         self.solutions: list[Solution] = []
         if solved is not None:
@@ -153,7 +153,7 @@ class Field(BareField):
         def thick(block: int) -> Passes:
             return thick_stage()(block)
 
-        sunlight = make_sunlight(self.beam, self.medium.bottom_km, self.medium.top_km, self.profile.break_km)
+        sunlight = make_sunlight(self.beam, self.nodes.altitude_km, self.profile.break_km)
         n_blocks = -(-self.medium.n_wavelengths // LANES)
         slow = self._reduced_depth() > SLOW_DEPTH
         for block in range(n_blocks):

@@ -30,6 +30,10 @@ may reach the second; a bend does not matter where the optical depth is below th
 EDGE, DEEPER = 3.0, 0.3
 """The optical depth between altitudes may grow by the second per optical depth that there is above and below beyond the
 first: far from its edges light in thick air changes as slowly as it is far from them."""
+MOST_GROWTH, LAYERED = 2.1, 0.3
+"""Where layers have cut an interval between altitudes to less than the second of what it was, no interval is more than
+the first times as long as one beside it: light bends beyond a layer's edges too, and a cubic over intervals of 1, 2 and
+5 km was 5 to 9 % wrong above a volcanic layer."""
 
 
 @dataclass(frozen=True)
@@ -285,7 +289,21 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         if not coarse.any(axis=0).any():
             break
         out = np.sort(np.append(out, middle[coarse.any(axis=0)]))
-    return out
+    before = np.asarray(altitude_km, dtype=float)
+    whole = np.diff(before)[np.searchsorted(before, out[:-1], side="right") - 1]
+    return _graded(out) if np.any(np.diff(out) < LAYERED * whole) else out
+
+
+def _graded(altitude_km: np.ndarray) -> np.ndarray:
+    """The altitudes [km] and more, so that intervals beside each other differ by no more than MOST_GROWTH."""
+    out = altitude_km
+    while True:
+        step = np.diff(out)
+        beside = np.minimum(np.append(step[1:], np.inf), np.append(np.inf, step[:-1]))
+        coarse = step > MOST_GROWTH * beside
+        if not coarse.any():
+            return out
+        out = np.sort(np.append(out, out[:-1][coarse] + 0.5 * step[coarse]))
 
 
 def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarray:

@@ -22,6 +22,11 @@ N_ANGLE = 1280
 """Nodes are 0.01 deg apart where light that grazes a hazy layer changes by e within 0.05 deg."""
 
 
+ROWS, LONGEST_KM, LONGEST_GROWTH, BELOW_KM = 8, 0.1, 0.02, 1e-7
+"""Altitudes of the table in an interval between nodes; their largest distance [km] at the ground, and per height; how
+far below a jump the table has its lower side."""
+
+
 class Sunlight(NamedTuple):
     """altitude_km (A,), a doubled one is a jump; edge_rad (A,): solar zenith angle of the shadow's edge.
 
@@ -65,20 +70,22 @@ def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
                     ground[j, w] = max(DARK, math.log(max(light[w], 1e-300)))
 
 
-def make_sunlight(beam: Beam, bottom_km: float, top_km: float, jumps_km: np.ndarray) -> Sunlight:
-    """Tabulate `beam` at altitudes 0.1 km to 3 % apart."""
-    edges = [bottom_km, *jumps_km, top_km]
-    pieces = []
-    for a, b in pairwise(edges):
-        z = [a]
-        while z[-1] < b:
-            z.append(z[-1] + 0.1 + 0.02 * (z[-1] - bottom_km))
-        nodes = a + (np.array(z) - a) * (b - a) / (z[-1] - a)
-        # a value on a jump is the one above it: stay just below
-        nodes[-1] = b - 1e-7
-        nodes[0] = a
-        pieces.append(nodes)
-    altitude = np.concatenate(pieces)
+def table_altitudes(node_km: np.ndarray, jumps_km: np.ndarray) -> np.ndarray:
+    """Altitudes [km] of the table: ROWS in every interval of the field's nodes, more in a long one.
+
+    Nodes crowd where the air is layered, and there the grazing beam's logarithm bends most.  A jump is doubled.
+    """
+    rows = []
+    for a, b in pairwise(node_km):
+        longest = LONGEST_KM + LONGEST_GROWTH * (a - node_km[0])
+        rows.append(np.linspace(a, b, max(ROWS, math.ceil((b - a) / longest)), endpoint=False))
+    # a value on a jump is the one above it: stay just below
+    return np.sort(np.concatenate([*rows, jumps_km - BELOW_KM, node_km[-1:] - BELOW_KM]))
+
+
+def make_sunlight(beam: Beam, node_km: np.ndarray, jumps_km: np.ndarray) -> Sunlight:
+    """Tabulate `beam` for a field with these node altitudes, of which some are jumps of the air."""
+    altitude = table_altitudes(node_km, jumps_km)
     n_w = beam.n_wavelengths
     edge = np.empty(altitude.size)
     log_light = np.empty((altitude.size, N_ANGLE + 1, n_w), np.float32)
