@@ -156,7 +156,7 @@ def fill(
             once[:, lit] = source.single_aerosol(altitude, rays.elevation_deg, rays.azimuth_deg[lit], suns_deg[lit])
         for j in range(mapping.n_mu_s):
             light = source.inscattered(altitude, suns_deg[j], rays.elevation_deg[:, None], rays.azimuth_deg[j])
-            packed = _packed(light, rays.nu[j], *once[:, j], g, None if separate else ratio)
+            packed = _packed(light, rays.nu[j], once[0, j], once[1, j], g, None if separate else ratio)
             scattering[i, j], single[i, j] = (part.transpose(1, 0, 2) for part in packed)
             progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
         if more is not None:
