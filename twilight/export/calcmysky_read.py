@@ -79,7 +79,8 @@ def load(folder: str | Path) -> Folder:
         raise TwilightError(f"{folder}: does not hold whole tables ({error})") from None
     vza, dot, sza, altitude = sizes
     mapping = Mapping(BRUNETON_2017, radius, thickness, -1.0, altitude, vza, sza, dot, 2, 2, 2, 2)
-    return Folder(mapping, *tables, np.exp([float(v) for v in nodes]), others)
+    rest, aerosols = tables
+    return Folder(mapping, rest, aerosols, np.exp([float(v) for v in nodes]), others)
 
 
 def _value(text: str, key: str) -> float:
