@@ -2,6 +2,8 @@
 
     python benchmarks/tables.py          # tables.csv
     python benchmarks/tables.py times    # tables_time.csv, whole exports
+    twilight export tables continental-average --layout calcmysky --quality draft --output sky
+    python benchmarks/tables.py calcmysky --folder sky    # tables_calcmysky.csv, that folder read back
 
 Errors are seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in
 percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
@@ -19,7 +21,7 @@ import numpy as np
 from results import write
 
 from twilight.config import load_climate
-from twilight.export import bruneton, calcmysky, own
+from twilight.export import bruneton, calcmysky, calcmysky_read, own
 from twilight.export.values import Source
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -94,6 +96,34 @@ def errors(options: argparse.Namespace) -> None:
     write(HERE / "tables.csv", ["layout", "size_mb", "sun_elevation_deg", *columns], rows, notes=notes)
 
 
+def read_back(options: argparse.Namespace) -> None:
+    """A whole folder of the layout `calcmysky`, put together as its shaders do, against the field that filled it."""
+    folder = calcmysky_read.load(options.folder)
+    source, _ = source_of(options.climate, options.quality, calcmysky.WAVELENGTHS_NM)
+    visible = solar_at_visible()
+    solar = np.interp(source.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
+    light = calcmysky.Luminances(source, solar, visible)
+    elevation, azimuth = directions(DIRECTIONS)
+    rows = []
+    for height in (0.0, 2.0, 10.0):
+        for sun in SUNS_DEG:
+            exact = light.radiance(source.medium.bottom_km + height, sun, elevation, azimuth)[:, ::-1]
+            off = 100.0 * (folder.luminance(height, sun, elevation, azimuth) / exact - 1.0)
+            numbers = [
+                f"{v:.2f}" for k in (1, 3) for v in (np.median(off[:, k]), *np.percentile(np.abs(off[:, k]), (50, 95)))
+            ]
+            rows.append([f"{height:g}", sun, *numbers])
+            print(*rows[-1], flush=True)
+    columns = [f"{what}_{of}_percent" for of in ("luminance", "scotopic") for what in ("median", "p50", "p95")]
+    sizes = "; ".join(f"{name} {' x '.join(map(str, size))}" for name, size in folder.others.items())
+    notes = [
+        f"{options.climate}, zones {options.quality}, {DIRECTIONS} directions; (altitude, SZA, dot, VZA) texels "
+        f"{' x '.join(map(str, folder.rest.shape[:4]))}",
+        f"the other files: {sizes}",
+    ]
+    write(HERE / "tables_calcmysky.csv", ["height_km", "sun_elevation_deg", *columns], rows, notes=notes)
+
+
 def times(options: argparse.Namespace) -> None:
     rows = []
 
@@ -122,11 +152,12 @@ def times(options: argparse.Namespace) -> None:
 
 def main() -> None:
     parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parse.add_argument("what", nargs="?", choices=("errors", "times"), default="errors")
+    parse.add_argument("what", nargs="?", choices=("errors", "times", "calcmysky"), default="errors")
     parse.add_argument("--climate", default="continental-average")
     parse.add_argument("--quality", default="draft")
+    parse.add_argument("--folder", default="sky", help="that was exported, of the layout calcmysky")
     options = parse.parse_args()
-    {"errors": errors, "times": times}[options.what](options)
+    {"errors": errors, "times": times, "calcmysky": read_back}[options.what](options)
 
 
 if __name__ == "__main__":
