@@ -2,8 +2,7 @@
 
     python benchmarks/tables.py          # tables.csv
     python benchmarks/tables.py times    # tables_time.csv, whole exports
-    twilight export tables continental-average --layout calcmysky --quality draft --output sky
-    python benchmarks/tables.py calcmysky --folder sky    # tables_calcmysky.csv, that folder read back
+    python benchmarks/tables.py calcmysky --folder sky-calcmysky    # tables_calcmysky.csv, that folder read back
 
 Errors are seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in
 percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
@@ -12,6 +11,9 @@ percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
 from __future__ import annotations
 
 import argparse
+import re
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -125,27 +127,21 @@ def read_back(options: argparse.Namespace) -> None:
 
 
 def times(options: argparse.Namespace) -> None:
+    """The command as a user gives it, once for each layout, kernels compiled before; the folders stay in --folder."""
+    source, _ = source_of(options.climate, options.quality, NM[::-1])
+    few = bruneton.make_mapping(*TAKRAM_KM)._replace(n_mu=4, n_mu_s=4)
+    bruneton.fill(source, np.ones(3), mapping=few, scale=1.0, facts={}, progress=quiet, rows=1)
+    own.fill(source, own.Sizes(3, 3, 2, 3, (0.0, 1.0)), {}, quiet)
     rows = []
-
-    def add(layout: str, field_s: float, start: float, files: dict[str, bytes]) -> None:
-        size = sum(len(content) for content in files.values())
-        rows.append([layout, f"{size / 1e6:.1f}", f"{field_s:.0f}", f"{time.process_time() - start:.0f}"])
+    for layout in ("twilight", "bruneton2017", "calcmysky"):
+        command = [sys.executable, "-c", "from twilight.cli import main; main()", "export", "tables", options.climate]
+        command += ["--layout", layout, "--quality", options.quality, "--output", f"{options.folder}-{layout}"]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        size = re.search(r"([\d.]+) MB", said)
+        spent = re.search(r"(\d+) s for the field, (\d+) s for the tables", said)
+        assert size and spent, said
+        rows.append([layout, size[1], *spent.groups()])
         print(*rows[-1], flush=True)
-
-    source, field_s = source_of(options.climate, options.quality, NM[::-1])
-    warm = bruneton.make_mapping(*TAKRAM_KM)  # compile
-    bruneton.fill(source, np.ones(3), mapping=warm._replace(n_mu=4), scale=1.0, facts={}, progress=quiet, rows=1)
-    start = time.process_time()
-    altitudes = own.altitudes_of(source.medium.bottom_km, source.medium.top_km)
-    add("twilight", field_s, start, own.fill(source, own.Sizes(altitude_km=altitudes), {}, quiet).files())
-    start = time.process_time()
-    his = bruneton.fill(source, np.ones(3), mapping=warm, scale=1.0, facts={}, progress=quiet)
-    add("bruneton2017, takram", field_s, start, his.files("bin", True))
-    spectral, field_s = source_of(options.climate, options.quality, calcmysky.WAVELENGTHS_NM)
-    start = time.process_time()
-    visible = solar_at_visible()
-    solar = np.interp(spectral.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
-    add("calcmysky", field_s, start, calcmysky.fill(spectral, solar, visible, facts={}, progress=quiet))
     note = f"{options.climate}, zones {options.quality}; processor time of the field, and of the tables from it"
     write(HERE / "tables_time.csv", ("layout", "size_mb", "field_cpu_s", "tables_cpu_s"), rows, notes=[note])
 
@@ -155,7 +151,7 @@ def main() -> None:
     parse.add_argument("what", nargs="?", choices=("errors", "times", "calcmysky"), default="errors")
     parse.add_argument("--climate", default="continental-average")
     parse.add_argument("--quality", default="draft")
-    parse.add_argument("--folder", default="sky", help="that was exported, of the layout calcmysky")
+    parse.add_argument("--folder", default="sky", help="folder of an export: `times` makes FOLDER-LAYOUT")
     options = parse.parse_args()
     {"errors": errors, "times": times, "calcmysky": read_back}[options.what](options)
 
