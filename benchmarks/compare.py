@@ -2,6 +2,7 @@
 
     python benchmarks/compare.py                   runs what is missing and writes benchmarks/compare/*.csv
     python benchmarks/compare.py urban desert      the same for some climates
+    python benchmarks/compare.py CLIMATE --solvers NAME:QUALITY,...   rows of these; those of other solvers stay
     python benchmarks/compare.py picture           draws docs/error-against-time.png from the tables
 
 For each climate:
@@ -9,11 +10,12 @@ For each climate:
     twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones \
         --reference benchmarks/reference/CLIMATE.csv
 
-with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE.
+with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE (those of --solvers beside it).
 """
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 from pathlib import Path
@@ -29,7 +31,7 @@ EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie,sunsky"
 SOLVERS = {
     DRAWN: (
         "zones,compact,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,tables:standard,"
-        "tables:bruneton2017,preetham,cie,sunsky,sasktran2"
+        "tables:bruneton2017,tables:fine,preetham,cie,sunsky,sasktran2"
     ),
     "urban": EVERYWHERE,
     "desert": EVERYWHERE,
@@ -37,19 +39,38 @@ SOLVERS = {
 }
 
 
-def run(climate: str) -> None:
-    """Compare on one climate and copy its tables."""
-    folder = ROOT / "out" / f"benchmark-{climate}"
+def run(climate: str, solvers: str = "") -> None:
+    """Compare on one climate and copy its tables; solvers: of these alone, all other rows of the tables stay."""
+    folder = ROOT / "out" / f"benchmark-{climate}{'-some' if solvers else ''}"
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
         *("--set", f"climate={climate}", "--set", "solver.name=zones"),
         *("--reference", f"benchmarks/reference/{climate}.csv"),
-        *("--solvers", SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
+        *("--solvers", solvers or SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]
     subprocess.run(command, cwd=ROOT, check=True)
     TABLES.mkdir(exist_ok=True)
     for name, target in (("compare.csv", f"{climate}.csv"), ("wavelengths.csv", f"{climate}-wavelengths.csv")):
-        results.stamp(folder / name, TABLES / target, f"python benchmarks/compare.py {climate}")
+        if solvers:
+            merge(folder / name, TABLES / target)
+        else:
+            results.stamp(folder / name, TABLES / target, f"python benchmarks/compare.py {climate}")
+
+
+def merge(made: Path, target: Path) -> None:
+    """Put the rows of a table that the program wrote into one of benchmarks, in place of those of the same settings."""
+    new, old = results.read_rows(made), results.read_rows(target)
+    if new[0].keys() != old[0].keys():
+        raise SystemExit(f"{target}: has other columns; run it for all solvers")
+
+    def which(row: dict[str, str]) -> tuple[str, str]:
+        return row["solver"], row["quality"]
+
+    kept = [row for row in old if which(row) not in set(map(which, new))]
+    names = ", ".join(dict.fromkeys(":".join(which(row)) for row in kept))
+    about = [line[2:] for line in target.read_text(encoding="utf-8").splitlines() if line.startswith("# ")]
+    notes = [f"rows of {names}: {about[0]}", *about[1:]]
+    results.write(target, list(new[0]), [list(row.values()) for row in kept + new], notes=notes)
 
 
 def picture() -> None:
@@ -65,9 +86,17 @@ def picture() -> None:
     )
 
 
-if __name__ == "__main__":
-    if sys.argv[1:] == ["picture"]:
+def main() -> None:
+    parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parse.add_argument("climates", nargs="*", metavar="CLIMATE", help="or `picture`; all of them")
+    parse.add_argument("--solvers", default="", help="rows of these alone, NAME:QUALITY,...")
+    options = parse.parse_args()
+    if options.climates == ["picture"]:
         picture()
     else:
-        for name in sys.argv[1:] or SOLVERS:
-            run(name)
+        for name in options.climates or SOLVERS:
+            run(name, options.solvers)
+
+
+if __name__ == "__main__":
+    main()

@@ -104,7 +104,7 @@ SKIES = (
     (
         "night",
         "The last light, and airglow over it",
-        "pure-air --sun-elevation -17 --set night.airglow=1",
+        "pure-air --sun-elevation -17 --set night.airglow=1 --exposure -6",
     ),
     (
         "eye",

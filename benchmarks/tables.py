@@ -2,6 +2,7 @@
 
     python benchmarks/tables.py          # tables.csv
     python benchmarks/tables.py times    # tables_time.csv, whole exports
+    python benchmarks/tables.py calcmysky --folder sky-calcmysky    # tables_calcmysky.csv, that folder read back
 
 Errors are seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in
 percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
@@ -10,6 +11,9 @@ percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
 from __future__ import annotations
 
 import argparse
+import re
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +23,7 @@ import numpy as np
 from results import write
 
 from twilight.config import load_climate
-from twilight.export import bruneton, calcmysky, own
+from twilight.export import bruneton, calcmysky, calcmysky_read, own
 from twilight.export.values import Source
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -94,39 +98,62 @@ def errors(options: argparse.Namespace) -> None:
     write(HERE / "tables.csv", ["layout", "size_mb", "sun_elevation_deg", *columns], rows, notes=notes)
 
 
-def times(options: argparse.Namespace) -> None:
-    rows = []
-
-    def add(layout: str, field_s: float, start: float, files: dict[str, bytes]) -> None:
-        size = sum(len(content) for content in files.values())
-        rows.append([layout, f"{size / 1e6:.1f}", f"{field_s:.0f}", f"{time.process_time() - start:.0f}"])
-        print(*rows[-1], flush=True)
-
-    source, field_s = source_of(options.climate, options.quality, NM[::-1])
-    warm = bruneton.make_mapping(*TAKRAM_KM)  # compile
-    bruneton.fill(source, np.ones(3), mapping=warm._replace(n_mu=4), scale=1.0, facts={}, progress=quiet, rows=1)
-    start = time.process_time()
-    altitudes = own.altitudes_of(source.medium.bottom_km, source.medium.top_km)
-    add("twilight", field_s, start, own.fill(source, own.Sizes(altitude_km=altitudes), {}, quiet).files())
-    start = time.process_time()
-    his = bruneton.fill(source, np.ones(3), mapping=warm, scale=1.0, facts={}, progress=quiet)
-    add("bruneton2017, takram", field_s, start, his.files("bin", True))
-    spectral, field_s = source_of(options.climate, options.quality, calcmysky.WAVELENGTHS_NM)
-    start = time.process_time()
+def read_back(options: argparse.Namespace) -> None:
+    """A whole folder of the layout `calcmysky`, put together as its shaders do, against the field that filled it."""
+    folder = calcmysky_read.load(options.folder)
+    source, _ = source_of(options.climate, options.quality, calcmysky.WAVELENGTHS_NM)
     visible = solar_at_visible()
-    solar = np.interp(spectral.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
-    add("calcmysky", field_s, start, calcmysky.fill(spectral, solar, visible, facts={}, progress=quiet))
+    solar = np.interp(source.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
+    light = calcmysky.Luminances(source, solar, visible)
+    elevation, azimuth = directions(DIRECTIONS)
+    rows = []
+    for height in (0.0, 2.0, 10.0):
+        for sun in SUNS_DEG:
+            exact = light.radiance(source.medium.bottom_km + height, sun, elevation, azimuth)[:, ::-1]
+            off = 100.0 * (folder.luminance(height, sun, elevation, azimuth) / exact - 1.0)
+            numbers = [
+                f"{v:.2f}" for k in (1, 3) for v in (np.median(off[:, k]), *np.percentile(np.abs(off[:, k]), (50, 95)))
+            ]
+            rows.append([f"{height:g}", sun, *numbers])
+            print(*rows[-1], flush=True)
+    columns = [f"{what}_{of}_percent" for of in ("luminance", "scotopic") for what in ("median", "p50", "p95")]
+    sizes = "; ".join(f"{name} {' x '.join(map(str, size))}" for name, size in folder.others.items())
+    notes = [
+        f"{options.climate}, zones {options.quality}, {DIRECTIONS} directions; (altitude, SZA, dot, VZA) texels "
+        f"{' x '.join(map(str, folder.rest.shape[:4]))}",
+        f"the other files: {sizes}",
+    ]
+    write(HERE / "tables_calcmysky.csv", ["height_km", "sun_elevation_deg", *columns], rows, notes=notes)
+
+
+def times(options: argparse.Namespace) -> None:
+    """The command as a user gives it, once for each layout, kernels compiled before; the folders stay in --folder."""
+    source, _ = source_of(options.climate, options.quality, NM[::-1])
+    few = bruneton.make_mapping(*TAKRAM_KM)._replace(n_mu=4, n_mu_s=4)
+    bruneton.fill(source, np.ones(3), mapping=few, scale=1.0, facts={}, progress=quiet, rows=1)
+    own.fill(source, own.Sizes(3, 3, 2, 3, (0.0, 1.0)), {}, quiet)
+    rows = []
+    for layout in ("twilight", "bruneton2017", "calcmysky"):
+        command = [sys.executable, "-c", "from twilight.cli import main; main()", "export", "tables", options.climate]
+        command += ["--layout", layout, "--quality", options.quality, "--output", f"{options.folder}-{layout}"]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        size = re.search(r"([\d.]+) MB", said)
+        spent = re.search(r"(\d+) s for the field, (\d+) s for the tables", said)
+        assert size and spent, said
+        rows.append([layout, size[1], *spent.groups()])
+        print(*rows[-1], flush=True)
     note = f"{options.climate}, zones {options.quality}; processor time of the field, and of the tables from it"
     write(HERE / "tables_time.csv", ("layout", "size_mb", "field_cpu_s", "tables_cpu_s"), rows, notes=[note])
 
 
 def main() -> None:
     parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parse.add_argument("what", nargs="?", choices=("errors", "times"), default="errors")
+    parse.add_argument("what", nargs="?", choices=("errors", "times", "calcmysky"), default="errors")
     parse.add_argument("--climate", default="continental-average")
     parse.add_argument("--quality", default="draft")
+    parse.add_argument("--folder", default="sky", help="folder of an export: `times` makes FOLDER-LAYOUT")
     options = parse.parse_args()
-    {"errors": errors, "times": times}[options.what](options)
+    {"errors": errors, "times": times, "calcmysky": read_back}[options.what](options)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,11 @@ PICTURES = {
         "fov": 180,
         "elevation": 90,
         "exposure": "camera",
+        "bias": -2,
     },
     "orbit": {
         "mode": "elevation",
+        "bias": 0,
         "projection": "perspective",
         "altitude": 400,
         "sun": -19.4,

@@ -64,7 +64,7 @@ def test_errors_through_a_cloud_are_the_scatter_between_seeds(below, truth):
 
 
 def test_air_without_aerosol_needs_no_altitudes_more():
-    for depth, more in ((1.0, False), (8.0, True)):
+    for depth, more in ((1.0, False), (20.0, True)):
         z = prepare(slab(depth, 1.0), replace(SETTINGS, steering_sweeps=1)).steering.altitude_km
         assert (z.size > 20) == more
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.config import load_climate
-from twilight.export import calcmysky, own
+from twilight.errors import TwilightError
+from twilight.export import calcmysky, calcmysky_read, own
 from twilight.export.folder import write_folder
 from twilight.export.values import Source
 from twilight.scene.medium import climate_medium
@@ -167,6 +169,25 @@ def test_the_sky_comes_back(folder, source):
         found = sky(folder, source, 0.0, sun, elevation, azimuth)
         exact = light.radiance(0.0, sun, elevation, azimuth)[:, ::-1]
         np.testing.assert_allclose(found, exact, rtol=0.05)
+
+
+def test_the_reader_of_the_package_puts_together_the_same_sky(folder, source):
+    elevation, azimuth = np.array([8.0, 20.0, 45.0, 55.0, 30.0]), np.array([60.0, 100.0, 30.0, 0.0, 170.0])
+    tables = calcmysky_read.load(folder)
+    assert "irradiance-wlset0.f32" in tables.others and tables.others["light-pollution-xyzw.f32"] == (96, 4)
+    for height, sun in ((0.0, 20.0), (3.0, 2.0), (0.0, -8.0)):
+        found = tables.luminance(height, sun, elevation, azimuth)
+        np.testing.assert_allclose(found, sky(folder, source, height, sun, elevation, azimuth), rtol=1e-4)
+
+
+def test_a_folder_that_is_not_whole_is_refused(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "sky")
+    path = tmp_path / "sky" / "multiple-scattering-xyzw.f32"
+    path.write_bytes(path.read_bytes()[:-16])
+    with pytest.raises(TwilightError, match=r"whole tables.*multiple-scattering"):
+        calcmysky_read.load(tmp_path / "sky")
+    with pytest.raises(TwilightError, match="whole tables"):
+        calcmysky_read.load(tmp_path)
 
 
 def test_optical_depth_and_irradiance_are_those_of_the_air(folder, source):

@@ -28,7 +28,7 @@ import numpy as np
 from twilight.errors import TwilightError
 from twilight.export.values import JUST_DEG, Source
 from twilight.solvers.tables.lookup import optical_depth_to_top
-from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nu
+from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid
 from twilight.solvers.tables.passes import fill_depth, read
 from twilight.solvers.tables.solve import stored
 from twilight.transport.profile import Profile, prepare_profile
@@ -146,16 +146,22 @@ def fill(
     beta_r, beta_m = at.air_scattering, at.aerosol_scattering
     ratio = (beta_m / beta_m[-1]) * (beta_r[-1] / beta_r) if source.phase is not None else np.zeros(3)
     for i in range(min(rows, mapping.n_r)):
+        altitude = medium.bottom_km + heights[i]
+        rays = _rays(source, mapping, heights[i], view[i], sun, nus)
+        # what aerosol scattered once, with and without its phase functions
+        once = np.zeros((2, *rays.nu.shape, 3))
+        suns_deg = np.degrees(np.arcsin(sun))
+        if source.phase is not None:
+            lit = sun >= FADED_MU_S
+            once[:, lit] = source.single_aerosol(altitude, rays.elevation_deg, rays.azimuth_deg[lit], suns_deg[lit])
         for j in range(mapping.n_mu_s):
-            rays = _rays(source, mapping, heights[i], view[i], sun[j], nus)
-            where = rays.elevation_deg[:, None], rays.azimuth_deg
-            light = source.inscattered(medium.bottom_km + heights[i], math.degrees(math.asin(sun[j])), *where)
-            packed = _packed(source, heights[i], sun[j], rays, light, g, None if separate else ratio)
+            light = source.inscattered(altitude, suns_deg[j], rays.elevation_deg[:, None], rays.azimuth_deg[j])
+            packed = _packed(light, rays.nu[j], once[0, j], once[1, j], g, None if separate else ratio)
             scattering[i, j], single[i, j] = (part.transpose(1, 0, 2) for part in packed)
-            if more is not None:
-                once = _scattered_by_air(source, heights[i], sun[j], rays).transpose(1, 0, 2)
-                more[i, j] = np.maximum(scattering[i, j, ..., :3] - once, 0.0)
             progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
+        if more is not None:
+            air = source.single_air(altitude, rays.elevation_deg, rays.azimuth_deg, suns_deg)[..., ::-1]
+            more[i] = np.maximum(scattering[i, ..., :3] - air.swapaxes(1, 2), 0.0)
     scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
     single *= solar_irradiance[::-1] * scale
     if more is not None:
@@ -264,47 +270,41 @@ def _unscaled(source: Source, bottom_km: float) -> Profile:
 
 @dataclass(frozen=True)
 class _Rays:
-    """elevation_deg, ground (mu,); azimuth_deg, nu (mu, nu)."""
+    """elevation_deg (mu,); azimuth_deg, nu (mu_s, mu, nu)."""
 
     elevation_deg: np.ndarray
-    ground: np.ndarray
     azimuth_deg: np.ndarray
     nu: np.ndarray
 
 
-def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, mu_s: float, nus: np.ndarray) -> _Rays:
-    """Directions of the texels, kept on their own side of the apparent horizon."""
+def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, sun: np.ndarray, nus: np.ndarray) -> _Rays:
+    """Directions of the texels of one height, kept on their own side of the apparent horizon."""
     ground = 2 * np.arange(mapping.n_mu) < mapping.n_mu
     elevation = np.degrees(np.arcsin(view))
     horizon = source.horizon_deg(source.medium.bottom_km + height)
     elevation = np.where(ground, np.minimum(elevation, horizon - JUST_DEG), np.maximum(elevation, horizon + JUST_DEG))
-    nu = np.array([[possible_nu(mu, mu_s, n) for n in nus] for mu in view])
-    across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - mu_s**2)))[:, None]
-    cosine = np.divide(nu - view[:, None] * mu_s, across, out=np.ones_like(nu), where=across > 1e-9)
-    return _Rays(elevation, ground, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), nu)
+    level = (view * sun[:, None])[..., None]
+    across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - sun[:, None] ** 2)))[..., None]
+    # as `possible_nu` has them; all that are kept at an end are one direction, which is looked at once
+    cosine = np.clip(
+        np.divide(nus - level, across, out=np.ones((*level.shape[:2], nus.size)), where=across > 1e-9), -1, 1
+    )
+    return _Rays(elevation, np.degrees(np.arccos(cosine)), level + across * cosine)
 
 
 def _packed(
-    source: Source, height, mu_s, rays: _Rays, light, g: float, ratio: np.ndarray | None
+    light: np.ndarray, nu: np.ndarray, true: np.ndarray, bare: np.ndarray, g: float, ratio: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """RGBA (mu, nu, 4) of light (mu, nu, W), over F0, and what aerosol scattered once (mu, nu, 3).
 
-    ratio (W,): by which the shaders find the latter from alpha; None: they do not, and read it.
+    nu (mu, nu); true, bare (mu, nu, W): what aerosol scattered once, with and without its phase functions, 0 where it
+    is not kept apart.  ratio (W,): by which the shaders find the latter from alpha; None: they do not, and read it.
     """
-    rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + rays.nu**2)[..., None]
-    out = np.zeros((*rays.nu.shape, 4))
-    if source.phase is None or mu_s < FADED_MU_S:
-        out[..., :3] = (light / rayleigh)[..., ::-1]
-        return out, np.zeros_like(light)
-    altitude = source.medium.bottom_km + height
-    sun = math.degrees(math.asin(mu_s))
-    # at the azimuths of the texels, one elevation after the other
-    true, bare = np.empty_like(light), np.empty_like(light)
-    for k, elevation in enumerate(rays.elevation_deg):
-        true[k], bare[k] = (v[0, 0] for v in source.single_aerosol(altitude, elevation, rays.azimuth_deg[k], sun))
-    mie = phase_of(g, rays.nu)[..., None]
+    rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + nu**2)[..., None]
+    out = np.zeros((*nu.shape, 4))
+    mie = phase_of(g, nu)[..., None]
     # towards the sun the aerosol's peak is not the shaders': it would be smeared over the 44 deg to the next texel
-    towards = rays.nu > 0.99
+    towards = nu > 0.99
     light = np.where(towards[..., None], np.maximum(light - true, 0.0) + mie * bare, light)
     bare = np.minimum(bare, MOST_SINGLE * light / mie)
     red = bare[..., -1]
@@ -316,13 +316,6 @@ def _packed(
     share = np.divide(red, rest, out=np.zeros_like(red), where=rest > 0.0)[..., None]
     out[..., :3] = (light / (rayleigh + mie * share * ratio))[..., ::-1]
     return out, bare[..., ::-1]
-
-
-def _scattered_by_air(source: Source, height: float, mu_s: float, rays: _Rays) -> np.ndarray:
-    """Light that air scattered once (mu, nu, 3), without its phase function, over F0; red first."""
-    altitude, sun = source.medium.bottom_km + height, math.degrees(math.asin(mu_s))
-    pairs = zip(rays.elevation_deg, rays.azimuth_deg, strict=True)
-    return np.stack([source.single_air(altitude, e, a, sun)[0, 0] for e, a in pairs])[..., ::-1]
 
 
 def _irradiance(source: Source, mapping: Mapping, rows: int) -> np.ndarray:

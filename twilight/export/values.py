@@ -27,13 +27,13 @@ PHASE_ANGLES = 256
 def _single(profile, beam, altitude_km, elevation, azimuth, sun, first, out, begin, end):
     """Light that species scattered once, without its phase function, out (K, S, E, A, W), for rows begin..end.
 
-    profile: `Profile`; beam: `Beam`; altitude_km: the observer's; elevation (E,), azimuth (A,) and sun (S,) [rad].
+    profile: `Profile`; beam: `Beam`; altitude_km: the observer's; elevation (E,), azimuth (S, E, A) and sun (S,) [rad].
     first: of the K species, 0 is the air and 1 the first aerosol.
     """
-    n_w = out.shape[4]
+    n_k, n_w = out.shape[0], out.shape[4]
     line = new_line(profile)
     source = np.empty((line.place.shape[0], profile.species_scattering.shape[0], n_w))
-    light = np.empty(n_w)
+    light, sums = np.empty(n_w), np.empty((n_k, n_w))
     r = profile.earth_radius_km + altitude_km
     for e in range(begin, end):
         mu = math.sin(elevation[e])
@@ -42,16 +42,33 @@ def _single(profile, beam, altitude_km, elevation, azimuth, sun, first, out, beg
             by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
         for s in range(sun.size):
             mu_s = math.sin(sun[s])
-            for a in range(azimuth.size):
-                nu = mu * mu_s + math.cos(elevation[e]) * math.cos(sun[s]) * math.cos(azimuth[a])
-                for p in range(n):
-                    altitude = line.place[p, ALTITUDE]
-                    there = (r * mu_s + line.place[p, DISTANCE] * nu) / (profile.earth_radius_km + altitude)
-                    beam_at(beam, altitude, min(1.0, max(-1.0, there)), light)
-                    for k in range(out.shape[0]):
-                        for w in range(n_w):
-                            if light[w] > 0.0:
-                                out[k, s, e, a, w] += source[p, first + k, w] * light[w]
+            for a in range(azimuth.shape[2]):
+                nu = mu * mu_s + math.cos(elevation[e]) * math.cos(sun[s]) * math.cos(azimuth[s, e, a])
+                _lit(beam, line.place, n, profile.earth_radius_km, r, mu_s, nu, source, first, light, sums)
+                for k in range(n_k):
+                    for w in range(n_w):
+                        out[k, s, e, a, w] += sums[k, w]
+
+
+@njit(inner=True, cache=True, makes_arrays=False)
+def _lit(beam, place, n, radius_km, r, mu_s, nu, source, first, light, sums):
+    """Light that species scattered once along one line in one direction, without its phase function.
+
+    beam, first: as in `_single`; place (P, 4): of the points of the line, n: number of them; radius_km, r: of the Earth
+    and of the line's start; mu_s, nu: cosines of the sun's zenith angle there and of the angle from the line to it;
+    source (P, 1 + K', W): what a point scatters of sunlight; light (W,): room; sums (K, W): filled.
+    """
+    for k in range(sums.shape[0]):
+        for w in range(light.size):
+            sums[k, w] = 0.0
+    for p in range(n):
+        altitude = place[p, ALTITUDE]
+        there = (r * mu_s + place[p, DISTANCE] * nu) / (radius_km + altitude)
+        beam_at(beam, altitude, min(1.0, max(-1.0, there)), light)
+        for k in range(sums.shape[0]):
+            for w in range(light.size):
+                if light[w] > 0.0:
+                    sums[k, w] += source[p, first + k, w] * light[w]
 
 
 class Filling(Protocol):
@@ -141,8 +158,11 @@ class Source:
         return seen
 
     def single_aerosol(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray]:
-        """(with the phase functions [sr^-1], without) of light that aerosol scattered once, each (S, E, A, W)."""
-        e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
+        """(with the phase functions [sr^-1], without) of light that aerosol scattered once, each (S, E, A, W).
+
+        elevation_deg (E,), sun_deg (S,); azimuth_deg (A,), or (S, E, A) where they differ.
+        """
+        e, a, s = self._angles(elevation_deg, azimuth_deg, sun_deg)
         parts = self._once(altitude_km, e, a, s, 1, len(self.medium.phase_functions))
         cosine = np.sin(e)[None, :, None] * np.sin(s)[:, None, None]
         cosine = cosine + (np.cos(e)[None, :, None] * np.cos(s)[:, None, None]) * np.cos(a)
@@ -152,13 +172,17 @@ class Source:
         return light, parts.sum(axis=0)
 
     def single_air(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> np.ndarray:
-        """Light that air scattered once, without its phase function (S, E, A, W)."""
+        """Light that air scattered once, without its phase function (S, E, A, W); angles as in `single_aerosol`."""
+        return self._once(altitude_km, *self._angles(elevation_deg, azimuth_deg, sun_deg), 0, 1)[0]
+
+    def _angles(self, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Elevations (E,), azimuths (S, E, A) and suns (S,) [rad]."""
         e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
-        return self._once(altitude_km, e, a, s, 0, 1)[0]
+        return e, np.ascontiguousarray(np.broadcast_to(a, (s.size, e.size, a.shape[-1]))), s
 
     def _once(self, altitude_km: float, e: np.ndarray, a: np.ndarray, s: np.ndarray, first: int, count: int):
-        """Light that species scattered once, without phase functions (count, S, E, A, W); angles in rad."""
-        parts = np.zeros((count, s.size, e.size, a.size, self.medium.n_wavelengths))
+        """Light that species scattered once, without phase functions (count, S, E, A, W); angles of `_angles`."""
+        parts = np.zeros((count, s.size, e.size, a.shape[2], self.medium.n_wavelengths))
         in_slices(lambda i, j: _single(self.profile, self.beam, altitude_km, e, a, s, first, parts, i, j), e.size)
         return parts
 
