@@ -32,6 +32,7 @@ from twilight.spectrum import solar_at_visible
 HERE = Path(__file__).parent
 SUNS_DEG = (30.3, 10.0, 5.2, 2.1, 0.0, -2.1, -4.2, -6.0, -9.0, -12.1, -15.1, -17.9)
 DIRECTIONS = 1500
+READ_BACK = 400
 NM = (680, 550, 440)
 TAKRAM_KM = (6360.0, 6420.0)
 
@@ -105,7 +106,7 @@ def read_back(options: argparse.Namespace) -> None:
     visible = solar_at_visible()
     solar = np.interp(source.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
     light = calcmysky.Luminances(source, solar, visible)
-    elevation, azimuth = directions(DIRECTIONS)
+    elevation, azimuth = directions(READ_BACK)
     rows = []
     for height in (0.0, 2.0, 10.0):
         for sun in SUNS_DEG:
@@ -119,7 +120,7 @@ def read_back(options: argparse.Namespace) -> None:
     columns = [f"{what}_{of}_percent" for of in ("luminance", "scotopic") for what in ("median", "p50", "p95")]
     sizes = "; ".join(f"{name} {' x '.join(map(str, size))}" for name, size in folder.others.items())
     notes = [
-        f"{options.climate}, zones {options.quality}, {DIRECTIONS} directions; (altitude, SZA, dot, VZA) texels "
+        f"{options.climate}, zones {options.quality}, {READ_BACK} directions; (altitude, SZA, dot, VZA) texels "
         f"{' x '.join(map(str, folder.rest.shape[:4]))}",
         f"the other files: {sizes}",
     ]

@@ -137,6 +137,17 @@ def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
     assert solved == [] and path.read_bytes() == whole.read_bytes()
 
 
+def test_tables_that_are_damaged_are_made_again(tmp_path, monkeypatch):
+    path = tmp_path / "film.webp"
+    with monkeypatch.context() as patch:
+        patch.setattr(films, "encode", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            film(path).make()
+    [kept] = (tmp_path / "film.webp.frames").glob("tables-*.npz")
+    kept.write_bytes(kept.read_bytes()[:-2000])
+    assert film(path).make().drawn == 0 and path.is_file()
+
+
 def test_other_pictures_are_not_taken_for_these(tmp_path, monkeypatch):
     path = tmp_path / "film.webp"
     with monkeypatch.context() as patch:

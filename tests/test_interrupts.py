@@ -104,6 +104,7 @@ def check_next_run(folder: Path, before: dict[str, float]) -> None:
     process = start(folder)
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors
+    assert not [p for p in leftovers(folder / "sky") if ".part" in p.name and p.parent.name != "sky"]
     after = finished(folder / "sky")
     assert set(before) <= set(after)
     frames = {name.split("/")[0] for name in after if "/" in name}

@@ -16,8 +16,9 @@ from twilight.transport.lines import GROUND, new_line, trace_line
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
-SEEN = 1e-12
-"""Radiance over F0 [sr^-1] below which an error does not count: behind fifty optical depths only e^-50 is left."""
+SEEN = 1e-11
+"""Radiance over F0 [sr^-1] below which an error does not count: light scattered once that crosses more than 25 optical
+depths, beside which light scattered often is ten orders of magnitude brighter."""
 
 
 def views(base, thickness):

@@ -109,9 +109,13 @@ def test_a_sky_whose_files_were_begun_is_made_again(tmp_path):
     with open_folder(root, {"sun1": A}, "1", overwrite=False) as folder:
         folder.begin("sun1", A)
         (root / "sun1").mkdir()
-        (root / "sun1" / "sky.png").write_bytes(b"half")
+        (root / "sun1" / "sky.png").write_bytes(b"whole")
+        (root / "sun1" / ".sky.h5.0123abcd.part.h5").write_bytes(b"half")
     with pytest.raises(TwilightError, match="holds another sky"):
         render(root, {"sun1": B})
+    with open_folder(root, {"sun1": A}, "1", overwrite=False) as folder:
+        folder.begin("sun1", A)
+        assert content(root) == {"sun1/sky.png"}
     assert render(root, {"sun1": A}) == ["sun1"]
     assert render(root, {"sun1": A}) == []
 

@@ -184,6 +184,12 @@ def test_files_that_are_no_heights(tmp_path):
         heights_of(Terrain(heights=str(path)))
     with pytest.raises(ValueError, match="must be ridges"):
         Terrain(heights="alps")
+    np.save(path, np.zeros((2, 2)))
+    raw = path.read_bytes()
+    at = raw.index(b"(2, 2)")
+    path.write_bytes(raw[:at] + b"(1000000, 1000000)" + raw[at + 6 :].replace(b" " * 12, b"", 1))
+    with pytest.raises(TwilightError, match=r"is damaged: it says that it holds 8e\+03 GB"):
+        heights_of(Terrain(heights=str(path)))
 
 
 def test_heights_from_geotiff(tmp_path):
@@ -200,6 +206,11 @@ def test_heights_from_geotiff(tmp_path):
     assert height_at(made, -3.0, 2.0) == pytest.approx(0.0) and height_at(made, 3.0, -2.0) == pytest.approx(1.1)
     path.write_bytes(b"no tiff")
     with pytest.raises(TwilightError, match="cannot be read as GeoTIFF"):
+        heights_of(Terrain(heights=str(path)))
+    with rasterio.open(path, "w", SPARSE_OK=True, tiled=True, **shape | {"width": 200_000, "height": 100_000}):
+        pass
+    assert path.stat().st_size < 10_000_000
+    with pytest.raises(TwilightError, match=r"must hold 2 x 2 to 4096 x 4096 altitudes, has \(100000, 200000\)"):
         heights_of(Terrain(heights=str(path)))
 
 

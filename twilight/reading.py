@@ -82,6 +82,23 @@ def open_npz(path: Path, largest_expansion: float = LARGEST_EXPANSION) -> Iterat
         yield data
 
 
+def check_npy(path: Path) -> None:
+    """Raise TwilightError where a .npy file says that it holds more than it does; ValueError where it is none."""
+    with path.open("rb") as stream:
+        check_expansion(path, float(_npy_bytes(stream)), largest_expansion=1)
+
+
+def stored_arrays(path: Path) -> dict[str, np.ndarray] | None:
+    """What this program kept in a .npz file, not compressed; None where there is none, or a damaged one."""
+    import zipfile
+
+    try:
+        with open_npz(path, largest_expansion=1) as there:
+            return dict(there)
+    except (TwilightError, OSError, EOFError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile):
+        return None
+
+
 def _npy_bytes(stream: Any) -> int:
     """Bytes of the array that a .npy header describes."""
     version = np.lib.format.read_magic(stream)

@@ -36,6 +36,7 @@ from twilight.io.view import burnt_out
 from twilight.io.whole import check_folder, whole_file
 from twilight.orientation import azimuth_elevation
 from twilight.progress import Progress, part_of, silent
+from twilight.reading import stored_arrays
 from twilight.tone import Shot
 from twilight.tone.eye import Eye, adapt
 from twilight.views import KINDS
@@ -160,13 +161,14 @@ class Film:
     def _tables(self, progress: Progress) -> tuple[Tables, Disc | None, Nights | None]:
         """The field's tables, the disc and the nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
-        if not path.is_file():
+        kept = stored_arrays(path)
+        if kept is None:
             solved = self.problem.solve(part_of(progress, 0.0, 0.5, "field"))
             channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum)
             source = Source(solved, solved.medium, bool(getattr(self.problem.settings, "refraction", False)))
             altitude, share = self.problem.altitude_km, part_of(progress, 0.5, 0.5, "tables")
             made = fill(source, channels, (altitude,), self.sizes, share, self.suns_deg)
-            kept: dict[str, Any] = {"sky": made.sky, "horizon": made.horizon_deg}
+            kept = {"sky": made.sky, "horizon": made.horizon_deg}
             if made.aureole is not None and made.phase is not None:
                 kept |= {"aureole": made.aureole, "phase": made.phase}
             if self.config.sun.disc:
@@ -177,8 +179,6 @@ class Film:
                 kept |= nights.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **kept)
-        with np.load(path) as there:
-            kept = dict(there)
         tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"])
         disc = Disc(kept["lifted"], kept["beam"], float(kept["horizon"][0])) if "beam" in kept else None
         return tables, disc, Nights.from_arrays(kept) if "night_time_s" in kept else None

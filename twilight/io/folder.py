@@ -46,6 +46,8 @@ class RenderFolder:
         before = [file.name for file in files_of_a_sky(self.root / name) if file not in own]
         line = {"sky": name, "hash": wanted.hash, "code": self._code, "files": {}, "before": before, "figures": {}}
         self._journal.write(line)
+        for part in _parts(self.root / name):
+            part.unlink(missing_ok=True)
 
     def add(self, name: str, wanted: Wanted, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
         """Note that a sky is finished: all its files are whole."""
@@ -154,12 +156,12 @@ def _left(root: Path, name: str, line: Mapping[str, Any]) -> list[Path]:
     if line["files"]:
         return [root / file for file in line["files"] if (root / file).is_file()]
     own = [file for file in files_of_a_sky(root / name) if file.name not in line["before"]]
-    return own + [file for file in (root / name).glob(".*.part*") if _is_part(file.name)]
+    return own + _parts(root / name)
 
 
-def _is_part(name: str) -> bool:
-    """Whether a name is that of `whole_file` for a file of a sky that is being written."""
-    return any(name.startswith(f".{own}.") for own in OF_A_SKY)
+def _parts(folder: Path) -> list[Path]:
+    """What a killed process was writing of a sky's files (`whole_file`)."""
+    return [part for part in folder.glob(".*.part*") if any(part.name.startswith(f".{name}.") for name in OF_A_SKY)]
 
 
 def _clear(root: Path) -> None:

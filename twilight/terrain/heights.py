@@ -11,6 +11,7 @@ import numpy as np
 from twilight.config.terrain import Terrain
 from twilight.errors import TwilightError
 from twilight.extras import missing
+from twilight.reading import check_npy
 
 MOST_POINTS = 4096
 SHIPPED = {"jacksboro": (30.1, 31.8)}
@@ -79,6 +80,7 @@ def _read(path: Path) -> tuple[np.ndarray, tuple[float, float] | None]:
     size = None
     if path.suffix.lower() == ".npy":
         try:
+            check_npy(path)
             values = np.load(path, allow_pickle=False)
         except (ValueError, OSError, EOFError):
             raise TwilightError(f"{path}: is not a .npy file of numbers") from None
@@ -89,17 +91,23 @@ def _read(path: Path) -> tuple[np.ndarray, tuple[float, float] | None]:
             raise missing("rasterio", f"{path}: reading GeoTIFF") from None
         try:
             with rasterio.open(path) as file:
+                _check_shape(path, file.shape)
                 values = file.read(1, masked=True).filled(np.nan)
                 size = _size_km(file)
         except rasterio.errors.RasterioError as error:
             raise TwilightError(f"{path}: cannot be read as GeoTIFF ({error})") from None
-    good = values.ndim == 2 and min(values.shape) >= 2 and max(values.shape) <= MOST_POINTS
-    if not (good and np.issubdtype(values.dtype, np.number)):
-        raise TwilightError(f"{path}: must hold 2 x 2 to {MOST_POINTS} x {MOST_POINTS} altitudes, has {values.shape}")
+    _check_shape(path, values.shape)
+    if not np.issubdtype(values.dtype, np.number):
+        raise TwilightError(f"{path}: must hold altitudes, has {values.dtype}")
     values = np.asarray(values, dtype=float)
     if not np.isfinite(values).all() or values.min() < -1000.0 or values.max() > 100000.0:
         raise TwilightError(f"{path}: altitudes must be numbers from -1000 to 100000 m without gaps")
     return values, size
+
+
+def _check_shape(path: Path, shape: tuple[int, ...]) -> None:
+    if len(shape) != 2 or min(shape) < 2 or max(shape) > MOST_POINTS:
+        raise TwilightError(f"{path}: must hold 2 x 2 to {MOST_POINTS} x {MOST_POINTS} altitudes, has {shape}")
 
 
 def _size_km(file) -> tuple[float, float]:
