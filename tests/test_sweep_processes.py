@@ -113,7 +113,8 @@ def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow
     until(lambda: len(lines(out / JOURNAL)) >= 1)
     os.killpg(process.pid, signal.SIGINT)
     error = process.communicate(timeout=300)[1]
-    assert process.returncode == 130 and error.count("\n") == 1 and "interrupted" in error, error
+    said = [line for line in error.splitlines() if " left: " not in line]  # progress, on a busy machine
+    assert process.returncode == 130 and len(said) == 1 and "interrupted" in said[0], error
     with pytest.raises(ProcessLookupError):
         os.kill(int(lines(log)[0].split()[0]), 0)
     done = len(lines(out / JOURNAL))
