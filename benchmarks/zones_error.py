@@ -9,12 +9,13 @@ directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is p
 `reference` is; `draft` is scalar.  The referee's own standard error is subtracted in the mean square: `excess_percent`
 is what 95 % of normally distributed errors of the rest would stay below.  Times are of the processor,
 for all suns and the three wavelengths, which take as long as eight do (a block of the solver), compilation apart;
-memory is the peak of the process.
+memory is the peak of the process while the field is made (Linux).
 """
 
 from __future__ import annotations
 
-import resource
+import gc
+import re
 import sys
 import time
 from dataclasses import replace
@@ -72,6 +73,19 @@ def compile_kernels() -> None:
         zones.prepare(medium, few, sun_elevations_deg=[-4.0]).radiance(-4.0, 30.0, 0.0)
 
 
+def forget_peak() -> None:
+    """Count the largest resident memory anew (Linux)."""
+    gc.collect()
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_mib() -> float:
+    """Largest resident memory since then [MiB]."""
+    found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
+    assert found is not None
+    return int(found[1]) / 1024.0
+
+
 def main(qualities: list[str], climates: list[str]) -> None:
     path = HERE / "zones_error.csv"
     rows = []
@@ -85,10 +99,11 @@ def main(qualities: list[str], climates: list[str]) -> None:
             table = results.read_numbers(file)
             wavelength_nm = np.unique(table["wavelength_nm"])
             medium = climate_medium(load_climate(climate), wavelength_nm)
+            forget_peak()
             start = time.process_time()
             field = zones.prepare(medium, zones.QUALITIES[quality])
             seconds = time.process_time() - start
-            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+            memory = peak_mib()
             for row in errors(field, table):
                 numbers = [f"{row[0]:g}", *(f"{x:.2f}" for x in row[1:]), f"{seconds:.1f}", f"{memory:.0f}"]
                 print(climate, quality, *numbers, sep="\t", flush=True)
