@@ -33,6 +33,8 @@ HERE = Path(__file__).parent
 SUNS_DEG = (30.3, 10.0, 5.2, 2.1, 0.0, -2.1, -4.2, -6.0, -9.0, -12.1, -15.1, -17.9)
 DIRECTIONS = 1500
 READ_BACK = 400
+TIMES = ("layout", "size_mb", "field_cpu_s", "tables_cpu_s")
+READ = "python benchmarks/tables.py calcmysky --folder sky-calcmysky"
 NM = (680, 550, 440)
 TAKRAM_KM = (6360.0, 6420.0)
 
@@ -124,7 +126,7 @@ def read_back(options: argparse.Namespace) -> None:
         f"{' x '.join(map(str, folder.rest.shape[:4]))}",
         f"the other files: {sizes}",
     ]
-    write(HERE / "tables_calcmysky.csv", ["height_km", "sun_elevation_deg", *columns], rows, notes=notes)
+    write(HERE / "tables_calcmysky.csv", ["height_km", "sun_elevation_deg", *columns], rows, notes=notes, command=READ)
 
 
 def times(options: argparse.Namespace) -> None:
@@ -144,7 +146,7 @@ def times(options: argparse.Namespace) -> None:
         rows.append([layout, size[1], *spent.groups()])
         print(*rows[-1], flush=True)
     note = f"{options.climate}, zones {options.quality}; processor time of the field, and of the tables from it"
-    write(HERE / "tables_time.csv", ("layout", "size_mb", "field_cpu_s", "tables_cpu_s"), rows, notes=[note])
+    write(HERE / "tables_time.csv", TIMES, rows, notes=[note], command="python benchmarks/tables.py times")
 
 
 def main() -> None:

@@ -57,11 +57,11 @@ function sunWeights(place, n) {
   return [...weights];
 }
 
-// Altitudes and their weights: linear in the square root of the height above the first.
+// Altitudes and their weights: linear in the square root of the height above the ground.
 function altitudeWeights(altitude) {
-  const z = HEAD.altitude_km.map((a) => Math.sqrt(a - HEAD.altitude_km[0])), n = z.length;
+  const root = (a) => Math.sqrt(a - HEAD.ground_km), z = HEAD.altitude_km.map(root), n = z.length;
   if (n === 1) return [[0, 1]];
-  const x = Math.sqrt(clamp(altitude, HEAD.altitude_km[0], HEAD.altitude_km[n - 1]) - HEAD.altitude_km[0]);
+  const x = root(clamp(altitude, HEAD.altitude_km[0], HEAD.altitude_km[n - 1]));
   let i = 0;
   while (i < n - 2 && x > z[i + 1]) i++;
   const t = (x - z[i]) / (z[i + 1] - z[i]);

@@ -63,6 +63,7 @@ def view_fields(
     pack = Pack(_about("field", names, scenes or names, start or {}))
     pack.header |= {
         "altitude_km": list(altitudes),
+        "ground_km": min(solved.medium.bottom_km for solved in fields),
         "highest_km": asked[-1],
         "texels": {"sun": sizes.suns, "ground": sizes.ground, "sky": sizes.sky, "azimuth": sizes.azimuths},
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
