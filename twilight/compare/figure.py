@@ -13,9 +13,9 @@ from twilight.compare.comparison import Row
 from twilight.errors import TwilightError
 from twilight.io.whole import whole_file
 
-# Okabe and Ito's colours, which differ for every kind of colour vision
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+# Okabe and Ito's colours, which differ for every kind of colour vision, a grey and a brown
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C8C", "#6B4423")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p", "<")
 LADDER = ("draft", "standard", "reference")
 """Qualities that a line joins; others stand alone."""
 
