@@ -53,6 +53,9 @@ BENCHMARKS = {
     "zones_volcano": Benchmark(
         "zones_volcano.py", "zones_volcano.csv", "which grids limit `zones` below a volcano's stratosphere"
     ),
+    "zones_volcano_red": Benchmark(
+        "zones_volcano.py red", "zones_volcano_red.csv", "where the red of volcanic twilight is lost"
+    ),
     "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
     "montecarlo_zscores": Benchmark(
         "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether the referee's stated errors are its scatter"
