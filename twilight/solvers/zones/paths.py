@@ -64,8 +64,10 @@ def make_points(
     z = rays.place[:, ALTITUDE]
     node = np.clip(np.searchsorted(nodes_km, z, side="right") - 1, 0, nodes_km.size - 2)
     share = np.clip((z - nodes_km[node]) / np.diff(nodes_km)[node], 0.0, 1.0)
-    species = species_share(scattering.medium, z)
-    chi = np.einsum("spw,slw->plw", species, scattering.chi[:, : series.degree + 1])
+    # of the wavelengths of the block alone: all of a field's would take several gigabytes
+    some = slice(block * LANES, min((block + 1) * LANES, scattering.chi.shape[2]))
+    species = species_share(scattering.medium.select(some), z)
+    chi = np.einsum("spw,slw->plw", species, scattering.chi[:, : series.degree + 1, some])
     polar = even_harmonics(rays.place[:, COSINE], series.degree, series.orders - 1)
     sine = np.sqrt(np.maximum(0.0, 1.0 - rays.place[:, COSINE] ** 2))
     # sin^m: an order that is this weak cannot be seen
@@ -74,19 +76,20 @@ def make_points(
     even, odd = patterns(rays.place[:, COSINE], n, series.pattern_orders - 1)
     matrix = np.zeros((1, 3, 0, chi.shape[2]))
     if n:
-        matrix = np.einsum("spw,jslw->pjlw", species, np.stack([part[:, : n + 1] for part in scattering.matrix]))
+        parts = np.stack([part[:, : n + 1, some] for part in scattering.matrix])
+        matrix = np.einsum("spw,jslw->pjlw", species, parts)
     return Points(
         node.astype(np.int32),
         share.astype(np.float32),
         (rays.place[:, ANGLE] / step_rad).astype(np.float32),
         polar.astype(np.float32),
         highest.astype(np.int32),
-        lanes_of(chi, block),
-        lanes_of(species.transpose(1, 0, 2), block),
+        lanes_of(chi, 0),
+        lanes_of(species.transpose(1, 0, 2), 0),
         lanes_of(rays.weight, block),
         np.ascontiguousarray(even, dtype=np.float32),
         np.ascontiguousarray(odd, dtype=np.float32),
-        lanes_of(matrix, block),
+        lanes_of(matrix, 0),
     )
 
 
