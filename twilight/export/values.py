@@ -78,6 +78,9 @@ class Filling(Protocol):
     @property
     def channels(self) -> int: ...
 
+    @property
+    def bottom_km(self) -> float: ...
+
     phase: np.ndarray | None
 
     def horizon_deg(self, altitude_km: float) -> float: ...
@@ -110,6 +113,11 @@ class Source:
     def channels(self) -> int:
         """How many numbers a radiance has."""
         return self.medium.n_wavelengths
+
+    @property
+    def bottom_km(self) -> float:
+        """Altitude of the ground above sea level."""
+        return self.medium.bottom_km
 
     def _effective_phase(self) -> np.ndarray:
         """Phase function (PHASE_ANGLES, W) of all the aerosol of a column, at angles pi u^2; of the unscaled one."""
