@@ -127,7 +127,7 @@ function drawLight(into, aspect, sun, sky, disc) {
   gl.uniform1i(p.at("uLimb"), HEAD.space?.limb ?? 0);
   gl.uniform3fv(p.at("uSunAxis"), HEAD.sun_axis ?? [0, 0, 1]);
   gl.uniform4i(p.at("uTexels"), t.ground, t.haze, t.sky, t.azimuth);
-  gl.uniform1fv(p.at("uHaze"), twice((k) => hazeOf(k) * DEG));
+  gl.uniform2fv(p.at("uHaze"), twice((k) => hazeOf(k).map((e) => e * DEG)).flat());
   gl.uniform1i(p.at("uGrid"), HEAD.kind === "sky" ? 1 : 0);
   gl.uniform1f(p.at("uAzimuthPower"), HEAD.azimuth_power ?? 1);
   gl.uniform1iv(p.at("uAureole"), twice((k) => (tables[`aureole${k}`] ? 1 : 0)));

@@ -19,7 +19,7 @@ uniform ivec4 uTexels;       // rows of ground, of haze, of sky, columns
 uniform bool uGrid;          // one computed sky: uniform rows and columns all round
 uniform float uAzimuthPower;
 uniform float uHorizon[2];   // rad
-uniform float uHaze[2];      // apparent elevation of the haze's top, rad
+uniform vec2 uHaze[2];       // apparent elevation of the haze's top, rad, and what is its among the rows (tables.js)
 uniform bool uAureole[2];
 uniform float uSplit;        // where the second field begins, in place.x
 uniform vec3 uSun;           // true direction
@@ -32,6 +32,7 @@ uniform vec2 uNightMean;     // starlight [S10], zodiacal light at 500 nm
 uniform vec4 uNightGround[2];
 
 const int LINES = 8, NODES = 256;
+const float NEAR = 0.03;
 
 vec4 cubic(float t) {
   float t2 = t * t, t3 = t2 * t;
@@ -48,9 +49,12 @@ vec4 alongRow(int row, int i, vec4 w) {
 }
 
 // Place of a line among the rows of the sky: x from the horizon `low` by the top of the haze to `high` (tables.py).
-float rowAbove(float x, float low, float haze, float high, float power, int rows) {
-  if (x < haze) return asin(sqrt(clamp((x - low) / max(haze - low, 1e-9), 0.0, 1.0))) / (0.5 * PI) * float(uTexels.y);
-  return float(uTexels.y) + pow(clamp((x - haze) / (high - haze), 0.0, 1.0), 1.0 / power) * float(rows - 1);
+// haze.y: where the rows have that top; what is NEAR it moves with it, what is far is where the rows have it.
+float rowAbove(float x, float low, vec2 haze, float high, float power, int rows) {
+  if (x < haze.x) return asin(sqrt(clamp((x - low) / max(haze.x - low, 1e-9), 0.0, 1.0))) / (0.5 * PI) * float(uTexels.y);
+  float far = haze.y + NEAR * (high - haze.y);
+  float share = x < far ? NEAR * (x - haze.x) / (far - haze.x) : (x - haze.y) / (high - haze.y);
+  return float(uTexels.y) + pow(clamp(share, 0.0, 1.0), 1.0 / power) * float(rows - 1);
 }
 
 // Rows of a cubic at the place y among those of the ground or of the sky, of which `last` is the last one, and weights.
@@ -134,7 +138,7 @@ vec4 fromSpace(int field, bool up, vec3 d, float angle) {
   float size = length(level), above = clamp(dot(uSun, n), -1.0, 1.0);
   float ahead = size > 1e-6 ? dot(uSun, level) / size : 0.0;
   float azimuth = atan(sqrt(max(0.0, 1.0 - above * above - ahead * ahead)), ahead);
-  float y = up ? rowAbove(p, low, uEarth[field].y, top, 1.5, uLimb)
+  float y = up ? rowAbove(p, low, uEarth[field].yy, top, 1.5, uLimb)
                : (1.0 - sqrt(1.0 - asin(min(1.0, p / low)) / (0.5 * PI))) * float(uTexels.x - 1);
   float x = pow(azimuth / PI, 1.0 / uAzimuthPower) * float(uTexels.w - 1);
   float sun = degrees(asin(above)), first = asinh((uSunAxis.x - uSunAxis.y) / uSunAxis.z);
