@@ -73,14 +73,18 @@ def takes_in_full(config: Config) -> SceneTakes:
         return sizes
     lanes = np.ones(problem.medium.n_wavelengths, int) if problem.bands is None else problem.bands.lanes
     of_blocks = [int(lanes[part].sum()) for part in problem.slices]
-    field = max(found.n_bytes(n) for n in of_blocks)
+    in_band = [problem.bands is not None and bool((lanes[part] > 1).any()) for part in problem.slices]
+    field = max(found.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
     rows, columns = config.texture.shape
     directions = rows * (columns // 2 + 1)
     width = config.texture.latlong_width
     if width is not None:
         directions += width // 4 * (width // 2 + 1)
     look = BYTES_OF_A_LOOK * min(VALUES_AT_ONCE, directions * max(of_blocks))
-    solved = sum(-(-n // found.together) * found.together for n in of_blocks)
+    solved = sum(
+        -(-n // found.together) * found.together * (found.band_cpu if band else 1.0)
+        for n, band in zip(of_blocks, in_band, strict=True)
+    )
     seconds = found.cpu_s_per_wavelength * solved + found.cpu_s_per_look * len(suns) * directions * int(lanes.sum())
     # a sky is whole when the field of its last block is still there
     return replace(
