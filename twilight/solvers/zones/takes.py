@@ -17,15 +17,16 @@ from twilight.transport.scaling import delta_scaled
 POINTS_OF_A_RAY, IN_A_BAND = 95.0, 2.3
 """Points of a ray between nodes at step_density 1, and how many times as many there are in a band of a gas: `draft` and
 `standard` in continental air have 93 to 98."""
-WORKING_COPIES = 4.0
-"""Of an order's light in directions and in moments while it is scattered."""
 RAY_BYTES = 8
-"""Bytes of a point of a ray for each wavelength of a field."""
-PER_BLOCK_BYTES = 15e6
-"""Of every block of LANES wavelengths beside its moments: the sunbeam's tables, and what is left of its own."""
-BLOCK_S, PRODUCT_S, POINT_S, LOOK_S = 0.7, 2.5e-8, 0.0, 5e-6
+"""Of a point of a ray for each wavelength of a field."""
+WORKING_COPIES, PER_BLOCK_BYTES = 4.0, 15e6
+"""Of an order's light in directions and in moments while it is scattered; and of every block of LANES wavelengths
+beside its moments: the sunbeam's tables, and what is left of making it."""
+BLOCK_S, PRODUCT_S, BAND_TIMES = 1.0, 2.8e-8, 1.8
 """Processor seconds of a block of LANES wavelengths: of its tables, and of the product of nodes, directions and
-moments; of a direction and wavelength.  From profiles of continental air, not fitted: an order of magnitude."""
+moments; times so many for lanes of a band.  Of a quiet core, in continental air, to 30 %."""
+LOOK_S, POLARISED_LOOK_S = 5.5e-6, 1e-5
+"""Processor seconds of a direction and wavelength."""
 
 
 class _Stage:
@@ -65,7 +66,8 @@ def takes(
         fixed_bytes=points + WORKING_COPIES * (radiance + light),
         bytes_per_wavelength=(light + PER_BLOCK_BYTES) / LANES + rays,
         cpu_s_per_wavelength=seconds / LANES,
-        cpu_s_per_look=LOOK_S,
+        cpu_s_per_look=POLARISED_LOOK_S if patterns else LOOK_S,
         together=LANES,
         band_bytes=(IN_A_BAND - 1.0) * points,
+        band_cpu=BAND_TIMES,
     )
