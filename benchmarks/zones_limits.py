@@ -30,12 +30,10 @@ from twilight.transport.lines import horizon_cosine
 
 HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
-LATE = {"late_degree": 12, "late_polar_directions": 12, "late_azimuth_directions": 12}
 STEPS: tuple[tuple[str, tuple[float, ...], tuple[float, ...], tuple[dict[str, float], ...]], ...] = (
-    ("antarctic", (450.0, 550.0, 680.0), (0.0, -4.0), ({}, {"step_density": 1.0}, {"step_density": 1.4})),
+    ("antarctic", (450.0, 550.0, 680.0), (0.0, -4.0), ({}, {"step_density": 1.0})),
     ("desert", (450.0, 550.0, 680.0), (0.0, -4.0, -6.0), ({}, {"step_density": 1.0})),
     ("urban", (450.0, 550.0, 680.0), (5.0, 0.0, -9.0), ({}, {"step_density": 1.0})),
-    ("volcanic-extreme", (680.0,), (-18.0,), ({}, LATE)),
 )
 """Climate, wavelengths [nm], suns [deg], and what is changed of `standard`."""
 COARSE = replace(
