@@ -22,7 +22,7 @@ RAY_BYTES = 8
 WORKING_COPIES, PER_BLOCK_BYTES = 4.0, 15e6
 """Of an order's light in directions and in moments while it is scattered; and of every block of LANES wavelengths
 beside its moments: the sunbeam's tables, and what is left of making it."""
-BLOCK_S, PRODUCT_S, BAND_TIMES = 1.0, 2.8e-8, 1.8
+BLOCK_S, PRODUCT_S, BAND_TIMES = 0.7, 2.8e-8, 1.7
 """Processor seconds of a block of LANES wavelengths: of its tables, and of the product of nodes, directions and
 moments; times so many for lanes of a band.  Of a quiet core, in continental air, to 30 %."""
 LOOK_S, POLARISED_LOOK_S = 5.5e-6, 1e-5
