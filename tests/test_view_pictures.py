@@ -27,6 +27,7 @@ class Air:
     earth_radius_km: float = 6371.0
     n_wavelengths: int = 2
     below_horizon: bool = True
+    standard_error: bool = False
 
 
 @dataclass
@@ -50,8 +51,12 @@ class Block:
         value = np.exp(-np.abs(elevation_deg + dip) / 4.0 - folded / 20.0)
         return np.stack([value, np.where(elevation_deg < -dip, 0.2, 1.0) * value], axis=-1)
 
+    def rows_at_once(self, columns):
+        return max(1, 2_000 // columns)
+
     def answer(self, sun_elevation_deg, elevation_deg, azimuth_deg):
-        assert np.asarray(elevation_deg).size < 90_000
+        rows, columns = np.asarray(elevation_deg).shape
+        assert rows <= self.rows_at_once(columns)
         return Answer(self.light(elevation_deg, azimuth_deg))
 
 

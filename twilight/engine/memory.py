@@ -90,7 +90,8 @@ def takes_in_full(config: Config) -> SceneTakes:
     if config.observer.view is not None:
         of_view = most_nodes(config.observer.view, problem.altitude_km - problem.medium.bottom_km)
         directions += of_view
-        values, pixels = max(values, of_view * max(of_blocks)), int(np.prod(config.observer.view.shape))
+        values = min(VALUES_AT_ONCE, directions * max(of_blocks))
+        pixels = int(np.prod(config.observer.view.shape))
     look = BYTES_OF_A_LOOK * (POLARISED_LOOK if polarised else 1.0) * values
     seconds = PIXEL_S * len(suns) * pixels
     for n, band in zip(of_blocks, in_band, strict=True):

@@ -41,8 +41,8 @@ from twilight.solvers.base import Capabilities, Field, Solver, Takes
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 VALUES_AT_ONCE = 400_000
-"""Directions times wavelengths of a texture that a solver is asked for at once, by rows: what it needs for each of them
-is gone before the next."""
+"""Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: what it needs for each
+of them is gone before the next."""
 
 
 def check_ground(medium: Medium, solver: Solver) -> None:
@@ -199,6 +199,10 @@ class Block:
         kept.keep(path, made)
         return made
 
+    def rows_at_once(self, columns: int) -> int:
+        """Rows of so many directions that the solver is asked for at once."""
+        return max(1, VALUES_AT_ONCE // (columns * self._lanes.n_wavelengths))
+
     def answer(
         self,
         sun_elevation_deg: float,
@@ -268,7 +272,7 @@ class Block:
             return replace(found, radiance=np.maximum(found.radiance, 0.0))
         column, back = half_of(azimuth_deg)
         columns = azimuth_deg[column]
-        rows_at_once = max(1, VALUES_AT_ONCE // (columns.size * self._lanes.n_wavelengths))
+        rows_at_once = self.rows_at_once(columns.size)
         parts = []
         for start in range(0, elevation_deg.size, rows_at_once):
             e, a = np.meshgrid(elevation_deg[start : start + rows_at_once], columns, indexing="ij")

@@ -170,8 +170,12 @@ def see(block: Block, view: View, sun_elevation_deg: float) -> Look:
     radius = medium.earth_radius_km + medium.bottom_km
     e = elevation_nodes(low, high, min(pitch, COARSEST_DEG), above_ground, radius, sun_elevation_deg)
     a = azimuth_nodes(left, right, pitch, above_ground)
-    found = block.answer(sun_elevation_deg, *np.meshgrid(e, a, indexing="ij")).radiance
-    return Look(view, e, a, found, pitch, sun_elevation_deg)
+    rows = e.size if block.capabilities.standard_error else block.rows_at_once(a.size)
+    parts = [
+        block.answer(sun_elevation_deg, *np.meshgrid(e[k : k + rows], a, indexing="ij")).radiance
+        for k in range(0, e.size, rows)
+    ]
+    return Look(view, e, a, parts[0] if len(parts) == 1 else np.concatenate(parts), pitch, sun_elevation_deg)
 
 
 def look(solved: Solved, view: View, sun_elevation_deg: float) -> Look:
