@@ -41,8 +41,8 @@ from twilight.solvers.base import Capabilities, Field, Solver, Takes
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 VALUES_AT_ONCE = 400_000
-"""Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: what it needs for each
-of them is gone before the next."""
+"""Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: what it needs for
+each of them is gone before the next."""
 
 
 def check_ground(medium: Medium, solver: Solver) -> None:
