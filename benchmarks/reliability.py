@@ -90,7 +90,7 @@ def long_tests() -> str:
         skipped = int(row["long_tests"]) - int(row["passed"]) - int(row["failed"])
         said = [f"{row['passed']} passed"]
         said += [f"**{row['failed']} failed**"] if int(row["failed"]) else []
-        said += [f"{skipped} skipped"] if skipped else []
+        said += [f"{skipped} skipped or not ended"] if skipped else []
         rows.append([f"`{file}`", row["long_tests"], row["processor_s"], ", ".join(said)])
     return _table(("file", "long tests", "processor time [s]", "result"), rows)
 
