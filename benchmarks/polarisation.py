@@ -145,7 +145,7 @@ def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
         (found - degree, of_degree, 4),
         (turn[polarised], of_angle[polarised], 2),
     ):
-        excess = 1.96 * np.sqrt(max(0.0, np.mean(error**2 - own**2)))
+        excess = results.excess(error, own)
         numbers += [f"{x:.{digits}f}" for x in (np.percentile(np.abs(error), 95), np.median(own), excess)]
     return numbers
 

@@ -60,7 +60,7 @@ def errors(field, table: np.ndarray) -> list[tuple[float, ...]]:
         error = 100.0 * (radiance / some["radiance_per_sr"] - 1.0)
         own = 100.0 * some["standard_error_per_sr"] / some["radiance_per_sr"]
         size = np.abs(error)
-        excess = 1.96 * np.sqrt(max(0.0, np.mean(error**2 - own**2)))
+        excess = results.excess(error, own)
         rows.append((sun, np.median(size), np.percentile(size, 95), size.max(), error.mean(), np.median(own), excess))
     return rows
 

@@ -69,7 +69,7 @@ def steps() -> None:
                 sky = sky[np.arange(some.size), np.searchsorted(nm, some["wavelength_nm"])]
                 error = sky / some["radiance_per_sr"] - 1.0
                 own = some["standard_error_per_sr"] / some["radiance_per_sr"]
-                excess = 1.96 * np.sqrt(max(0.0, np.mean(error**2 - own**2)))
+                excess = results.excess(error, own)
                 numbers = (error.mean(), excess, error[np.argmax(np.abs(error))], np.median(own))
                 what = " ".join(f"{name} {value:g}" for name, value in change.items()) or "standard"
                 where = [climate, " ".join(f"{x:g}" for x in nm), what, f"{sun:g}"]

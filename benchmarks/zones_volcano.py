@@ -81,7 +81,7 @@ def red() -> None:
                 field.radiance(sun, some["elevation_deg"], some["azimuth_deg"])[:, 0] / some["radiance_per_sr"] - 1.0
             )
             own = some["standard_error_per_sr"] / some["radiance_per_sr"]
-            excess = 1.96 * np.sqrt(max(0.0, np.mean(error**2 - own**2)))
+            excess = results.excess(error, own)
             what = " ".join(f"{name} {value:g}" for name, value in changes.items())
             worst = error[np.argmax(np.abs(error))]
             numbers = (f"{100.0 * x:.2f}" for x in (error.mean(), excess, worst, np.median(own)))
