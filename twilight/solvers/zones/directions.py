@@ -19,6 +19,10 @@ AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 nearly the same share them, and none moves its neighbours."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
+THIN_KM, THIN_DEPTH = 2.0, 0.1
+"""A layer between two sharp edges less than the first apart that scatters with more than the second is a thin one."""
+THIN_POLAR = 10
+"""Polar angles a side in the later events where there is one."""
 
 
 def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
@@ -30,7 +34,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
     moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
-    twilight; they take as many polar angles a side and azimuths as that degree.
+    twilight; they take as many polar angles a side and azimuths as that degree.  Beside a thin layer they take
+    THIN_POLAR polar angles at least: four below the horizon saw such a layer from above 6 % too bright.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
@@ -50,7 +55,18 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
             late_polar_directions=max(settings.late_polar_directions, late),
             late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
         )
+    if has_thin_layer(profile):
+        out = replace(out, late_polar_directions=max(out.late_polar_directions, THIN_POLAR))
     return out
+
+
+def has_thin_layer(profile: Profile) -> bool:
+    """Whether there is a thin layer in the air at any wavelength; profile: of the scaled air."""
+    z, per_km = profile.altitude_km, profile.scattering
+    through = np.insert(np.cumsum(0.5 * np.diff(z)[:, None] * (per_km[1:] + per_km[:-1]), axis=0), 0, 0.0, axis=0)
+    edges = np.concatenate([z[:1], profile.sharp_km, z[-1:]])
+    depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1).max(axis=0)
+    return bool(np.any((np.diff(edges) < THIN_KM) & (depth > THIN_DEPTH)))
 
 
 def _grown(least: int, wanted: int, step: tuple[int, int]) -> int:

@@ -15,6 +15,7 @@ from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.zones.alike import lay_out
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
+from twilight.solvers.zones.directions import has_thin_layer
 from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
@@ -93,6 +94,7 @@ class Field(BareField):
         self.profile, altitude = layout.profile, layout.altitude_km
         self.directions = layout.directions
         """The settings with as many directions and harmonics as this air needs."""
+        self._thin_layer = has_thin_layer(self.profile)
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
         bent = with_refraction(self.profile, layout.bends)
@@ -303,7 +305,9 @@ class Field(BareField):
         density = self.settings.sight_density
         sights = self._sights.get(
             (altitude, with_ground, rows.tobytes()),
-            lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
+            lambda: make_lines(
+                self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground, self._thin_layer
+            ),
         )
         lift = self._sun_lift(altitude, directions.zenith_rad)
         out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))
