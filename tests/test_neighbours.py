@@ -49,8 +49,8 @@ def test_neighbours_do_not_move_a_wavelength(climate):
 
 @pytest.mark.slow
 def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
-    """At 380 nm up to 0.31 % was seen, sun at -15 deg; the likely cause: steps grow behind 12 optical depths."""
-    compare("volcanic-extreme", "draft", np.array([380.0, 550.0, 700.0]), 4e-3)
+    """At 380 nm it was 0.31 %, sun at -15 deg: steps grew behind 12 optical depths at the clearest wavelength."""
+    compare("volcanic-extreme", "draft", np.array([380.0, 550.0, 700.0]))
 
 
 @pytest.mark.parametrize("climate", ["urban", "desert", "maritime-tropical", "volcanic-extreme"])
