@@ -19,8 +19,9 @@ AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 nearly the same share them, and none moves its neighbours."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
-THIN_KM, THIN_DEPTH = 2.0, 0.1
-"""A layer between two sharp edges less than the first apart that scatters with more than the second is a thin one."""
+THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
+"""A layer between two sharp edges less than the first apart, with an optical depth of scattering of more than the
+second and coefficients the third times those of the layers beside it, is a thin one."""
 THIN_POLAR = 10
 """Polar angles a side in the later events where there is one."""
 
@@ -65,8 +66,11 @@ def has_thin_layer(profile: Profile) -> bool:
     z, per_km = profile.altitude_km, profile.scattering
     through = np.insert(np.cumsum(0.5 * np.diff(z)[:, None] * (per_km[1:] + per_km[:-1]), axis=0), 0, 0.0, axis=0)
     edges = np.concatenate([z[:1], profile.sharp_km, z[-1:]])
-    depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1).max(axis=0)
-    return bool(np.any((np.diff(edges) < THIN_KM) & (depth > THIN_DEPTH)))
+    width = np.diff(edges)
+    depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1)
+    mean = np.pad(depth / width, ((0, 0), (1, 1)))
+    stands_out = mean[:, 1:-1] > STANDS_OUT * np.maximum(mean[:, :-2], mean[:, 2:])
+    return bool(np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out))
 
 
 def _grown(least: int, wanted: int, step: tuple[int, int]) -> int:

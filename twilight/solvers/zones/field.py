@@ -15,7 +15,6 @@ from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.zones.alike import lay_out
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
-from twilight.solvers.zones.directions import has_thin_layer
 from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
@@ -94,7 +93,7 @@ class Field(BareField):
         self.profile, altitude = layout.profile, layout.altitude_km
         self.directions = layout.directions
         """The settings with as many directions and harmonics as this air needs."""
-        self._thin_layer = has_thin_layer(self.profile)
+        self._thin_layer = layout.thin_layer
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
         bent = with_refraction(self.profile, layout.bends)
