@@ -148,8 +148,8 @@ def advance(profile, z, psi, a, h):
 def step_length(profile, z, slope, travelled, fineness, thick_fineness, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
-    z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual,
-    and thick_fineness where steps follow the extinction; darkest: optical depth so far of such air.
+    z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
+    thick_fineness: the same where steps follow the extinction; darkest: optical depth so far of such air.
     """
     height = max(z - profile.altitude_km[0], 0.0)
     ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
