@@ -122,3 +122,24 @@ def test_steps_follow_the_air_where_it_is_thicker_than_they_are_made_for():
     assert expected_factors(profile.altitude_km, profile.extinction[:, 0]) == (4.0, 1.0)
     assert expected_factors(profile.altitude_km, profile.extinction[:, 1]) is None
     assert np.all(profile.thickest_per_km >= profile.extinction.max(axis=1))
+
+
+def test_wavelengths_of_air_made_by_hand_are_solved_apart_where_they_need_other_grids():
+    """Thick haze beside thin air, and a third wavelength like the first; scalar, coarse, three events."""
+    medium = medium_of(Air(aerosol=1.0), Air(air=1e-3, aerosol=1e-3), Air(aerosol=1.0, ground=0.5))
+    coarse = replace(
+        zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.3, max_events=3, tolerance=0.0,
+        polar_directions=4, degree=6, azimuth_directions=5, late_azimuth_directions=5, late_polar_directions=4,
+    )  # fmt: skip
+    suns = (30.0,)
+    field = zones.prepare(medium, coarse, sun_elevations_deg=suns)
+    assert [part.lanes.tolist() for part in field.parts] == [[0, 2], [1]]
+    assert field.convergence.events == 3
+    question = (30.0, ELEVATION_DEG, AZIMUTH_DEG)
+    seen, passed = field.inscatter(*question, 20.0)
+    for w in range(3):
+        alone = zones.prepare(medium.select(slice(w, w + 1)), coarse, sun_elevations_deg=suns)
+        np.testing.assert_allclose(field.radiance(*question)[..., w], alone.radiance(*question)[..., 0], rtol=MOST)
+        part, through = alone.inscatter(*question, 20.0)
+        np.testing.assert_allclose(seen[..., w], part[..., 0], rtol=MOST)
+        np.testing.assert_allclose(passed[..., w], through[..., 0], rtol=MOST)

@@ -168,7 +168,7 @@ class Film:
             source = Source(solved, solved.medium, bool(getattr(self.problem.settings, "refraction", False)))
             altitude, share = self.problem.altitude_km, part_of(progress, 0.5, 0.5, "tables")
             made = fill(source, channels, (altitude,), self.sizes, share, self.suns_deg)
-            kept = {"sky": made.sky, "horizon": made.horizon_deg}
+            kept = {"sky": made.sky, "horizon": made.horizon_deg, "haze": made.haze_deg}
             if made.aureole is not None and made.phase is not None:
                 kept |= {"aureole": made.aureole, "phase": made.phase}
             if self.config.sun.disc:
@@ -179,7 +179,7 @@ class Film:
                 kept |= nights.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **kept)
-        tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"])
+        tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"], kept["haze"])
         disc = Disc(kept["lifted"], kept["beam"], float(kept["horizon"][0])) if "beam" in kept else None
         return tables, disc, Nights.from_arrays(kept) if "night_time_s" in kept else None
 

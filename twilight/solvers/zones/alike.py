@@ -10,7 +10,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.reference import RANGES, range_of
 from twilight.atmosphere.refraction import ciddor_refractivity
-from twilight.solvers.zones.directions import has_thin_layer, needed
+from twilight.solvers.zones.directions import needed, thin_layers
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
@@ -29,7 +29,7 @@ class Layout(NamedTuple):
 
     profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
     as many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out
-    for; bends: that whose index bends rays; thin_layer: whether the air has one, of `has_thin_layer`
+    for; bends: that whose index bends rays; thin_layer: whether the air has one, of `thin_layers`
     """
 
     profile: Profile
@@ -56,12 +56,12 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
         profile = prepare_profile(scaled.medium)
         of_nodes = profile if clearest is None else profile._replace(extinction=profile.extinction[:, clearest])
         nodes = _field_altitudes(medium, of_nodes, settings.altitude_density)
-        thin = has_thin_layer(profile)
+        thin = thin_layers(profile)[0].size > 0
         return Layout(profile, nodes, needed(settings, scaled, profile), scaled.medium, medium, thin)
     air = delta_scaled(fixed, settings.degree)
     reference = prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
-    directions, thin = needed(settings, air, reference), has_thin_layer(reference)
+    directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
     if not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, LANE_FACTORS)
         return Layout(profile, nodes, directions, scaled.medium, fixed, thin)

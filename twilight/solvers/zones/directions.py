@@ -56,13 +56,13 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
             late_polar_directions=max(settings.late_polar_directions, late),
             late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
         )
-    if has_thin_layer(profile):
+    if thin_layers(profile)[0].size:
         out = replace(out, late_polar_directions=max(out.late_polar_directions, THIN_POLAR))
     return out
 
 
-def has_thin_layer(profile: Profile) -> bool:
-    """Whether there is a thin layer in the air at any wavelength; profile: of the scaled air."""
+def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
+    """Bases [km] and largest optical depths of scattering of the thin layers, (N,) each; profile: of the scaled air."""
     z, per_km = profile.altitude_km, profile.scattering
     through = np.insert(np.cumsum(0.5 * np.diff(z)[:, None] * (per_km[1:] + per_km[:-1]), axis=0), 0, 0.0, axis=0)
     edges = np.concatenate([z[:1], profile.sharp_km, z[-1:]])
@@ -70,7 +70,8 @@ def has_thin_layer(profile: Profile) -> bool:
     depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1)
     mean = np.pad(depth / width, ((0, 0), (1, 1)))
     stands_out = mean[:, 1:-1] > STANDS_OUT * np.maximum(mean[:, :-2], mean[:, 2:])
-    return bool(np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out))
+    thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out, axis=0)
+    return edges[:-1][thin], depth.max(axis=0)[thin]
 
 
 def _grown(least: int, wanted: int, step: tuple[int, int]) -> int:
