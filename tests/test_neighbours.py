@@ -126,7 +126,7 @@ def test_steps_follow_the_air_where_it_is_thicker_than_they_are_made_for():
 
 def test_wavelengths_of_air_made_by_hand_are_solved_apart_where_they_need_other_grids():
     """Thick haze beside thin air, and a third wavelength like the first; scalar, coarse, three events."""
-    medium = medium_of(Air(aerosol=1.0), Air(air=1e-3, aerosol=1e-3), Air(aerosol=1.0, ground=0.5))
+    medium = medium_of(Air(aerosol=1.0), Air(air=1e-3, aerosol=1e-3), Air(aerosol=1.0, ground=0.5), refractivity=0.0)
     coarse = replace(
         zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.3, max_events=3, tolerance=0.0,
         polar_directions=4, degree=6, azimuth_directions=5, late_azimuth_directions=5, late_polar_directions=4,

@@ -57,7 +57,7 @@ def test_few_polar_angles_find_no_harmonics_in_light_that_has_none(horizon, abov
 
 
 def test_directions_that_keep_energy_lose_no_high_degree():
-    """Light that is linear in the cosine on either side of the horizon, relative to its mean; 0.07 with weights alone."""
+    """Light that is linear in the cosine on either side of the horizon; relative to its mean."""
     angles = make_angles(np.array([-0.03]), STANDARD.polar_directions, STANDARD.azimuth_directions, STANDARD.degree)
     kept = conserving(angles)
     x, w = np.polynomial.legendre.leggauss(200)

@@ -100,7 +100,7 @@ def test_a_high_thin_layer_after_sunset_is_said_to_be_uncertain(base_km, depth, 
     ],
 )
 def test_a_thin_layer_from_above_and_from_below(layer, quality, allowed):
-    """Straight down and in the zenith, sun at 30 deg, against plane-parallel doubling and adding, which has no air in the
+    """Straight down and in the zenith, sun at 30 deg, against plane-parallel doubling and adding, without air in the
     layer.  Four polar angles below the horizon, and harmonics lost in thick air, made it up to 9 % too dark from above.
     """
     base, thickness, depth = layer
