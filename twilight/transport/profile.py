@@ -24,7 +24,7 @@ EXPECTED_FACTORS = ((1.0, 4.0), (1.0, 4.0, 16.0))
 wavelengths; in air that exceeds them steps follow the extinction itself."""
 GUIDE_PER_KM, GUIDE_SCALE_KM = 0.1, 7.0
 """Extinction by which the one point of a step is placed, the same for all wavelengths."""
-NEGLIGIBLE = 1e-13
+NEGLIGIBLE = 1e-26
 """Scattering optical depth of a step, over that of all the air if it is thin, below which the step is left out."""
 THIN_PER_KM = 3e-6
 FOOT = 0.02
