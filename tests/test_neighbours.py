@@ -22,20 +22,20 @@ ELEVATION_DEG, AZIMUTH_DEG = (x.ravel() for x in np.meshgrid([0.5, 2.0, 5.0, 20.
 MOST = 5e-4
 
 
-def sky(medium, quality, bands=None):
+def sky(medium, quality, bands=None, suns_deg=SUNS_DEG):
     """Radiance (suns, directions, W)."""
-    problem = Problem(medium, zones, zones.QUALITIES[quality], sun_elevations_deg=SUNS_DEG, bands=bands)
+    problem = Problem(medium, zones, zones.QUALITIES[quality], sun_elevations_deg=suns_deg, bands=bands)
     solved = problem.solve()
-    return np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
+    return np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in suns_deg])
 
 
-def compare(climate, quality, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=False):
+def compare(climate, quality, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=False, suns_deg=SUNS_DEG):
     medium = climate_medium(load_climate(climate), wavelength_nm)
     bands = climate_bands(load_climate(climate), medium) if in_bands else None
-    together = sky(medium, quality, bands)
+    together = sky(medium, quality, bands, suns_deg)
     for w in range(medium.n_wavelengths):
         one = slice(w, w + 1)
-        alone = sky(medium.select(one), quality, bands and bands.select(one))[..., 0]
+        alone = sky(medium.select(one), quality, bands and bands.select(one), suns_deg)[..., 0]
         lit = alone > 1e-12
         moved = np.abs(together[..., w] / np.where(lit, alone, 1.0) - 1.0)[lit]
         assert moved.max() < most, f"{wavelength_nm[w]} nm: {moved.max():.2e}"
@@ -74,8 +74,8 @@ def test_neighbours_do_not_move_a_wavelength(climate):
 
 @pytest.mark.slow
 def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
-    """Down to a sun at -9 deg; at -15 deg 380 nm moves by 0.5 %, at -18 by 3.5 %, and the cause is not found."""
-    compare("volcanic-extreme", "draft", np.array([380.0, 550.0, 700.0]))
+    """380 nm alone was 3.5 % off, sun at -18 deg: its lines ended behind 25 optical depths, those beside 550 nm did not."""
+    compare("volcanic-extreme", "draft", np.array([380.0, 550.0, 700.0]), suns_deg=(0.0, -9.0, -15.0, -18.0))
 
 
 @pytest.mark.parametrize("climate", ["urban", "desert", "maritime-tropical", "volcanic-extreme"])

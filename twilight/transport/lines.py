@@ -41,8 +41,8 @@ THICK_FINENESS = 1.0
 """Least fineness of steps in air thicker than they are made for: with 0.4 of it, 1.7 optical depths a step, thick haze
 was 3 % too bright after tens of events."""
 DARK = 60.0
-"""Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit place
-is that much brighter. With 25, 380 nm below a volcanic cloud, sun at -18 deg, was 3.5 % off where it was alone."""
+"""Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
+place is that much brighter. With 25, 380 nm below a volcanic cloud, sun at -18 deg, was 3.5 % off where it was alone."""
 _INSIDE_KM = 1e-9
 """Coefficients at a stop are those this far inside the interval that the step is in."""
 
