@@ -15,6 +15,7 @@ Writes benchmarks/sweep.csv, or NAME.csv.
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 import time
 from pathlib import Path
@@ -80,7 +81,8 @@ def main() -> None:
         print(*rows[-1], sep="\t", flush=True)
     cost = float(np.median(per_sky))
     notes.append(f"1,000 skies: {1e3 * cost:.0f} s of processor time; 1,000,000: {1e6 * cost * HOURS_PER_S:.0f} h")
-    print(notes[1])
+    notes.append(f"load average {os.getloadavg()[0]:.1f} at the end on {len(os.sched_getaffinity(0))} cores")
+    print(*notes[1:], sep="\n")
     columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share read_s".split()
     results.write(Path(__file__).with_name(f"{options.table}.csv"), columns, rows, notes=notes)
 

@@ -74,7 +74,7 @@ def test_neighbours_do_not_move_a_wavelength(climate):
 
 @pytest.mark.slow
 def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
-    """380 nm alone was 3.5 % off, sun at -18 deg: its lines ended behind 25 optical depths, those beside 550 nm did not."""
+    """380 nm alone was 3.5 % off, sun at -18 deg: its lines ended behind 25 optical depths, but not beside 550 nm."""
     compare("volcanic-extreme", "draft", np.array([380.0, 550.0, 700.0]), suns_deg=(0.0, -9.0, -15.0, -18.0))
 
 

@@ -144,8 +144,11 @@ def test_what_a_killed_render_has_not_written_is_not_deleted(tmp_path):
         (tmp_path / "sky.rgb.exr").write_bytes(b"whole")
     with open_folder(tmp_path, {"": B}, "1", overwrite=False) as folder:
         folder.begin("", B)  # what the render before had begun stays its own
-    with open_folder(tmp_path, {"": B}, "1", overwrite=True):
+    with open_folder(tmp_path, {"": B}, "1", overwrite=True) as folder:
         assert content(tmp_path) == {"sun.json", "sky.blend", "sky.txt"}
+        folder.add("", B, [tmp_path / "sun.json"], {})
+        assert folder.file_names() == {"": ["sun.json"]}
+        (tmp_path / JOURNAL).write_text("")
     assert (tmp_path / "sun.json").read_text() == "a sun of mine"
 
 

@@ -189,11 +189,11 @@ def test_a_solver_of_one_altitude_does_not_rise(planet):
 @pytest.mark.slow
 def test_a_climate_from_the_air_to_orbit(tmp_path):
     """95 % of the pixels at 10, 100.5 and 400 km are within 2 % of the field, about the horizon 8 deg across within
-    5 %, and between the tables' altitudes in the air within 5 %."""
+    4 %, and between the tables' altitudes in the air within 5 %."""
     solved = twilight.solve("continental-average", quality="draft")
     page_file = view_fields([solved], altitudes_km=[2.0, 5.0, 10.0, 400.0]).save(tmp_path / "sky.html")
     channels, missed = Channels(solved.medium.wavelength_nm), []
-    views = [(z, fov, 0.02 if fov > 8.0 else 0.05) for z in (10.0, 400.0, 100.5) for fov in (100.0, 8.0)]
+    views = [(z, fov, 0.02 if fov > 8.0 else 0.04) for z in (10.0, 400.0, 100.5) for fov in (100.0, 8.0)]
     with open_page(page_file, 64, 36) as (page, errors):
         for altitude, fov, limit in (*views, (3.2, 100.0, 0.05)):
             dip = math.degrees(math.acos(RADIUS / (RADIUS + altitude)))
@@ -211,7 +211,7 @@ def test_a_climate_from_the_air_to_orbit(tmp_path):
                     off = np.percentile(np.abs(found[bright] / exact[bright] - 1.0), 95, axis=0).max()
                     where = f"{altitude:g} km, {fov:g} deg across, azimuth {turned:g}, sun {sun:g}"
                     print(f"{where}: {100 * off:.2f} %", flush=True)
-                    # far on the night side the foot's sun is below those of the tables
+                    # far on the night side the foot's sun is below those of the tables: light falls by e per degree
                     dark = altitude > 200.0 and fov == 8.0 and turned == 150.0 and sun < 0.0
                     if off > limit and not dark:
                         missed.append((where, off))

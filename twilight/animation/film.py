@@ -33,7 +33,7 @@ from twilight.io.eight_bit import to_bytes
 from twilight.io.journal import open_journal
 from twilight.io.provenance import configuration_hash
 from twilight.io.view import burnt_out
-from twilight.io.whole import check_folder, whole_file
+from twilight.io.whole import check_file, check_folder, whole_file
 from twilight.orientation import azimuth_elevation
 from twilight.progress import Progress, part_of, silent
 from twilight.reading import stored_arrays
@@ -127,7 +127,10 @@ class Film:
             problem = problem_of(config, tuple(float(s) for s in self.suns_deg), kept=kept_fields())
         self.problem = problem
         check_altitudes(self.problem, None, config.title)
-        check_folder(output.parent)
+        if output.suffix:
+            check_file(output)
+        else:
+            check_folder(output.parent)
         self.folder = output.with_name(f"{output.name}.frames")
 
     def make(self, progress: Progress | None = None) -> Made:

@@ -47,7 +47,7 @@ def render_files(
     cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
 ) -> None:
     """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
-    from twilight.io.folder import JOURNAL, files_of_a_sky, open_folder
+    from twilight.io.folder import JOURNAL, open_folder
     from twilight.io.whole import check_folder
 
     asked, wanted = _asked(cases)
@@ -69,7 +69,8 @@ def render_files(
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
     for note in notes:
         print(note)
-    what = ", ".join(sorted({file.name for one in asked for file in files_of_a_sky(root / one.folder)}))
+    names = folder.file_names()
+    what = ", ".join(sorted({name for one in asked for name in names[one.folder]}))
     more = f" in {len(asked)} folders, and {', '.join(once)}" if len(asked) > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
 

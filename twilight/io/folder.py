@@ -53,6 +53,10 @@ class RenderFolder:
         for part in _parts(self.root / name):
             part.unlink(missing_ok=True)
 
+    def file_names(self) -> dict[str, list[str]]:
+        """Names of the files of each sky that is finished, by subfolder."""
+        return {name: [Path(file).name for file in line["files"]] for name, line in _lines(self.root).items()}
+
     def begin_once(self) -> None:
         """Note that the files that a series has once will be written: those that are there are then a render's."""
         self._journal.write({"once": [*SHEETS, FRAMES]})

@@ -42,7 +42,7 @@ THICK_FINENESS = 1.0
 was 3 % too bright after tens of events."""
 DARK = 60.0
 """Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
-place is that much brighter. With 25, 380 nm below a volcanic cloud, sun at -18 deg, was 3.5 % off where it was alone."""
+place is that much brighter. With 25, 380 nm alone below a volcanic cloud was 3.5 % off at -18 deg."""
 _INSIDE_KM = 1e-9
 """Coefficients at a stop are those this far inside the interval that the step is in."""
 

@@ -116,6 +116,8 @@ def fill(
         if aureole is not None and phase is not None:
             once = _once_scattered(source, channels, altitude, row, azimuths, suns)
             once = np.minimum(once, LARGEST_SHARE * light)
+            # below the haze's top one row's share may differ too much from the next's for a cubic: all stays in sky
+            once[:, sizes.ground : sizes.ground + sizes.haze] = 0.0
             once += REST_IN_AUREOLE * (light - once)
             cosine = scattering_cosine(elevation, azimuth, suns)
             aureole[:, i] = np.moveaxis(once / read_phase(phase, cosine), -1, 0)
