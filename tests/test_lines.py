@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from airs import on_levels
 from bent_rays import trace_ray
+from stability_media import Air, medium_of
 
 from twilight.atmosphere.build import build_medium
 from twilight.transport.lines import GROUND, OUT, new_line, trace_line, with_refraction
@@ -98,3 +99,28 @@ def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air
     bending = smooth.end[0] - straight.end[0]
     assert bending > 0.005
     assert layered.end[0] - straight.end[0] == pytest.approx(bending, rel=0.03)
+
+
+@pytest.mark.parametrize("elevation_deg", [0.0, 3.0])
+def test_points_in_black_air_do_not_depend_on_clearer_air_beside_it(elevation_deg):
+    """Steps behind twelve optical depths of the clearest wavelength grew fourfold: a line had fewer points alone."""
+    clear, thick = Air(aerosol=0.5), Air(aerosol=1.0, ozone=2.0)
+    cosine = np.sin(np.radians(elevation_deg))
+    lines = []
+    for airs in ((thick,), (thick, clear)):
+        profile = prepare_profile(medium_of(*airs))
+        line = new_line(profile)
+        n, _ = trace_line(profile, 0.0, cosine, 1.0, False, line)
+        lines.append((n, line))
+    (n, alone), (more, beside) = lines
+    assert n <= more
+    np.testing.assert_allclose(beside.place[:n], alone.place[:n], rtol=1e-9)
+    np.testing.assert_allclose(beside.weight[:n, 0], alone.weight[:n, 0], rtol=1e-9)
+
+
+def test_no_step_is_left_out_because_all_of_the_air_is_thin():
+    counts = []
+    for depth in (1e-3, 1e-13):
+        profile = prepare_profile(medium_of(Air(air=depth, aerosol=0.0)))
+        counts.append(trace_line(profile, 0.0, 0.5, 1.0, False, new_line(profile))[0])
+    assert counts[0] == counts[1] > 0

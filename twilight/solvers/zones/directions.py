@@ -22,6 +22,8 @@ SEEN = 0.01
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
 """A layer between two sharp edges less than the first apart, with an optical depth of scattering of more than the
 second and coefficients the third times those of the layers beside it, is a thin one."""
+THIN_POLAR = 10
+"""Polar angles a side in the later events where there is one."""
 
 
 def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
@@ -33,7 +35,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
     moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
-    twilight; they take as many polar angles a side and azimuths as that degree.
+    twilight; they take as many polar angles a side and azimuths as that degree.  Beside a thin layer they take
+    THIN_POLAR polar angles at least: four below the horizon saw such a layer from above 6 % too bright.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
@@ -53,6 +56,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
             late_polar_directions=max(settings.late_polar_directions, late),
             late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
         )
+    if thin_layers(profile)[0].size:
+        out = replace(out, late_polar_directions=max(out.late_polar_directions, THIN_POLAR))
     return out
 
 

@@ -13,6 +13,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightWarning
 from twilight.progress import Progress, silent
 from twilight.solvers.base import Convergence
+from twilight.solvers.zones.apart import FieldsApart, Part, groups
 from twilight.solvers.zones.directions import thin_layers
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.reach import LAST_ZENITH_DEG, zenith_range
@@ -37,8 +38,10 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
     sun_elevations_deg: Sequence[float] | None = None,
-) -> Field:
+) -> Field | FieldsApart:
     """Solve the field of a medium, for every position of the sun or for those of a scene.
+
+    Wavelengths that need different grids are solved apart, so that none moves another.
 
     observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
     above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: only the zones
@@ -56,14 +59,33 @@ def prepare(
                 field = load(settings.field_file, observer_altitude_km=observer_altitude_km)
                 _warn(field, settings)
                 return field
-    if settings.target_error > 0.0:
-        field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
-    else:
-        field = Field(medium, settings, observer_altitude_km, progress, zenith_range_deg=needed)
-    _warn(field, settings)
+    places = groups(medium, settings)
+    parts = []
+    for k, lanes in enumerate(places):
+        one = medium if len(places) == 1 else medium.select(lanes)
+        field = _solved(
+            one, settings, observer_altitude_km, _share(progress, k, len(places)), needed, sun_elevations_deg
+        )
+        _warn(field, settings)
+        parts.append(Part(lanes, field))
+    if len(parts) > 1:
+        return FieldsApart(medium, settings, parts)
     if settings.field_file:
         field.save(settings.field_file)
     return field
+
+
+def _share(progress: Progress | None, k: int, count: int) -> Progress | None:
+    """Progress of part k of `count` as a share of all of them."""
+    if progress is None or count == 1:
+        return progress
+    return lambda doing, share: progress(doing, (k + share) / count)
+
+
+def _solved(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
+    if settings.target_error > 0.0:
+        return _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
+    return Field(medium, settings, observer_altitude_km, progress, zenith_range_deg=needed)
 
 
 def _warn(field: Field, settings: ZonesSettings) -> None:
