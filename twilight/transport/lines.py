@@ -41,7 +41,7 @@ THICK_FINENESS = 1.0
 """Least fineness of steps in air thicker than they are made for: with 0.4 of it, 1.7 optical depths a step, thick haze
 was 3 % too bright after tens of events."""
 DEEP, DEEP_GROWTH = 8.0, 5.0
-"""Behind this optical depth at the clearest wavelength steps in thick air grow by its square, up to the second times."""
+"""Behind this optical depth at the clearest wavelength steps in thick air grow by its square, up to so many times."""
 DARK = 40.0
 """Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
 place is that much brighter. With 25, 380 nm alone below a volcanic cloud was 3.5 % off at -18 deg."""
