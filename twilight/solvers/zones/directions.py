@@ -18,7 +18,7 @@ below the second no degree in the later ones."""
 AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 """Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
 nearly the same share them, and none moves its neighbours."""
-MOST_IN_PEAK, DEGREE_STEP = 0.04, 4
+MOST_IN_PEAK, DEGREE_STEP = 0.055, 4
 """Share of the scattering, anywhere in the air, that may count as not scattered because it goes into the forward peak;
 the degree of the series grows by the second until it does."""
 SEEN = 0.01
