@@ -12,6 +12,7 @@ from twilight.atmosphere.reference import RANGES, range_of
 from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
+from twilight.solvers.zones.haze import haze_top
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile
 from twilight.transport.scaling import ScaledMedium, delta_scaled
@@ -25,7 +26,7 @@ class Layout(NamedTuple):
 
     profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
     as many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out
-    for; bends: that whose index bends rays
+    for; bends: that whose index bends rays; haze_top_km: where polar angles part, as of `haze_top`
     """
 
     profile: Profile
@@ -33,6 +34,7 @@ class Layout(NamedTuple):
     directions: ZonesSettings
     beam: Medium
     bends: Medium
+    haze_top_km: float | None
 
 
 def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> Layout:
@@ -44,7 +46,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
     if fixed is None or not _serves(fixed, medium).all():
         profile = prepare_profile(scaled.medium)
         nodes = _field_altitudes(medium, profile, settings.altitude_density)
-        return Layout(profile, nodes, needed(settings, scaled, profile), scaled.medium, medium)
+        return Layout(profile, nodes, needed(settings, scaled, profile), scaled.medium, medium, haze_top(profile))
     air = delta_scaled(fixed, settings.degree)
     profile, reference = prepare_profile(scaled.medium, like=air.medium), prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
@@ -52,7 +54,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
     first = RANGES[range_of(fixed.wavelength_nm[0])][0]
     there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
     beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
-    return Layout(profile, nodes, needed(settings, air, reference), beam, fixed)
+    return Layout(profile, nodes, needed(settings, air, reference), beam, fixed, haze_top(reference))
 
 
 def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
@@ -81,7 +83,13 @@ def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
     steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
     directions = str(needed(settings, scaled, profile))
-    return steps.encode() + directions.encode() + nodes.tobytes() + profile.stop_km.tobytes()
+    return (
+        steps.encode()
+        + directions.encode()
+        + f"{haze_top(profile)}".encode()
+        + nodes.tobytes()
+        + profile.stop_km.tobytes()
+    )
 
 
 def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:

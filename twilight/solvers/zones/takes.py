@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.base import Takes
 from twilight.solvers.zones.alike import lay_out
-from twilight.solvers.zones.grid import Series, zenith_nodes
+from twilight.solvers.zones.grid import Series, directions_below, zenith_nodes
 from twilight.solvers.zones.paths import LANES
 from twilight.solvers.zones.reach import zenith_range
 from twilight.solvers.zones.settings import ZonesSettings
@@ -34,7 +34,7 @@ def takes(
     series = Series.of(directions.degree, patterns, directions.azimuth_directions)
     moments = sum(series.degree + 1 - m for m in range(series.orders))
     moments += 2 * sum(series.pattern_degree + 1 - m for m in range(series.pattern_orders))
-    polar = directions.polar_directions + max(7 * directions.polar_directions // 10, 2)
+    polar = directions.polar_directions + directions_below(directions.polar_directions)
     around = polar * directions.azimuth_directions * (3 if patterns else 1)
     each = 4 * LANES
     radiance = altitudes * suns * around * each
