@@ -107,8 +107,8 @@ class Series(NamedTuple):
 
 
 def directions_below(per_side: int) -> int:
-    """Polar angles below the horizon, of so many above it: light of the ground and of the air before it is smooth."""
-    return max(per_side // 2, 2)
+    """Polar angles below the horizon, of so many above it."""
+    return max(7 * per_side // 10, 2)
 
 
 def make_angles(
