@@ -10,9 +10,11 @@ from twilight.atmosphere.reference import Reference
 from twilight.config.load import load_climate
 from twilight.engine.solve import Problem
 from twilight.errors import TwilightError
-from twilight.scene.medium import climate_medium
+from twilight.scene.medium import climate_bands, climate_medium
 from twilight.solvers import zones
+from twilight.solvers.zones.alike import lay_out
 from twilight.transport.profile import expected_factors, prepare_profile
+from twilight.transport.scaling import delta_scaled
 
 WAVELENGTH_NM = np.array([360.0, 1000.0])
 SUNS_DEG = (30.0, 0.0, -4.0, -9.0)
@@ -20,18 +22,20 @@ ELEVATION_DEG, AZIMUTH_DEG = (x.ravel() for x in np.meshgrid([0.5, 2.0, 5.0, 20.
 MOST = 5e-4
 
 
-def sky(medium, quality):
+def sky(medium, quality, bands=None):
     """Radiance (suns, directions, W)."""
-    problem = Problem(medium, zones, zones.QUALITIES[quality], sun_elevations_deg=SUNS_DEG)
+    problem = Problem(medium, zones, zones.QUALITIES[quality], sun_elevations_deg=SUNS_DEG, bands=bands)
     solved = problem.solve()
     return np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
 
 
-def compare(climate, quality, wavelength_nm=WAVELENGTH_NM, most=MOST):
+def compare(climate, quality, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=False):
     medium = climate_medium(load_climate(climate), wavelength_nm)
-    together = sky(medium, quality)
+    bands = climate_bands(load_climate(climate), medium) if in_bands else None
+    together = sky(medium, quality, bands)
     for w in range(medium.n_wavelengths):
-        alone = sky(medium.select(slice(w, w + 1)), quality)[..., 0]
+        one = slice(w, w + 1)
+        alone = sky(medium.select(one), quality, bands and bands.select(one))[..., 0]
         lit = alone > 1e-12
         moved = np.abs(together[..., w] / np.where(lit, alone, 1.0) - 1.0)[lit]
         assert moved.max() < most, f"{wavelength_nm[w]} nm: {moved.max():.2e}"
@@ -39,6 +43,27 @@ def compare(climate, quality, wavelength_nm=WAVELENGTH_NM, most=MOST):
 
 def test_neighbours_do_not_move_a_wavelength_at_draft():
     compare("urban", "draft")
+
+
+def test_neighbours_in_a_band_do_not_move_a_wavelength():
+    """Beside 935 nm, where water vapour is twenty times as dark as at 720 nm."""
+    compare("continental-average", "draft", np.array([720.0, 935.0]), in_bands=True)
+
+
+def test_lanes_of_a_band_have_the_nodes_of_the_air_without_it():
+    medium = climate_medium(load_climate("continental-average"), np.array([700.0, 762.0, 935.0]))
+    bands = climate_bands(load_climate("continental-average"), medium)
+    lanes = bands.expand(medium)
+    assert lanes.n_wavelengths > 9 and lanes.optical_depth("absorption").max() > 10.0
+    made = {}
+    for name, air in (("band", lanes), ("without", medium), ("unknown", lanes.with_reference(None))):
+        layout = lay_out(air, delta_scaled(air, 12), zones.QUALITIES["draft"])
+        made[name] = layout.altitude_km.size
+        # the coefficients are the lanes' own
+        assert layout.profile.extinction.max() == pytest.approx(air.extinction_per_km.max(), rel=0.05)
+    assert made["band"] == made["without"]
+    # where the fixed wavelengths are not known the clearest lane of each wavelength is followed
+    assert made["unknown"] < 2 * made["without"]
 
 
 @pytest.mark.slow

@@ -33,6 +33,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium, layer_mean
 from twilight.atmosphere.profiles import AirProfile, load_profile
+from twilight.atmosphere.reference import Reference
 from twilight.errors import TwilightError
 
 WATER_VAPOUR, OXYGEN = "water vapour", "oxygen"
@@ -96,9 +97,10 @@ class Bands:
         return Bands(self.place[inside] - part.start, self.weight[inside], self.absorption_per_km[:, inside])
 
     def expand(self, medium: Medium) -> Medium:
-        """The medium with a column for each lane instead of each wavelength."""
+        """The medium with a column for each lane instead of each wavelength, and the reference of the air without."""
         wide = medium.select(self.place)
-        return replace(wide, absorption_per_km=wide.absorption_per_km + self.absorption_per_km)
+        wide = replace(wide, absorption_per_km=wide.absorption_per_km + self.absorption_per_km)
+        return wide if medium.reference is None else wide.with_reference(Reference.of(medium.reference))
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """From values of the lanes (..., N) those of the wavelengths (..., W)."""

@@ -116,7 +116,7 @@ class Problem:
 
         A block holds `wavelengths_at_once` lanes at most, at least one wavelength.  Wavelengths that are not
         alike to the solver share no block, nor do those in a band with others, whose grids would follow the band's
-        darkest lane, unless a file is to hold them all.
+        lanes, unless a file is to hold them all.
         """
         step, count = self.wavelengths_at_once, self.medium.n_wavelengths
         lanes = np.ones(count, int) if self.bands is None else self.bands.lanes

@@ -100,6 +100,25 @@ def prepare_profile(
     )
 
 
+def with_steps_of(profile: Profile, other: Profile, factors: tuple[float, float]) -> Profile:
+    """The profile with the stops and breaks of another of the same air, and steps for what the other expects or for
+    `expected_extinction` times factors, whichever is more; its own coefficients may exceed that."""
+    z = profile.altitude_km
+    # beside a jump the larger of both sides
+    sides = [np.clip(z + side * CLOSE_KM, z[0], z[-1]) for side in (-1.0, 1.0)]
+    thickest, guide = (
+        np.maximum(*(np.interp(at, other.altitude_km, values) for at in sides))
+        for values in (other.thickest_per_km, other.guide_per_km)
+    )
+    return profile._replace(
+        stop_km=other.stop_km,
+        break_km=other.break_km,
+        sharp_km=other.sharp_km,
+        thickest_per_km=np.maximum(thickest, expected_extinction(z, factors)),
+        guide_per_km=guide,
+    )
+
+
 def _scattering(medium: Medium) -> np.ndarray:
     aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
     return medium.air_scattering_per_km + (aerosol[None] * medium.aerosol_share).sum(axis=0)

@@ -31,11 +31,11 @@ from twilight.solvers.zones.solution import Nodes, Passes, Solution
 from twilight.solvers.zones.stage import Air, make_stage
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.view import USUAL_TURN_RAD, reference_turns, view_multiple
+from twilight.solvers.zones.view import reference_turns, sun_lift, view_multiple
 from twilight.solvers.zones.water import place_of_cosine, surface_of, view_sunlit_water
 from twilight.threads import in_slices
 from twilight.transport.around import Directions, once_each, smooth_around
-from twilight.transport.beam import Beam, beam_at, prepare_beam
+from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.bundle import trace_rays
 from twilight.transport.lines import with_refraction
 from twilight.transport.matrix_moments import matrix_moments
@@ -287,7 +287,7 @@ class Field(BareField):
             (altitude, with_ground, rows.tobytes()),
             lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
         )
-        lift = self._sun_lift(altitude, directions.zenith_rad)
+        lift = sun_lift(self.beam, altitude, directions.zenith_rad)
         out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
@@ -300,12 +300,6 @@ class Field(BareField):
             # all was computed to the right of the sun; left of it the vibration leans the other way
             result[:, 2] *= np.where(np.sin(np.radians(azimuth.ravel())) < 0.0, -1.0, 1.0)[:, None]
         return result.reshape(*elevation.shape, *out.shape[1:])
-
-    def _sun_lift(self, altitude_km: float, zenith_rad: float) -> float:
-        """By how much refraction lifts the sun [rad] that an observer sees; by USUAL_TURN_RAD where it has set."""
-        light = np.zeros(self.medium.n_wavelengths)
-        bending = beam_at(self.beam, altitude_km, math.cos(zenith_rad), light)
-        return bending if light.max() > 0.0 else USUAL_TURN_RAD
 
     def _add_single(
         self, sights: LinesOfSight, directions: Directions, row_elevation, elevation, lift: float, out: np.ndarray

@@ -23,7 +23,7 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 5"
+FORMAT = "twilight zones field 6"
 _SOLUTION = ("log_mean", "ratio", "log_ground", "waves")
 _MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
 

@@ -10,9 +10,34 @@ from twilight.kernels import njit
 from twilight.lanes import LANES, at_least, exp, read, write
 from twilight.solvers.zones.passes import LEAST, ONE, ZERO, slab, source_room, wave_of_i, waves_of_q_and_u
 from twilight.solvers.zones.water import add_amplitudes
+from twilight.transport.beam import Beam, beam_at
 from twilight.transport.lines import ANGLE, COSINE
 
-USUAL_TURN_RAD, LEAST_TURN_RAD = math.radians(0.5), math.radians(0.01)
+LEAST_TURN_RAD = math.radians(0.01)
+SUNSET_RAD = math.radians(1e-4)
+"""How finely the zenith angle is found at which the sun sets."""
+
+
+def sun_lift(beam: Beam, altitude_km: float, zenith_rad: float) -> float:
+    """By how much refraction lifts the sun [rad] for an observer; where it has set, by how much when it did.
+
+    So the lift has no jump when the sun sets, in which the sky beside it would jump, too.
+
+    altitude_km: of the observer; zenith_rad: of the true sun
+    """
+    light = np.zeros(beam.n_wavelengths)
+    bending = beam_at(beam, altitude_km, math.cos(zenith_rad), light)
+    if light.any():
+        return bending
+    up, down, bending = 0.5 * math.pi, zenith_rad, 0.0
+    while down - up > SUNSET_RAD:
+        between = 0.5 * (up + down)
+        lift = beam_at(beam, altitude_km, math.cos(between), light)
+        if light.any():
+            up, bending = between, lift
+        else:
+            down = between
+    return bending
 
 
 def reference_turns(rays, elevation: np.ndarray, lift: float) -> tuple[float, np.ndarray]:
