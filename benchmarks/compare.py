@@ -58,19 +58,31 @@ def run(climate: str, solvers: str = "") -> None:
 
 
 def merge(made: Path, target: Path) -> None:
-    """Put the rows of a table that the program wrote into one of benchmarks, in place of those of the same settings."""
+    """Put the rows of a table that the program wrote into one of benchmarks, in place of those of the same settings.
+
+    A note for each heading says which of the rows that stay were made under it.
+    """
     new, old = results.read_rows(made), results.read_rows(target)
     if new[0].keys() != old[0].keys():
         raise SystemExit(f"{target}: has other columns; run it for all solvers")
 
-    def which(row: dict[str, str]) -> tuple[str, str]:
-        return row["solver"], row["quality"]
+    def which(row: dict[str, str]) -> str:
+        return f"{row['solver']}:{row['quality']}"
 
+    heading, *about = (line[2:] for line in target.read_text(encoding="utf-8").splitlines() if line.startswith("# "))
+    made_by, others = dict.fromkeys(map(which, old), heading), []
+    for note in about:  # what an earlier merge kept
+        names, _, earlier = note.removeprefix("rows of ").partition(": ")
+        rows = [name for name in names.split(", ") if note.startswith("rows of ") and name in made_by]
+        made_by |= dict.fromkeys(rows, earlier)
+        if not rows:
+            others.append(note)
     kept = [row for row in old if which(row) not in set(map(which, new))]
-    names = ", ".join(dict.fromkeys(":".join(which(row)) for row in kept))
-    about = [line[2:] for line in target.read_text(encoding="utf-8").splitlines() if line.startswith("# ")]
-    notes = [f"rows of {names}: {about[0]}", *about[1:]]
-    results.write(target, list(new[0]), [list(row.values()) for row in kept + new], notes=notes)
+    of_heading: dict[str, list[str]] = {}
+    for name in dict.fromkeys(map(which, kept)):
+        of_heading.setdefault(made_by[name], []).append(name)
+    notes = [f"rows of {', '.join(names)}: {heading}" for heading, names in of_heading.items()]
+    results.write(target, list(new[0]), [list(row.values()) for row in kept + new], notes=[*notes, *others])
 
 
 def picture() -> None:

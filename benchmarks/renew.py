@@ -56,6 +56,11 @@ BENCHMARKS = {
     "zones_volcano_red": Benchmark(
         "zones_volcano.py red", "zones_volcano_red.csv", "where the red of volcanic twilight is lost"
     ),
+    "zones_limits": Benchmark(
+        "zones_limits.py",
+        "zones_limits*.csv",
+        "what errors of `zones` beyond the aim consist of: steps along rays, polar angles at the top of a haze",
+    ),
     "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
     "montecarlo_zscores": Benchmark(
         "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether the referee's stated errors are its scatter"

@@ -84,8 +84,28 @@ def test_an_output_that_cannot_be_written_is_refused_before_anything_is_computed
     for name in ("file/profile.png", "profile.svg"):
         result = call("describe", table, "--output", tmp_path / name)
         assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1
+    for command, name in (
+        ("describe", "a.png"),
+        ("fit perez", "a.yaml"),
+        ("fit compact", "a.npz"),
+    ):
+        (tmp_path / name).mkdir()
+        result = call(
+            *command.split(), table if command == "describe" else "continental-average", "--output", tmp_path / name
+        )
+        assert result.exit_code == 2 and result.stderr.strip().endswith(f"{name}: is a folder, not a file"), command
+        (tmp_path / name).rmdir()
     assert not plain.calls
     assert {p.name for p in tmp_path.iterdir()} == {"file", "t1.csv", "T1.yaml"}
+
+
+def test_a_film_that_cannot_be_is_refused(tmp_path):
+    (tmp_path / "film.gif").mkdir()
+    result = call("animate", "continental-average", "--output", tmp_path / "film.gif")
+    assert result.exit_code == 2 and result.stderr.strip().endswith("film.gif: is a folder, not a file")
+    for option, value in (("--from", "nan"), ("--to", "-91")):
+        result = call("animate", "continental-average", option, value, "--output", tmp_path / "film.mp4")
+        assert result.exit_code == 2 and f"{option}: {value} is not allowed; it must be from -90 to 90" in result.stderr
 
 
 def test_a_sky_larger_than_the_memory_is_refused(plain, tmp_path):

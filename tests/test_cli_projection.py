@@ -52,7 +52,7 @@ def test_a_picture_of_every_shape_has_sky_above_ground(kind, tmp_path):
     ("more", "sentence"),
     [
         (("--projection", "cubic"), "--projection: observer.view.kind must be one of perspective"),
-        (("--projection", "fisheye", "--size", "99999"), "must be a whole number from 4 to 16384"),
+        (("--projection", "fisheye", "--size", "99999"), "--projection, --size: observer.view.width must be"),
         (("--projection", "fisheye", "--size", "wide"), "--size: wide must be WIDTHxHEIGHT or WIDTH in pixels"),
         (("--size", "640x480"), "--size: is the size of the picture of --projection; give both"),
         (("--projection", "fisheye", "--only", "png"), "which --only png leaves out"),

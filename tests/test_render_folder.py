@@ -30,6 +30,8 @@ def render(root, wanted, code="1", overwrite=False, stop_after=None):
             files[1].write_bytes(b"png of " + one.hash.encode())
             folder.add(name, one, files, {"name": name})
             made.append(name)
+        if len(wanted) > 1:
+            folder.begin_once()
     return made
 
 
@@ -142,9 +144,41 @@ def test_what_a_killed_render_has_not_written_is_not_deleted(tmp_path):
         (tmp_path / "sky.rgb.exr").write_bytes(b"whole")
     with open_folder(tmp_path, {"": B}, "1", overwrite=False) as folder:
         folder.begin("", B)  # what the render before had begun stays its own
-    with open_folder(tmp_path, {"": B}, "1", overwrite=True):
+    with open_folder(tmp_path, {"": B}, "1", overwrite=True) as folder:
         assert content(tmp_path) == {"sun.json", "sky.blend", "sky.txt"}
+        folder.add("", B, [tmp_path / "sun.json"], {})
+        assert folder.file_names() == {"": ["sun.json"]}
+        (tmp_path / JOURNAL).write_text("")
     assert (tmp_path / "sun.json").read_text() == "a sun of mine"
+
+
+def test_what_a_series_has_once_is_a_renders_only_where_the_journal_says_so(tmp_path):
+    series = {"sun1": A, "sun2": B}
+    mine = {"series.csv": "a table of mine", "frames/sky.0001.png": "a frame of mine", "frames/sky.blend": "a scene"}
+    for name, text in mine.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    render(tmp_path, {"": A})  # one sky writes none of these, with or without --overwrite
+    render(tmp_path, {"": A}, overwrite=True)
+    assert all((tmp_path / name).read_text() == text for name, text in mine.items())
+    with pytest.raises(TwilightError, match="holds a sky that is not part"):
+        render(tmp_path, series)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "series.csv").write_text("a table of mine")
+    with pytest.raises(TwilightError, match=r"series.csv: is there already, and skies.jsonl does not say"):
+        render(other, series)
+    assert content(other) == {"series.csv"}
+    with open_folder(other, series, "1", overwrite=True) as folder:
+        folder.begin_once()
+        (other / "series.csv").write_text("of the render")
+        (other / "frames").mkdir()
+        (other / "frames" / "sky.0001.png").write_text("of the render")
+        (other / "frames" / "notes.txt").write_text("of mine")
+        (other / "sky.png").write_text("of the render")
+        folder.add("", A, [other / "sky.png"], {})
+    with open_folder(other, series, "1", overwrite=True):
+        assert content(other) == {"frames/notes.txt"}
 
 
 def test_a_finished_sky_that_is_begun_again_is_not_taken_for_somebodys(tmp_path):

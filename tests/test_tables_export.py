@@ -98,6 +98,30 @@ def test_the_own_layout_says_what_it_does_not_hold(made):
         made.radiance(5.0, 10.0, 0.0, observer_altitude_km=400.0)
 
 
+def test_between_altitudes_the_root_of_the_height_above_the_ground_counts():
+    """Also where the tables begin above the ground, on a plain above sea level."""
+    header = {
+        "texels": {"sun": 2, "ground": 2, "sky": 2, "azimuth": 2},
+        "altitude_km": [2.0, 10.0, 60.0],
+        "ground_km": 0.5,
+        "horizon_deg": [-1.2, -3.1, -7.8],
+        "lowest_sun_deg": own.LOWEST_SUN_DEG,
+    }
+    sky = np.broadcast_to(np.array([-1.0, -3.0, -9.0])[:, None, None, None, None], (3, 2, 4, 2, 3))
+    made = own.SkyTables(header, sky, None, None)
+    share = (math.sqrt(4.5) - math.sqrt(1.5)) / (math.sqrt(9.5) - math.sqrt(1.5))
+    np.testing.assert_allclose(
+        made.radiance(5.0, 30.0, 20.0, observer_altitude_km=5.0), math.exp(-1.0 - 2.0 * share), rtol=1e-12
+    )
+
+
+def test_the_ground_is_in_the_header(made, tmp_path):
+    assert made.header["ground_km"] == 0.0
+    write_folder(tmp_path / "sky", {**made.files(), "sky.json": json.dumps(made.header | {"ground_km": 3.0}).encode()})
+    with pytest.raises(TwilightError, match="begins below ground_km, 3"):
+        own.load(tmp_path / "sky")
+
+
 def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(TwilightError):

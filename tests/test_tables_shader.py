@@ -60,6 +60,7 @@ async function start() {
   gl.uniform1i(place("skyAltitudes"), z.length);
   gl.uniform1fv(place("skyAltitude"), z);
   gl.uniform1fv(place("skyHorizon"), header.horizon_deg);
+  gl.uniform1f(place("skyGround"), header.ground_km);
   gl.uniform1f(place("skyLowestSun"), header.lowest_sun_deg);
   gl.uniform1i(place("skyAureole"), aureole);
   window.twilight = { read: questions => {
@@ -84,16 +85,17 @@ start().catch(error => { document.querySelector("#message").innerText = "cannot:
 """
 
 
-def any_tables(aerosol: bool) -> own.SkyTables:
+def any_tables(aerosol: bool, first_km: float = 0.0) -> own.SkyTables:
     """Tables whose every texel differs from the next by up to a factor of e."""
     random = np.random.default_rng(5)
-    ground, sky, suns, azimuths, altitudes = 5, 9, 13, 7, (0.0, 2.0, 10.0, 60.0)
+    ground, sky, suns, azimuths, altitudes = 5, 9, 13, 7, (first_km, 2.0, 10.0, 60.0)
     shape = (len(altitudes), suns, ground + sky, azimuths, 3)
     header = {
         "layout": "twilight",
         "version": 1,
         "texels": {"sun": suns, "ground": ground, "sky": sky, "azimuth": azimuths},
         "altitude_km": list(altitudes),
+        "ground_km": 0.0,
         "horizon_deg": [0.0, -1.4, -3.2, -7.8],
         "lowest_sun_deg": own.LOWEST_SUN_DEG,
         "phase_angles": 40 if aerosol else 0,
@@ -105,17 +107,17 @@ def any_tables(aerosol: bool) -> own.SkyTables:
     return own.SkyTables(header, table, peak, phase.astype(np.float32))
 
 
-@pytest.mark.parametrize("aerosol", [True, False])
-def test_the_shader_reads_what_python_reads(aerosol, tmp_path):
+@pytest.mark.parametrize(("aerosol", "first_km"), [(True, 0.0), (False, 1.0)])
+def test_the_shader_reads_what_python_reads(aerosol, first_km, tmp_path):
     folder = tmp_path / "sky"
-    write_folder(folder, any_tables(aerosol).files())
+    write_folder(folder, any_tables(aerosol, first_km).files())
     (folder / "page.html").write_text(PAGE)
     tables = own.load(folder)
     random = np.random.default_rng(2)
     count = 400
     sun = random.uniform(own.LOWEST_SUN_DEG, 90.0, count)
     elevation, azimuth = random.uniform(-90.0, 90.0, count), random.uniform(-400.0, 400.0, count)
-    altitude = random.choice([0.0, 0.01, 1.0, 2.0, 7.0, 30.0, 60.0], count)
+    altitude = random.choice([first_km, first_km + 0.01, 1.3, 2.0, 7.0, 30.0, 60.0], count)
     elevation[:100] = random.uniform(-3.0, 3.0, 100)  # where rows are narrow and the sky meets the ground
     sun[:4], elevation[:4], azimuth[:4] = (-20.0, 90.0, 10.0, 0.0), (90.0, -90.0, 10.0, 0.5), (0.0, 180.0, 0.0, 360.0)
     # in float32, as the shader gets them: azimuth 180 u^1.5 is steep at the sun's

@@ -13,6 +13,7 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import even_harmonics, make_angles
+from twilight.solvers.zones.view import sun_lift
 from twilight.transport.bundle import trace_rays
 from twilight.transport.lines import horizon_cosine, with_refraction
 from twilight.transport.profile import prepare_profile
@@ -111,7 +112,7 @@ def test_the_glow_beside_the_sun_is_that_of_a_sun_where_it_appears(desert):
         zones.prepare(desert, replace(alone, refraction=on, bent_lines_of_sight=on, bent_paths=on))
         for on in (True, False)
     )
-    lift = np.degrees(bent._sun_lift(0.0, np.radians(85.0)))
+    lift = np.degrees(sun_lift(bent.beam, 0.0, np.radians(85.0)))
     assert 0.13 < lift < 0.18
     elevation = np.array([6.0, 5.6, 4.2, 8.0])
     glow = bent.radiance(5.0, elevation, np.zeros(4)) / straight.radiance(5.0 + lift, elevation, np.zeros(4))

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from layered_sky import layered
 
 from twilight.config.load import load_climate
+from twilight.errors import TwilightWarning
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.grid import MOST_GROWTH, altitude_nodes, resolve_layers
@@ -69,3 +73,16 @@ def test_light_under_a_volcanic_layer_has_settled():
         skies.append([field.radiance(sun, elevation, azimuth)[:, 0] for sun in suns])
     moved = np.abs(np.array(skies[0]) / np.array(skies[1]) - 1.0).max(axis=1)
     assert np.all(moved < bounds)
+
+
+@pytest.mark.parametrize(
+    ("base_km", "depth", "sun_deg", "said"),
+    [(50.0, 1.0, -6.0, 1), (50.0, 1.0, 30.0, 0), (50.0, 0.01, -6.0, 0), (3.0, 1.0, -6.0, 0)],
+)
+def test_a_high_thin_layer_after_sunset_is_said_to_be_uncertain(base_km, depth, sun_deg, said):
+    """In one sentence; whether there is one does not hang on how finely the field is solved."""
+    few = replace(SCALAR, max_events=2, tolerance=0.0, altitude_density=0.3, zenith_density=0.3, polar_directions=4)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", TwilightWarning)
+        zones.prepare(layered(base_km, 1.0, depth), few, sun_elevations_deg=[sun_deg])
+    assert [f"at {base_km:g} km: with the sun below the horizon" in str(w.message) for w in told] == [True] * said

@@ -31,25 +31,30 @@ def _weights(t, out):
 
 
 @njit(cache=True, nogil=True)
-def _place(n_columns, begin, last, up, y, x, rows, columns, wy, wx):
+def _place(n_columns, n_ground, n_haze, n_sky, up, y, x, rows, columns, wy, wx):
     """Rows and columns (4,) of the 16 texels around the place (y, x), and their weights wy, wx (4,).
 
-    n_columns: of the table; begin, last: its first row and how many it has from there on; it is even about the sun's
-    vertical and about the horizon, which lies below its rows (`up`) or above; there is a row beyond the zenith.
+    n_columns, n_ground, n_haze, n_sky: of the table.  It is even about the sun's vertical, about the horizon, which
+    lies below its rows (`up`, y from there) or above, and above the top of the haze; below that it goes on as a
+    straight line.  There is a row beyond the zenith.
     """
-    j = min(max(math.floor(y), 0), last - 2)
+    j = min(max(math.floor(y), 0), (n_haze + n_sky if up else n_ground) - 2)
     i = min(max(math.floor(x), 0), n_columns - 2)
     _weights(y - j, wy)
     _weights(x - i, wx)
     for k in range(4):
         row = j + k - 1
         if up:
-            row = abs(row)
+            low = 0 if j < n_haze else n_haze
+            rows[k] = n_ground + (2 * low - row if row < low else row)
         else:
-            row = 2 * last - 2 - row if row >= last else max(row, 0)
-        rows[k] = begin + row
+            rows[k] = 2 * n_ground - 2 - row if row >= n_ground else max(row, 0)
         column = abs(i + k - 1)
         columns[k] = 2 * n_columns - 2 - column if column >= n_columns else column
+    if up and j == n_haze - 1:
+        wy[1] -= wy[3]
+        wy[2] += 2.0 * wy[3]
+        wy[3] = 0.0
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -68,17 +73,16 @@ def _read(table, rows, columns, wy, wx):
 
 
 @njit(cache=True, nogil=True)
-def _draw(
-    sky, aureole, phase, horizon, n_ground, n_sky, elevation, azimuth, above, sun, sun_azimuth, near, out, first, end
-):
+def _draw(sky, aureole, phase, bounds, sizes, elevation, azimuth, above, sun, sun_azimuth, near, out, first, end):
     """Light out (N, 4) of directions first to end; angles in rad.
 
-    sky (rows, columns, 4): logarithms over the tables' elevation and azimuth, n_ground rows below the horizon (of the
-    elevation `horizon`) and n_sky above; aureole: the same of what the aerosol's phase function multiplies, or empty;
-    phase (angles, 4): its logarithm; elevation, azimuth (N,); above (N,): share of each pixel that is over the horizon;
-    sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its distance.  n_ground, n_sky: rows of the
-    tables; first, end: the first direction and the one after the last.
+    sky (rows, columns, 4): logarithms over the tables' elevation and azimuth; aureole: the same of what the aerosol's
+    phase function multiplies, or empty; phase (angles, 4): its logarithm; bounds: elevations of the horizon and of the
+    top of the haze; sizes: rows of the ground, of the haze and of the sky; elevation, azimuth (N,); above (N,): share
+    of each pixel that is over the horizon; sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its
+    distance; first, end: the first direction and the one after the last.
     """
+    (horizon, haze), (n_ground, n_haze, n_sky) = bounds, sizes
     wy, wx = np.empty(4), np.empty(4)
     rows, columns = np.empty(4, np.int64), np.empty(4, np.int64)
     n_columns, n_angles, power = sky.shape[1], phase.shape[0], 1.0 / own.AZIMUTH_POWER
@@ -98,11 +102,13 @@ def _draw(
                 continue
             share *= near
             if side == 1:
-                u = math.sqrt(min(1.0, max(0.0, (e - horizon) / (0.5 * math.pi - horizon))))
-                _place(n_columns, n_ground, n_sky, True, u * (n_sky - 1), x, rows, columns, wy, wx)
+                if e < haze:
+                    y = 2.0 / math.pi * math.asin(math.sqrt(max(0.0, e - horizon) / max(haze - horizon, 1e-9))) * n_haze
+                else:
+                    y = n_haze + math.sqrt(min(1.0, (e - haze) / (0.5 * math.pi - haze))) * (n_sky - 1)
             else:
-                u = math.sqrt(min(1.0, max(0.0, (horizon - e) / (0.5 * math.pi + horizon))))
-                _place(n_columns, 0, n_ground, False, (1.0 - u) * (n_ground - 1), x, rows, columns, wy, wx)
+                y = (1.0 - math.sqrt(min(1.0, max(0.0, (horizon - e) / (0.5 * math.pi + horizon))))) * (n_ground - 1)
+            _place(n_columns, n_ground, n_haze, n_sky, side == 1, y, x, rows, columns, wy, wx)
             value = _read(sky, rows, columns, wy, wx)
             out[p, 0] += share * math.exp(value[0])
             out[p, 1] += share * math.exp(value[1])
@@ -137,7 +143,7 @@ class Painter:
         horizon = float(self.tables.horizon_deg[0])
         tall = np.abs(np.gradient(elevation, axis=0)) + np.abs(np.gradient(elevation, axis=1))
         self._above = np.clip((elevation - horizon) / np.maximum(tall, 1e-9) + 0.5, 0.0, 1.0).ravel()
-        self._horizon = math.radians(horizon)
+        self._bounds = math.radians(horizon), math.radians(float(self.tables.haze_deg[0]))
         self._sky = np.log(self.tables.sky[:, 0]).transpose(1, 2, 3, 0).astype(np.float32)
         self._aureole = np.zeros((0, 0, 0, CHANNELS), np.float32)
         self._phase = np.zeros((PHASE_ANGLES, CHANNELS))
@@ -153,7 +159,8 @@ class Painter:
             aureole = self._under(self._aureole, sun_elevation_deg)
         out = np.empty((self._elevation.size, CHANNELS))
         towards = math.radians(sun_elevation_deg), math.radians(sun_azimuth_deg)
-        about = self._phase, self._horizon, self.sizes.ground, self.sizes.sky, self._elevation, self._azimuth
+        sizes = self.sizes.ground, self.sizes.haze, self.sizes.sky
+        about = self._phase, self._bounds, sizes, self._elevation, self._azimuth
         in_slices(
             lambda i, j: _draw(sky, aureole, *about, self._above, *towards, 1.0 / distance_au**2, out, i, j),
             self._elevation.size,

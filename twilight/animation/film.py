@@ -33,7 +33,7 @@ from twilight.io.eight_bit import to_bytes
 from twilight.io.journal import open_journal
 from twilight.io.provenance import configuration_hash
 from twilight.io.view import burnt_out
-from twilight.io.whole import check_folder, whole_file
+from twilight.io.whole import check_file, check_folder, whole_file
 from twilight.orientation import azimuth_elevation
 from twilight.progress import Progress, part_of, silent
 from twilight.reading import stored_arrays
@@ -127,7 +127,10 @@ class Film:
             problem = problem_of(config, tuple(float(s) for s in self.suns_deg), kept=kept_fields())
         self.problem = problem
         check_altitudes(self.problem, None, config.title)
-        check_folder(output.parent)
+        if output.suffix:
+            check_file(output)
+        else:
+            check_folder(output.parent)
         self.folder = output.with_name(f"{output.name}.frames")
 
     def make(self, progress: Progress | None = None) -> Made:
@@ -168,7 +171,7 @@ class Film:
             source = Source(solved, solved.medium, bool(getattr(self.problem.settings, "refraction", False)))
             altitude, share = self.problem.altitude_km, part_of(progress, 0.5, 0.5, "tables")
             made = fill(source, channels, (altitude,), self.sizes, share, self.suns_deg)
-            kept = {"sky": made.sky, "horizon": made.horizon_deg}
+            kept = {"sky": made.sky, "horizon": made.horizon_deg, "haze": made.haze_deg}
             if made.aureole is not None and made.phase is not None:
                 kept |= {"aureole": made.aureole, "phase": made.phase}
             if self.config.sun.disc:
@@ -179,7 +182,7 @@ class Film:
                 kept |= nights.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **kept)
-        tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"])
+        tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"], kept["haze"])
         disc = Disc(kept["lifted"], kept["beam"], float(kept["horizon"][0])) if "beam" in kept else None
         return tables, disc, Nights.from_arrays(kept) if "night_time_s" in kept else None
 

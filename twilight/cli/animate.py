@@ -46,6 +46,9 @@ def animate(
     """Make a film of the sky under a moving sun, all from one field; an interrupted one continues."""
     within(speed, "--speed", 0.001, 1e6)
     within(frames_per_second, "--frames-per-second", 0.1, 240.0)
+    for end, name in ((from_deg, "--from"), (to_deg, "--to")):
+        if end is not None:
+            within(end, name, -90.0, 90.0)
     chosen, names = settings_of(settings)
     given = {
         "observer.view.kind": (projection, "--projection"),

@@ -201,10 +201,10 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
 
 def _path(output: Path | None, name: str) -> Path:
     """Where the coefficients go; the folder is checked before anything is computed."""
-    from twilight.io.whole import check_folder
+    from twilight.io.whole import check_file
 
     path = output or Path("out") / f"perez_{name}.yaml"
-    check_folder(path.parent)
+    check_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 

@@ -30,7 +30,7 @@ def compact(
     from twilight.config import load_series
     from twilight.fit.compact.build import fit_compact, seconds_per_value, write_model
     from twilight.fit.compact.training import OPTICAL_DEPTHS
-    from twilight.io.whole import check_folder
+    from twilight.io.whole import check_file
 
     if output is not None and output.suffix != ".npz":
         raise TwilightError(f"--output: {output} must end in .npz")
@@ -41,7 +41,7 @@ def compact(
         raise TwilightError(f"{climate}: describes {len(cases)} cases; a compact sky takes one climate")
     config = cases[0].config
     path = output or Path("out") / f"compact_{config.climate.name}.npz"
-    check_folder(path.parent)
+    check_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
         fit = fit_compact(config, depths, bar)

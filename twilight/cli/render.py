@@ -96,7 +96,7 @@ def render(
     if projection is not None:
         if only is not None and "view" not in chosen["output.files"]:
             raise TwilightError(f"--projection: its picture is the file `view`, which --only {only} leaves out")
-        choose("observer.view", _view(projection, size), "--projection")
+        choose("observer.view", _view(projection, size), "--projection" if size is None else "--projection, --size")
     elif size is not None:
         raise TwilightError("--size: is the size of the picture of --projection; give both")
     choose("output.polariser_deg", polariser, "--polariser")

@@ -47,7 +47,7 @@ def render_files(
     cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
 ) -> None:
     """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
-    from twilight.io.folder import JOURNAL, files_of_a_sky, open_folder
+    from twilight.io.folder import JOURNAL, open_folder
     from twilight.io.whole import check_folder
 
     asked, wanted = _asked(cases)
@@ -60,7 +60,7 @@ def render_files(
         if one_exposure:
             _expose_together(one_exposure, wanted, rows, folder, progress)
         labels = {one.label: rows[one.folder] for one in asked}
-        once, notes = _once(asked, labels, root, progress) if len(asked) > 1 else ([], [])
+        once, notes = _once(asked, labels, folder, progress) if len(asked) > 1 else ([], [])
     kept = len(folder.there)
     if kept:
         print(f"twilight: {kept} of {len(asked)} were there already ({JOURNAL}); --overwrite computes them again",
@@ -69,7 +69,8 @@ def render_files(
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
     for note in notes:
         print(note)
-    what = ", ".join(sorted({file.name for one in asked for file in files_of_a_sky(root / one.folder)}))
+    names = folder.file_names()
+    what = ", ".join(sorted({name for one in asked for name in names[one.folder]}))
     more = f" in {len(asked)} folders, and {', '.join(once)}" if len(asked) > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
 
@@ -193,12 +194,17 @@ def _expose_together(
         folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
 
 
-def _once(asked: Sequence[_Asked], labels: Mapping[str, Any], root: Path, progress: Any) -> tuple[list[str], list[str]]:
+def _once(
+    asked: Sequence[_Asked], labels: Mapping[str, Any], folder: Any, progress: Any
+) -> tuple[list[str], list[str]]:
     """The files that a series has once; sentences about those that it cannot have."""
-    from twilight.io.series import FRAMES, number_files, write_dataset, write_table
+    from twilight.io.folder import FRAMES
+    from twilight.io.series import number_files, write_dataset, write_table
     from twilight.plotting import contact_sheet
 
     progress("the series", 1.0)
+    root = folder.root
+    folder.begin_once()
     folders = dict(zip(labels, (root / one.folder for one in asked), strict=True))
     made, notes = ["series.csv"], []
     write_table(labels, root / "series.csv")

@@ -104,7 +104,7 @@ def describe(
 ) -> None:
     """Print a climate's optical depths, scale heights and refraction, and draw its profile."""
     from twilight.config import load_climate
-    from twilight.io.whole import check_folder
+    from twilight.io.whole import check_file
     from twilight.plotting import profile_figure
     from twilight.scene.describe import facts, optical_depths
     from twilight.scene.medium import climate_medium
@@ -113,7 +113,7 @@ def describe(
     path = output or Path("out") / f"{model.name}_profile.png"
     if path.suffix.lower() != ".png":
         raise TwilightError(f"--output: {path} must end in .png")
-    check_folder(path.parent)
+    check_file(path)
     medium = climate_medium(model, None if model.medium is not None else _at(*DESCRIBED_NM))
     wavelength_nm = medium.wavelength_nm
     if model.description:

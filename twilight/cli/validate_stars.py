@@ -41,7 +41,7 @@ def stars(
     from twilight.camera import Camera, read_camera, write_camera
     from twilight.camera.image import read_image
     from twilight.camera.response import load_response
-    from twilight.io.whole import check_folder
+    from twilight.io.whole import check_file
     from twilight.validate.stars.calibrate import calibrate
     from twilight.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR
     from twilight.validate.stars.picture import draw
@@ -67,7 +67,7 @@ def stars(
     target = output or Path("out") / "camera.yaml"
     for path in (target, picture):
         if path is not None:
-            check_folder(path.parent)
+            check_file(path)
     guess = read_camera(camera)
     light = read_image(image, load_response(guess.response)).samples
     try:

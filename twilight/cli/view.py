@@ -53,7 +53,7 @@ def view(
     ]
     path = output or Path("out") / f"{'-'.join(file_stem(name, 'sky') for name in title)}.html"
 
-    from twilight.io.whole import check_folder
+    from twilight.io.whole import check_file
     from twilight.window import check_altitudes, ground_to_orbit, view_fields
 
     first = found[0][0]
@@ -61,7 +61,7 @@ def view(
         altitudes = list(ground_to_orbit(first.medium))
     for name, (problem, _) in zip(title, found, strict=True):
         check_altitudes(problem, altitudes, name)
-    check_folder(path.parent)
+    check_file(path)
     config = found[0][1]
     with progress_bar() as bar:
         from twilight.progress import part_of

@@ -12,6 +12,7 @@ from twilight.colour import TONE_MAPPINGS
 from twilight.config.scene import Config
 from twilight.config.solver import resolve_solver
 from twilight.engine.solve import VALUES_AT_ONCE, problem_of
+from twilight.engine.view import most_nodes
 from twilight.errors import TwilightError
 from twilight.scene.medium import wavelengths_of
 from twilight.scene.suns import count_suns, suns_of
@@ -30,10 +31,14 @@ BYTES_WHOLE = 200
 """More where the whole view is held: its rays, the film's channels and what develops them."""
 
 
-PROGRAM_BYTES = 2.8e8
+PROGRAM_BYTES = 2.5e8
 """Of the program with its libraries and machine code."""
-BYTES_OF_A_LOOK = 700
-"""Of a direction and wavelength while a field is asked for it."""
+BYTES_OF_A_LOOK, POLARISED_LOOK = 1050, 1.35
+"""Of a direction and wavelength while a field is asked for it; times so many where it is polarised."""
+LEFT = 0.5
+"""Of a field's memory that is still held when it is asked for directions."""
+PIXEL_S = 3.5e-6
+"""Processor seconds of a pixel of a view."""
 
 
 @dataclass(frozen=True)
@@ -73,22 +78,29 @@ def takes_in_full(config: Config) -> SceneTakes:
         return sizes
     lanes = np.ones(problem.medium.n_wavelengths, int) if problem.bands is None else problem.bands.lanes
     of_blocks = [int(lanes[part].sum()) for part in problem.slices]
-    field = max(found.n_bytes(n) for n in of_blocks)
+    in_band = [problem.bands is not None and bool((lanes[part] > 1).any()) for part in problem.slices]
+    field = max(found.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
     rows, columns = config.texture.shape
     directions = rows * (columns // 2 + 1)
     width = config.texture.latlong_width
     if width is not None:
         directions += width // 4 * (width // 2 + 1)
-    look = BYTES_OF_A_LOOK * min(VALUES_AT_ONCE, directions * max(of_blocks))
-    solved = sum(-(-n // found.together) * found.together for n in of_blocks)
-    seconds = found.cpu_s_per_wavelength * solved + found.cpu_s_per_look * len(suns) * directions * int(lanes.sum())
-    # a sky is whole when the field of its last block is still there
-    return replace(
-        sizes,
-        field_bytes=field,
-        total_bytes=PROGRAM_BYTES + field + max(look, sizes.sky_bytes) + sizes.view_bytes,
-        cpu_s=seconds,
-    )
+    polarised = problem.capabilities.stokes and problem.settings.polarisation
+    values, pixels = min(VALUES_AT_ONCE, directions * max(of_blocks)), 0
+    if config.observer.view is not None:
+        of_view = most_nodes(config.observer.view, problem.altitude_km - problem.medium.bottom_km)
+        directions += of_view
+        values, pixels = max(values, of_view * max(of_blocks)), int(np.prod(config.observer.view.shape))
+    look = BYTES_OF_A_LOOK * (POLARISED_LOOK if polarised else 1.0) * values
+    seconds = PIXEL_S * len(suns) * pixels
+    for n, band in zip(of_blocks, in_band, strict=True):
+        times = found.band_cpu if band else 1.0
+        seconds += times * found.cpu_s_per_wavelength * -(-n // found.together) * found.together
+        seconds += times * found.cpu_s_per_look * len(suns) * directions * n
+    # one copy of a sky grows while its blocks are solved and asked; all are there while the last field still is
+    held = sizes.sky_bytes / ARRAYS_AT_ONCE
+    most = max(field + held, LEFT * field + look + held, LEFT * field + sizes.sky_bytes)
+    return replace(sizes, field_bytes=field, total_bytes=PROGRAM_BYTES + most + sizes.view_bytes, cpu_s=seconds)
 
 
 def takes(config: Config) -> SceneTakes:

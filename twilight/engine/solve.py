@@ -104,11 +104,11 @@ class Problem:
 
     @cached_property
     def wavelengths_at_once(self) -> int:
-        """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold."""
+        """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold, in bands too."""
         most = self.capabilities.wavelengths_at_once
         if self.takes is None or self.medium.n_wavelengths <= self.takes.together:
             return most
-        return self.takes.at_once(most, FIELD_BYTES)
+        return self.takes.at_once(most, FIELD_BYTES, self.bands is not None)
 
     @cached_property
     def slices(self) -> list[slice]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
+from twilight.conventions import EARTH_RADIUS_KM
 from twilight.engine.night import NightLight
 from twilight.engine.solve import Block, Solved
 from twilight.engine.sunbeam import Direct
@@ -96,6 +97,13 @@ def pixel_pitch_deg(view: View) -> float:
         down.append(np.linalg.norm(np.diff(rays, axis=0), axis=-1).ravel())
     steps = [np.concatenate(part) for part in (across, down)]
     return float(np.degrees(min(np.nanmedian(part) for part in steps if np.isfinite(part).any())))
+
+
+def most_nodes(view: View, altitude_km: float) -> int:
+    """Most directions that a view is computed on, from an altitude above the ground: those of the whole sphere."""
+    pitch = pixel_pitch_deg(view)
+    e = elevation_nodes(-90.0, 90.0, min(pitch, COARSEST_DEG), altitude_km, EARTH_RADIUS_KM, 0.0)
+    return e.size * azimuth_nodes(0.0, 180.0, pitch, altitude_km).size
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ import numpy as np
 from twilight.errors import TwilightError
 from twilight.export.values import JUST_DEG, Source
 from twilight.solvers.tables.lookup import optical_depth_to_top
-from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid
+from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nus
 from twilight.solvers.tables.passes import fill_depth, read
 from twilight.solvers.tables.solve import stored
 from twilight.transport.profile import Profile, prepare_profile
@@ -36,6 +36,8 @@ from twilight.transport.profile import Profile, prepare_profile
 LARGEST_HALF = 65504.0
 FADED_MU_S = 0.01
 """The shaders fade single Mie scattering out of aerial perspective below this."""
+SAME_COSINE = 1e-12
+"""Cosines this near to 1 or -1 stand for one direction."""
 MOST_SINGLE = 0.9
 """Largest share of red light that may be left to what aerosol scattered once."""
 
@@ -285,11 +287,11 @@ def _rays(source: Source, mapping: Mapping, height: float, view: np.ndarray, sun
     elevation = np.where(ground, np.minimum(elevation, horizon - JUST_DEG), np.maximum(elevation, horizon + JUST_DEG))
     level = (view * sun[:, None])[..., None]
     across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - sun[:, None] ** 2)))[..., None]
-    # as `possible_nu` has them; all that are kept at an end are one direction, which is looked at once
-    cosine = np.clip(
-        np.divide(nus - level, across, out=np.ones((*level.shape[:2], nus.size)), where=across > 1e-9), -1, 1
-    )
-    return _Rays(elevation, np.degrees(np.arccos(cosine)), level + across * cosine)
+    nu = possible_nus(view, sun, nus)
+    cosine = np.divide(nu - level, across, out=np.ones_like(nu), where=across > 1e-9)
+    # all that are kept at an end are one direction, which is looked at once
+    cosine = np.where(np.abs(cosine) > 1.0 - SAME_COSINE, np.sign(cosine), cosine)
+    return _Rays(elevation, np.degrees(np.arccos(cosine)), nu)
 
 
 def _packed(

@@ -104,6 +104,10 @@ class Luminances:
     def _of(self, factor: np.ndarray, weight: np.ndarray) -> np.ndarray:
         return integrate(np.maximum(factor, 0.0), self.source.medium.wavelength_nm, weight)
 
+    @property
+    def bottom_km(self) -> float:
+        return self.source.bottom_km
+
     def horizon_deg(self, altitude_km: float) -> float:
         return self.source.horizon_deg(altitude_km)
 
@@ -185,7 +189,7 @@ def texels(tables: own.SkyTables, mapping: Mapping, progress: Callable[[float], 
     shape = (heights.size, sun.size, nus.size, mapping.n_mu, 4)
     rest, once = np.empty(shape, np.float32), np.empty(shape, np.float32)
     header = tables.header
-    roots = np.sqrt(np.array(header["altitude_km"]) - header["altitude_km"][0])
+    roots = np.sqrt(np.array(header["altitude_km"]) - header["ground_km"])
     n_ground, n_sky = header["texels"]["ground"], header["texels"]["sky"]
     ground = 2 * np.arange(mapping.n_mu) < mapping.n_mu
     least = np.where(ground, 0, n_ground)

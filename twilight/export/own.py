@@ -7,7 +7,7 @@ P is the phase function of the column's aerosol.  Axes, with u from 0 to 1 over 
     sun elevation   -8 + 8 sinh(t), t uniform from the lowest to the highest sun
     elevation       sky: e_h + (90 - e_h) u^2; ground: e_h - (90 + e_h) u^2, e_h the apparent horizon at the altitude
     azimuth         180 u^1.5, from the sun
-    altitude        as listed, linear in the square root of its height above the first in between
+    altitude        as listed, linear in the square root of its height above ground_km in between
 
 Files hold little-endian float32, RGB: azimuth fastest, then elevation (ground from the nadir, then sky from the
 horizon), sun, altitude.
@@ -111,8 +111,8 @@ class SkyTables:
         n_sun, n_azimuth = self.sky.shape[1], self.sky.shape[3]
         s = float((t - first_t) / (last_t - first_t)) * (n_sun - 1)
         z = (a / 180.0) ** (1.0 / AZIMUTH_POWER) * (n_azimuth - 1)
-        roots = np.sqrt(altitudes - altitudes[0])
-        where = float(np.interp(math.sqrt(observer_altitude_km - altitudes[0]), roots, np.arange(roots.size)))
+        roots = np.sqrt(altitudes - h["ground_km"])
+        where = float(np.interp(math.sqrt(observer_altitude_km - h["ground_km"]), roots, np.arange(roots.size)))
         first = min(int(where), max(0, roots.size - 2))
         above = where - first
         horizon = np.interp(where, np.arange(roots.size), h["horizon_deg"])
@@ -195,6 +195,7 @@ def fill(source: Filling, sizes: Sizes, facts: dict, progress: Callable[[str, fl
         "version": 1,
         "texels": {"sun": sizes.suns, "ground": sizes.ground, "sky": sizes.sky, "azimuth": sizes.azimuths},
         "altitude_km": list(sizes.altitude_km),
+        "ground_km": source.bottom_km,
         "horizon_deg": horizons,
         "lowest_sun_deg": LOWEST_SUN_DEG,
         "phase_angles": 0 if source.phase is None else source.phase.shape[0],
@@ -222,6 +223,8 @@ def load(folder: str | Path) -> SkyTables:
                 f"{folder}/sky.json: layout {header['layout']} {header['version']}, expected twilight 1"
             )
         n = header["texels"]
+        if not header["ground_km"] <= header["altitude_km"][0]:
+            raise TwilightError(f"{folder}/sky.json: altitude_km begins below ground_km, {header['ground_km']:g}")
         shape = (len(header["altitude_km"]), n["sun"], n["ground"] + n["sky"], n["azimuth"], 3)
         sky = np.fromfile(folder / "sky.bin", "<f4").reshape(shape)
         if not header["phase_angles"]:

@@ -14,13 +14,14 @@ from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, DISTANCE, by_species, new_line, trace_line
-from twilight.transport.profile import prepare_profile
+from twilight.transport.profile import SUDDEN_KM, prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 DEGREE = 20
 JUST_DEG = 1e-3
 """How far from the horizon the directions next to it are."""
 PHASE_ANGLES = 256
+USUAL_HAZE_TOP_KM = 2.0
 
 
 @njit(cache=True, nogil=True)
@@ -77,6 +78,9 @@ class Filling(Protocol):
     @property
     def channels(self) -> int: ...
 
+    @property
+    def bottom_km(self) -> float: ...
+
     phase: np.ndarray | None
 
     def horizon_deg(self, altitude_km: float) -> float: ...
@@ -110,6 +114,11 @@ class Source:
         """How many numbers a radiance has."""
         return self.medium.n_wavelengths
 
+    @property
+    def bottom_km(self) -> float:
+        """Altitude of the ground above sea level."""
+        return self.medium.bottom_km
+
     def _effective_phase(self) -> np.ndarray:
         """Phase function (PHASE_ANGLES, W) of all the aerosol of a column, at angles pi u^2; of the unscaled one."""
         z = np.linspace(self.medium.bottom_km, self.medium.top_km, 2000)
@@ -125,11 +134,33 @@ class Source:
         return read_phase(self.phase, cosine)
 
     def horizon_deg(self, altitude_km: float) -> float:
-        """Apparent elevation of the horizon, by Bouguer's invariant n r cos(elevation)."""
-        m = self.medium
-        n = 1.0 + (m.at(np.array([m.bottom_km, altitude_km])).refractivity[:, 1] if self.refracted else np.zeros(2))
-        r = m.earth_radius_km + np.array([m.bottom_km, altitude_km])
+        """Apparent elevation of the horizon."""
+        return self.grazing_deg(altitude_km, self.medium.bottom_km)
+
+    def grazing_deg(self, altitude_km: float, lowest_km: float) -> float:
+        """Apparent elevation of the ray that is level at an altitude, by Bouguer's invariant n r cos(elevation).
+
+        0 for an observer below that altitude.
+        """
+        m, both_km = self.medium, np.array([lowest_km, altitude_km])
+        n = 1.0 + (m.at(both_km).refractivity[:, 1] if self.refracted else np.zeros(2))
+        r = m.earth_radius_km + both_km
         return -math.degrees(math.acos(min(1.0, n[0] * r[0] / (n[1] * r[1]))))
+
+    def haze_top_km(self) -> float:
+        """The altitude at which extinction falls most suddenly upwards: the top of the haze.
+
+        A line of sight that passes just below it runs through hundreds of kilometres of haze, and just above it
+        through none.  Without such a jump `USUAL_HAZE_TOP_KM` above the ground.
+        """
+        p, sharp = self.profile, self.profile.sharp_km
+        if sharp.size == 0:
+            return self.medium.bottom_km + USUAL_HAZE_TOP_KM
+        below, above = (
+            np.stack([np.interp(sharp + d, p.altitude_km, e) for e in p.extinction.T]) for d in (-SUDDEN_KM, SUDDEN_KM)
+        )
+        fall = np.max(below - above, axis=0)
+        return float(sharp[np.argmax(fall)]) if fall.max() > 0.0 else self.medium.bottom_km + USUAL_HAZE_TOP_KM
 
     def radiance(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         return self.field.radiance(sun_deg, elevation_deg, azimuth_deg, observer_altitude_km=altitude_km)

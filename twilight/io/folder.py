@@ -2,7 +2,8 @@
 
 The file `skies.jsonl` has a line for each sky whose files were begun, without any, and one where they are finished: its
 subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.  The line of
-a sky that was begun also names the files that were there before and are nobody's known.
+a sky that was begun also names the files that were there before and are nobody's known.  Another line says that the
+files which a series has once are a render's.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from twilight.io.provenance import differences
 JOURNAL = "skies.jsonl"
 SHEETS = ("contact-sheet.png", "series.csv", "series.nc")
 """What a series has once, made again at its end."""
+FRAMES = "frames"
+"""The folder of a series' files by number, also once."""
+NUMBERED = ("sky.png", "sky.rgb.exr")
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,14 @@ class RenderFolder:
         self._journal.write(line)
         for part in _parts(self.root / name):
             part.unlink(missing_ok=True)
+
+    def file_names(self) -> dict[str, list[str]]:
+        """Names of the files of each sky that is finished, by subfolder."""
+        return {name: [Path(file).name for file in line["files"]] for name, line in _lines(self.root).items()}
+
+    def begin_once(self) -> None:
+        """Note that the files that a series has once will be written: those that are there are then a render's."""
+        self._journal.write({"once": [*SHEETS, FRAMES]})
 
     def add(self, name: str, wanted: Wanted, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
         """Note that a sky is finished: all its files are whole."""
@@ -91,15 +103,16 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
         if not _left(root, name, line):
             continue  # somebody has moved or deleted it
         _refuse(root, name, wanted)
-    listed = {root / file for line in lines.values() for file in line["files"]} | {root / name for name in SHEETS}
+    listed = {root / file for line in lines.values() for file in line["files"]}
     begun = {name for name, line in lines.items() if not line["files"]}
-    for name in wanted:
-        for file in files_of_a_sky(root / name):
-            if file not in listed and name not in begun:
-                raise TwilightError(
-                    f"{file}: is there already, and {JOURNAL} does not say of which sky; "
-                    "give --overwrite or another --output"
-                )
+    found = [file for name in wanted if name not in begun for file in files_of_a_sky(root / name) if file not in listed]
+    if len(wanted) > 1 and not _has_once(root):
+        found += _once(root)
+    if found:
+        raise TwilightError(
+            f"{found[0]}: is there already, and {JOURNAL} does not say of which sky; "
+            "give --overwrite or another --output"
+        )
     return {
         name: line["figures"]
         for name, line in lines.items()
@@ -110,6 +123,22 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
 def files_of_a_sky(folder: Path) -> list[Path]:
     """The files in a folder that have the names of a sky's, sorted."""
     return sorted(folder / name for name in OF_A_SKY if (folder / name).is_file())
+
+
+def numbered_files(folder: Path) -> list[Path]:
+    """The files in a folder that have the names of a series' by number, sorted."""
+    found = (name.rpartition(".") for name in NUMBERED)
+    return sorted(file for stem, _, suffix in found for file in folder.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{suffix}"))
+
+
+def _once(root: Path) -> list[Path]:
+    """Files with the names of those that a series has once."""
+    return [root / name for name in SHEETS if (root / name).is_file()] + numbered_files(root / FRAMES)
+
+
+def _has_once(root: Path) -> bool:
+    """Whether those are a render's, as the journal says."""
+    return any(entry.get("once") for entry in read_journal(root / JOURNAL))
 
 
 def _refuse(root: Path, name: str, wanted: Mapping[str, Wanted]) -> None:
@@ -174,8 +203,11 @@ def _clear(root: Path) -> None:
             with suppress(OSError):
                 folder.rmdir()
             folder = folder.parent
-    for name in SHEETS:
-        (root / name).unlink(missing_ok=True)
+    if _has_once(root):
+        for file in _once(root):
+            file.unlink(missing_ok=True)
+        with suppress(OSError):
+            (root / FRAMES).rmdir()
     (root / JOURNAL).write_text("", encoding="utf-8")
 
 

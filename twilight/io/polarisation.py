@@ -12,8 +12,20 @@ from twilight.io.rendered import Options, Rendered
 from twilight.io.whole import whole_file
 from twilight.sky import Sky
 
-WIDTH = 480
+WIDTH = 400
+"""Pixels of the whole sky; beside it BAR_WIDTH of the scale, its numbers, and MARGIN around."""
+BAR_WIDTH, NUMBERS_WIDTH, MARGIN, TITLE_HEIGHT, FONT_SIZE = 14, 40, 12, 24, 13
 WAVELENGTH_NM = 550.0
+VIRIDIS = (
+    "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
+    "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
+)
+TWILIGHT = (
+    "e2d9e2 c4ced4 95b5c7 7297c1 6276ba 5e51ad 592a8f 45135c 2f1436 "
+    "4a1342 741e4f 983550 b25652 c27c63 cca389 d8c7be e2d9e2"
+)
+"""Matplotlib's colour maps of these names (public domain, CC0) at 17 places, between which straight lines are within 6
+of 255 of them: one for quantities that grow, and one for angles, whose ends are one."""
 
 
 def polarisation_maps(sky: Sky, width: int = WIDTH) -> tuple[np.ndarray, np.ndarray, float]:
@@ -36,25 +48,46 @@ def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
 
     Whole or not at all.  Errors: TwilightError for a sky without Stokes parameters.
     """
-    from matplotlib.figure import Figure
+    from PIL import Image, ImageDraw, ImageFont
+    from PIL.PngImagePlugin import PngInfo
 
     degree, angle, wavelength = polarisation_maps(sky)
-    figure = Figure(figsize=(9.6, 4.6), dpi=100, layout="constrained")
-    left, right = figure.subplots(1, 2)
     shown = (
-        (left, degree, "viridis", (0.0, 1.0), "degree of linear polarisation"),
-        (right, angle, "twilight", (-90.0, 90.0), "angle of vibration from the vertical, clockwise [deg]"),
+        (degree, VIRIDIS, np.linspace(0.0, 1.0, 6), "degree of linear polarisation"),
+        (angle, TWILIGHT, np.linspace(-90.0, 90.0, 7), "angle of vibration from the vertical, clockwise [deg]"),
     )
-    for axes, values, colours, (low, high), title in shown:
-        picture = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
-        figure.colorbar(picture, ax=axes, shrink=0.85)
-        axes.set_title(title, fontsize=10)
-        axes.axis("off")
-    figure.suptitle(f"sun at {sky.sun_elevation_deg:g} deg (its azimuth below), {wavelength:g} nm", fontsize=10)
-    texts = {name: str(value) for name, value in provenance_fields(sky.provenance).items()}
+    panel = WIDTH + BAR_WIDTH + NUMBERS_WIDTH + 2 * MARGIN
+    image = Image.new("RGB", (MARGIN + 2 * panel, 2 * TITLE_HEIGHT + WIDTH + 2 * MARGIN), "white")
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(FONT_SIZE)
+    above = f"sun at {sky.sun_elevation_deg:g} deg (its azimuth below), {wavelength:g} nm"
+    draw.text((0.5 * image.width, MARGIN), above, fill="black", font=font, anchor="ma")
+    top = MARGIN + 2 * TITLE_HEIGHT
+    for i, (values, colours, ticks, title) in enumerate(shown):
+        left = MARGIN + i * panel
+        draw.text((left + 0.5 * WIDTH, MARGIN + TITLE_HEIGHT), title, fill="black", font=font, anchor="ma")
+        share = (values - ticks[0]) / (ticks[-1] - ticks[0])
+        image.paste(Image.fromarray(_coloured(share, colours)), (left, top))
+        bar = np.broadcast_to(1.0 - (np.arange(WIDTH)[:, None] + 0.5) / WIDTH, (WIDTH, BAR_WIDTH))
+        right = left + WIDTH + MARGIN
+        image.paste(Image.fromarray(_coloured(bar, colours)), (right, top))
+        for k, tick in enumerate(ticks):
+            y = top + round((WIDTH - 1) * (1.0 - k / (ticks.size - 1)))
+            draw.line((right + BAR_WIDTH, y, right + BAR_WIDTH + 3, y), fill="black")
+            draw.text((right + BAR_WIDTH + 6, y), f"{tick:g}", fill="black", font=font, anchor="lm")
+    facts = PngInfo()
+    for name, value in {"Software": "twilight", **provenance_fields(sky.provenance)}.items():
+        facts.add_text(name, str(value))
     with whole_file(path) as temporary:
-        figure.savefig(temporary, format="png", metadata={"Software": "twilight", **texts})
+        image.save(temporary, format="PNG", pnginfo=facts)
     return Path(path)
+
+
+def _coloured(share: np.ndarray, colours: str) -> np.ndarray:
+    """sRGB (H, W, 3), 8 bit, of shares 0..1 (H, W) of a colour map; white where there is none."""
+    knots = np.array([[int(colour[i : i + 2], 16) for i in (0, 2, 4)] for colour in colours.split()])
+    places = np.linspace(0.0, 1.0, len(knots))
+    rgb = np.stack([np.interp(np.nan_to_num(share), places, knots[:, c]) for c in range(3)], axis=-1)
+    return np.where(np.isnan(share)[..., None], 255, np.round(rgb)).astype(np.uint8)
 
 
 def write(rendered: Rendered, folder: Path, options: Options) -> list[Path]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from twilight.errors import TwilightError
+from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.netcdf import read_sky, sky_to_dataset
 from twilight.io.whole import whole_file
 from twilight.reading import MEMORY_SHARE, memory_bytes
@@ -33,8 +34,6 @@ COLUMNS = (
     "set_up_time_s",
     "run_time_s",
 )
-FRAMES = "frames"
-"""The folder of a series' files by number."""
 
 _EACH = ("sun_normalised_radiance", "luminance", "standard_error", "night_radiance", "direct_irradiance_factor")
 _WHERE = (
@@ -119,14 +118,14 @@ def _same_grid(a: Any, b: Any) -> bool:
     return all(np.array_equal(a[name], b[name]) for name in ("wavelength", "elevation", "azimuth"))
 
 
-def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = ("sky.png", "sky.rgb.exr")) -> int:
+def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = NUMBERED) -> int:
     """Give the files of a series numbers in one folder, `sky.0001.png`, as programs want that read image sequences.
 
     Links to the same data where the file system has them, else copies.  Returns how many; errors: TwilightError.
     """
     count = 0
     try:
-        for old in target.glob("sky.*"):
+        for old in numbered_files(target):
             old.unlink()
         for i, folder in enumerate(folders, start=1):
             for name in names:

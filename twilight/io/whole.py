@@ -26,6 +26,14 @@ def check_folder(folder: str | os.PathLike) -> None:
         raise TwilightError(f"{folder}: files cannot be written there: {reason}") from None
 
 
+def check_file(path: str | os.PathLike) -> None:
+    """Raise TwilightError unless a file can be written at ``path``, in a folder that may have to be made."""
+    path = Path(path)
+    check_folder(path.parent)
+    if path.is_dir():
+        raise TwilightError(f"{path}: is a folder, not a file")
+
+
 def _check_name(path: Path) -> None:
     """Raise TwilightError for a name that is no text, or that the locale has no letters for."""
     try:

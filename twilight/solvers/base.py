@@ -31,21 +31,28 @@ from twilight.progress import Progress
 @dataclass(frozen=True)
 class Takes:
     """What a field will take: bytes of all its wavelengths together and of each, processor seconds of a wavelength and
-    of a wavelength in a direction; `together` wavelengths take as much as one."""
+    of a wavelength in a direction; `together` wavelengths take as much as one.
+
+    band_bytes: more of all together, band_cpu: times the seconds of a wavelength, where they are lanes of a gas's band.
+    """
 
     fixed_bytes: float
     bytes_per_wavelength: float
     cpu_s_per_wavelength: float
     cpu_s_per_look: float
     together: int = 1
+    band_bytes: float = 0.0
+    band_cpu: float = 1.0
 
-    def n_bytes(self, wavelengths: int) -> float:
-        """Of a field of so many wavelengths."""
-        return self.fixed_bytes + self.bytes_per_wavelength * self.together * -(-wavelengths // self.together)
+    def n_bytes(self, wavelengths: int, in_band: bool = False) -> float:
+        """Of a field of so many wavelengths, or lanes of a band."""
+        fixed = self.fixed_bytes + (self.band_bytes if in_band else 0.0)
+        return fixed + self.bytes_per_wavelength * self.together * -(-wavelengths // self.together)
 
-    def at_once(self, most: int, n_bytes: float) -> int:
+    def at_once(self, most: int, n_bytes: float, in_band: bool = False) -> int:
         """The most wavelengths of a field that takes no more than so many bytes: up to `most`, at least `together`."""
-        room = (n_bytes - self.fixed_bytes) / (self.bytes_per_wavelength * self.together)
+        fixed = self.fixed_bytes + (self.band_bytes if in_band else 0.0)
+        room = (n_bytes - fixed) / (self.bytes_per_wavelength * self.together)
         return max(self.together, min(most, self.together * int(max(room, 0.0))))
 
 

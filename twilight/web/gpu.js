@@ -79,7 +79,7 @@ function uploadTables(sun) {
   if (key === sliced) return;
   sliced = key;
   if (inSpace()) uploadSpace();
-  const t = HEAD.texels, grid = HEAD.kind === "sky", rows = grid ? t.sky : t.ground + t.sky + 1, size = rows * t.azimuth * 4;
+  const t = HEAD.texels, grid = HEAD.kind === "sky", rows = grid ? t.sky : t.ground + t.haze + t.sky + 1, size = rows * t.azimuth * 4;
   const parts = [], lines = new Float32Array(HEAD.fields.length * 8 * 256 * 4);
   HEAD.fields.forEach((_, k) => {
     parts.push(underSun(`sky${k}`, sun.shown));
@@ -110,7 +110,7 @@ function setView(p, aspect) {
   gl.uniform1fv(p.at("uHorizon"), twice((k) => horizonOf(k) * DEG));
   gl.uniform1f(p.at("uOrbit"), inSpace() ? orbitRadius(0) : 0);
   if (!HEAD.space) return;
-  gl.uniform2fv(p.at("uEarth"), twice((k) => [HEAD.fields[k].grazing_km, HEAD.fields[k].top_radius_km]).flat());
+  gl.uniform3fv(p.at("uEarth"), twice((k) => [HEAD.fields[k].grazing_km, HEAD.fields[k].haze_km, HEAD.fields[k].top_radius_km]).flat());
   gl.uniform1f(p.at("uLinesTo"), HEAD.space.lines_to_km);
 }
 
@@ -126,7 +126,8 @@ function drawLight(into, aspect, sun, sky, disc) {
   gl.uniform1i(p.at("uSpace"), slots.uSpace.unit);
   gl.uniform1i(p.at("uLimb"), HEAD.space?.limb ?? 0);
   gl.uniform3fv(p.at("uSunAxis"), HEAD.sun_axis ?? [0, 0, 1]);
-  gl.uniform3i(p.at("uTexels"), t.ground, t.sky, t.azimuth);
+  gl.uniform4i(p.at("uTexels"), t.ground, t.haze, t.sky, t.azimuth);
+  gl.uniform2fv(p.at("uHaze"), twice((k) => hazeOf(k).map((e) => e * DEG)).flat());
   gl.uniform1i(p.at("uGrid"), HEAD.kind === "sky" ? 1 : 0);
   gl.uniform1f(p.at("uAzimuthPower"), HEAD.azimuth_power ?? 1);
   gl.uniform1iv(p.at("uAureole"), twice((k) => (tables[`aureole${k}`] ? 1 : 0)));

@@ -45,7 +45,7 @@ function spectrumOf(d, field) {
     const ground = (t.ground + 1) / 2;
     u = Math.sqrt(clamp(up ? (e - h) / (90 - h) : (h - e) / (90 + h), 0, 1));
     [low, high] = up ? [ground, rows - 1] : [0, ground - 1];
-    y = up ? low + u * (high - low) : (1 - u) * high;
+    y = up ? low + rowAbove(e, h, hazeOf(field), 90, 2, t.haze, t.sky) / 2 : (1 - u) * high;
     x = (Math.min(away, 360 - away) / 180) ** (1 / HEAD.azimuth_power) * (columns - 1);
   }
   const j = clamp(Math.floor(y), low, high - 1), v = y - j;

@@ -15,10 +15,11 @@ uniform int uLimb;           // its rows of the limb
 uniform vec3 uSunAxis;       // lowest sun of the tables, centre and width of their axis, deg
 uniform sampler2D uLines;    // rows of 256 for each field: phase, beam, lifted, 5 of the night
 uniform sampler2D uZodiac;   // logarithm by longitude from the sun and latitude
-uniform ivec3 uTexels;       // rows of ground, rows of sky, columns
+uniform ivec4 uTexels;       // rows of ground, of haze, of sky, columns
 uniform bool uGrid;          // one computed sky: uniform rows and columns all round
 uniform float uAzimuthPower;
 uniform float uHorizon[2];   // rad
+uniform vec2 uHaze[2];       // apparent elevation of the haze's top, rad, and what is its among the rows (tables.js)
 uniform bool uAureole[2];
 uniform float uSplit;        // where the second field begins, in place.x
 uniform vec3 uSun;           // true direction
@@ -31,6 +32,7 @@ uniform vec2 uNightMean;     // starlight [S10], zodiacal light at 500 nm
 uniform vec4 uNightGround[2];
 
 const int LINES = 8, NODES = 256;
+const float NEAR = 0.03;
 
 vec4 cubic(float t) {
   float t2 = t * t, t3 = t2 * t;
@@ -39,31 +41,57 @@ vec4 cubic(float t) {
 
 // Along a row, from the column before `i`; the sky is its own mirror image about the sun's vertical.
 vec4 alongRow(int row, int i, vec4 w) {
-  int n = uTexels.z;
+  int n = uTexels.w;
   ivec4 c = uGrid ? ivec4((i + n - 1) % n, i % n, (i + 1) % n, (i + 2) % n)
                   : ivec4(abs(i - 1), i, i + 1, i + 2 < n ? i + 2 : 2 * n - 4 - i);
   return w.x * texelFetch(uSlice, ivec2(c.x, row), 0) + w.y * texelFetch(uSlice, ivec2(c.y, row), 0)
        + w.z * texelFetch(uSlice, ivec2(c.z, row), 0) + w.w * texelFetch(uSlice, ivec2(c.w, row), 0);
 }
 
+// Place of a line among the rows of the sky: x from the horizon `low` by the top of the haze to `high` (tables.py).
+// haze.y: where the rows have that top; what is NEAR it moves with it, what is far is where the rows have it.
+float rowAbove(float x, float low, vec2 haze, float high, float power, int rows) {
+  if (x < haze.x) return asin(sqrt(clamp((x - low) / max(haze.x - low, 1e-9), 0.0, 1.0))) / (0.5 * PI) * float(uTexels.y);
+  float far = haze.y + NEAR * (high - haze.y);
+  float share = x < far ? NEAR * (x - haze.x) / (far - haze.x) : (x - haze.y) / (high - haze.y);
+  return float(uTexels.y) + pow(clamp(share, 0.0, 1.0), 1.0 / power) * float(rows - 1);
+}
+
+// Rows of a cubic at the place y among those of the ground or of the sky, of which `last` is the last one, and weights.
+ivec4 rowsAt(bool up, float y, int last, bool beyond, out vec4 w) {
+  int haze = uTexels.y, j = clamp(int(floor(y)), 0, last - 1), low = up && j >= haze ? haze : 0;
+  ivec4 rows = ivec4(j - 1, j, j + 1, j + 2);
+  w = cubic(y - float(j));
+  if (up) {
+    if (j - 1 < low) rows.x = low + 1;            // even about the horizon, and above the haze's top
+    if (j == haze - 1 || (j == last - 1 && !beyond)) {   // a straight line
+      w = vec4(w.x, w.y - w.w, w.z + 2.0 * w.w, 0.0);
+      rows.w = j + 1;
+    }
+    return rows + uTexels.x;
+  }
+  rows.x = max(rows.x, 0);
+  if (rows.w > last) rows.w = 2 * last - rows.w;
+  return rows;
+}
+
 // Cubic in rows and columns; `first` is the row where the table begins.
 vec4 table(int first, bool up, float y, float x) {
-  int ground = uTexels.x, sky = uTexels.y, n = uTexels.z;
-  int last = up ? sky : ground, begin = first + (up ? ground : 0);
-  int j = clamp(int(floor(y)), 0, last - 2), i = clamp(int(floor(x)), 0, uGrid ? n - 1 : n - 2);
-  vec4 wy = cubic(y - float(j)), wx = cubic(x - float(i));
-  vec4 sum = vec4(0.0);
+  int i = clamp(int(floor(x)), 0, uTexels.w - 2);
+  vec4 wy, wx = cubic(x - float(i));
+  ivec4 rows = first + rowsAt(up, y, up ? uTexels.y + uTexels.z - 1 : uTexels.x - 1, true, wy);
+  return wy.x * alongRow(rows.x, i, wx) + wy.y * alongRow(rows.y, i, wx)
+       + wy.z * alongRow(rows.z, i, wx) + wy.w * alongRow(rows.w, i, wx);
+}
+
+// The same of one computed sky, whose rows and columns are even steps all round.
+vec4 gridTable(float y, float x) {
+  int last = uTexels.z, n = uTexels.w, j = clamp(int(floor(y)), 0, last - 2), i = clamp(int(floor(x)), 0, n - 1);
+  vec4 wy = cubic(y - float(j)), wx = cubic(x - float(i)), sum = vec4(0.0);
   for (int k = -1; k <= 2; k++) {
     int row = j + k, column = i;
-    if (uGrid) {
-      if (row >= last) { row = 2 * last - 2 - row; column = (i + n / 2) % n; }
-      row = max(row, 0);
-    } else if (up) {
-      row = abs(row);            // even about the horizon; there is a row beyond the zenith
-    } else {
-      row = row >= last ? 2 * last - 2 - row : max(row, 0);
-    }
-    sum += wy[k + 1] * alongRow(begin + row, column, wx);
+    if (row >= last) { row = 2 * last - 2 - row; column = (i + n / 2) % n; }
+    sum += wy[k + 1] * alongRow(max(row, 0), column, wx);
   }
   return sum;
 }
@@ -81,10 +109,10 @@ float between(vec3 a, vec3 b) { return 2.0 * asin(min(1.0, 0.5 * length(a - b)))
 
 // Cubic in sun, row and column of the tables above the air; `first` is the row where a table begins.
 vec4 spaceTable(int first, bool up, float s, float y, float x) {
-  int ground = uTexels.x, n = uTexels.z, suns = textureSize(uSpace, 0).z;
-  int low = up ? ground : 0, high = up ? ground + uLimb - 1 : ground - 1;
-  int l = clamp(int(floor(s)), 0, suns - 2), j = clamp(int(floor(y)), low, high - 1), i = clamp(int(floor(x)), 0, n - 2);
-  vec4 ws = cubic(s - float(l)), wy = cubic(y - float(j)), wx = cubic(x - float(i)), sum = vec4(0.0);
+  int n = uTexels.w, suns = textureSize(uSpace, 0).z;
+  int l = clamp(int(floor(s)), 0, suns - 2), i = clamp(int(floor(x)), 0, n - 2);
+  vec4 ws = cubic(s - float(l)), wx = cubic(x - float(i)), sum = vec4(0.0), wy;
+  ivec4 rows = first + rowsAt(up, y, up ? uTexels.y + uLimb - 1 : uTexels.x - 1, false, wy);
   // beyond the first and the last sun the table goes on as a straight line
   if (l == 0) ws = vec4(0.0, ws.y + 2.0 * ws.x, ws.z - ws.x, ws.w);
   if (l == suns - 2) ws = vec4(ws.x, ws.y - ws.w, ws.z + 2.0 * ws.w, 0.0);
@@ -92,7 +120,7 @@ vec4 spaceTable(int first, bool up, float s, float y, float x) {
   for (int a = 0; a < 4; a++) {
     int layer = clamp(l + a - 1, 0, suns - 1);
     for (int b = 0; b < 4; b++) {
-      int row = first + clamp(j + b - 1, low, high);
+      int row = rows[b];
       sum += ws[a] * wy[b] * (wx.x * texelFetch(uSpace, ivec3(c.x, row, layer), 0) + wx.y * texelFetch(uSpace, ivec3(c.y, row, layer), 0)
            + wx.z * texelFetch(uSpace, ivec3(c.z, row, layer), 0) + wx.w * texelFetch(uSpace, ivec3(c.w, row, layer), 0));
     }
@@ -102,7 +130,7 @@ vec4 spaceTable(int first, bool up, float s, float y, float x) {
 
 // Light of the limb (up), or of the ground through the air, from above it.
 vec4 fromSpace(int field, bool up, vec3 d, float angle) {
-  float low = uEarth[field].x, top = uEarth[field].y, p = uOrbit * length(d.xy);
+  float low = uEarth[field].x, top = uEarth[field].z, p = uOrbit * length(d.xy);
   if (up && (d.z >= 0.0 || p >= top)) return vec4(0.0);
   p = up ? max(p, low) : min(p, low);
   float t = -uOrbit * d.z - (up ? 0.0 : sqrt(max(0.0, low * low - p * p)));
@@ -110,13 +138,13 @@ vec4 fromSpace(int field, bool up, vec3 d, float angle) {
   float size = length(level), above = clamp(dot(uSun, n), -1.0, 1.0);
   float ahead = size > 1e-6 ? dot(uSun, level) / size : 0.0;
   float azimuth = atan(sqrt(max(0.0, 1.0 - above * above - ahead * ahead)), ahead);
-  float y = up ? float(uTexels.x) + pow((p - low) / (top - low), 1.0 / 1.5) * float(uLimb - 1)
+  float y = up ? rowAbove(p, low, uEarth[field].yy, top, 1.5, uLimb)
                : (1.0 - sqrt(1.0 - asin(min(1.0, p / low)) / (0.5 * PI))) * float(uTexels.x - 1);
-  float x = pow(azimuth / PI, 1.0 / uAzimuthPower) * float(uTexels.z - 1);
+  float x = pow(azimuth / PI, 1.0 / uAzimuthPower) * float(uTexels.w - 1);
   float sun = degrees(asin(above)), first = asinh((uSunAxis.x - uSunAxis.y) / uSunAxis.z);
   float s = (asinh((sun - uSunAxis.y) / uSunAxis.z) - first) / (asinh((90.0 - uSunAxis.y) / uSunAxis.z) - first);
   s = clamp(s, 0.0, 1.0) * float(textureSize(uSpace, 0).z - 1);
-  int rows = uTexels.x + uLimb, begin = 2 * rows * field;
+  int rows = uTexels.x + uTexels.y + uLimb, begin = 2 * rows * field;
   vec4 sum = exp(spaceTable(begin, up, s, y, x));
   if (uAureole[field]) sum += exp(spaceTable(begin + rows, up, s, y, x) + line(LINES * field, sqrt(angle / PI)));
   // below the lowest sun of the tables the light falls by e per degree
@@ -129,12 +157,12 @@ vec4 scattered(int field, bool up, vec3 d, float e, float a, float angle) {
   float h = uHorizon[field];
   if (uGrid) {
     if (!up) return vec4(0.0);
-    return exp(table(0, true, e / (0.5 * PI) * float(uTexels.y - 1), mod(a / (2.0 * PI), 1.0) * float(uTexels.z))) * uNear;
+    return exp(gridTable(e / (0.5 * PI) * float(uTexels.z - 1), mod(a / (2.0 * PI), 1.0) * float(uTexels.w))) * uNear;
   }
-  float u = sqrt(clamp(up ? (e - h) / (0.5 * PI - h) : (h - e) / (0.5 * PI + h), 0.0, 1.0));
-  float y = up ? u * float(uTexels.y - 1) : (1.0 - u) * float(uTexels.x - 1);
-  float x = pow(abs(a) / PI, 1.0 / uAzimuthPower) * float(uTexels.z - 1);
-  int rows = uTexels.x + uTexels.y + 1, first = 2 * rows * field;
+  float y = up ? rowAbove(e, h, uHaze[field], 0.5 * PI, 2.0, uTexels.z)
+               : (1.0 - sqrt(clamp((h - e) / (0.5 * PI + h), 0.0, 1.0))) * float(uTexels.x - 1);
+  float x = pow(abs(a) / PI, 1.0 / uAzimuthPower) * float(uTexels.w - 1);
+  int rows = uTexels.x + uTexels.y + uTexels.z + 1, first = 2 * rows * field;
   vec4 sum = exp(table(first, up, y, x));
   if (uAureole[field]) sum += exp(table(first + rows, up, y, x) + line(LINES * field, sqrt(angle / PI)));
   return sum * uNear;

@@ -7,6 +7,7 @@
 //   skyRows                 ground and sky of `texels` in sky.json
 //   skyAltitudes            how many altitudes there are
 //   skyAltitude, skyHorizon altitude_km and horizon_deg of sky.json
+//   skyGround               ground_km of sky.json
 //   skyLowestSun            lowest_sun_deg of sky.json
 //   skyAureole              false where phase_angles is 0 (air without aerosol)
 //
@@ -23,7 +24,7 @@ uniform sampler2D phaseTable;
 uniform ivec2 skyRows;
 uniform int skyAltitudes;
 uniform float skyAltitude[8], skyHorizon[8];
-uniform float skyLowestSun;
+uniform float skyGround, skyLowestSun;
 uniform bool skyAureole;
 
 // Position in texels of a sun [deg]; below the lowest it stays there.
@@ -50,12 +51,12 @@ vec3 skyRadiance(float sun, float elevation, float azimuth, float altitude) {
   float beside = abs(mod(azimuth + 180.0, 360.0) - 180.0);
   float x = pow(beside / 180.0, 1.0 / 1.5) * float(size.x - 1);
 
-  // between altitudes: linear in the square root of the height above the first
-  float root = sqrt(clamp(altitude, skyAltitude[0], skyAltitude[skyAltitudes - 1]) - skyAltitude[0]);
+  // between altitudes: linear in the square root of the height above the ground
+  float root = sqrt(clamp(altitude, skyAltitude[0], skyAltitude[skyAltitudes - 1]) - skyGround);
   int first = 0;
-  while (first < skyAltitudes - 2 && root >= sqrt(skyAltitude[first + 1] - skyAltitude[0])) first++;
+  while (first < skyAltitudes - 2 && root >= sqrt(skyAltitude[first + 1] - skyGround)) first++;
   int second = min(first + 1, skyAltitudes - 1);
-  float r0 = sqrt(skyAltitude[first] - skyAltitude[0]), r1 = sqrt(skyAltitude[second] - skyAltitude[0]);
+  float r0 = sqrt(skyAltitude[first] - skyGround), r1 = sqrt(skyAltitude[second] - skyGround);
   float above = second > first ? (root - r0) / (r1 - r0) : 0.0;
 
   // ground and sky do not mix: rows end at the horizon

@@ -5,7 +5,7 @@ const lowestSun = () => (inSpace() ? -60 : HEAD.sun_deg[0]);
 const orbitRadius = (field) => HEAD.fields[field].radius_km + state.altitude;
 
 // Rows of the tables above the air of one field: ground, limb.
-const spaceRows = () => HEAD.texels.ground + HEAD.space.limb;
+const spaceRows = () => HEAD.texels.ground + HEAD.texels.haze + HEAD.space.limb;
 
 // The sun's elevation and azimuth [deg] at a line's foot and the line's place among the rows; null: it misses the air.
 function footOf(d, field, sun) {
@@ -17,7 +17,7 @@ function footOf(d, field, sun) {
   const up = clamp(dot(sun.direction, n), -1, 1), ahead = dot(sun.direction, f);
   const across = Math.sqrt(Math.max(0, 1 - up * up - ahead * ahead));
   const y = ground ? (1 - Math.sqrt(1 - Math.asin(p / low) / (Math.PI / 2))) * (HEAD.texels.ground - 1)
-    : HEAD.texels.ground + ((p - low) / (top - low)) ** (1 / HEAD.space.limb_power) * (HEAD.space.limb - 1);
+    : HEAD.texels.ground + rowAbove(p, low, [HEAD.fields[field].haze_km, HEAD.fields[field].haze_km], top, HEAD.space.limb_power, HEAD.texels.haze, HEAD.space.limb);
   return { sun: Math.asin(up) / DEG, azimuth: Math.atan2(across, ahead) / DEG, y, ground };
 }
 

@@ -71,6 +71,25 @@ function altitudeWeights(altitude) {
 // Apparent elevation of the horizon [deg].
 const horizonOf = (field) => inSpace() ? -Math.acos(HEAD.fields[field].grazing_km / orbitRadius(field)) / DEG : altitudeWeights(state.altitude).reduce((sum, [i, w]) => sum + w * HEAD.fields[field].horizon_deg[i], 0);
 
+// The same of the top of the haze: 0 for an observer below it, linear in the square root of the height above it; and what
+// the rows have for it between two altitudes, which are mixed like the horizon.
+function hazeOf(field) {
+  const { haze_deg: at, haze_top_km: top } = HEAD.fields[field], [[i, w], next] = altitudeWeights(state.altitude);
+  if (inSpace() || !next) return [at[i], at[i]];
+  const j = next[0], root = (z) => Math.sqrt(Math.max(0, z - top)), low = root(HEAD.altitude_km[i]);
+  const t = clamp((root(state.altitude) - low) / Math.max(root(HEAD.altitude_km[j]) - low, 1e-9), 0, 1);
+  return [at[i] + (at[j] - at[i]) * t, at[i] * w + at[j] * (1 - w)];
+}
+
+// Place among the rows of the sky of a line at x from the horizon by the top of the haze to `high`. As in sky.frag.
+const NEAR = 0.03;
+function rowAbove(x, low, [haze, rowsHaze], high, power, steps, rows) {
+  if (x < haze) return Math.asin(Math.sqrt(clamp((x - low) / Math.max(haze - low, 1e-9), 0, 1))) / (Math.PI / 2) * steps;
+  const far = rowsHaze + NEAR * (high - rowsHaze);
+  const share = x < far ? NEAR * (x - haze) / (far - haze) : (x - rowsHaze) / (high - rowsHaze);
+  return steps + clamp(share, 0, 1) ** (1 / power) * (rows - 1);
+}
+
 // One array of shape (C, altitude, sun, ...rest) under a sun: (rest, C), channels last.
 function underSun(name, elevation) {
   const values = tables[name], [c, nz, ns, ...rest] = HEAD.arrays[name].shape;

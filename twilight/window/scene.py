@@ -65,7 +65,13 @@ def view_fields(
         "altitude_km": list(altitudes),
         "ground_km": min(solved.medium.bottom_km for solved in fields),
         "highest_km": asked[-1],
-        "texels": {"sun": sizes.suns, "ground": sizes.ground, "sky": sizes.sky, "azimuth": sizes.azimuths},
+        "texels": {
+            "sun": sizes.suns,
+            "ground": sizes.ground,
+            "haze": sizes.haze,
+            "sky": sizes.sky,
+            "azimuth": sizes.azimuths,
+        },
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
         "sun_axis": [own.LOWEST_SUN_DEG, own.SUN_CENTRE_DEG, own.SUN_WIDTH_DEG],
         "azimuth_power": own.AZIMUTH_POWER,
@@ -100,7 +106,14 @@ def _add_field(
     source = Source(solved, solved.medium, bool(getattr(solved.problem.settings, "refraction", False)))
     steps = len(altitudes) + 2 * ("space" in pack.header)
     made = tables.fill(source, channels, altitudes, sizes, part_of(progress, 0.0, len(altitudes) / steps))
-    pack.header["fields"].append(_facts(channels) | {"horizon_deg": made.horizon_deg.tolist()})
+    pack.header["fields"].append(
+        _facts(channels)
+        | {
+            "horizon_deg": made.horizon_deg.tolist(),
+            "haze_deg": made.haze_deg.tolist(),
+            "haze_top_km": source.haze_top_km(),
+        }
+    )
     _add_tables(pack, k, "", made)
     for i, altitude in enumerate(altitudes):
         nodes = lines.sky_elevations(float(made.horizon_deg[i]))
@@ -112,6 +125,7 @@ def _add_field(
     pack.header["fields"][k] |= {
         "radius_km": solved.medium.earth_radius_km,
         "grazing_km": geometry.grazing_km,
+        "haze_km": geometry.haze_km,
         "top_radius_km": geometry.top_radius_km,
     }
     _add_tables(pack, k, "space_", made)
@@ -170,12 +184,12 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     pack.header |= {
         "altitude_km": [sky.observer_altitude_km],
         "highest_km": sky.observer_altitude_km,
-        "texels": {"sun": 1, "ground": 0, "sky": GRID_ROWS, "azimuth": GRID_COLUMNS},
+        "texels": {"sun": 1, "ground": 0, "haze": 0, "sky": GRID_ROWS, "azimuth": GRID_COLUMNS},
         "sun_deg": [sky.sun_elevation_deg, sky.sun_elevation_deg],
         "sun_azimuth_deg": sky.sun_azimuth_deg,
         "distance_au": sky.distance_au,
     }
-    pack.header["fields"].append(_facts(channels) | {"horizon_deg": [0.0]})
+    pack.header["fields"].append(_facts(channels) | {"horizon_deg": [0.0], "haze_deg": [0.0]})
     pack.logarithm("sky0", light[:, None, None])
     pack.logarithm("spectrum0", np.moveaxis(spectra, -1, 0)[:, None, None])
     return View(pack, f"{name}: sky")

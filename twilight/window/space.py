@@ -6,9 +6,10 @@ where it is nearest to the Earth, or meets the sphere of the grazing ray.  There
 for all lines, so that tables over the foot's sun stay smooth where the Earth's edge is half lit.
 
     ground    angle of the line to the vertical at its foot, 90 (1 - u^2) deg
-    limb      p = p_h + (r_top - p_h) v^1.5; p_h: of the ray that grazes the ground, by Bouguer's invariant
+    limb      p from p_h, of the ray that grazes the ground (by Bouguer's invariant), by that of the ray that grazes the
+              top of the haze to r_top, as `tables.rows_above` has it with a power of 1.5
 
-u and v from 0 to 1 over the rows; suns and azimuths are those of the other tables.
+u from 0 to 1 over the rows; suns and azimuths are those of the other tables.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from twilight.window.tables import (
     Sizes,
     Tables,
     every_second,
+    rows_above,
     scattering_cosine,
 )
 
@@ -45,10 +47,11 @@ SUNS_AT_ONCE = 24
 
 @dataclass(frozen=True)
 class Geometry:
-    """Lines of sight past one planet [km]: p_h of the grazing ray, the radius of the top of the air, and its altitude
-    above sea level."""
+    """Lines of sight past one planet [km]: p of the rays that graze the ground and the top of the haze, the radius of
+    the top of the air, and its altitude above sea level."""
 
     grazing_km: float
+    haze_km: float
     top_radius_km: float
     top_km: float
 
@@ -57,18 +60,18 @@ class Geometry:
         """Of the medium of a field."""
         medium = source.medium
         radius = medium.earth_radius_km + medium.top_km
-        return cls(radius * math.cos(math.radians(source.horizon_deg(medium.top_km))), radius, medium.top_km)
+        lowest = medium.bottom_km, source.haze_top_km()
+        grazing, haze = (radius * math.cos(math.radians(source.grazing_deg(medium.top_km, z))) for z in lowest)
+        return cls(grazing, haze, radius, medium.top_km)
 
     def rows(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:
-        """(elevation at the top of the air, angle from there to the foot) (G + L,) [deg].
+        """(elevation at the top of the air, angle from there to the foot) (rows,) [deg].
 
         Ground from the nadir up, then limb from the horizon up.
         """
         foot = 90.0 * (1.0 - np.linspace(1.0, 0.0, sizes.ground) ** 2)
         ground = self.grazing_km * np.sin(np.radians(foot))
-        limb = (
-            self.grazing_km + (self.top_radius_km - self.grazing_km) * np.linspace(0.0, 1.0, sizes.limb) ** LIMB_POWER
-        )
+        limb = rows_above(self.grazing_km, self.haze_km, self.top_radius_km, sizes.haze, sizes.limb, LIMB_POWER)
         elevation = -np.degrees(np.arccos(np.concatenate([ground, limb]) / self.top_radius_km))
         elevation[sizes.ground - 1] -= JUST_DEG
         elevation[sizes.ground] += JUST_DEG
@@ -140,9 +143,10 @@ def fill_space(source: Source, channels: Channels, sizes: Sizes, progress: Progr
     made = Tables(
         at_feet(light, every, 1),
         None if aureole is None else at_feet(aureole, every, 1),
-        at_feet(spectra, every_second(sizes.ground, sizes.limb), 2),
+        at_feet(spectra, every_second(sizes.ground, sizes.haze + sizes.limb), 2),
         phase,
         np.array([source.horizon_deg(top)]),
+        np.array([source.grazing_deg(top, source.haze_top_km())]),
     )
     progress("above the air", 1.0)
     return made, geometry

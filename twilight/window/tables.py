@@ -2,10 +2,11 @@
 
     light = exp(sky) + P(scattering angle) exp(aureole)        X, Y, Z and scotopic luminance [cd m^-2] at 1 au
 
-The axes are those of the layout `twilight` (`twilight.export.own`), with one more row, beyond the zenith, so that a
-cubic through it has no kink there.  P is the phase function of the column's aerosol in each channel.  aureole holds
-what aerosol scattered once, and a share of the rest, so that its logarithm does not fall without end in the shadow.
-A coarser table holds the field at its wavelengths.
+The axes are those of the layout `twilight` (`twilight.export.own`) but for the rows of the sky, which begin anew at the
+ray that grazes the top of the haze, where light has a kink that is next to a step (`rows_above`); one more row, beyond
+the zenith, lets a cubic through it have no kink there.  P is the phase function of the column's aerosol in each
+channel.  aureole holds what aerosol scattered once, and a share of the rest, so that its logarithm does not fall
+without end in the shadow.  A coarser table holds the field at its wavelengths.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.export import own
-from twilight.export.values import Source, read_phase
+from twilight.export.values import JUST_DEG, Source, read_phase
 from twilight.progress import Progress
 from twilight.window.colours import CHANNELS, Channels
 
@@ -30,6 +31,8 @@ class Sizes:
     """Texels of each axis; every second is one of the spectral table, so that all are odd numbers."""
 
     suns: int = 97
+    haze: int = 12
+    """Steps, an even number, from the horizon to the ray that grazes the top of the haze, from where `sky` is."""
     sky: int = 33
     ground: int = 21
     azimuths: int = 25
@@ -37,17 +40,30 @@ class Sizes:
     """Above the air alone, in place of `sky`."""
 
 
-def elevation_rows(horizon_deg: float, sizes: Sizes) -> np.ndarray:
+def rows_above(low: float, haze: float, high: float, steps: int, rows: int, power: float) -> np.ndarray:
+    """Places (steps + rows,) of lines of sight from the horizon `low` by the top of the haze to `high`.
+
+    low + (haze - low) sin^2(pi/2 v)    v = 0, 1/steps ... : light goes on evenly at the horizon, and has a root of
+                                        the distance below the top of the haze
+    haze + (high - haze) u^power        u = 0 to 1 over `rows`
+    """
+    below = low + (haze - low) * np.sin(0.5 * np.pi * np.arange(steps) / max(steps, 1)) ** 2
+    return np.concatenate([below, haze + (high - haze) * np.linspace(0.0, 1.0, rows) ** power])
+
+
+def elevation_rows(horizon_deg: float, haze_deg: float, sizes: Sizes) -> np.ndarray:
     """Elevations [deg] of the rows: ground from the nadir, sky from the horizon, one beyond the zenith (> 90)."""
-    inside = own.elevation_nodes(horizon_deg, sizes.ground, sizes.sky)
-    beyond = horizon_deg + (90.0 - horizon_deg) * (sizes.sky / (sizes.sky - 1)) ** 2
-    return np.append(inside, beyond)
+    below = own.elevation_nodes(horizon_deg, sizes.ground, sizes.sky)[: sizes.ground]
+    above = rows_above(horizon_deg, haze_deg, 90.0, sizes.haze, sizes.sky, 2.0)
+    beyond = haze_deg + (90.0 - haze_deg) * (sizes.sky / (sizes.sky - 1)) ** 2
+    return np.concatenate([below, np.maximum(above, horizon_deg + JUST_DEG), [beyond]])
 
 
 @dataclass(frozen=True)
 class Tables:
     """sky, aureole (4, altitude, sun, row, azimuth) [cd m^-2]; spectrum (W, altitude, sun, row, azimuth) [sr^-1] at
-    every second texel without the row beyond the zenith; phase (256, 4); horizon_deg (altitude,).
+    every second texel without the row beyond the zenith; phase (256, 4); horizon_deg, haze_deg (altitude,): apparent
+    elevations of the horizon and of the ray that grazes the top of the haze.
 
     aureole and phase are None in air without aerosol.
     """
@@ -57,6 +73,7 @@ class Tables:
     spectrum: np.ndarray
     phase: np.ndarray | None
     horizon_deg: np.ndarray
+    haze_deg: np.ndarray
 
 
 def fill(
@@ -73,16 +90,17 @@ def fill(
     """
     suns = own.sun_nodes(sizes.suns) if suns_deg is None else suns_deg
     azimuths = own.azimuth_nodes(sizes.azimuths)
-    rows = sizes.ground + sizes.sky + 1
+    rows, haze_km = sizes.ground + sizes.haze + sizes.sky + 1, source.haze_top_km()
     shape = (CHANNELS, len(altitudes_km), suns.size, rows, sizes.azimuths)
     sky = np.empty(shape)
     aureole = None if source.phase is None else np.empty(shape)
     phase = None if source.phase is None else channels.of(source.phase) / channels.of(np.ones_like(source.phase))
-    coarse, horizons = [], []
+    coarse, horizons, hazes = [], [], []
     for i, altitude in enumerate(altitudes_km):
         horizon = source.horizon_deg(altitude)
         horizons.append(horizon)
-        row = elevation_rows(horizon, sizes)
+        hazes.append(source.grazing_deg(altitude, haze_km))
+        row = elevation_rows(horizon, hazes[-1], sizes)
         elevation, azimuth = np.meshgrid(row, azimuths, indexing="ij")
         # beyond the zenith: the same direction named from the other side
         over = elevation > 90.0
@@ -93,7 +111,7 @@ def fill(
             spectra[j] = source.radiance(altitude, float(sun), elevation, azimuth)
             progress(f"{altitude:g} km", (i + 0.9 * (j + 1) / suns.size) / len(altitudes_km))
         light = np.maximum(channels.of(spectra), DARK)
-        kept = every_second(sizes.ground, sizes.sky)
+        kept = every_second(sizes.ground, sizes.haze + sizes.sky)
         coarse.append(np.maximum(spectra[::2][:, kept][:, :, ::2], DARK))
         if aureole is not None and phase is not None:
             once = _once_scattered(source, channels, altitude, row, azimuths, suns)
@@ -105,7 +123,7 @@ def fill(
         sky[:, i] = np.moveaxis(light, -1, 0)
         progress(f"{altitude:g} km", (i + 1) / len(altitudes_km))
     spectrum = np.moveaxis(np.stack(coarse), -1, 0)
-    return Tables(sky, aureole, spectrum, phase, np.array(horizons))
+    return Tables(sky, aureole, spectrum, phase, np.array(horizons), np.array(hazes))
 
 
 def every_second(ground: int, above: int) -> np.ndarray:

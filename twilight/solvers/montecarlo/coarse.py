@@ -22,6 +22,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.kernels import njit
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, Air, prepare_air
+from twilight.solvers.montecarlo.altitudes import THICK, diffusing_depth
 from twilight.solvers.montecarlo.ground import ground_share
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import trace
@@ -32,10 +33,8 @@ from twilight.solvers.montecarlo.steering import (
     DARK,
     N_AZIMUTHS,
     N_DIRECTIONS,
-    THICK,
     Steering,
     altitude_index,
-    diffusing_depth,
     empty_steering,
     source_directions,
     sun_index,

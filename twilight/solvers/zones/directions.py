@@ -22,6 +22,9 @@ ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
 them in ten events and more, each from a line on the horizon: the later ones follow moments down to the third."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
+THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
+"""A layer between two sharp edges less than the first apart, with an optical depth of scattering of more than the
+second and coefficients the third times those of the layers beside it, is a thin one."""
 
 
 def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
@@ -57,6 +60,19 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
             late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
         )
     return out
+
+
+def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
+    """Bases [km] and largest optical depths of scattering of the thin layers, (N,) each; profile: of the scaled air."""
+    z, per_km = profile.altitude_km, profile.scattering
+    through = np.insert(np.cumsum(0.5 * np.diff(z)[:, None] * (per_km[1:] + per_km[:-1]), axis=0), 0, 0.0, axis=0)
+    edges = np.concatenate([z[:1], profile.sharp_km, z[-1:]])
+    width = np.diff(edges)
+    depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1)
+    mean = np.pad(depth / width, ((0, 0), (1, 1)))
+    stands_out = mean[:, 1:-1] > STANDS_OUT * np.maximum(mean[:, :-2], mean[:, 2:])
+    thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out, axis=0)
+    return edges[:-1][thin], depth.max(axis=0)[thin]
 
 
 def _grown(least: int, wanted: int, step: tuple[int, int]) -> int:

@@ -18,6 +18,9 @@ from twilight.transport.bundle import Rays, species_share
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE
 from twilight.transport.matrix_moments import MatrixMoments
 
+AT_ONCE = 8192
+"""Points that are made at once: what is computed on the way takes several times the result."""
+
 
 def lanes_of(array: np.ndarray, block: int) -> np.ndarray:
     """Wavelengths of one block of LANES along the last axis, float32; the last one is repeated to fill it."""
@@ -61,6 +64,28 @@ def make_points(
     rays: Rays, scattering: Scattering, nodes_km: np.ndarray, step_rad: float, series: Series, block: int
 ) -> Points:
     """scattering: of the scaled medium; step_rad: of the geocentric angles of the turning table."""
+    n_points = rays.place.shape[0]
+
+    def made(piece: slice) -> Points:
+        some = rays._replace(place=rays.place[piece], weight=rays.weight[piece])
+        return _points(some, scattering, nodes_km, step_rad, series, block)
+
+    first = made(slice(0, AT_ONCE))
+    if n_points <= AT_ONCE:
+        return first
+    # without polarisation there is no matrix of every point
+    out = Points(*(np.empty((n_points, *a.shape[1:]), a.dtype) if a.shape[0] == AT_ONCE else a for a in first))
+    for start in range(0, n_points, AT_ONCE):
+        piece = slice(start, start + AT_ONCE)
+        for whole, part in zip(out, made(piece) if start else first, strict=True):
+            if whole.shape[0] == n_points:
+                whole[piece] = part
+    return out
+
+
+def _points(
+    rays: Rays, scattering: Scattering, nodes_km: np.ndarray, step_rad: float, series: Series, block: int
+) -> Points:
     z = rays.place[:, ALTITUDE]
     node = np.clip(np.searchsorted(nodes_km, z, side="right") - 1, 0, nodes_km.size - 2)
     share = np.clip((z - nodes_km[node]) / np.diff(nodes_km)[node], 0.0, 1.0)

@@ -13,6 +13,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightWarning
 from twilight.progress import Progress, silent
 from twilight.solvers.base import Convergence
+from twilight.solvers.zones.directions import thin_layers
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.reach import LAST_ZENITH_DEG, zenith_range
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
@@ -23,6 +24,8 @@ THICK = 100.0
 """Vertical scattering optical depth, forward peaks left out, up to which thick white air was compared with doubling."""
 PEAKED, PEAKED_DEPTH = 0.88, 0.1
 """Asymmetry parameter of a kind of aerosol, and its optical depth, beyond which errors of `standard` exceed 2 %."""
+HIGH_KM = 10.0
+"""Base of a thin layer from which on the light that leaks along it after sunset is not known to be right."""
 TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
 """Where two qualities are compared if the suns of the scene are not known."""
 
@@ -94,6 +97,17 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
             "follow: beside the referee, quality standard is 2 % off at an asymmetry of 0.9, 5 % at 0.95 and 15 % at "
             f"0.99, where its optical depth is 0.5 and the sight is low; here it is {peaked_depth:.2g}",
+            TwilightWarning,
+            stacklevel=3,
+        )
+    base, layer_depth = thin_layers(field.profile)
+    high = base >= HIGH_KM
+    if settings.max_events > 1 and high.any() and field.sun_range_deg[0] < 0.0:
+        warnings.warn(
+            f"a layer of optical depth {layer_depth[high][0]:.2g}, thinner than 2 km, at {base[high][0]:.3g} km: with "
+            "the sun below the horizon light leaks along it by tens of events, and the zones solver may be wrong by "
+            "tens of per cent; for one of 1 km and optical depth 1 at 50 km, sun at -6 deg, standard was up to 35 % "
+            "darker than the referee",
             TwilightWarning,
             stacklevel=3,
         )
