@@ -17,6 +17,9 @@ below the second no degree in the later ones."""
 AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 """Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
 nearly the same share them, and none moves its neighbours."""
+ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
+"""Where particles above the first scatter with more than the second, a volcano's, the light of deep twilight goes along
+them in ten events and more, each from a line on the horizon: the later ones follow moments down to the third."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
@@ -44,7 +47,10 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     moments = np.einsum("kzw,klw->lzw", share, scaled.moments).max(axis=(1, 2))
     degrees = moments.size
     around = min(_grown(settings.azimuth_directions, int(np.sum(moments > EARLY_MOMENT)), AROUND_STEP), degrees)
-    late = min(_grown(settings.late_degree, int(np.sum(moments > LATE_MOMENT)), LATE_STEP), settings.degree)
+    aloft = np.where(z[:, None] >= ALOFT_KM, profile.species_scattering[1:].sum(axis=0), 0.0)
+    layered = np.trapezoid(aloft, z, axis=0).max() > ALOFT_DEPTH
+    least = ALOFT_MOMENT if layered else LATE_MOMENT
+    late = min(_grown(settings.late_degree, int(np.sum(moments > least)), LATE_STEP), settings.degree)
     out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
     if late > settings.late_degree:
         out = replace(
