@@ -26,7 +26,6 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.passes import scatter
-from twilight.solvers.zones.stage import Air, make_stage
 from twilight.transport.lines import horizon_cosine
 
 HERE = Path(__file__).parent
@@ -103,10 +102,7 @@ def polar() -> None:
     """zones_limits_polar.csv"""
     medium = climate_medium(load_climate("volcanic-extreme"), np.array([680.0]))
     field = zones.prepare(medium, COARSE, sun_elevations_deg=(-18.0,))
-    air = Air(
-        medium, COARSE, field.scattering, field.scaled.forward_share, field.path_profile, field.nodes, field._edge
-    )
-    passes = make_stage(air, FINE, COARSE.azimuth_directions, COARSE.degree, 0)(0)
+    passes = field._stage(FINE, COARSE.azimuth_directions, COARSE.degree, 0)(0)
     light, angles, nodes = field.solutions[0].light, passes.angles, field.nodes
     out, ground = passes._empty(), passes.ground()
     n_polar = angles.cosine.shape[1]

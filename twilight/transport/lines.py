@@ -101,22 +101,15 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
 def horizon_cosine(profile: Profile, altitude_km: np.ndarray) -> np.ndarray:
     """Cosines (Z,) of the zenith angles under which rays from these altitudes touch the ground, 0 from the ground on.
 
+    Where n is the index and r the distance to the Earth's centre, n r sin(zenith angle) is the same all along a ray.
     Refraction raises the horizon by 0.02 to 0.19 deg: from above, light comes from around the Earth's edge.  0 too
     where rays that leave the ground level are turned back to it.
-    """
-    return touching_cosine(profile, altitude_km, float(profile.altitude_km[0]))
-
-
-def touching_cosine(profile: Profile, altitude_km: np.ndarray, lowest_km: float) -> np.ndarray:
-    """Cosines (Z,) of the zenith angles of rays from these altitudes whose lowest point is at `lowest_km`, 0 below it.
-
-    Where n is the index and r the distance to the Earth's centre, n r sin(zenith angle) is the same all along a ray.
     """
     z = profile.altitude_km
     gradient = profile.gradient_per_km
     log_index = np.insert(np.cumsum(0.5 * np.diff(z) * (gradient[1:] + gradient[:-1])), 0, 0.0)
-    ratio = np.log((profile.earth_radius_km + lowest_km) / (profile.earth_radius_km + altitude_km))
-    log_sine = np.minimum(0.0, ratio + np.interp(lowest_km, z, log_index) - np.interp(altitude_km, z, log_index))
+    ratio = np.log((profile.earth_radius_km + z[0]) / (profile.earth_radius_km + altitude_km))
+    log_sine = np.minimum(0.0, ratio - np.interp(altitude_km, z, log_index))
     return -np.sqrt(-np.expm1(2.0 * log_sine))
 
 

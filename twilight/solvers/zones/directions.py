@@ -18,8 +18,8 @@ AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 """Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
 nearly the same share them, and none moves its neighbours."""
 ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
-"""Where particles above the first scatter with more than the second, a volcano's, the light of deep twilight goes along
-them in ten events and more, each from a line on the horizon: the later ones follow moments down to the third."""
+"""Where particles above the first scatter with more than the second, a volcano's, red light of deep twilight has gone
+through ten events, each of which sees a line on the horizon: the later ones follow moments down to the third."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
@@ -36,7 +36,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
     moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
-    twilight; they take as many polar angles a side and azimuths as that degree.
+    twilight, and down to ALOFT_MOMENT under a volcano's layer; they take as many polar angles a side and azimuths as
+    that degree.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """

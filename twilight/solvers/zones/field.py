@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 
@@ -14,30 +15,29 @@ from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.zones.alike import lay_out
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
-from twilight.solvers.zones.grid import Series, zenith_nodes
-from twilight.solvers.zones.haze import edge_of
+from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
 from twilight.solvers.zones.paths import (
     LANES,
     Scattering,
     lanes_of,
     make_points,
+    make_turning,
 )
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.reach import LAST_ZENITH_DEG, reach_deg
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.sights import KeptLines, LinesOfSight, make_lines
 from twilight.solvers.zones.solution import Nodes, Passes, Solution
-from twilight.solvers.zones.stage import Air, make_stage
 from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.view import reference_turns, sun_lift, view_multiple
-from twilight.solvers.zones.water import place_of_cosine, surface_of, view_sunlit_water
+from twilight.solvers.zones.water import place_of_cosine, reflection, surface_of, view_sunlit_water
 from twilight.threads import in_slices
 from twilight.transport.around import Directions, once_each, smooth_around
 from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.bundle import trace_rays
-from twilight.transport.lines import with_refraction
+from twilight.transport.lines import ANGLE, horizon_cosine, with_refraction
 from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase, species_polarising_phase
@@ -98,7 +98,6 @@ class Field(BareField):
         bent = with_refraction(self.profile, layout.bends)
         self.sight_profile = bent if settings.bent_lines_of_sight else self.profile
         self.path_profile = bent if settings.bent_paths else self.profile
-        self._edge = edge_of(self.path_profile, altitude, layout.haze_top_km)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
         self.nodes = Nodes.of(altitude, zenith, self.profile.sharp_km)
         self.convergence: Convergence | None = None
@@ -144,21 +143,12 @@ class Field(BareField):
     def _solve(self, tell: Progress) -> None:
         s = self.directions
         tell("rays", 0.05)
-        air = Air(
-            self.medium,
-            self.settings,
-            self.scattering,
-            self.scaled.forward_share,
-            self.path_profile,
-            self.nodes,
-            self._edge,
-        )
-        early = make_stage(air, s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
+        early = self._stage(s.polar_directions, s.azimuth_directions, s.degree, self._pattern_degree)
         late_patterns = s.late_polarisation_degree if s.polarisation else 0
-        late = make_stage(air, s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
+        late = self._stage(s.late_polar_directions, s.late_azimuth_directions, s.late_degree, late_patterns)
         # made where there is thick white air only
         polar = max(s.late_polar_directions, THICK_PER_DEGREE * s.late_degree)
-        thick_stage = cache(lambda: make_stage(air, polar, s.late_azimuth_directions, s.late_degree, late_patterns))
+        thick_stage = cache(lambda: self._stage(polar, s.late_azimuth_directions, s.late_degree, late_patterns))
 
         def thick(block: int) -> Passes:
             return thick_stage()(block)
@@ -183,6 +173,34 @@ class Field(BareField):
         """Vertical optical depth (W,) of scattering that turns light around: each share of it times 1 - g."""
         turned = self.profile.species_scattering * (1.0 - self.scaled.moments[:, 1])[:, None]
         return np.trapezoid(turned.sum(axis=0), self.profile.altitude_km, axis=0)
+
+    def _stage(self, polar: int, around: int, degree: int, pattern_degree: int) -> Callable[[int], Passes]:
+        """What orders of scattering need at one number of directions, harmonics and patterns, for each block of
+        wavelengths."""
+        n = self.nodes
+        horizon = horizon_cosine(self.path_profile, n.altitude_km)
+        angles = make_angles(horizon, polar, around, degree, pattern_degree)
+        start = np.repeat(n.altitude_km, angles.cosine.shape[1])
+        rays = trace_rays(self.path_profile, start, angles.cosine.ravel(), self.settings.step_density)
+        # air with nothing in it has no points along its rays
+        longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
+        turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
+        scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
+        # as many as the first light of the early events can have
+        orders = self.settings.degree + 1
+        above = angles.cosine[0, angles.below :]
+
+        def of(block: int) -> Passes:
+            points = make_points(rays, scattering, n.fine_altitude_km, turning.step_rad, angles.series, block)
+            water = None
+            if self.medium.has_water:
+                surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), block).astype(int))
+                water = reflection(above, orders, 3 if self.settings.polarisation else 1, *surface)
+            return Passes(
+                n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block, water
+            )
+
+        return of
 
     @property
     def _pattern_degree(self) -> int:

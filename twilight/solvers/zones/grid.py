@@ -20,8 +20,6 @@ HORIZON_WIDTH = 0.03
 CENTRE = 0.75
 """Polar angles cluster within this cosine of the horizon, where the light of twilight comes from: those above it around
 this share of its cosine, since from high up the glow is a line on the horizon."""
-EDGE_WIDTH = 0.025
-"""The same above the edge of a haze that light ends at."""
 MOST_FITTED, AWAY = 4, 0.25
 """Terms of the polynomials in light away from the horizon, and the cosine from it that counts as away."""
 LOW_DEGREE = 2
@@ -83,14 +81,6 @@ class Angles:
         return np.flatnonzero(np.concatenate([of_i, of_qu, of_qu]))
 
 
-class Edge(NamedTuple):
-    """cosine (Z,): of the zenith angle under which rays from the nodes touch the top of a haze, 0 for nodes in it;
-    directions: polar angles between it and the horizon."""
-
-    cosine: np.ndarray
-    directions: int
-
-
 class Series(NamedTuple):
     """degree and orders (number of, from 0) of the harmonics of I, and of the patterns of Q and U (0 for none)."""
 
@@ -106,35 +96,19 @@ class Series(NamedTuple):
         return Series(degree, min(degree, around - 1) + 1, n, min(n, around - 1) + 1 if n else 0)
 
 
-def directions_below(per_side: int) -> int:
-    """Polar angles below the horizon, of so many above it."""
-    return max(7 * per_side // 10, 2)
-
-
-def make_angles(
-    horizon_cosine: np.ndarray,
-    per_side: int,
-    around: int,
-    degree: int,
-    pattern_degree: int = 0,
-    edge: Edge | None = None,
-) -> Angles:
-    """`per_side` polar angles above and `directions_below` the horizon of each altitude, times `around` azimuths.
+def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int, pattern_degree: int = 0) -> Angles:
+    """`per_side` polar angles above and as many below the horizon of each altitude, times `around` azimuths.
 
     horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
-    pattern_degree: of the patterns of Q and U, 0 for none; edge: where light ends above the horizon, None where it does
-    not.
+    pattern_degree: of the patterns of Q and U, 0 for none.
     """
     series = Series.of(degree, pattern_degree, around)
-    n_below = directions_below(per_side)
+    n_below = max(7 * per_side // 10, 2)
     cosine = np.empty((horizon_cosine.size, per_side + n_below))
     weight = np.empty_like(cosine)
     for k, h in enumerate(horizon_cosine):
         below, w_below = _clustered(-1.0, h, h, HORIZON_WIDTH, n_below)
-        if edge is None or edge.cosine[k] <= h or edge.cosine[k] >= 0.0:
-            above, w_above = _clustered(h, 1.0, CENTRE * h, HORIZON_WIDTH, per_side)
-        else:
-            above, w_above = _parted(h, edge.cosine[k], min(edge.directions, per_side // 2), per_side)
+        above, w_above = _clustered(h, 1.0, CENTRE * h, HORIZON_WIDTH, per_side)
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
@@ -248,16 +222,6 @@ def _clustered(low: float, high: float, centre: float, width: float, n: int) -> 
     t = a + (b - a) * 0.5 * (x + 1.0)
     w = w * np.cosh(t)
     return centre + width * np.sinh(t), w * ((high - low) / w.sum())
-
-
-def _parted(low: float, edge: float, n_under: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss points and weights on low..1 where light ends at the cosine `edge`, as the root of the distance to it:
-    n_under below it, uniform in that root, the others as `_clustered` has them."""
-    x, w = np.polynomial.legendre.leggauss(n_under)
-    root = 0.5 * (x[::-1] + 1.0)
-    under, w_under = edge - (edge - low) * root**2, w[::-1] * root
-    above, w_above = _clustered(edge, 1.0, CENTRE * edge, EDGE_WIDTH, n - n_under)
-    return np.append(under, above), np.append(w_under * ((edge - low) / w_under.sum()), w_above)
 
 
 def even_harmonics(cosine: np.ndarray, degree: int, highest: int) -> np.ndarray:

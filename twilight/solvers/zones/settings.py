@@ -12,7 +12,7 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    polar_directions: directions above the horizon; there are 7 below for every 10
+    polar_directions: directions per hemisphere
     azimuth_directions: directions over half a turn, more beside coarse particles; orders of the series in azimuth are
         fewer than these
     early_events: scattering events that are followed with these; the light of later ones is smooth
@@ -47,7 +47,7 @@ class ZonesSettings:
     late_azimuth_directions: int = 7
     altitude_density: float = 1.0
     zenith_density: float = 1.0
-    step_density: float = 1.0
+    step_density: float = 0.7
     sight_density: float = 1.5
     beam_density: float = 1.0
     max_events: int = 200
