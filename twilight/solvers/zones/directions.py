@@ -21,6 +21,9 @@ nearly the same share them, and none moves its neighbours."""
 MOST_IN_PEAK, DEGREE_STEP = 0.055, 4
 """Share of the scattering, anywhere in the air, that may count as not scattered because it goes into the forward peak;
 the degree of the series grows by the second until it does."""
+ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
+"""Where particles above the first scatter with more than the second, a volcano's, red light of deep twilight has gone
+through ten events, each of which sees a line on the horizon: the later ones follow moments down to the third."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
@@ -66,7 +69,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
     moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
-    twilight; they take as many polar angles a side and azimuths as that degree.
+    twilight, and down to ALOFT_MOMENT under a volcano's layer; they take as many polar angles a side and azimuths as
+    that degree.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
@@ -77,7 +81,10 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     moments = np.einsum("kzw,klw->lzw", share, scaled.moments).max(axis=(1, 2))
     degrees = moments.size
     around = min(_grown(settings.azimuth_directions, int(np.sum(moments > EARLY_MOMENT)), AROUND_STEP), degrees)
-    late = min(_grown(settings.late_degree, int(np.sum(moments > LATE_MOMENT)), LATE_STEP), settings.degree)
+    aloft = np.where(z[:, None] >= ALOFT_KM, profile.species_scattering[1:].sum(axis=0), 0.0)
+    layered = np.trapezoid(aloft, z, axis=0).max() > ALOFT_DEPTH
+    least = ALOFT_MOMENT if layered else LATE_MOMENT
+    late = min(_grown(settings.late_degree, int(np.sum(moments > least)), LATE_STEP), settings.degree)
     out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
     if late > settings.late_degree:
         out = replace(
