@@ -5,7 +5,7 @@
 
 Writes benchmarks/coarse_particles.csv, of `desert` with the sun at 5, 0, -6 and -18 deg, per direction and wavelength:
 the error of `standard` against benchmarks/reference/desert.csv with the referee's own, and by how much settings change
-the radiance, one at a time.  Changes are taken on fewer altitudes and solar zenith angles than `standard` has (`NODES`).
+the radiance, one at a time, on fewer altitudes and solar zenith angles than those of `standard` (`NODES`).
 
 Writes benchmarks/coarse_particles_quadrature.csv, of all types of aerosol half a kilometre above the ground: what is
 missing (negative) or too much after one scattering into an elevation, in shares of the mean over the elevations, of
