@@ -29,7 +29,7 @@ from twilight.solvers.compact.recognise import air_of
 from twilight.splines import spline_coefficients
 
 GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
-RANKS = {"dark": (80, 36, 12, 6), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
+RANKS = {"dark": (70, 32, 12, 8), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
 """Of direction, sun, wavelength and amount."""
 SMOOTH_QUALITY = "draft"
 """Of the light of the ground and the change with ozone, which are small parts of the light."""
