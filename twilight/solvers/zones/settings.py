@@ -50,7 +50,7 @@ class ZonesSettings:
     late_azimuth_directions: int = 7
     altitude_density: float = 1.0
     zenith_density: float = 1.0
-    step_density: float = 0.5
+    step_density: float = 0.7
     first_step_density: float = 2.0
     sight_density: float = 1.5
     beam_density: float = 1.0
@@ -119,7 +119,7 @@ QUALITIES: dict[str, ZonesSettings] = {
         altitude_density=0.5,
         zenith_density=0.6,
         step_density=0.4,
-        first_step_density=0.6,
+        first_step_density=1.0,
         sight_density=1.0,
         beam_density=0.5,
         tolerance=1e-2,
