@@ -4,12 +4,13 @@
     python benchmarks/zones_limits.py steps          zones_limits.csv
     python benchmarks/zones_limits.py polar          zones_limits_polar.csv
 
-The first: errors of `standard` against the referee's directions (benchmarks/reference) as it is, with steps of the first
-event as coarse as those of the later ones, and with finer ones of these, and the processor time of the field.  The
-second, at 680 nm in volcanic-extreme air under suns far below the horizon: what one scattering event gets wrong, in per
-cent of the light from all directions at an altitude, because of the places of the polar angles above the horizon.  `clustered`: those of `zones`, close together at the horizon;
-`parted`: as many, of which two lie below and the others above the direction that touches the top of the haze, where
-the extinction halves at once and the glow from behind the Earth's edge is cut off.
+The first: errors of `standard` against the referee's directions (benchmarks/reference) as it is, with steps of the
+first event as coarse as those of the later ones, and with finer ones of these, and the processor time of the field.
+The second, at 680 nm in volcanic-extreme air under suns far below the horizon: what one scattering event gets wrong, in
+per cent of the light from all directions at an altitude, because of the places of the polar angles above the horizon.
+`clustered`: those of `zones`, close together at the horizon; `parted`: as many, of which two lie below and the others
+above the direction that touches the top of the haze, where the extinction halves at once and the glow from behind the
+Earth's edge is cut off.
 """
 
 from __future__ import annotations

@@ -66,7 +66,9 @@ def test_light_under_a_volcanic_layer_has_settled():
     medium = climate_medium(load_climate("volcanic-extreme"), WAVELENGTH_NM)
     elevation, azimuth = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
     suns, bounds = (0.0, -12.0, -18.0), (0.003, 0.006, 0.015)
-    coarse = replace(SCALAR, zenith_density=0.5, polar_directions=6, degree=8, late_degree=4, azimuth_directions=7)
+    coarse = replace(
+        SCALAR, zenith_density=0.5, polar_directions=6, degree=8, coarse_degree=8, late_degree=4, azimuth_directions=7
+    )
     skies = []
     for density in (1.0, 2.0):
         field = zones.prepare(medium, replace(coarse, altitude_density=density), sun_elevations_deg=suns)
