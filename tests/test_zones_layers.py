@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from layered_sky import layered
+from plane_parallel import RAYLEIGH, Slabs, henyey_greenstein
 
 from twilight.config.load import load_climate
 from twilight.errors import TwilightWarning
@@ -110,3 +112,31 @@ def test_a_high_thin_layer_after_sunset_is_said_to_be_uncertain(base_km, depth, 
         warnings.simplefilter("always", TwilightWarning)
         zones.prepare(layered(base_km, 1.0, depth), few, sun_elevations_deg=[sun_deg])
     assert [f"at {base_km:g} km: with the sun below the horizon" in str(w.message) for w in told] == [True] * said
+
+
+@pytest.mark.parametrize(
+    ("layer", "quality", "allowed"),
+    [
+        ((3.0, 0.01, 2.0), "draft", 0.03),
+        ((50.0, 1.0, 1.0), "draft", 0.02),
+        pytest.param((3.0, 0.01, 2.0), "standard", 0.01, marks=pytest.mark.slow),
+        pytest.param((50.0, 1.0, 1.0), "standard", 0.025, marks=pytest.mark.slow),
+    ],
+)
+def test_a_thin_layer_from_above_and_from_below(layer, quality, allowed):
+    """Straight down and in the zenith, sun at 30 deg, against plane-parallel doubling and adding, without air in the
+    layer.  Four polar angles below the horizon, and harmonics lost in thick air, made it up to 9 % too dark from above.
+    """
+    base, thickness, depth = layer
+    top = base + thickness
+    levels = [100.0, top + 5.0, top]
+    air = [0.1 * (np.exp(-low / 8.0) - np.exp(-high / 8.0)) for high, low in pairwise(levels)]
+    below = (0.1 * (1.0 - np.exp(-base / 8.0)), 1.0, RAYLEIGH)
+    layers = [*((d, 1.0, RAYLEIGH) for d in air), (depth, 1.0, henyey_greenstein(0.7)), below]
+    streams = 24
+    truth = Slabs(layers, 0.0, 0.5, streams)
+    settings = replace(zones.QUALITIES[quality], polarisation=False)
+    field = zones.prepare(layered(*layer), settings, observer_altitude_km=top + 5.0, sun_elevations_deg=[30.0])
+    down = field.radiance(30.0, [-90.0], [40.0])[0, 0]
+    up = field.radiance(30.0, [90.0], [40.0], observer_altitude_km=0.0)[0, 0]
+    np.testing.assert_allclose([down, up], [truth.up[1][streams], truth.down[-1][streams]], rtol=allowed)

@@ -29,6 +29,8 @@ SEEN = 0.01
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
 """A layer between two sharp edges less than the first apart, with an optical depth of scattering of more than the
 second and coefficients the third times those of the layers beside it, is a thin one."""
+THIN_POLAR = 10
+"""Polar angles a side in the later events where there is one."""
 
 
 def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
@@ -70,7 +72,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
     moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
     twilight, and down to ALOFT_MOMENT under a volcano's layer; they take as many polar angles a side and azimuths as
-    that degree.
+    that degree.  Beside a thin layer they take THIN_POLAR polar angles at least: four below the horizon saw such a
+    layer from above 6 % too bright.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
@@ -93,6 +96,8 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
             late_polar_directions=max(settings.late_polar_directions, late),
             late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
         )
+    if thin_layers(profile)[0].size:
+        out = replace(out, late_polar_directions=max(out.late_polar_directions, THIN_POLAR))
     return out
 
 

@@ -94,6 +94,7 @@ class Field(BareField):
         self.profile, altitude = layout.profile, layout.altitude_km
         self.directions = layout.directions
         """The settings with the degree and as many directions and harmonics as this air needs."""
+        self._thin_layer = layout.thin_layer
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
         bent = with_refraction(self.profile, layout.bends)
@@ -305,7 +306,9 @@ class Field(BareField):
         density = self.settings.sight_density
         sights = self._sights.get(
             (altitude, with_ground, rows.tobytes()),
-            lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
+            lambda: make_lines(
+                self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground, self._thin_layer
+            ),
         )
         lift = sun_lift(self.beam, altitude, directions.zenith_rad)
         out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))
