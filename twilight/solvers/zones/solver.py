@@ -122,7 +122,8 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
             TwilightWarning,
             stacklevel=3,
         )
-    base, layer_depth = thin_layers(field.profile)
+    layers, layer_depth = thin_layers(field.profile)
+    base = layers[:, 0]
     high = base >= HIGH_KM
     if settings.max_events > 1 and high.any() and field.sun_range_deg[0] < 0.0:
         warnings.warn(
