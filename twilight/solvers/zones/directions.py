@@ -17,6 +17,9 @@ below the second no degree in the later ones."""
 AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 """Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
 nearly the same share them, and none moves its neighbours."""
+ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
+"""Where particles above the first scatter with more than the second, a volcano's, red light of deep twilight has gone
+through ten events, each of which sees a line on the horizon: the later ones follow moments down to the third."""
 SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
@@ -37,10 +40,11 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
     to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
     moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
-    twilight; they take as many polar angles a side and azimuths as that degree.  Beside a thin layer they take
-    THIN_POLAR polar angles at least: four below the horizon saw such a layer from above 6 % too bright.  They follow
-    moments down to THIN_MOMENT there, since light that comes along the layer is no smooth one: what of it turns into
-    the zenith was 30 % too little with degree 6 at an asymmetry of 0.7, and is within 1 % with 14.
+    twilight, and down to ALOFT_MOMENT under a volcano's layer; they take as many polar angles a side and azimuths as
+    that degree.  Beside a thin layer they take THIN_POLAR polar angles at least: four below the horizon saw such a
+    layer from above 6 % too bright.  They follow moments down to THIN_MOMENT there, since light that comes along the
+    layer is no smooth one: what of it turns into the zenith was 30 % too little with degree 6 at an asymmetry of 0.7,
+    and is within 1 % with 14.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
@@ -52,7 +56,9 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     degrees = moments.size
     around = min(_grown(settings.azimuth_directions, int(np.sum(moments > EARLY_MOMENT)), AROUND_STEP), degrees)
     thin = thin_layers(profile)[0].size > 0
-    least = THIN_MOMENT if thin else LATE_MOMENT
+    aloft = np.where(z[:, None] >= ALOFT_KM, profile.species_scattering[1:].sum(axis=0), 0.0)
+    layered = np.trapezoid(aloft, z, axis=0).max() > ALOFT_DEPTH
+    least = THIN_MOMENT if thin else ALOFT_MOMENT if layered else LATE_MOMENT
     late = min(_grown(settings.late_degree, int(np.sum(moments > least)), LATE_STEP), settings.degree)
     out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
     if late > settings.late_degree:
