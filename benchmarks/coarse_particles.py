@@ -3,9 +3,9 @@
     python benchmarks/coarse_particles.py                both tables
     python benchmarks/coarse_particles.py quadrature     the second
 
-Writes benchmarks/coarse_particles.csv, of `desert` with the sun at 5, -6 and -18 deg, per direction and wavelength: the
-error of `standard` against benchmarks/reference/desert.csv with the referee's own, and by how much settings change the
-radiance, one at a time.  Changes are taken on fewer altitudes and solar zenith angles than `standard` has (`NODES`).
+Writes benchmarks/coarse_particles.csv, of `desert` with the sun at 5, 0, -6 and -18 deg, per direction and wavelength:
+the error of `standard` against benchmarks/reference/desert.csv with the referee's own, and by how much settings change
+the radiance, one at a time, on fewer altitudes and solar zenith angles than those of `standard` (`NODES`).
 
 Writes benchmarks/coarse_particles_quadrature.csv, of all types of aerosol half a kilometre above the ground: what is
 missing (negative) or too much after one scattering into an elevation, in shares of the mean over the elevations, of
@@ -31,13 +31,13 @@ from twilight.transport.bundle import species_share
 from twilight.transport.scaling import delta_scaled
 
 HERE = Path(__file__).parent
-SUNS_DEG = (5.0, -6.0, -18.0)
+SUNS_DEG = (5.0, 0.0, -6.0, -18.0)
 STANDARD = zones.QUALITIES["standard"]
 NODES = {"altitude_density": 0.5, "zenith_density": 0.6, "tolerance": 1e-2}
 CHANGES: dict[str, dict[str, float]] = {
-    "degree_28": {"degree": 28},
-    "degree_28_polar_directions_20": {"degree": 28, "polar_directions": 20},
-    "degree_32_polar_directions_24": {"degree": 32, "polar_directions": 24},
+    "coarse_degree_20": {"coarse_degree": 20},
+    "coarse_degree_28": {"coarse_degree": 28},
+    "coarse_degree_48": {"coarse_degree": 48},
     "polar_directions_24": {"polar_directions": 24},
     "early_events_6": {"early_events": 6},
     "step_density_1.4": {"step_density": 1.4},
@@ -54,8 +54,8 @@ TYPES = (
     "maritime-tropical",
     "urban",
 )
-QUADRATURES = ((20, 14), (32, 20))
-"""degree and polar_directions of `standard` and of `reference`."""
+QUADRATURES = ((20, 14), (32, 14), (32, 20))
+"""degree and polar_directions of `standard`, in most air and beside coarse particles, and of `reference`."""
 SKIES: dict[str, Callable[[np.ndarray], np.ndarray]] = {"even": np.ones_like, "falling": lambda x: np.exp(-x / 0.3)}
 """Light by the cosine of the zenith angle, above the horizon."""
 ELEVATIONS_DEG = (1.0, 6.0, 20.0, 45.0, 60.0, 75.0, 82.0, 90.0)

@@ -303,7 +303,7 @@ def test_no_light_is_isotropic_and_tiny():
 
 
 def test_settings_and_observers_out_of_range_are_named(hazy, small):
-    with pytest.raises(TwilightError, match=r"solver\.degree is 1; allowed is 2 to 32"):
+    with pytest.raises(TwilightError, match=r"solver\.degree is 1; allowed is 2 to 48"):
         replace(SMALL, degree=1)
     with pytest.raises(
         TwilightError, match=r"solver\.late_azimuth_directions is 6; allowed is up to azimuth_directions, 3"

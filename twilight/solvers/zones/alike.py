@@ -10,7 +10,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.reference import RANGES, range_of
 from twilight.atmosphere.refraction import ciddor_refractivity
-from twilight.solvers.zones.directions import near_edges, needed, thin_layers
+from twilight.solvers.zones.directions import near_edges, needed, thin_layers, with_degree
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
@@ -40,6 +40,15 @@ class Layout(NamedTuple):
     thin_layer: bool
 
 
+def settings_for(medium: Medium, settings: ZonesSettings) -> ZonesSettings:
+    """The settings with the degree that a medium needs, or that the ranges of its wavelengths need where it has their
+    grids."""
+    clearest = _clearest(medium)
+    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
+    serves = fixed is not None and _serves(fixed, medium if clearest is None else medium.select(clearest)).all()
+    return with_degree(settings, fixed if fixed is not None and serves else medium)
+
+
 def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> Layout:
     """Grids for all wavelengths of a medium: those of their ranges, if these serve; else made for the medium itself.
 
@@ -47,7 +56,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
     that follow the darkest lane were six times as many, and moved the light by less than nodes that are twice as dense
     move that of any wavelength; steps that follow it made each lane depend on the others.
 
-    scaled: the medium with phase functions of the settings' degree
+    scaled: the medium with phase functions of the settings' degree; settings: of `settings_for`
     """
     clearest = _clearest(medium)
     clear = medium if clearest is None else medium.select(clearest)
@@ -95,7 +104,9 @@ def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
 
 
 def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
-    scaled = delta_scaled(medium.select(slice(w, w + 1)), settings.degree)
+    one = medium.select(slice(w, w + 1))
+    settings = with_degree(settings, one)
+    scaled = delta_scaled(one, settings.degree)
     profile = prepare_profile(scaled.medium)
     nodes = _field_altitudes(medium, profile, settings.altitude_density)
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])

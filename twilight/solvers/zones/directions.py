@@ -1,4 +1,4 @@
-"""How many directions and harmonics the air's phase functions need: more beside coarse particles."""
+"""How many degrees, directions and harmonics the air's phase functions need: more beside coarse particles."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.bundle import species_share
 from twilight.transport.profile import Profile
@@ -17,6 +18,9 @@ below the second no degree in the later ones."""
 AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
 """Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
 nearly the same share them, and none moves its neighbours."""
+MOST_IN_PEAK, DEGREE_STEP = 0.055, 4
+"""Share of the scattering, anywhere in the air, that may count as not scattered because it goes into the forward peak;
+the degree of the series grows by the second until it does."""
 ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
 """Where particles above the first scatter with more than the second, a volcano's, red light of deep twilight has gone
 through ten events, each of which sees a line on the horizon: the later ones follow moments down to the third."""
@@ -24,11 +28,41 @@ SEEN = 0.01
 """Share of the largest scattering coefficient below which air does not count."""
 THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
 """A layer between two sharp edges less than the first apart, with an optical depth of scattering of more than the
-second and coefficients the third times those of the layers beside it, is a thin one."""
+second and coefficients the third times those of the layers beside it, is a thin one.  One that stands on the ground is
+not: nothing shines in from below, nor leaks along it."""
 THIN_POLAR, THIN_MOMENT = 10, 6e-3
 """Polar angles a side in the later events where there is one, and what there stands for LATE_MOMENT."""
 NEAREST, FARTHER = (3e-3, 0.5), 1.25
 """Steps end this share of a thin layer's thickness from its edges, and at shares that grow by that factor."""
+
+
+def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
+    """The settings with the degree of the Legendre series that this air needs, at least the one asked for.
+
+    Light in the peak that delta scaling takes away goes on as it was.  Low over the horizon that is wrong: light passes
+    many optical depths of haze there, and the peak moves some into it from the brighter sky within the peak's width.
+    Of degree 20 the peak has 1 to 2 % of what continental and urban air scatters and 6 to 8 % beside dust and sea salt,
+    where red light 1 deg above a sun on the horizon is then 6 % too dark; so there the degree grows up to
+    settings.coarse_degree.
+
+    medium: as it is, before scaling
+    """
+    most = max(settings.degree, settings.coarse_degree)
+    if most == settings.degree or not medium.has_aerosol:
+        return settings
+    beyond = np.stack([phase.legendre_moments(most + 1).T for phase in medium.phase_functions])
+    of_aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
+    scattering = medium.air_scattering_per_km + of_aerosol
+    counts = (scattering > 0.0) & (scattering >= SEEN * scattering.max(axis=0))
+    share = np.where(counts, of_aerosol / np.where(counts, scattering, 1.0), 0.0)
+
+    def in_peak(degree: int) -> float:
+        return float((share * np.einsum("klw,kw->lw", medium.aerosol_share, beyond[:, degree + 1])).max())
+
+    degree = settings.degree
+    while degree < most and in_peak(degree) > MOST_IN_PEAK:
+        degree = min(degree + DEGREE_STEP, most)
+    return replace(settings, degree=degree)
 
 
 def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
@@ -98,7 +132,7 @@ def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1)
     mean = np.pad(depth / width, ((0, 0), (1, 1)))
     stands_out = mean[:, 1:-1] > STANDS_OUT * np.maximum(mean[:, :-2], mean[:, 2:])
-    thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out, axis=0)
+    thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out & (edges[:-1] > z[0]), axis=0)
     return np.stack([edges[:-1], edges[1:]], axis=-1)[thin], depth.max(axis=0)[thin]
 
 

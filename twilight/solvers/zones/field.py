@@ -13,7 +13,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.errors import TwilightError
 from twilight.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence, observer_at
-from twilight.solvers.zones.alike import lay_out
+from twilight.solvers.zones.alike import lay_out, settings_for
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
 from twilight.solvers.zones.grid import Series, make_angles, zenith_nodes
 from twilight.solvers.zones.orders import solve_orders
@@ -71,10 +71,11 @@ class Field(BareField):
         self.zenith_range_deg = zenith_range_deg
         self._sights = KeptLines()
         tell = progress or silent
-        self.scaled = delta_scaled(medium, settings.degree)
+        of_air = settings_for(medium, settings)
+        self.scaled = delta_scaled(medium, of_air.degree)
         matrix = matrix_moments(medium, self.scaled.forward_share, max(2, self._pattern_degree))
         self.scattering = Scattering(self.scaled.medium, self.scaled.moments, matrix)
-        layout = lay_out(medium, self.scaled, settings)
+        layout = lay_out(medium, self.scaled, of_air)
         tell("sunbeam", 0.0)
         if solved is None:
             d = settings.beam_density
@@ -92,7 +93,7 @@ class Field(BareField):
             self.beam = solved[0]
         self.profile, altitude = layout.profile, layout.altitude_km
         self.directions = layout.directions
-        """The settings with as many directions and harmonics as this air needs."""
+        """The settings with the degree and as many directions and harmonics as this air needs."""
         self._thin_layer = layout.thin_layer
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
@@ -188,7 +189,7 @@ class Field(BareField):
         turning = make_turning(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
         scattering = self.scattering._replace(chi=self.scattering.chi[:, : degree + 1])
         # as many as the first light of the early events can have
-        orders = self.settings.degree + 1
+        orders = self.directions.degree + 1
         above = angles.cosine[0, angles.below :]
 
         def of(block: int) -> Passes:

@@ -12,6 +12,7 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
+    coarse_degree: most that the degree grows to beside coarse particles, whose forward peak is strong
     polar_directions: directions per hemisphere
     azimuth_directions: directions over half a turn, more beside coarse particles; orders of the series in azimuth are
         fewer than these
@@ -39,6 +40,7 @@ class ZonesSettings:
     """
 
     degree: int = 20
+    coarse_degree: int = 32
     polar_directions: int = 14
     azimuth_directions: int = 11
     early_events: int = 2
@@ -63,7 +65,8 @@ class ZonesSettings:
 
     def __post_init__(self):
         ranges = {
-            "degree": (2, 32),
+            "degree": (2, 48),
+            "coarse_degree": (2, 48),
             "polar_directions": (2, 48),
             "azimuth_directions": (3, 96),
             "early_events": (1, 1000),
@@ -104,6 +107,7 @@ class ZonesSettings:
 QUALITIES: dict[str, ZonesSettings] = {
     "draft": ZonesSettings(
         degree=12,
+        coarse_degree=20,
         polar_directions=9,
         azimuth_directions=9,
         late_degree=5,

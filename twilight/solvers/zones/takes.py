@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.base import Takes
-from twilight.solvers.zones.alike import lay_out
+from twilight.solvers.zones.alike import lay_out, settings_for
 from twilight.solvers.zones.grid import Series, zenith_nodes
 from twilight.solvers.zones.paths import LANES
 from twilight.solvers.zones.reach import zenith_range
@@ -49,6 +49,7 @@ def takes(
 ) -> Takes:
     """What a field takes in the air of the medium's first wavelength, whose grids are about those of the others."""
     one = medium.select(slice(0, 1))
+    settings = settings_for(one, settings)
     grids = lay_out(one, delta_scaled(one, settings.degree), settings)
     d, altitudes = grids.directions, grids.altitude_km.size
     suns = zenith_nodes(*zenith_range(one, sun_elevations_deg, observer_altitude_km), settings.zenith_density).size
