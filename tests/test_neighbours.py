@@ -1,5 +1,6 @@
 """What is computed at one wavelength does not depend on which others are asked for."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from stability_media import Air, medium_of
 from twilight.atmosphere.reference import Reference
 from twilight.config.load import load_climate
 from twilight.engine.solve import Problem
-from twilight.errors import TwilightError
+from twilight.errors import TwilightError, TwilightWarning
 from twilight.scene.medium import climate_bands, climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.alike import lay_out
@@ -124,22 +125,21 @@ def test_steps_follow_the_air_where_it_is_thicker_than_they_are_made_for():
     assert np.all(profile.thickest_per_km >= profile.extinction.max(axis=1))
 
 
-def test_wavelengths_of_air_made_by_hand_are_solved_apart_where_they_need_other_grids():
-    """Thick haze beside thin air, and a third wavelength like the first; scalar, coarse, three events."""
-    medium = medium_of(Air(aerosol=1.0), Air(air=1e-3, aerosol=1e-3), Air(aerosol=1.0, ground=0.5), refractivity=0.0)
+@pytest.mark.parametrize(("thinner", "said"), [(1e-4, True), (0.1, False)])
+def test_one_field_for_wavelengths_that_need_different_grids_is_said_to_be_wrong(thinner, said):
+    """Haze beside thin air, in one field and by the way that keeps them apart."""
+    medium = medium_of(Air(aerosol=1.0), Air(air=0.1 * thinner, aerosol=thinner), refractivity=0.0)
     coarse = replace(
-        zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.3, max_events=3, tolerance=0.0,
+        zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.3, max_events=2, tolerance=0.0,
         polar_directions=4, degree=6, azimuth_directions=5, late_azimuth_directions=5, late_polar_directions=4,
     )  # fmt: skip
     suns = (30.0,)
-    field = zones.prepare(medium, coarse, sun_elevations_deg=suns)
-    assert [part.lanes.tolist() for part in field.parts] == [[0, 2], [1]]
-    assert field.convergence.events == 3
-    question = (30.0, ELEVATION_DEG, AZIMUTH_DEG)
-    seen, passed = field.inscatter(*question, 20.0)
-    for w in range(3):
-        alone = zones.prepare(medium.select(slice(w, w + 1)), coarse, sun_elevations_deg=suns)
-        np.testing.assert_allclose(field.radiance(*question)[..., w], alone.radiance(*question)[..., 0], rtol=MOST)
-        part, through = alone.inscatter(*question, 20.0)
-        np.testing.assert_allclose(seen[..., w], part[..., 0], rtol=MOST)
-        np.testing.assert_allclose(passed[..., w], through[..., 0], rtol=MOST)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", TwilightWarning)
+        zones.prepare(medium, coarse, sun_elevations_deg=suns)
+    assert ["need different grids" in str(w.message) for w in told] == [True] * said
+    problem = Problem(medium, zones, coarse, sun_elevations_deg=suns)
+    assert problem.slices == [slice(0, 1), slice(1, 2)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", TwilightWarning)
+        problem.solve()

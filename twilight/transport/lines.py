@@ -40,6 +40,8 @@ THICK_STEP = 0.5
 THICK_FINENESS = 1.0
 """Least fineness of steps in air thicker than they are made for: with 0.4 of it, 1.7 optical depths a step, thick haze
 was 3 % too bright after tens of events."""
+DEEP, DEEP_GROWTH = 8.0, 5.0
+"""Behind this optical depth at the clearest wavelength steps in thick air grow by its square, up to so many times."""
 DARK = 40.0
 """Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
 place is that much brighter. With 25, 380 nm alone below a volcanic cloud was 3.5 % off at -18 deg."""
@@ -146,11 +148,12 @@ def advance(profile, z, psi, a, h):
 
 
 @njit(inner=True, cache=True)
-def step_length(profile, z, slope, travelled, fineness, thick_fineness, darkest):
+def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
     z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
-    thick_fineness: the same where steps follow the extinction; darkest: optical depth so far of such air.
+    thick_fineness: the same where steps follow the extinction
+    depth: optical depth so far at the clearest wavelength; darkest: the largest, of air that steps follow.
     """
     height = max(z - profile.altitude_km[0], 0.0)
     ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
@@ -161,7 +164,8 @@ def step_length(profile, z, slope, travelled, fineness, thick_fineness, darkest)
     k_max = profile.thickest_per_km[i] * (1.0 - f) + profile.thickest_per_km[i + 1] * f
     if k_max * ds * fineness > 0.7:
         followed = profile.guide_per_km[i] * (1.0 - f) + profile.guide_per_km[i + 1] * f >= k_max
-        shortest = max(0.7 / (k_max * (thick_fineness if followed else fineness)), SHORTEST_KM)
+        limit = 0.7 * min(DEEP_GROWTH, max(1.0, (depth / DEEP) ** 2))
+        shortest = max(limit / (k_max * (thick_fineness if followed else fineness)), SHORTEST_KM)
         if darkest > 30.0:
             # a wavelength that is black by now must not use up the steps of the others
             shortest = max(shortest, 0.25 * travelled / fineness)
@@ -270,7 +274,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
         lowest, highest = stop[j] + _INSIDE_KM, stop[j + 1] - _INSIDE_KM
         inside = max(lowest, min(highest, z))
         fine, thick_fine = left * fineness, left * max(fineness, THICK_FINENESS)
-        h = step_length(profile, inside, math.sin(a), travelled - start, fine, thick_fine, darkest)
+        h = step_length(profile, inside, math.sin(a), travelled - start, fine, thick_fine, depth, darkest)
         h = min(h, far_km - travelled)
         h, z_end, psi_end, a_end, j_end = _step(profile, j, z, psi, a, h)
         if h > 0.0:
