@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from airs import on_levels
 from bent_rays import trace_ray
+from stability_media import Air, medium_of
 
 from twilight.atmosphere.build import build_medium
-from twilight.transport.lines import GROUND, OUT, new_line, trace_line, with_refraction
+from twilight.transport.lines import DISTANCE, GROUND, OUT, new_line, trace_line, with_refraction
 from twilight.transport.profile import prepare_profile
 
 
@@ -98,3 +99,25 @@ def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air
     bending = smooth.end[0] - straight.end[0]
     assert bending > 0.005
     assert layered.end[0] - straight.end[0] == pytest.approx(bending, rel=0.03)
+
+
+def test_light_from_behind_black_air_does_not_depend_on_clearer_air_beside_it():
+    """Of a source that grows with distance as fast as light fades: lines ended behind 25 optical depths where alone."""
+    clear, thick = Air(aerosol=0.5), Air(aerosol=1.0, ozone=2.0)
+    seen = []
+    for airs in ((thick,), (thick, clear)):
+        profile = prepare_profile(medium_of(*airs))
+        line = new_line(profile)
+        n, _ = trace_line(profile, 0.0, 0.0, 1.0, False, line)
+        distance = line.place[:n, DISTANCE]
+        near = distance < 60.0
+        seen.append(float(line.weight[:n, 0][near] @ np.exp(distance[near] / 1.7)))
+    assert seen[0] == pytest.approx(seen[1], rel=2e-3)
+
+
+def test_no_step_is_left_out_because_all_of_the_air_is_thin():
+    counts = []
+    for depth in (1e-3, 1e-13):
+        profile = prepare_profile(medium_of(Air(air=depth, aerosol=0.0)))
+        counts.append(trace_line(profile, 0.0, 0.5, 1.0, False, new_line(profile))[0])
+    assert counts[0] == counts[1] > 0

@@ -12,7 +12,7 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.directions import needed
-from twilight.solvers.zones.grid import even_harmonics, make_angles
+from twilight.solvers.zones.grid import conserving, even_harmonics, make_angles
 from twilight.solvers.zones.view import sun_lift
 from twilight.transport.bundle import trace_rays
 from twilight.transport.lines import horizon_cosine, with_refraction
@@ -55,6 +55,22 @@ def test_few_polar_angles_find_no_harmonics_in_light_that_has_none(horizon, abov
     truth = (weight * light(fine)) @ even_harmonics(fine, STANDARD.degree, 0)
     got = angles.analysis[0][same].sum(axis=2) @ light(angles.cosine[0])
     assert np.abs(got - truth).max() < allowed * truth[0]
+
+
+def test_directions_that_keep_energy_lose_no_high_degree():
+    """Light that is linear in the cosine on either side of the horizon; relative to its mean."""
+    angles = make_angles(np.array([-0.03]), STANDARD.polar_directions, STANDARD.azimuth_directions, STANDARD.degree)
+    kept = conserving(angles)
+    x, w = np.polynomial.legendre.leggauss(200)
+    fine = np.concatenate([0.5 * (x + 1.0) * 0.97 - 1.0, 0.5 * (x + 1.0) * 1.03 - 0.03])
+    weight = np.concatenate([0.97 * w, 1.03 * w]) / 4.0
+
+    def light(cosine):
+        return np.where(cosine > -0.03, 1.0 - 0.7 * cosine, 0.3 + 0.2 * cosine)
+
+    truth = (weight * light(fine)) @ even_harmonics(fine, STANDARD.degree, 0)
+    got = kept.analysis[0][angles.order == 0].sum(axis=2) @ light(angles.cosine[0])
+    assert np.abs(got - truth).max() < 1e-3 * truth[0]
 
 
 def test_a_narrow_peak_scatters_even_light_into_the_zenith_without_loss(desert):

@@ -37,10 +37,14 @@ LONG_STEP_KM = 5.0
 """A longer step is two points: the sunbeam changes by e within tens of km along a line near the terminator."""
 THICK_STEP = 0.5
 """A step of more optical depths than this is two points too: in thick air the beam changes by e within it."""
-NEGLIGIBLE = 1e-13
-"""Scattering optical depth of a step below which it is left out."""
-DARK = 25.0
-"""Optical depth at the clearest wavelength behind which a line is not followed."""
+THICK_FINENESS = 1.0
+"""Least fineness of steps in air thicker than they are made for: with 0.4 of it, 1.7 optical depths a step, thick haze
+was 3 % too bright after tens of events."""
+DEEP, DEEP_GROWTH = 8.0, 5.0
+"""Behind this optical depth at the clearest wavelength steps in thick air grow by its square, up to so many times."""
+DARK = 40.0
+"""Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
+place is that much brighter. With 25, 380 nm alone below a volcanic cloud was 3.5 % off at -18 deg."""
 _INSIDE_KM = 1e-9
 """Coefficients at a stop are those this far inside the interval that the step is in."""
 
@@ -144,10 +148,11 @@ def advance(profile, z, psi, a, h):
 
 
 @njit(inner=True, cache=True)
-def step_length(profile, z, slope, travelled, fineness, depth, darkest):
+def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
     z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
+    thick_fineness: the same where steps follow the extinction
     depth: optical depth so far at the clearest wavelength; darkest: the largest, of air that steps follow.
     """
     height = max(z - profile.altitude_km[0], 0.0)
@@ -158,8 +163,9 @@ def step_length(profile, z, slope, travelled, fineness, depth, darkest):
     i, f = locate(profile, z)
     k_max = profile.thickest_per_km[i] * (1.0 - f) + profile.thickest_per_km[i + 1] * f
     if k_max * ds * fineness > 0.7:
-        limit = 0.7 if depth < 12.0 else 3.0
-        shortest = max(limit / (k_max * fineness), SHORTEST_KM)
+        followed = profile.guide_per_km[i] * (1.0 - f) + profile.guide_per_km[i + 1] * f >= k_max
+        limit = 0.7 * min(DEEP_GROWTH, max(1.0, (depth / DEEP) ** 2))
+        shortest = max(limit / (k_max * (thick_fineness if followed else fineness)), SHORTEST_KM)
         if darkest > 30.0:
             # a wavelength that is black by now must not use up the steps of the others
             shortest = max(shortest, 0.25 * travelled / fineness)
@@ -235,7 +241,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     bottom, top = stop[0], stop[stop.size - 1]
     radius = profile.earth_radius_km
     k, sigma = profile.extinction, profile.scattering
-    most, guide = profile.thickest_per_km, profile.guide_per_km
+    most, guide, negligible = profile.thickest_per_km, profile.guide_per_km, profile.negligible
     n_w = transmittance.size
     rows = place.shape[0]
     z, psi, a = altitude_km, 0.0, math.asin(min(1.0, max(-1.0, cos_zenith)))
@@ -267,7 +273,8 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
         left = max(0.02, min(1.0, 2.0 - 2.0 * n / rows))
         lowest, highest = stop[j] + _INSIDE_KM, stop[j + 1] - _INSIDE_KM
         inside = max(lowest, min(highest, z))
-        h = step_length(profile, inside, math.sin(a), travelled - start, fineness * left, depth, darkest)
+        fine, thick_fine = left * fineness, left * max(fineness, THICK_FINENESS)
+        h = step_length(profile, inside, math.sin(a), travelled - start, fine, thick_fine, depth, darkest)
         h = min(h, far_km - travelled)
         h, z_end, psi_end, a_end, j_end = _step(profile, j, z, psi, a, h)
         if h > 0.0:
@@ -284,7 +291,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             if low_guide >= low_most:
                 darkest += 0.5 * h * (low_guide + high_guide)
             high_guide *= math.exp((GAUSS_LOW - GAUSS_HIGH) * 0.5 * h * (low_guide + high_guide))
-            strongest = 0.0
+            seen = False
             clearest = 1e300
             for w in range(n_w):
                 k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
@@ -298,7 +305,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                 low = t * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
                 high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
-                strongest = max(strongest, low + high)
+                seen = seen or low + high > negligible[w]
                 clearest = min(clearest, passed[w])
                 if two:
                     weight[n, w] = low
@@ -307,7 +314,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                     weight[n, w] = low + high
             s_low, s_high = travelled + GAUSS_LOW * h, travelled + GAUSS_HIGH * h
             depth = clearest
-            if strongest > NEGLIGIBLE:
+            if seen:
                 if two:
                     _put(place[n], z0, psi0, a0, s_low)
                     n += 1

@@ -24,6 +24,8 @@ EXPECTED_FACTORS = ((1.0, 4.0), (1.0, 4.0, 16.0))
 wavelengths; in air that exceeds them steps follow the extinction itself."""
 GUIDE_PER_KM, GUIDE_SCALE_KM = 0.1, 7.0
 """Extinction by which the one point of a step is placed, the same for all wavelengths."""
+NEGLIGIBLE = 1e-26
+"""Scattering optical depth of a step, over that of all the air if it is thin, below which the step is left out."""
 THIN_PER_KM = 3e-6
 FOOT = 0.02
 """A layer is resolved down to this share of its largest coefficient: below, what it adds is lost in the rest of it."""
@@ -50,6 +52,7 @@ class Profile(NamedTuple):
     thickest_per_km (N,): extinction by which steps are shortened: as expected, or the largest of all wavelengths
     guide_per_km (N,): extinction by which the one point of a step is placed: air's, or where steps follow the largest
     extinction, that
+    negligible (W,): scattering optical depth of a step below which it is left out, at each wavelength
     """
 
     altitude_km: np.ndarray
@@ -63,6 +66,7 @@ class Profile(NamedTuple):
     gradient_per_km: np.ndarray
     thickest_per_km: np.ndarray
     guide_per_km: np.ndarray
+    negligible: np.ndarray
     earth_radius_km: float
 
 
@@ -84,10 +88,11 @@ def prepare_profile(
     largest = whose.extinction_per_km.max(axis=1)
     expected = expected_extinction(z, expected_factors(z, largest) or (1.0, 1.0))
     guide = GUIDE_PER_KM * np.exp((z[0] - z) / GUIDE_SCALE_KM)
+    scattering = species.sum(axis=0)
     return Profile(
         np.ascontiguousarray(z),
         np.ascontiguousarray(fine.extinction_per_km),
-        np.ascontiguousarray(species.sum(axis=0)),
+        np.ascontiguousarray(scattering),
         np.ascontiguousarray(species),
         level.astype(np.int64),
         stops,
@@ -96,6 +101,7 @@ def prepare_profile(
         np.zeros(z.size),
         np.maximum(expected, largest),
         np.where(largest > expected, largest, guide),
+        NEGLIGIBLE * np.minimum(1.0, np.trapezoid(scattering, z, axis=0)),
         float(medium.earth_radius_km),
     )
 
@@ -116,6 +122,16 @@ def with_steps_of(profile: Profile, other: Profile, factors: tuple[float, float]
         sharp_km=other.sharp_km,
         thickest_per_km=np.maximum(thickest, expected_extinction(z, factors)),
         guide_per_km=guide,
+    )
+
+
+def at_wavelengths(profile: Profile, part: slice) -> Profile:
+    """The profile at some of its wavelengths, with the steps that it has for all."""
+    return profile._replace(
+        extinction=np.ascontiguousarray(profile.extinction[:, part]),
+        scattering=np.ascontiguousarray(profile.scattering[:, part]),
+        species_scattering=np.ascontiguousarray(profile.species_scattering[:, :, part]),
+        negligible=profile.negligible[part].copy(),
     )
 
 

@@ -94,6 +94,7 @@ class Field(BareField):
         self.profile, altitude = layout.profile, layout.altitude_km
         self.directions = layout.directions
         """The settings with the degree and as many directions and harmonics as this air needs."""
+        self._thin_layer = layout.thin_layer
         several = settings.max_events > 1
         self.peak = forward_peak(medium, self.scaled, self.profile) if several else None
         bent = with_refraction(self.profile, layout.bends)
@@ -198,8 +199,9 @@ class Field(BareField):
                 surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), block).astype(int))
                 water = reflection(above, orders, 3 if self.settings.polarisation else 1, *surface)
             return Passes(
-                n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block, water
-            )
+                n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block, water,
+                self.path_profile, self.settings.first_step_density,
+            )  # fmt: skip
 
         return of
 
@@ -304,7 +306,9 @@ class Field(BareField):
         density = self.settings.sight_density
         sights = self._sights.get(
             (altitude, with_ground, rows.tobytes()),
-            lambda: make_lines(self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground),
+            lambda: make_lines(
+                self.sight_profile, self.scaled.medium, altitude, rows, density, with_ground, self._thin_layer
+            ),
         )
         lift = sun_lift(self.beam, altitude, directions.zenith_rad)
         out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))

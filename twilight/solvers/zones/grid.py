@@ -199,16 +199,19 @@ def conserving(angles: Angles) -> Angles:
     around = angles.azimuth.size
     low = angles.degree <= LOW_DEGREE
     weights, analysis = angles.weight.copy(), []
-    for mu, weight in zip(angles.cosine, weights, strict=True):
-        horizon = 2.0 * weight[: angles.below].sum() - 1.0
+    horizons = 2.0 * weights[:, : angles.below].sum(axis=1) - 1.0
+    for mu, weight, horizon in zip(angles.cosine, weights, horizons, strict=True):
         for part, a, b in ((slice(0, angles.below), -1.0, horizon), (slice(angles.below, None), horizon, 1.0)):
             w = weight[part]
             k = np.arange(min(LOW_DEGREE + 1, w.size))
             basis = np.polynomial.legendre.legvander((2.0 * mu[part] - a - b) / (b - a), k.size - 1).T
             exact = np.where(k == 0, 0.5 * (b - a), 0.0)
             w *= 1.0 + np.linalg.solve((basis * w) @ basis.T, exact - basis @ w) @ basis
+    polar = smooth_exact(angles.cosine, weights, horizons, angles.below, angles.degree, angles.order)
+    waves = np.cos(angles.order[:, None] * angles.azimuth)
+    for mu, of_polar in zip(angles.cosine, polar, strict=True):
         basis = _basis(mu, angles.azimuth, angles.degree, angles.order)
-        rows = (basis * np.repeat(weight / around, around)[:, None]).T
+        rows = (of_polar[..., None] * waves[:, None, :] / around).reshape(angles.order.size, -1)
         rows[low] = np.linalg.solve(rows[low] @ basis[:, low], rows[low])
         rows[~low] -= (rows[~low] @ basis[:, low]) @ rows[low]
         analysis.append(rows.reshape(angles.order.size, mu.size, around))

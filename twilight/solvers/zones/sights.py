@@ -66,14 +66,21 @@ class KeptLines:
 
 
 def make_lines(
-    profile: Profile, scaled: Medium, altitude_km: float, ends: np.ndarray, density: float, with_ground: bool
+    profile: Profile,
+    scaled: Medium,
+    altitude_km: float,
+    ends: np.ndarray,
+    density: float,
+    with_ground: bool,
+    pairs_for_all: bool = False,
 ) -> LinesOfSight:
     """Lines of sight from an altitude at ends (2, R): elevation [deg], and distance [km] at which each stops.
 
-    profile: through which they go; scaled: the medium that scatters; density: of their points.
+    profile: through which they go; scaled: the medium that scatters; density: of their points; pairs_for_all: two
+    points a step for light scattered more than once too, which across a thin layer is one step or two.
     """
     start, cosine = np.full(ends.shape[1], altitude_km), np.sin(np.radians(ends[0]))
-    rays = trace_rays(profile, start, cosine, density, far_km=ends[1])
+    rays = trace_rays(profile, start, cosine, density, pairs=pairs_for_all, far_km=ends[1])
     pairs = trace_rays(profile, start, cosine, max(LEAST_SHARP, SHARP * density), pairs=True, far_km=ends[1])
     if not with_ground:
         rays, pairs = (r._replace(ground_weight=np.zeros_like(r.ground_weight)) for r in (rays, pairs))
