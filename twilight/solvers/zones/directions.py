@@ -22,8 +22,8 @@ MOST_IN_PEAK, DEGREE_STEP = 0.055, 4
 """Share of the scattering, anywhere in the air, that may count as not scattered because it goes into the forward peak;
 the degree of the series grows by the second until it does."""
 THICK_HAZE = 5.0
-"""Vertical scattering optical depth beyond which it does not grow: light is nearly isotropic there, and polar angles for
-low degrees let through 2 to 3 % less of it when they are given high ones."""
+"""Vertical scattering optical depth beyond which it does not grow: light is nearly isotropic there, and polar angles
+for low degrees let through 2 to 3 % less of it when they are given high ones."""
 ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
 """Where particles above the first scatter with more than the second, a volcano's, red light of deep twilight has gone
 through ten events, each of which sees a line on the horizon: the later ones follow moments down to the third."""
