@@ -72,13 +72,37 @@ def test_light_under_a_volcanic_layer_has_settled():
     medium = climate_medium(load_climate("volcanic-extreme"), WAVELENGTH_NM)
     elevation, azimuth = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
     suns, bounds = (0.0, -12.0, -18.0), (0.003, 0.006, 0.015)
-    coarse = replace(SCALAR, zenith_density=0.5, polar_directions=6, degree=8, late_degree=4, azimuth_directions=7)
+    coarse = replace(
+        SCALAR, zenith_density=0.5, polar_directions=6, degree=8, coarse_degree=8, late_degree=4, azimuth_directions=7
+    )
     skies = []
     for density in (1.0, 2.0):
         field = zones.prepare(medium, replace(coarse, altitude_density=density), sun_elevations_deg=suns)
         skies.append([field.radiance(sun, elevation, azimuth)[:, 0] for sun in suns])
     moved = np.abs(np.array(skies[0]) / np.array(skies[1]) - 1.0).max(axis=1)
     assert np.all(moved < bounds)
+
+
+def test_steps_of_the_first_event_resolve_the_edge_of_the_shadow():
+    """The sun at -4 deg over the haze of `antarctic`, 10 km high: with steps of the density of later events all light
+    scattered several times moved together."""
+    medium = climate_medium(load_climate("antarctic"), WAVELENGTH_NM)
+    standard = zones.QUALITIES["standard"]
+    elevation, azimuth = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
+    coarse = replace(
+        SCALAR,
+        zenith_density=0.5,
+        polar_directions=6,
+        degree=8,
+        azimuth_directions=7,
+        step_density=standard.step_density,
+    )
+    skies = []
+    for density in (4.0, standard.first_step_density, standard.step_density):
+        field = zones.prepare(medium, replace(coarse, first_step_density=density), sun_elevations_deg=[-4.0])
+        skies.append(field.radiance(-4.0, elevation, azimuth)[:, 0])
+    settled, rough = (np.abs(sky / skies[0] - 1.0).max() for sky in skies[1:])
+    assert settled < 0.003 < rough
 
 
 @pytest.mark.parametrize(

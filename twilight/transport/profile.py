@@ -125,6 +125,16 @@ def with_steps_of(profile: Profile, other: Profile, factors: tuple[float, float]
     )
 
 
+def at_wavelengths(profile: Profile, part: slice) -> Profile:
+    """The profile at some of its wavelengths, with the steps that it has for all."""
+    return profile._replace(
+        extinction=np.ascontiguousarray(profile.extinction[:, part]),
+        scattering=np.ascontiguousarray(profile.scattering[:, part]),
+        species_scattering=np.ascontiguousarray(profile.species_scattering[:, :, part]),
+        negligible=profile.negligible[part].copy(),
+    )
+
+
 def _scattering(medium: Medium) -> np.ndarray:
     aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
     return medium.air_scattering_per_km + (aerosol[None] * medium.aerosol_share).sum(axis=0)
