@@ -16,6 +16,7 @@ import sys
 import warnings
 from contextlib import ExitStack
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from unittest.mock import patch
 
@@ -29,7 +30,7 @@ from layered_sky import layered  # noqa: E402
 
 from twilight.errors import TwilightWarning  # noqa: E402
 from twilight.solvers import montecarlo, zones  # noqa: E402
-from twilight.solvers.zones import alike, directions  # noqa: E402
+from twilight.solvers.zones import directions  # noqa: E402
 
 BASE_KM, THICKNESS_KM, DEPTH = 50.0, 1.0, 1.0
 SUN_DEG = -6.0
@@ -89,7 +90,7 @@ def compare() -> None:
 
 
 def causes() -> None:
-    steps = patch.object(alike, "near_edges", lambda profile, of: profile)
+    steps = patch.object(import_module("twilight.solvers.zones.alike"), "near_edges", lambda profile, of: profile)
     moments = patch.object(directions, "THIN_MOMENT", directions.LATE_MOMENT)
     rows = []
     for name, patches, points in (
