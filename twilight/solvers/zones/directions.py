@@ -110,7 +110,8 @@ def near_edges(profile: Profile, of: Profile) -> Profile:
     """The same air, in which steps along rays end close to the edges of thin layers.
 
     A sun one degree above the layer's horizon lights its outermost fiftieth of an optical depth, less than a step is
-    long, and all the light that leaks along the layer comes from there: with the usual steps the zenith is 5 % too dark.
+    long, and all the light that leaks along the layer comes from there: with the usual steps the zenith is 5 % too
+    dark.
 
     of: the air whose thin layers count
     """
