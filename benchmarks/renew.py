@@ -97,6 +97,9 @@ BENCHMARKS = {
         "high_layer.py referee", "high_layer_referee.csv", "the referee below a thin layer at 50 km after sunset"
     ),
     "high_layer": Benchmark("high_layer.py", "high_layer.csv", "`zones` beside it"),
+    "high_layer_causes": Benchmark(
+        "high_layer.py causes", "high_layer_causes.csv", "what `zones` does for thin layers"
+    ),
     "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"

@@ -134,7 +134,7 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
             f"a layer of optical depth {layer_depth[high][0]:.2g}, thinner than 2 km, at {base[high][0]:.3g} km: with "
             "the sun below the horizon light leaks along it by tens of events; the zones solver was compared with the "
             "referee for one such layer alone, 1 km of optical depth 1 at 50 km, sun at -6 deg, where standard is "
-            "2 to 4 % darker",
+            "1.5 to 3.7 % darker",
             TwilightWarning,
             stacklevel=3,
         )
