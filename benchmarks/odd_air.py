@@ -1,19 +1,22 @@
-"""Odd air against the referee: python benchmarks/odd_air.py [odd] [layers] [SECONDS]
+"""Odd air against the referee: python benchmarks/odd_air.py [odd] [layers] [SECONDS | keep]
 
 Scalar theory, one wavelength, no refraction.  `odd` writes benchmarks/odd_air.csv: air that ends at 20 km, ozone of 20
 times the usual depth, aerosol of asymmetry 0.99, haze in stripes; `layers` writes benchmarks/sharp_layers.csv: single
 layers from 10 m to 1 km seen from below, from inside and from above.  Each row has the referee's radiance, its standard
 error, and what `zones` at draft and standard differ by, in per cent of the referee.
 
-The referee samples until 0.5 % (layers: 1 %) or for SECONDS for each sun and observer (60).
+The referee samples until 0.5 % (layers: 1 %) or for SECONDS for each sun and observer (60); with `keep` its columns
+stay as the table has them, and only `zones` is solved anew.
 """
 
 from __future__ import annotations
 
+import csv
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import results
@@ -34,6 +37,8 @@ COLUMNS = (
     "case,sun_elevation_deg,observer_km,elevation_deg,azimuth_deg,referee_per_sr,referee_percent,untrusted,"
     "draft_percent,standard_percent"
 )
+
+KEPT = ("the referee's columns are those of an earlier run, whose solver has not changed since",)
 
 
 def air(levels_km: np.ndarray = LEVELS_KM, **depths: float) -> Medium:
@@ -70,29 +75,68 @@ LAYERS: dict[str, tuple[float, float, float, float]] = {
 """base [km], thickness [km], optical depth, ramps [km]"""
 
 
-def compare(case: str, medium: Medium, altitude_km: float, elevation, azimuth, error: float, seconds: float) -> list:
-    skies = []
-    for quality in ("draft", "standard"):
-        settings = replace(zones.QUALITIES[quality], polarisation=False)
-        field = zones.prepare(medium, settings, observer_altitude_km=altitude_km, sun_elevations_deg=SUNS_DEG)
-        skies.append([field.radiance(sun, elevation, azimuth)[:, 0] for sun in SUNS_DEG])
-    referee = montecarlo.prepare(
-        medium,
-        montecarlo.MonteCarloSettings(target_stderr=error, time_limit_s=seconds, polarisation=False),
-        observer_altitude_km=altitude_km,
-    )
+class Place(NamedTuple):
+    """An observer and his directions (D,) [deg]."""
+
+    altitude_km: float
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+
+
+def compare(case: str, medium: Medium, places: Sequence[Place], referee: Callable[..., list]) -> list[list]:
+    """Rows of the table.  referee: its columns for (case, medium, place), a row for each sun and direction."""
+    fields = [
+        zones.prepare(
+            medium,
+            replace(zones.QUALITIES[quality], polarisation=False),
+            observer_altitude_km=max(place.altitude_km for place in places),
+            sun_elevations_deg=SUNS_DEG,
+        )
+        for quality in ("draft", "standard")
+    ]
     rows = []
-    for i, sun in enumerate(SUNS_DEG):
-        found = referee.radiance_with_error(sun, elevation, azimuth)
-        value, own = found.radiance[:, 0], found.standard_error[:, 0]
-        for d in range(elevation.size):
-            off = [f"{100.0 * (sky[i][d] / value[d] - 1.0):.2f}" for sky in skies]
-            rows.append(
-                [case, f"{sun:g}", f"{altitude_km:g}", f"{elevation[d]:g}", f"{azimuth[d]:g}", f"{value[d]:.5g}",
-                 f"{100.0 * own[d] / value[d]:.2f}", int(found.untrusted[d, 0]), *off]
-            )  # fmt: skip
-            print(*rows[-1], sep="\t", flush=True)
+    for place in places:
+        at = {"observer_altitude_km": place.altitude_km}
+        own = iter(referee(case, medium, place))
+        for sun in SUNS_DEG:
+            skies = [field.radiance(sun, place.elevation_deg, place.azimuth_deg, **at)[:, 0] for field in fields]
+            for d in range(place.elevation_deg.size):
+                value, percent, untrusted = next(own)
+                where = [sun, place.altitude_km, place.elevation_deg[d], place.azimuth_deg[d]]
+                off = [f"{100.0 * (sky[d] / float(value) - 1.0):.2f}" for sky in skies]
+                rows.append([case, *(f"{number:g}" for number in where), value, percent, untrusted, *off])
+                print(*rows[-1], sep="\t", flush=True)
     return rows
+
+
+def sampled(error: float, seconds: float) -> Callable[..., list]:
+    """The referee, that samples until this relative error or for so long for each sun and observer."""
+
+    def of(case: str, medium: Medium, place: Place) -> list:
+        settings = montecarlo.MonteCarloSettings(target_stderr=error, time_limit_s=seconds, polarisation=False)
+        field = montecarlo.prepare(medium, settings, observer_altitude_km=place.altitude_km)
+        rows = []
+        for sun in SUNS_DEG:
+            found = field.radiance_with_error(sun, place.elevation_deg, place.azimuth_deg)
+            for value, own, untrusted in zip(
+                found.radiance[:, 0], found.standard_error[:, 0], found.untrusted[:, 0], strict=True
+            ):
+                rows.append([f"{value:.5g}", f"{100.0 * own / value:.2f}", int(untrusted)])
+        return rows
+
+    return of
+
+
+def kept(table: Path) -> Callable[..., list]:
+    """The referee as it is in a table."""
+    with open(table, encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+    def of(case: str, medium: Medium, place: Place) -> list:
+        there = [row for row in rows if row["case"] == case and row["observer_km"] == f"{place.altitude_km:g}"]
+        return [[row["referee_per_sr"], row["referee_percent"], row["untrusted"]] for row in there]
+
+    return of
 
 
 def compile_first() -> None:
@@ -104,28 +148,30 @@ def compile_first() -> None:
 
 
 def main(arguments: list[str]) -> None:
-    compile_first()
     seconds = next((float(a) for a in arguments if a.replace(".", "").isdigit()), 60.0)
     kinds = [a for a in arguments if a in ("odd", "layers")] or ["odd", "layers"]
+    keep = "keep" in arguments
+    if not keep:
+        compile_first()
     if "odd" in kinds:
-        rows = [
-            row
-            for case, medium in ODD.items()
-            for row in compare(case, medium(), 0.0, ELEVATION_DEG, AZIMUTH_DEG, 0.005, seconds)
-        ]
-        results.write(HERE / "odd_air.csv", COLUMNS.split(","), rows)
+        table = HERE / "odd_air.csv"
+        referee = kept(table) if keep else sampled(0.005, seconds)
+        ground = [Place(0.0, ELEVATION_DEG, AZIMUTH_DEG)]
+        rows = [row for case, medium in ODD.items() for row in compare(case, medium(), ground, referee)]
+        results.write(table, COLUMNS.split(","), rows, notes=KEPT if keep else ())
     if "layers" in kinds:
+        table = HERE / "sharp_layers.csv"
+        referee = kept(table) if keep else sampled(0.01, seconds)
         rows = []
         for case, (base, thickness, depth, ramp) in LAYERS.items():
-            medium = layered(base, thickness, depth, ramp)
-            for altitude, up in (
-                (0.0, (3.0, 20.0, 90.0)),
-                (base + 0.5 * thickness, (-20.0, 0.5, 20.0)),
-                (base + thickness + 5.0, (-90.0, -20.0, 10.0)),
-            ):
-                views = np.array(up)
-                rows += compare(case, medium, altitude, views, np.full(views.size, 40.0), 0.01, seconds)
-        results.write(HERE / "sharp_layers.csv", COLUMNS.split(","), rows)
+            below, inside, above = (3.0, 20.0, 90.0), (-20.0, 0.5, 20.0), (-90.0, -20.0, 10.0)
+            altitudes = 0.0, base + 0.5 * thickness, base + thickness + 5.0
+            places = [
+                Place(altitude, np.array(views), np.full(len(views), 40.0))
+                for altitude, views in zip(altitudes, (below, inside, above), strict=True)
+            ]
+            rows += compare(case, layered(base, thickness, depth, ramp), places, referee)
+        results.write(table, COLUMNS.split(","), rows, notes=KEPT if keep else ())
 
 
 if __name__ == "__main__":

@@ -93,6 +93,13 @@ BENCHMARKS = {
     "montecarlo_tables": Benchmark("montecarlo_tables.py", "", "orders of scattering; Haber's isotropic assumption"),
     "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the referee"),
     "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
+    "high_layer_referee": Benchmark(
+        "high_layer.py referee", "high_layer_referee.csv", "the referee below a thin layer at 50 km after sunset"
+    ),
+    "high_layer": Benchmark("high_layer.py", "high_layer.csv", "`zones` beside it"),
+    "high_layer_causes": Benchmark(
+        "high_layer.py causes", "high_layer_causes.csv", "what `zones` does for thin layers"
+    ),
     "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"

@@ -4,12 +4,13 @@
     python benchmarks/zones_limits.py steps          zones_limits.csv
     python benchmarks/zones_limits.py polar          zones_limits_polar.csv
 
-The first: errors of `standard` against the referee's directions (benchmarks/reference) as it is and with a setting made
-finer, with the processor time of the field.  The second, at 680 nm in volcanic-extreme air under suns far below the
-horizon: what one scattering event gets wrong, in per cent of the light from all directions at an altitude, because of
-the places of the polar angles above the horizon.  `clustered`: those of `zones`, close together at the horizon;
-`parted`: as many, of which two lie below and the others above the direction that touches the top of the haze, where
-the extinction halves at once and the glow from behind the Earth's edge is cut off.
+The first: errors of `standard` against the referee's directions (benchmarks/reference) as it is, with steps of the
+first event as coarse as those of the later ones, and with finer ones of these, and the processor time of the field.
+The second, at 680 nm in volcanic-extreme air under suns far below the horizon: what one scattering event gets wrong, in
+per cent of the light from all directions at an altitude, because of the places of the polar angles above the horizon.
+`clustered`: those of `zones`, close together at the horizon; `parted`: as many, of which two lie below and the others
+above the direction that touches the top of the haze, where the extinction halves at once and the glow from behind the
+Earth's edge is cut off.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ from twilight.transport.lines import horizon_cosine
 
 HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
+DENSITIES: tuple[dict[str, float], ...] = ({"first_step_density": 0.7}, {"step_density": 1.0})
 STEPS: tuple[tuple[str, tuple[float, ...], tuple[float, ...], tuple[dict[str, float], ...]], ...] = (
-    ("antarctic", (450.0, 550.0, 680.0), (0.0, -4.0), ({}, {"step_density": 1.0})),
-    ("desert", (450.0, 550.0, 680.0), (0.0, -4.0, -6.0), ({}, {"step_density": 1.0})),
-    ("urban", (450.0, 550.0, 680.0), (5.0, 0.0, -9.0), ({}, {"step_density": 1.0})),
+    ("antarctic", (450.0, 550.0, 680.0), (0.0, -4.0), ({}, *DENSITIES)),
+    ("desert", (450.0, 550.0, 680.0), (0.0, -4.0, -6.0), ({}, *DENSITIES)),
+    ("urban", (450.0, 550.0, 680.0), (5.0, 0.0, -9.0), ({}, *DENSITIES)),
 )
 """Climate, wavelengths [nm], suns [deg], and what is changed of `standard`."""
 COARSE = replace(

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import pickle
+import signal
 
 import pytest
 from hazy_zones import SCALAR
@@ -13,6 +14,9 @@ from twilight.engine import sunbeam
 from twilight.solvers import zones
 
 os.environ["TWILIGHT_CACHE_GB"] = "0"
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # a shell's background job ignores it, and so would the programs that tests start and interrupt
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 __all__ = ["log", "plain", "table", "toy"]
 

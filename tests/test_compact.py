@@ -272,6 +272,23 @@ def test_what_cannot_be_fitted_is_refused(settings, words):
         build.fit_compact(load("continental-average", settings))
 
 
+def test_a_climate_is_fitted_at_its_own_load_and_between_loads_of_haze_along_the_horizon():
+    loads = training.optical_depths(load("urban"))
+    own = load("urban").climate
+    depth = training.climate_medium(own, np.array([550.0])).optical_depth("aerosol")[0]
+    assert depth in loads and 0.6 < depth < 0.7
+    assert np.all(np.diff(loads) > 0.0) and (loads[0], loads[-1]) == (0.01, 0.8)
+    near = load("urban", {"climate.aerosol.optical_depth_550nm": 0.51})
+    assert 0.5 not in training.optical_depths(near) and len(training.optical_depths(near)) == 7
+    # 20 air masses of haze, and haze that is all the light: 1.5 and 0.5 % at most between the loads
+    between = np.geomspace(0.01, 0.8, 200)
+    at = spline_matrix(
+        np.log(np.array(training.OPTICAL_DEPTHS) + training.LOAD_OFFSET), np.log(between + training.LOAD_OFFSET)
+    )
+    for light, allowed in ((lambda depth: -20.0 * depth, 0.015), (lambda depth: np.log(0.02 + depth), 0.005)):
+        assert np.abs(at @ light(np.array(training.OPTICAL_DEPTHS)) - light(between)).max() < allowed
+
+
 def test_air_without_aerosol_and_loads_that_are_none_are_refused():
     with pytest.raises(TwilightError, match="pure-air: has no aerosol"):
         build.fit_compact(load("pure-air"))

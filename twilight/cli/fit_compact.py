@@ -22,19 +22,19 @@ def compact(
     output: Annotated[Path | None, option("FILE.npz", "Model; without it, out/compact_NAME.npz.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver zones.")] = None,
     optical_depths: Annotated[
-        str | None, option("LIST", "Aerosol optical depths at 550 nm, at least 4 [0.01,0.04,0.09,0.2,0.4,0.8].")
+        str | None,
+        option("LIST", "Aerosol optical depths at 550 nm, at least 4; 7 from 0.01 to 0.8 and the climate's own."),
     ] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
 ) -> None:
     """Fit a compact spectral sky: every sun to -18 deg, direction, 380 to 740 nm, aerosol load, albedo and ozone."""
     from twilight.config import load_series
     from twilight.fit.compact.build import fit_compact, seconds_per_value, write_model
-    from twilight.fit.compact.training import OPTICAL_DEPTHS
     from twilight.io.whole import check_file
 
     if output is not None and output.suffix != ".npz":
         raise TwilightError(f"--output: {output} must end in .npz")
-    depths = OPTICAL_DEPTHS if optical_depths is None else _numbers(optical_depths)
+    depths = None if optical_depths is None else _numbers(optical_depths)
     chosen, names = _chosen(quality, settings)
     cases = load_series(climate, chosen, names)
     if len(cases) > 1:

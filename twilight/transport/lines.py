@@ -41,7 +41,8 @@ THICK_FINENESS = 1.0
 """Least fineness of steps in air thicker than they are made for: with 0.4 of it, 1.7 optical depths a step, thick haze
 was 3 % too bright after tens of events."""
 DEEP, DEEP_GROWTH = 8.0, 5.0
-"""Behind this optical depth at the clearest wavelength steps in thick air grow by its square, up to so many times."""
+"""Behind this optical depth at the clearest of the wavelengths that steps are made for, the same whichever are there,
+steps in thick air grow by its square, up to so many times."""
 DARK = 40.0
 """Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
 place is that much brighter. With 25, 380 nm alone below a volcanic cloud was 3.5 % off at -18 deg."""
@@ -153,7 +154,7 @@ def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, d
 
     z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
     thick_fineness: the same where steps follow the extinction
-    depth: optical depth so far at the clearest wavelength; darkest: the largest, of air that steps follow.
+    depth: optical depth so far at the clearest wavelength that steps are made for; darkest: of air that they follow
     """
     height = max(z - profile.altitude_km[0], 0.0)
     ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
@@ -241,7 +242,8 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     bottom, top = stop[0], stop[stop.size - 1]
     radius = profile.earth_radius_km
     k, sigma = profile.extinction, profile.scattering
-    most, guide, negligible = profile.thickest_per_km, profile.guide_per_km, profile.negligible
+    most, guide, clear = profile.thickest_per_km, profile.guide_per_km, profile.clearest_per_km
+    negligible = profile.negligible
     n_w = transmittance.size
     rows = place.shape[0]
     z, psi, a = altitude_km, 0.0, math.asin(min(1.0, max(-1.0, cos_zenith)))
@@ -264,7 +266,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     passed = np.zeros(n_w)
     start = travelled
     n = 0
-    depth = darkest = 0.0
+    depth = darkest = least = 0.0
     status = -1
     j = min(max(np.searchsorted(stop, z, side="right") - 1, 0), stop.size - 2)
     for _ in range(4 * rows):
@@ -313,7 +315,9 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                 else:
                     weight[n, w] = low + high
             s_low, s_high = travelled + GAUSS_LOW * h, travelled + GAUSS_HIGH * h
-            depth = clearest
+            depth += 0.5 * h * (clear[i0] * (1 - f0) + clear[i0 + 1] * f0)
+            depth += 0.5 * h * (clear[i1] * (1 - f1) + clear[i1 + 1] * f1)
+            least = clearest
             if seen:
                 if two:
                     _put(place[n], z0, psi0, a0, s_low)
@@ -335,7 +339,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             status = GROUND
         elif j > stop.size - 2 or travelled >= far_km - _SAME_KM:
             status = OUT
-        if status >= 0 or depth > DARK:
+        if status >= 0 or least > DARK:
             break
     for w in range(n_w):
         transmittance[w] = math.exp(-passed[w])

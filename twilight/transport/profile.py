@@ -52,6 +52,8 @@ class Profile(NamedTuple):
     thickest_per_km (N,): extinction by which steps are shortened: as expected, or the largest of all wavelengths
     guide_per_km (N,): extinction by which the one point of a step is placed: air's, or where steps follow the largest
     extinction, that
+    clearest_per_km (N,): extinction of the clearest of the wavelengths that steps are made for, behind whose optical
+    depth they grow
     negligible (W,): scattering optical depth of a step below which it is left out, at each wavelength
     """
 
@@ -66,6 +68,7 @@ class Profile(NamedTuple):
     gradient_per_km: np.ndarray
     thickest_per_km: np.ndarray
     guide_per_km: np.ndarray
+    clearest_per_km: np.ndarray
     negligible: np.ndarray
     earth_radius_km: float
 
@@ -101,6 +104,7 @@ def prepare_profile(
         np.zeros(z.size),
         np.maximum(expected, largest),
         np.where(largest > expected, largest, guide),
+        np.ascontiguousarray(whose.extinction_per_km.min(axis=1)),
         NEGLIGIBLE * np.minimum(1.0, np.trapezoid(scattering, z, axis=0)),
         float(medium.earth_radius_km),
     )
@@ -122,6 +126,17 @@ def with_steps_of(profile: Profile, other: Profile, factors: tuple[float, float]
         sharp_km=other.sharp_km,
         thickest_per_km=np.maximum(thickest, expected_extinction(z, factors)),
         guide_per_km=guide,
+        clearest_per_km=np.interp(z, other.altitude_km, other.clearest_per_km),
+    )
+
+
+def at_wavelengths(profile: Profile, part: slice) -> Profile:
+    """The profile at some of its wavelengths, with the steps that it has for all."""
+    return profile._replace(
+        extinction=np.ascontiguousarray(profile.extinction[:, part]),
+        scattering=np.ascontiguousarray(profile.scattering[:, part]),
+        species_scattering=np.ascontiguousarray(profile.species_scattering[:, :, part]),
+        negligible=profile.negligible[part].copy(),
     )
 
 

@@ -29,9 +29,8 @@ from twilight.solvers.compact.recognise import air_of
 from twilight.splines import spline_coefficients
 
 GRID = Grid(elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5)
-RANKS = {"dark": (80, 36, 12, 6), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
+RANKS = {"dark": (70, 32, 12, 8), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
 """Of direction, sun, wavelength and amount."""
-LOAD_OFFSET = 0.02
 SMOOTH_QUALITY = "draft"
 """Of the light of the ground and the change with ozone, which are small parts of the light."""
 GROUND_ALBEDOS = (0.5, 0.9)
@@ -65,11 +64,10 @@ class Fit:
     wall_s: float
 
 
-def fit_compact(
-    config: Config, depths: Sequence[float] = training.OPTICAL_DEPTHS, progress: Progress | None = None
-) -> Fit:
+def fit_compact(config: Config, depths: Sequence[float] | None = None, progress: Progress | None = None) -> Fit:
     """The compact sky of a configuration's climate, by its solver at its quality.
 
+    depths: aerosol optical depths at 550 nm, `training.optical_depths` where they are not given
     Errors: TwilightError for another solver, a climate without aerosol, and loads that it cannot have.
     """
     tell = progress or silent
@@ -84,7 +82,7 @@ def fit_compact(
             f"observer.altitude_km is {config.observer.altitude_km:g}; a compact sky is seen from the ground, "
             f"{ground_km:g} km"
         )
-    depths = check_depths(depths)
+    depths = check_depths(training.optical_depths(config) if depths is None else depths)
     clock = Clock()
     wavelength = np.array(training.WAVELENGTHS_NM)
     fine = np.arange(wavelength[0], wavelength[-1] + 0.5 * WAVELENGTH_STEP_NM, WAVELENGTH_STEP_NM)
@@ -105,7 +103,7 @@ def fit_compact(
         sun_elevation_deg=np.array(training.SUNS_DEG),
         wavelength_nm=fine,
         optical_depth_550nm=np.array(depths),
-        load_offset=LOAD_OFFSET,
+        load_offset=training.LOAD_OFFSET,
         ozone_column_du=columns,
         ozone_reference_du=reference_du,
         returned=refine_wavelengths(wavelength, returned.T, fine, shapes).T.astype(np.float32),
@@ -220,7 +218,7 @@ def _smooth_terms(
     splines = _splines(black, [*lights, *(skies[factor] for factor in columns)])
     grounds, ozone = splines[..., : len(few)], splines[..., len(few) :]
     ozone = ozone - ozone[..., [columns.index(1.0)]]
-    loads = np.log(np.array(few) + LOAD_OFFSET), np.log(np.array(depths) + LOAD_OFFSET)
+    loads = np.log(np.array(few) + training.LOAD_OFFSET), np.log(np.array(depths) + training.LOAD_OFFSET)
     to_loads, to_suns = spline_matrix(*loads), spline_matrix(some, suns)
     ground = np.einsum("kswt,Tt,Ss->kSwT", grounds, to_loads, to_suns, optimize=True)
     returned = np.stack(shares, axis=-1) @ to_loads.T

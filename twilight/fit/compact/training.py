@@ -30,8 +30,13 @@ WAVELENGTHS_NM = (
 )  # fmt: skip
 """24 wavelengths from which, with the gases' own absorption spectra, the others follow best: chosen by a search over 36
 spectra of the sky at 91 wavelengths, which they give to 0.2 % (mean), 0.7 % (95th percentile), 2.3 % (largest)."""
-OPTICAL_DEPTHS = (0.01, 0.04, 0.09, 0.2, 0.4, 0.8)
-"""Evenly in ln(depth + 0.02)."""
+OPTICAL_DEPTHS = (0.01, 0.043, 0.095, 0.18, 0.3, 0.5, 0.8)
+"""Evenly in ln(depth + LOAD_OFFSET)."""
+LOAD_OFFSET = 0.05
+"""Thin haze makes light, whose logarithm is that of the depth; along the horizon thick haze takes it, linearly in the
+depth: between nodes evenly in ln(depth + 0.02) the horizon below a low sun was 17 % off at depth 0.65."""
+AS_GOOD = 0.05
+"""Relative distance from a climate's own optical depth within which it takes the place of one of those."""
 
 ROWS, COLUMNS = 24, 16
 COARSE_ROWS, COARSE_COLUMNS = 16, 9
@@ -121,6 +126,19 @@ def medium_of(config: Config, air: Air, wavelength_nm: np.ndarray) -> Any:
         "gases": gases,
     }
     return climate_medium(climate.model_copy(update=changed), wavelength_nm)
+
+
+def optical_depths(config: Config) -> tuple[float, ...]:
+    """Aerosol optical depths at 550 nm that a climate is fitted at: OPTICAL_DEPTHS, and that which it has by itself.
+
+    Errors: as `medium_of`.
+    """
+    climate = config.climate
+    if climate.aerosol is None or climate.medium is not None:
+        return OPTICAL_DEPTHS  # `medium_of` says what is wrong
+    own = float(climate_medium(climate, np.array([550.0])).optical_depth("aerosol")[0])
+    others = [depth for depth in OPTICAL_DEPTHS if abs(depth - own) > AS_GOOD * own]
+    return tuple(sorted([*others, own]))
 
 
 def compute_skies(

@@ -10,7 +10,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.reference import RANGES, range_of
 from twilight.atmosphere.refraction import ciddor_refractivity
-from twilight.solvers.zones.directions import needed, thin_layers, with_degree
+from twilight.solvers.zones.directions import near_edges, needed, thin_layers, with_degree
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
@@ -66,20 +66,22 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
         of_nodes = profile if clearest is None else profile._replace(extinction=profile.extinction[:, clearest])
         nodes = _field_altitudes(medium, of_nodes, settings.altitude_density)
         thin = thin_layers(profile)[0].size > 0
-        return Layout(profile, nodes, needed(settings, scaled, profile), scaled.medium, medium, thin)
+        return Layout(
+            near_edges(profile, profile), nodes, needed(settings, scaled, profile), scaled.medium, medium, thin
+        )
     air = delta_scaled(fixed, settings.degree)
     reference = prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
     directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
     if not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, LANE_FACTORS)
-        return Layout(profile, nodes, directions, scaled.medium, fixed, thin)
+        return Layout(near_edges(profile, reference), nodes, directions, scaled.medium, fixed, thin)
     profile = prepare_profile(scaled.medium, like=air.medium)
     # the most refracted wavelength of a range is its first, which need not be a fixed one
     first = RANGES[range_of(fixed.wavelength_nm[0])][0]
     there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
     beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
-    return Layout(profile, nodes, directions, beam, fixed, thin)
+    return Layout(near_edges(profile, reference), nodes, directions, beam, fixed, thin)
 
 
 def alike(medium: Medium, settings: ZonesSettings) -> list[bytes]:
@@ -110,7 +112,7 @@ def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
     steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
     directions = str(needed(settings, scaled, profile))
-    return steps.encode() + directions.encode() + nodes.tobytes() + profile.stop_km.tobytes()
+    return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
 
 
 def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:

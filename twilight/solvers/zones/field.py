@@ -199,8 +199,9 @@ class Field(BareField):
                 surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), block).astype(int))
                 water = reflection(above, orders, 3 if self.settings.polarisation else 1, *surface)
             return Passes(
-                n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block, water
-            )
+                n, angles, rays, points, turning, self.medium, scattering, self.scaled.forward_share, block, water,
+                self.path_profile, self.settings.first_step_density,
+            )  # fmt: skip
 
         return of
 

@@ -118,6 +118,25 @@ def _points(
     )
 
 
+class SunlitPoints(NamedTuple):
+    """Those of `Points` that the first event needs: angle (P,), share (P, S, LANES), weight (P, LANES)."""
+
+    angle: np.ndarray
+    share: np.ndarray
+    weight: np.ndarray
+
+
+def make_sunlit_points(rays: Rays, scattering: Scattering, step_rad: float, block: int) -> SunlitPoints:
+    """Of rays through the LANES wavelengths of a block; step_rad: as in `make_points`."""
+    some = slice(block * LANES, min((block + 1) * LANES, scattering.chi.shape[2]))
+    species = species_share(scattering.medium.select(some), rays.place[:, ALTITUDE])
+    return SunlitPoints(
+        (rays.place[:, ANGLE] / step_rad).astype(np.float32),
+        lanes_of(species.transpose(1, 0, 2), 0),
+        lanes_of(rays.weight, 0),
+    )
+
+
 class Turning(NamedTuple):
     """How solar zenith angle and azimuth turn along a ray: place (N, T, F, 3) float32 at geocentric angles
     n step_rad: coordinate on the fine grid of solar zenith angles, cosine of the azimuth from the sun, and the solar

@@ -12,7 +12,7 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    coarse_degree: most that the degree grows to beside coarse particles, whose forward peak is strong
+    coarse_degree: most that the degree grows to beside coarse particles, whose forward peak is strong; not in clouds
     polar_directions: directions per hemisphere
     azimuth_directions: directions over half a turn, more beside coarse particles; orders of the series in azimuth are
         fewer than these
@@ -22,6 +22,7 @@ class ZonesSettings:
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky
         of a sun at -6 deg is off by up to 13 %
     step_density: of the points along the rays between nodes
+    first_step_density: the same for the first event: sunlight ends suddenly at the shadow of the Earth and its haze
     sight_density: of the points along lines of sight
     beam_density: of the nodes of the sunbeam's tables
     max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
@@ -50,6 +51,7 @@ class ZonesSettings:
     altitude_density: float = 1.0
     zenith_density: float = 1.0
     step_density: float = 0.7
+    first_step_density: float = 2.0
     sight_density: float = 1.5
     beam_density: float = 1.0
     max_events: int = 200
@@ -78,6 +80,7 @@ class ZonesSettings:
             "altitude_density": (0.2, 10.0),
             "zenith_density": (0.3, 10.0),
             "step_density": (0.3, 10.0),
+            "first_step_density": (0.3, 10.0),
             "sight_density": (0.3, 10.0),
             "beam_density": (0.3, 4.0),
             "max_events": (1, 1000),
@@ -116,6 +119,7 @@ QUALITIES: dict[str, ZonesSettings] = {
         altitude_density=0.5,
         zenith_density=0.6,
         step_density=0.4,
+        first_step_density=1.0,
         sight_density=1.0,
         beam_density=0.5,
         tolerance=1e-2,
@@ -134,6 +138,7 @@ QUALITIES: dict[str, ZonesSettings] = {
         altitude_density=1.7,
         zenith_density=1.7,
         step_density=1.0,
+        first_step_density=2.0,
         sight_density=2.5,
         tolerance=5e-4,
         polarisation_degree=16,

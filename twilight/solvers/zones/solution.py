@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.first import Beams, Scattered, scatter_sunlight
 from twilight.solvers.zones.grid import Angles, conserving, cubic_refinement
 from twilight.solvers.zones.passes import Light, Refinement, moments_of, scatter
-from twilight.solvers.zones.paths import LANES, Points, Scattering, Turning, lanes_of
+from twilight.solvers.zones.paths import LANES, Points, Scattering, SunlitPoints, Turning, lanes_of, make_sunlit_points
 from twilight.solvers.zones.polarised import rotated
 from twilight.solvers.zones.sunlight import Sunlight
 from twilight.solvers.zones.water import (
@@ -22,14 +23,17 @@ from twilight.solvers.zones.water import (
     surface_of,
 )
 from twilight.threads import in_slices
-from twilight.transport.bundle import Rays
+from twilight.transport.bundle import Rays, trace_rays
 from twilight.transport.lines import ALTITUDE
+from twilight.transport.profile import Profile, at_wavelengths
 from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30
 PHASE_NODES = 2049
 SWING = 0.2
 """How far the logarithm may go beyond those of the altitudes around it, and by which share of their difference."""
+SUNLIT_AT_ONCE = 8
+"""Altitudes whose rays for sunlight are there at one time: there are several times as many points as of the others."""
 PER_INTERVAL = 3
 """Steps of the fine grid of solar zenith angles in every interval of the nodes."""
 
@@ -114,6 +118,7 @@ class Passes:
 
     medium: before scaling, with its ground; scattering: of the scaled medium; forward_share (K, W): what scaling took
     from each aerosol's phase function; water: how it reflects the sky, of `reflection` for every lane; None for land
+    profile: that rays go through; first_step_density: of the steps of those that sunlight is scattered on
     """
 
     nodes: Nodes
@@ -125,7 +130,9 @@ class Passes:
     scattering: Scattering
     forward_share: np.ndarray
     block: int
-    water: np.ndarray | None = None
+    water: np.ndarray | None
+    profile: Profile
+    first_step_density: float
 
     @property
     def polarised(self) -> bool:
@@ -155,28 +162,29 @@ class Passes:
     def first(self, sunlight: Sunlight) -> np.ndarray:
         """Stokes parameters of sunlight scattered once."""
         out = self._empty()
-        z = self.rays.place[:, ALTITUDE]
-        row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
-        share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
-        beams = Beams(
-            row,
-            share.astype(np.float32),
-            sunlight.edge_rad,
-            sunlight.span_rad,
-            lanes_of(sunlight.log_light, self.block),
-            lanes_of(sunlight.ground, self.block),
-        )
+        light, ground_light = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
         scattered = self._scattered()
         factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
         ground_weight, ground_angle = self.ground()
         n_polar = self.angles.cosine.shape[1]
-        in_slices(
-            lambda begin, end: scatter_sunlight(
-                self.rays.first, self.points, self.turning.place, beams, scattered, ground_weight, ground_angle,
-                factor, n_polar, out, begin, end,
-            ),
-            out.shape[0],
-        )  # fmt: skip
+        for start in range(0, out.shape[0], SUNLIT_AT_ONCE):
+            nodes = slice(start, start + SUNLIT_AT_ONCE)
+            rays, points = self._sunlit(nodes)
+            z = rays.place[:, ALTITUDE]
+            row = np.clip(np.searchsorted(sunlight.altitude_km, z, side="right") - 1, 0, sunlight.altitude_km.size - 2)
+            share = np.clip((z - sunlight.altitude_km[row]) / np.diff(sunlight.altitude_km)[row], 0.0, 1.0)
+            beams = Beams(row, share.astype(np.float32), sunlight.edge_rad, sunlight.span_rad, light, ground_light)
+            some = scattered._replace(angle=scattered.angle[nodes])
+            if self.polarised:
+                some = some._replace(turn=scattered.turn[nodes])
+            of_nodes = slice(start * n_polar, (start + SUNLIT_AT_ONCE) * n_polar)
+            in_slices(
+                partial(
+                    scatter_sunlight, rays.first, points, self.turning.place, beams, some, ground_weight[of_nodes],
+                    ground_angle[of_nodes], factor, n_polar, out[nodes],
+                ),
+                out[nodes].shape[0],
+            )  # fmt: skip
         if self.water is not None:
             surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
             of_rays = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
@@ -187,6 +195,14 @@ class Passes:
                 out.shape[0],
             )
         return out
+
+    def _sunlit(self, nodes: slice) -> tuple[Rays, SunlitPoints]:
+        """Rays from some of the nodes for sunlight, two points a step, through the wavelengths of the block."""
+        cosine = self.angles.cosine[nodes]
+        profile = at_wavelengths(self.profile, slice(self.block * LANES, (self.block + 1) * LANES))
+        start = np.repeat(self.nodes.altitude_km[nodes], cosine.shape[1])
+        rays = trace_rays(profile, start, cosine.ravel(), self.first_step_density, pairs=True)
+        return rays, make_sunlit_points(rays, self.scattering, self.turning.step_rad, self.block)
 
     def _scattered(self) -> Scattered:
         a = self.angles
