@@ -26,6 +26,8 @@ GUIDE_PER_KM, GUIDE_SCALE_KM = 0.1, 7.0
 """Extinction by which the one point of a step is placed, the same for all wavelengths."""
 NEGLIGIBLE = 1e-26
 """Scattering optical depth of a step, over that of all the air if it is thin, below which the step is left out."""
+FAINTEST = 1e-280
+"""The least that counts at all: below, double precision loses its digits."""
 THIN_PER_KM = 3e-6
 FOOT = 0.02
 """A layer is resolved down to this share of its largest coefficient: below, what it adds is lost in the rest of it."""
@@ -105,7 +107,7 @@ def prepare_profile(
         np.maximum(expected, largest),
         np.where(largest > expected, largest, guide),
         np.ascontiguousarray(whose.extinction_per_km.min(axis=1)),
-        NEGLIGIBLE * np.minimum(1.0, np.trapezoid(scattering, z, axis=0)),
+        np.maximum(FAINTEST, NEGLIGIBLE * np.minimum(1.0, np.trapezoid(scattering, z, axis=0))),
         float(medium.earth_radius_km),
     )
 
