@@ -84,6 +84,25 @@ def test_ordinary_air_keeps_its_degree(desert):
     assert with_degree(asked, desert) == asked
 
 
+def test_polar_angles_grow_with_the_degree():
+    """A sun at 30 deg in aerosol of asymmetry 0.95, two events: the zenith. 9 polar angles lose a quarter of it."""
+    medium = medium_of(Air(aerosol=0.5, asymmetry=0.95), refractivity=0.0)
+    few = replace(
+        zones.QUALITIES["draft"], polarisation=False, max_events=2, tolerance=0.0, altitude_density=0.3,
+        zenith_density=0.5,
+    )  # fmt: skip
+    assert with_degree(few, medium).degree == 20 and with_degree(few, medium).polar_directions == 21
+    seen = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TwilightWarning)  # two events, and a very forward aerosol
+        for polar, degree in ((9, 12), (9, 20), (32, 20)):
+            settings = replace(few, polar_directions=polar, degree=degree)
+            field = zones.prepare(medium, settings, sun_elevations_deg=[30.0])
+            seen[polar, degree] = field.radiance(30.0, 90.0, 0.0)[0]
+    assert seen[9, 12] == pytest.approx(seen[32, 20], rel=0.01)
+    assert seen[9, 20] == pytest.approx(0.75 * seen[32, 20], rel=0.05)
+
+
 def test_peaks_keep_what_the_series_has_left_out(desert):
     scaled = delta_scaled(desert, 12)
     peak = forward_peak(desert, scaled, prepare_profile(scaled.medium))
