@@ -121,8 +121,8 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
     if settings.max_events > 1 and peak > PEAKED:
         warnings.warn(
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
-            "follow: beside the referee, quality standard is 2 % off at an asymmetry of 0.9, 5 % at 0.95 and 15 % at "
-            f"0.99, where its optical depth is 0.5 and the sight is low; here it is {peaked_depth:.2g}",
+            "follow: beside the referee, quality standard is up to 4 % off at an asymmetry of 0.99, where its optical "
+            f"depth is 0.5; here it is {peaked_depth:.2g}",
             TwilightWarning,
             stacklevel=3,
         )
