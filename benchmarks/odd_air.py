@@ -11,7 +11,6 @@ stay as the table has them, and only `zones` is solved anew.
 
 from __future__ import annotations
 
-import csv
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -129,8 +128,7 @@ def sampled(error: float, seconds: float) -> Callable[..., list]:
 
 def kept(table: Path) -> Callable[..., list]:
     """The referee as it is in a table."""
-    with open(table, encoding="utf-8") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    rows = results.read_rows(table)
 
     def of(case: str, medium: Medium, place: Place) -> list:
         there = [row for row in rows if row["case"] == case and row["observer_km"] == f"{place.altitude_km:g}"]

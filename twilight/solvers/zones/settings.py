@@ -12,7 +12,7 @@ class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
     degree: of the Legendre series that is kept (delta-scaled beyond)
-    coarse_degree: most that the degree grows to beside coarse particles, whose forward peak is strong; not in clouds
+    coarse_degree: most that the degree grows to beside coarse particles, and polar_directions with it; not in clouds
     polar_directions: directions per hemisphere
     azimuth_directions: directions over half a turn, more beside coarse particles; orders of the series in azimuth are
         fewer than these
