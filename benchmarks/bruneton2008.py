@@ -25,14 +25,19 @@ from tables import directions
 
 from twilight.atmosphere.medium import Medium
 from twilight.config import load_climate
-from twilight.export import bruneton, own
-from twilight.export.values import Source
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
+from twilight.numerics.spectrum import (
+    LUMINOUS_EFFICACY_LM_PER_W,
+    colour_matching_functions,
+    integrate,
+    solar_at_visible,
+)
 from twilight.scene.medium import climate_medium
 from twilight.solvers import load
 from twilight.solvers.montecarlo import MonteCarloSettings
 from twilight.solvers.tables.mapping import BRUNETON_2008, Mapping, sun_cosine
-from twilight.spectrum import LUMINOUS_EFFICACY_LM_PER_W, colour_matching_functions, integrate, solar_at_visible
+from twilight.studies.export import bruneton, sky_tables
+from twilight.studies.export.field_values import FieldSource
 
 HERE = Path(__file__).parent
 SUNS_DEG = (30.3, 10.3, 5.2, 2.1, 0.2, -2.1, -4.2, -6.1, -9.1, -12.1, -15.1, -17.9)
@@ -41,7 +46,6 @@ GREEN = 1
 HORIZON_KM, HORIZON_SUN_DEG = 2.0, 10.3
 AEROSOLS = {"fig. 6": (2.0e-2, 0.76), "fig. 7": (2.2e-2, 0.73)}
 """Scattering at the ground [km^-1] and g; 0.9 of the extinction."""
-AS_IN_THE_PAPER = replace(load("tables").QUALITIES["bruneton2008"], aerosol_packing="proportional", storage="float16")
 CIE_SUNS_DEG = (70.0, 50.0, 30.0, 15.0, 5.0)
 
 
@@ -73,7 +77,7 @@ class Errors:
         medium = air([440.0, 550.0, 680.0])
         zones = load("zones")
         self.truth = zones.prepare(medium, replace(zones.QUALITIES["standard"], polarisation=False))
-        self.source = Source(self.truth, medium, False)
+        self.source = FieldSource(self.truth, medium, False)
         self.exact = {sun: self.truth.radiance(sun, *self.where)[..., GREEN] for sun in SUNS_DEG}
         self.rows: list[list[str]] = []
 
@@ -133,8 +137,10 @@ def filled(table: Errors) -> None:
                 table.add(words, size // 2, seconds, lambda sun, of=half: read(sun, of))
         table.add(f"exact, {name}, logarithmic", size, seconds, lambda sun, of=made: read(sun, of, logarithmic=True))
     start = time.process_time()
-    ours = own.fill(table.source, replace(own.Sizes(), altitude_km=(0.0,)), {}, lambda doing, share: None)
-    size = len(own.Sizes().altitude_km) * ours.n_bytes
+    ours = sky_tables.fill(
+        table.source, replace(sky_tables.SkyTableSizes(), altitude_km=(0.0,)), {}, lambda doing, share: None
+    )
+    size = len(sky_tables.SkyTableSizes().altitude_km) * ours.n_bytes
     seconds = time.process_time() - start
     table.add("exact, twilight", size, seconds, lambda sun: ours.radiance(sun, *table.where)[:, GREEN])
     horizon(table)
@@ -151,7 +157,7 @@ def horizon(table: Errors) -> None:
         peak_passes=True,
     )[0][:, GREEN]  # fmt: skip
     tables = load("tables")
-    solved = tables.prepare(air([550.0]), replace(tables.QUALITIES["standard"], max_events=5))
+    solved = tables.prepare(air([550.0]), replace(tables.QUALITIES["standard"], max_orders=5))
     rays = solved._rays(HORIZON_SUN_DEG, elevation, np.full(elevation.size, 90.0), HORIZON_KM)
     theirs = solved.inscattered(rays)[:, 0]
     # the same number of texels, even in the elevation, across the horizon
@@ -184,8 +190,6 @@ def solved(table: Errors) -> None:
     later = tables.QUALITIES["bruneton2017"]
     variants = {
         "solved, 2008": standard,
-        "solved, 2008, half floats": replace(standard, storage="float16"),
-        "solved, 2008, half floats x 4096": replace(standard, storage="float16", storage_scale=4096.0),
         "solved, 2017": later,
         "solved, 2017, 128 suns, logarithmic": replace(later, scattering_mu_s=128, interpolation="logarithmic"),
     }
@@ -222,7 +226,7 @@ def picture() -> None:
     ):
         suns = np.degrees(np.arcsin([sun_cosine(mapping, j) for j in range(mapping.n_mu_s)]))
         panels[1].plot(suns[1:], np.diff(suns), color=colour, marker=".", label=f"his of {name}: {suns.size} texels")
-    suns = own.sun_nodes(own.Sizes().suns)
+    suns = sky_tables.sun_nodes(sky_tables.SkyTableSizes().suns)
     panels[1].plot(suns[1:], np.diff(suns), color="C2", marker=".", label=f"layout twilight: {suns.size} texels")
     panels[1].set(yscale="log", xlim=(31, -31), xlabel="elevation of the sun [deg]")
     panels[1].set_ylabel("from one texel to the next [deg]")
@@ -259,7 +263,7 @@ def cie() -> None:
     for panel, (name, (scattering, g)) in zip(panels, AEROSOLS.items(), strict=True):
         medium = air(wavelength, scattering, g)
         begin = time.process_time()
-        field = load("tables").prepare(medium, AS_IN_THE_PAPER)
+        field = load("tables").prepare(medium, load("tables").QUALITIES["bruneton2008"])
         cost = [f"{field.stored_bytes / 1e6:.1f}", f"{time.process_time() - begin:.0f}"]
         reference = standard.prepare(medium, replace(standard.QUALITIES["standard"], sky_type=12, turbidity=3.0))
         for colour, sun in enumerate(CIE_SUNS_DEG):
@@ -303,7 +307,7 @@ def cie() -> None:
     notes = [
         "luminance over that of the zenith, tables as in the paper over CIE standard sky 12, weighted by solid angle;",
         "rms and mean of the logarithm above 10 deg, and the mean below 10 deg, which the paper finds too bright;",
-        "three wavelengths, 16 bit, four values a texel, five orders; cpu_s to fill the tables",
+        "three wavelengths, five orders; cpu_s to fill the tables",
     ]
     write(HERE / "bruneton2008_cie.csv", columns, rows, notes=notes)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.atmosphere.table import medium_from_table
+from twilight.atmosphere.medium_table import medium_from_table
 from twilight.solvers import cells
 
 HERE = Path(__file__).parent
@@ -20,7 +20,7 @@ SETTINGS = {
     "draft": cells.QUALITIES["draft"],
     "standard": cells.QUALITIES["standard"],
     "isotropic after the first event, S = 120": replace(
-        cells.QUALITIES["haber2005"], max_events=10, tolerance=1e-3, subcells=3
+        cells.QUALITIES["haber2005"], max_orders=10, tolerance=1e-3, subcells=3
     ),
     "single scattering": replace(cells.QUALITIES["standard"], multiple_scattering="none"),
 }

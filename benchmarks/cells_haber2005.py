@@ -12,6 +12,7 @@ import numpy as np
 
 from twilight.config import load
 from twilight.engine import run
+from twilight.scene import resolve
 
 
 def main() -> None:
@@ -20,8 +21,8 @@ def main() -> None:
     times, peaks = [], []
     for _ in range(2):  # the first run compiles
         start = time.perf_counter()
-        sky = run(load({"version": 1, **{"climate": settings["climate"]}}, {
-            k: v for k, v in settings.items() if k != "climate"}))  # fmt: skip
+        sky = run(resolve(load({"version": 1, **{"climate": settings["climate"]}}, {
+            k: v for k, v in settings.items() if k != "climate"})))  # fmt: skip
         times.append(time.perf_counter() - start)
         peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     assert np.all(np.isfinite(sky.sun_normalised_radiance))

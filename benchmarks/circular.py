@@ -17,7 +17,7 @@ import results
 from numba import njit
 
 from twilight.config.load import load_climate
-from twilight.phase import RATIO_P34, table_angles_rad
+from twilight.numerics.phase import RATIO_P34, table_angles_rad
 from twilight.scene.medium import climate_medium
 
 CLIMATES = ("continental-average", "urban", "desert", "volcanic-extreme")
@@ -46,7 +46,7 @@ def mixture(medium, w: int) -> tuple[float, float, np.ndarray]:
     )
     scattering = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
     total = air
-    for phase, share in zip(medium.phase_functions, medium.aerosol_share, strict=True):
+    for phase, share in zip(medium.phase_functions, medium.aerosol_phase_fraction, strict=True):
         amount = depth((scattering * share)[:, w])
         elements = phase.matrix(cosine)[:, w]
         p34 = np.interp(np.arccos(cosine), table_angles_rad(phase.log_table.shape[1]), phase.ratios[RATIO_P34, w])

@@ -18,16 +18,16 @@ from typing import Any
 import numpy as np
 import results
 
-from twilight import colour
-from twilight.compact import CompactSky
 from twilight.config import load
-from twilight.fit.compact.build import seconds_per_value
-from twilight.fit.compact.training import Air, medium_of
+from twilight.sky import colour
+from twilight.solvers.compact.compact_sky import CompactSky
+from twilight.studies.fit.compact.build import seconds_per_value
+from twilight.studies.fit.compact.training import TrainingAir, medium_of
 
 HERE = Path(__file__).parent
 SHIPPED = HERE.parent / "twilight" / "data" / "compact" / "continental-average.npz"
 SUNS_DEG = (30.0, 6.0, 1.0, -3.0, -6.0, -11.0, -17.0)
-PICTURED = Air(0.14, 0.2)
+PICTURED = TrainingAir(0.14, 0.2)
 WAVELENGTHS_NM = np.linspace(385.0, 735.0, 8)
 STEP_DEG = 2.0
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import results
 
-from twilight.compare.figure import draw, read_points
+from twilight.studies.compare.figure import draw, read_points
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "compare"

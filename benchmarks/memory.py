@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import results
 
 if TYPE_CHECKING:
-    from twilight.engine.memory import SceneTakes
+    from twilight.engine.memory import SceneCost
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -62,18 +62,19 @@ def measured(words: tuple[str, ...]) -> tuple[float, float, float]:
     return n_bytes, processor, wall
 
 
-def planned(words: tuple[str, ...]) -> SceneTakes:
+def planned(words: tuple[str, ...]) -> SceneCost:
     """What the program says of a case before it is run."""
     from twilight.config import load_series
     from twilight.config.load import parse_setting
-    from twilight.engine.memory import takes_in_full
+    from twilight.engine.memory import full_cost
+    from twilight.scene import resolve
 
     keys = {"sun.elevation_deg": -4.0, "solver.quality": words[1]}
     keys |= dict(parse_setting(w) for w in words if "=" in w)
     if "--projection" in words:
         keys["observer.view"] = {"kind": "latlong", "width": 2048, "height": 1024}
     (case,) = load_series("continental-average", keys)
-    return takes_in_full(case.config)
+    return full_cost(resolve(case.config))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Referee radiances: of shipped climates, and of two tabulated media that any code can be run on.
+"""Reference radiances: of shipped climates, and of two tabulated media that any code can be run on.
 
     python benchmarks/montecarlo_reference.py                            all that follows
     python benchmarks/montecarlo_reference.py urban desert               writes reference/urban.csv, desert.csv
@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.compare.referee import COLUMNS
+from twilight.studies.compare.reference_solution import COLUMNS
 
 HERE = Path(__file__).parent / "reference"
 WAVELENGTHS_NM = (450.0, 550.0, 680.0)
@@ -101,7 +101,7 @@ def target(sun_elevation_deg: float) -> float:
 
 def of_medium(name: str) -> None:
     """A tabulated medium in scalar theory with straight lines: NAME-air-albedo-ALBEDO."""
-    from twilight.atmosphere.table import medium_from_table
+    from twilight.atmosphere.medium_table import medium_from_table
 
     air, albedo = name.split("-albedo-")
     medium = medium_from_table(HERE / f"{air}.csv", ground_albedo=float(albedo))
@@ -140,7 +140,7 @@ def of_climate(name: str) -> None:
 
 
 def prepared(medium, **change):
-    """The referee with enough samples for the faintest direction, and its settings."""
+    """The Monte-Carlo solver with enough samples for the faintest direction, and its settings."""
     from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
     settings = MonteCarloSettings(max_samples=1_000_000, pilot_samples=48, seed=20, **change)

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import results
+import sky_phenomena as see
 
-from twilight import colour
 from twilight.config import load
-from twilight.validate.phenomena import colours as see
+from twilight.sky import colour
 
 HERE = Path(__file__).parent
 QUALITY = sys.argv[1] if len(sys.argv) > 1 else "draft"

@@ -17,14 +17,22 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.colour import sky_to_xyz
 from twilight.config import load
 from twilight.engine import run
-from twilight.validate.photographs.estimate import estimate, sentences
-from twilight.validate.photographs.figure import write_figure
-from twilight.validate.photographs.library import OTHERS, SUN, Design, climate_settings, make_library, with_settings
-from twilight.validate.photographs.photo import OBSERVER, compare
-from twilight.validate.photographs.photograph import read_photograph
+from twilight.scene import resolve
+from twilight.sky.colour import sky_to_xyz
+from twilight.studies.validate.photographs.estimate import estimate, sentences
+from twilight.studies.validate.photographs.figure import write_figure
+from twilight.studies.validate.photographs.library import (
+    OTHERS,
+    SUN,
+    Design,
+    climate_settings,
+    make_library,
+    with_settings,
+)
+from twilight.studies.validate.photographs.photo import OBSERVER, compare
+from twilight.studies.validate.photographs.photograph import read_photograph
 
 HERE = Path(__file__).parent / "photos"
 DESIGN = Design(tuple(p for p in OTHERS if p.name in ("ozone", "albedo")))
@@ -97,7 +105,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         photo,
         [library],
         white_balance=True,
-        refine=lambda _, values: sky_to_xyz(run(scene(values, CELL_DEG)), observer=OBSERVER),
+        refine=lambda _, values: sky_to_xyz(run(resolve(scene(values, CELL_DEG))), observer=OBSERVER),
         progress=lambda doing, share: print(doing, flush=True),
     )
     best = found[0]
@@ -106,7 +114,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         for p in best.parameters
     ]
     rows.append([name, "misfit", f"{best.misfit:.4g}", "", "", "", ""])
-    sky = run(scene(best.values, PICTURE_CELL_DEG))
+    sky = run(resolve(scene(best.values, PICTURE_CELL_DEG)))
     fine = replace(shot, cell_deg=PICTURE_CELL_DEG, min_elevation_deg=0.0, glare_deg=6.0)
     seen = fine.seen(sun.azimuth_deg, sky.apparent_sun_elevation_deg)
     for white_balance in (False, True):

@@ -27,17 +27,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import montecarlo_reference
+import neutral_points as neutral
 import numpy as np
 import results
 
 import twilight
-from twilight.atmosphere.table import medium_from_table
-from twilight.compare.accuracy import colour_spread
+from twilight.atmosphere.medium_table import medium_from_table
 from twilight.config.load import load, load_climate
 from twilight.io import write_polarisation_png
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
-from twilight.validate.phenomena.neutral import neutral_points, zenith_polarisation
+from twilight.studies.compare.accuracy import colour_spread
 
 HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
@@ -170,7 +170,7 @@ def sky(climates) -> None:
     for climate in climates or SKY_CLIMATES:
         field = zones.prepare(climate_medium(load_climate(climate), np.array(THREE_NM)), STANDARD)
         for sun in SKY_SUNS_DEG:
-            points, zenith = neutral_points(field, sun), zenith_polarisation(field, sun)
+            points, zenith = neutral.neutral_points(field, sun), neutral.zenith_polarisation(field, sun)
             for w, nm in enumerate(THREE_NM):
                 places = ("" if np.isnan(p[w]) else f"{p[w]:.1f}" for p in points)
                 rows.append([climate, f"{sun:g}", f"{nm:g}", *places, f"{zenith[w]:.3f}"])
@@ -188,7 +188,7 @@ def volcano(_climates) -> None:
         medium = climate_medium(config.climate, np.array(VOLCANO_NM))
         field = zones.prepare(medium, DRAFT, observer_altitude_km=MAUNA_LOA_KM)
         for sun in VOLCANO_SUNS_DEG:
-            points, zenith = neutral_points(field, sun), zenith_polarisation(field, sun)
+            points, zenith = neutral.neutral_points(field, sun), neutral.zenith_polarisation(field, sun)
             for w, nm in enumerate(VOLCANO_NM):
                 places = [p[w] for p in points]
                 drawn[kind, sun, nm] = (*places, zenith[w])
@@ -231,7 +231,7 @@ def one_cost(arguments) -> None:
     climate, quality, polarised = arguments
     settings = replace(zones.QUALITIES[quality], polarisation=polarised == "1")
     elevation, azimuth = texture()
-    small = replace(zones.QUALITIES["draft"], polarisation=settings.polarisation, altitude_density=0.2, max_events=3)
+    small = replace(zones.QUALITIES["draft"], polarisation=settings.polarisation, altitude_density=0.2, max_orders=3)
     zones.prepare(climate_medium(load_climate(climate), np.array([550.0])), small).radiance(-4.0, elevation, azimuth)
     medium = climate_medium(load_climate(climate), np.array(EIGHT_NM))
     # the most that the process has had starts anew

@@ -1,12 +1,12 @@
-"""The tables of docs/reliability.md: long tests with their times, and what was tried against the program.
+"""The tables of docs/reliability.md: long tests with their times, and odd airs that were tried.
 
     python benchmarks/reliability.py tests [FILE ...]    run the long tests of these files, or of all, in turn
     python benchmarks/reliability.py page                write the page's tables from the tables here
 
 Each file's long tests run as `pytest -m slow tests/FILE` in one process; the processor time is that of the command with
 all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files that were not run now stay as
-they are, and then the page: slow_tests.csv, and how many damaged inputs (fuzz.csv), faults (faults.csv) and odd airs
-(odd_air.csv, sharp_layers.csv) there were and how many went wrong.  A radiance of `standard` is wrong that is more than
+they are, and then the page: slow_tests.csv, and how many odd airs (odd_air.csv, sharp_layers.csv) there were and how
+many went wrong.  A radiance of `standard` is wrong that is more than
 1 % (sharp layers 3 %) and three of the referee's standard errors off.
 """
 
@@ -79,30 +79,18 @@ def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def long_tests() -> str:
-    """Every file that has long tests, run or not."""
-    known = {row["file"]: row for row in results.read_rows(TESTS)} if TESTS.exists() else {}
-    rows = []
-    for file in slow_files():
-        row = known.get(file)
-        if row is None:
-            rows.append([f"`{file}`", "", "", "not run to its end"])
-            continue
-        skipped = int(row["long_tests"]) - int(row["passed"]) - int(row["failed"])
-        said = [f"{row['passed']} passed"]
-        said += [f"**{row['failed']} failed**"] if int(row["failed"]) else []
-        said += [f"{skipped} skipped or not ended"] if skipped else []
-        rows.append([f"`{file}`", row["long_tests"], row["processor_s"], ", ".join(said)])
-    return _table(("file", "long tests", "processor time [s]", "result"), rows)
+    """How many long tests there are, what became of them, and what they take."""
+    rows = results.read_rows(TESTS)
+    count = {key: sum(int(row[key]) for row in rows) for key in ("long_tests", "passed", "failed")}
+    other = count["long_tests"] - count["passed"] - count["failed"]
+    minutes = sum(float(row["processor_s"]) for row in rows) / 60.0
+    head = ("files", "long tests", "passed", "failed", "skipped or not ended", "processor time [min]")
+    return _table(head, [[str(len(rows)), *map(str, count.values()), str(other), f"{minutes:.0f}"]])
 
 
 def tried() -> str:
-    """Damaged inputs, faults and odd airs: how many, and how many wrong."""
+    """Odd airs: how many, and how many wrong."""
     rows: list[list[str]] = []
-    for name, what in (("fuzz.csv", "damaged inputs: {}"), ("faults.csv", "{}")):
-        if (HERE / name).exists():
-            for row in results.read_rows(HERE / name):
-                count = row.get("inputs") or row["times"]
-                rows.append([what.format(row["kind"]), count, row["faults"], f"`benchmarks/{name}`"])
     for name, allowed in ALLOWED_PERCENT.items():
         if not (HERE / name).exists():
             continue

@@ -4,6 +4,11 @@
     python benchmarks/renew.py --readme              the table of benchmarks/README.md alone
     python benchmarks/renew.py                       all, hours of processor time
     python benchmarks/renew.py zones_error compare   some
+    python benchmarks/renew.py --old                 the tables whose code has had more than 50 commits since
+
+The code of a table is its script, the scripts and modules that these import, directly or not, the data that they name
+(base/digest.py), and the solvers that the scripts name in strings, `zones` where they name none; of scripts that start
+the program, all of it.
 
 Processor minutes of the command and all that it started go into benchmarks/renewed.csv, from which the table in
 benchmarks/README.md is made.  A table whose code has changed is renewed or removed.
@@ -12,6 +17,7 @@ benchmarks/README.md is made.  A table whose code has changed is renewed or remo
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import re
 import subprocess
@@ -22,8 +28,13 @@ from typing import NamedTuple
 
 import results
 
+from twilight.base.digest import files_of
+from twilight.solvers import DEFAULT, SOLVERS
+
 HERE = Path(__file__).parent
 ROOT = HERE.parent
+MOST_COMMITS = 50
+"""A table is old that has more commits of its code behind it."""
 COLUMNS = ("name", "processor_minutes", "wall_minutes", "commit")
 
 
@@ -37,33 +48,31 @@ class Benchmark(NamedTuple):
 
 BENCHMARKS = {
     "montecarlo_reference": Benchmark(
-        "montecarlo_reference.py", "reference/*.csv", "radiances of the referee, by which all other errors are judged"
+        "montecarlo_reference.py",
+        "reference/*.csv",
+        "reference radiances (Monte-Carlo), by which all other errors are judged",
     ),
-    "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of the referee to 1 %"),
-    "montecarlo_steering": Benchmark(
-        "montecarlo_speed.py steering", "montecarlo_steering.csv", "what finer steering of the referee would bring"
+    "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of Monte-Carlo to 1 %"),
+    "montecarlo_importance": Benchmark(
+        "montecarlo_speed.py importance", "montecarlo_importance.csv", "what a finer importance function would bring"
     ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in thirteen climates"),
-    "coarse_particles": Benchmark(
-        "coarse_particles.py", "coarse_particles*.csv", "what the errors of `zones` beside coarse particles consist of"
+    "zones_study_settings": Benchmark(
+        "zones_study.py settings", "zones_study_settings.csv", "what the errors of `zones` consist of, by setting"
     ),
-    "zones_convergence": Benchmark(
-        "zones_convergence.py", "zones_convergence.csv", "how the answer settles with every setting"
+    "zones_study_quadrature": Benchmark(
+        "zones_study.py quadrature",
+        "zones_study_quadrature.csv",
+        "what polar angles lose of smooth light, and what the analysis of `zones` does",
     ),
-    "zones_volcano": Benchmark(
-        "zones_volcano.py", "zones_volcano.csv", "which grids limit `zones` below a volcano's stratosphere"
+    "zones_study_layer_reference": Benchmark(
+        "zones_study.py layer-reference",
+        "zones_study_layer_reference.csv",
+        "the reference solution below a thin layer at 50 km after sunset",
     ),
-    "zones_volcano_red": Benchmark(
-        "zones_volcano.py red", "zones_volcano_red.csv", "where the red of volcanic twilight is lost"
-    ),
-    "zones_limits": Benchmark(
-        "zones_limits.py",
-        "zones_limits*.csv",
-        "what errors of `zones` beyond the aim consist of: steps along rays, polar angles at the top of a haze",
-    ),
-    "zones_bending": Benchmark("zones_bending.py", "zones_bending.csv", "what bent paths and lines of sight change"),
+    "zones_study_layer": Benchmark("zones_study.py layer", "zones_study_layer.csv", "`zones` beside it"),
     "montecarlo_zscores": Benchmark(
-        "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether the referee's stated errors are its scatter"
+        "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether Monte-Carlo's stated errors are its scatter"
     ),
     "smooth_index": Benchmark(
         "smooth_index.py", "smooth_index*.csv", "how smooth the refracted sunbeam is, and its tables' error"
@@ -86,21 +95,9 @@ BENCHMARKS = {
         "polarisation.py cost", "polarisation_cost.csv", "what polarisation costs in time and memory"
     ),
     "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
-    "cells_active_shells": Benchmark(
-        "cells_active_shells.py", "cells_active_shells.csv", "what active shells cost and save"
-    ),
     "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
-    "montecarlo_tables": Benchmark("montecarlo_tables.py", "", "orders of scattering; Haber's isotropic assumption"),
     "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the referee"),
     "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
-    "high_layer_referee": Benchmark(
-        "high_layer.py referee", "high_layer_referee.csv", "the referee below a thin layer at 50 km after sunset"
-    ),
-    "high_layer": Benchmark("high_layer.py", "high_layer.csv", "`zones` beside it"),
-    "high_layer_causes": Benchmark(
-        "high_layer.py causes", "high_layer_causes.csv", "what `zones` does for thin layers"
-    ),
-    "faults": Benchmark("faults.py", "faults.csv", "programs that are killed, caches that two fill at once"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
@@ -109,9 +106,6 @@ BENCHMARKS = {
     "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
     "zones_speed": Benchmark("zones_speed.py", "zones_speed.csv", "time of `zones`: a field, and one more sky of it"),
     "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
-    "sweep_compact": Benchmark(
-        "sweep.py sweep-compact --table sweep_compact", "sweep_compact.csv", "what a sweep by `compact` costs"
-    ),
     "sweep_many": Benchmark(
         "sweep.py pure-air --many --places 1x1 --table sweep_many", "sweep_many.csv", "10,000 skies of a sweep"
     ),
@@ -158,7 +152,6 @@ BENCHMARKS = {
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
     "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
     "tables_time": Benchmark("tables.py times", "tables_time.csv", "how long whole exports take"),
-    "fuzz": Benchmark("fuzz.py 400", "fuzz.csv", "damaged inputs"),
     "peers_sasktran2": Benchmark(
         "peers_sasktran2.py", "peers_sasktran2*.csv", "beside another program (extra `peers`)"
     ),
@@ -196,6 +189,73 @@ def made_at(benchmark: Benchmark) -> str:
     return "" if not benchmark.writes or "../" in benchmark.writes else "no table is kept"
 
 
+STAMP = re.compile(r"commit (\w+)(?: \(changed\))?: python benchmarks/(\S+)")
+"""The commit and the script in the first line of a table."""
+_LOCAL = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
+_PROGRAM = re.compile(r"""["']-m", "twilight"|twilight\.cli|^import twilight$""", re.MULTILINE)
+
+
+def code_of(script: str) -> list[str]:
+    """Files that the numbers of a script depend on, by their paths in the repository."""
+    scripts: dict[str, str] = {}
+    waiting = [Path(script).stem]
+    while waiting:
+        name = waiting.pop()
+        file = HERE / f"{name}.py"
+        if name not in scripts and name != "results" and file.is_file():
+            scripts[name] = file.read_text(encoding="utf-8")
+            waiting += _LOCAL.findall(scripts[name])
+    text = "\n".join(scripts.values())
+    program = ["twilight.cli", "twilight.api"] if _PROGRAM.search(text) else []
+    solvers = [module for name, module in SOLVERS.items() if re.search(rf"[\"']{name}[\"':]", text)]
+    if program or not (solvers or "twilight.solvers" in text):
+        solvers.append(SOLVERS[DEFAULT])
+    modules = [*scripts, *solvers, *program]
+    return sorted(file.relative_to(ROOT).as_posix() for file in files_of(*modules) if file.is_relative_to(ROOT))
+
+
+@functools.cache
+def former_names(commit: str) -> dict[str, str]:
+    """The names that files of today had at a commit, where they had others."""
+    moved = _git("diff", "-M", "-l4000", "--diff-filter=R", "--name-status", commit, "HEAD")
+    return {new: old for _, old, new in (line.split("\t") for line in moved.splitlines())}
+
+
+def commits_since(commit: str, files: list[str]) -> int:
+    """Commits after this one that changed any of these files, under their names of today or of then."""
+    former = former_names(commit)
+    names = [*files, *(former[file] for file in files if file in former)]
+    return int(_git("rev-list", "--count", f"{commit}..HEAD", "--", *names))
+
+
+def _git(*arguments: str) -> str:
+    return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def ages() -> list[tuple[str, str, str, int | None]]:
+    """(table, script, commit, commits of its code since) of every table that has a stamp; None: no such script."""
+    sys.path.insert(0, str(HERE))
+    cached_code = functools.cache(code_of)
+    found: list[tuple[str, str, str, int | None]] = []
+    for path in sorted(HERE.rglob("*.csv")):
+        stamp = STAMP.search(path.read_text(encoding="utf-8").partition("\n")[0])
+        if stamp is None or path.name in ("renewed.csv", "slow_tests.csv"):  # these have a commit in each row
+            continue
+        commit, script = stamp.groups()
+        count = commits_since(commit, cached_code(script)) if (HERE / script).is_file() else None
+        found.append((path.relative_to(HERE).as_posix(), script, commit, count))
+    return sorted(found, key=lambda row: -1 if row[3] is None else -row[3])
+
+
+def old() -> None:
+    """Print the tables that are to be renewed or removed."""
+    rows = ages()
+    late = [row for row in rows if row[3] is None or row[3] > MOST_COMMITS]
+    for table, script, commit, count in late:
+        print(f"{table:42} {script:24} {commit:10}", "its script is gone" if count is None else f"{count} commits")
+    print(f"{len(late)} of {len(rows)} tables have more than {MOST_COMMITS} commits of their code since they were made")
+
+
 def readme() -> None:
     """The table of benchmarks/README.md, between its two marks."""
     done = {row["name"]: row for row in results.read_rows(HERE / "renewed.csv")}
@@ -216,6 +276,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--readme", action="store_true")
+    parser.add_argument("--old", action="store_true")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in BENCHMARKS]
     if unknown:
@@ -226,6 +287,9 @@ def main() -> None:
         return
     if options.readme:
         readme()
+        return
+    if options.old:
+        old()
         return
     for name in options.names or BENCHMARKS:
         print(f"== {name}", flush=True)

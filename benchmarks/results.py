@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.io.whole import whole_file
+from twilight.base.whole_files import whole_file
 
 ROOT = Path(__file__).resolve().parents[1]
 

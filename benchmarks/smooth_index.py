@@ -39,7 +39,7 @@ def spreading(medium, lowest_km: np.ndarray) -> np.ndarray:
 def sky(medium, density: float) -> np.ndarray:
     """Radiance (suns, directions) of light that was scattered once."""
     elevation, azimuth = np.meshgrid([1.5, 4.0, 10.0, 25.0, 45.0, 70.0], [0.0, 10.0, 40.0, 75.0, 110.0, 150.0, 180.0])
-    settings = replace(zones.QUALITIES["standard"], max_events=1, beam_density=density)
+    settings = replace(zones.QUALITIES["standard"], max_orders=1, beam_density=density)
     field = zones.prepare(medium, settings)
     return np.stack([field.radiance(sun, elevation.ravel(), azimuth.ravel())[:, 0] for sun in SUNS_DEG])
 

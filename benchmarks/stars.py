@@ -18,16 +18,16 @@ import numpy as np
 import results
 from PIL import Image
 
-from twilight.camera import Camera
-from twilight.camera.image import read_image
-from twilight.validate.stars.calibrate import calibrate
-from twilight.validate.stars.coordinates import Place, horizontal
-from twilight.validate.stars.picture import draw
-from twilight.validate.stars.planets import date_by_planets
-from twilight.validate.stars.synthetic import render_stars
+from twilight.studies.camera import CameraModel
+from twilight.studies.camera.image import read_image
+from twilight.studies.validate.stars.calibrate import calibrate
+from twilight.studies.validate.stars.coordinates import StarSite, horizontal
+from twilight.studies.validate.stars.picture import draw
+from twilight.studies.validate.stars.planets import date_by_planets
+from twilight.studies.validate.stars.synthetic import render_stars
 
 HERE = Path(__file__).parent
-PLACE, MOMENT = Place(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+PLACE, MOMENT = StarSite(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
 FALSE_SHARES = (0.0, 0.2, 0.5)
 HOT_PIXELS = 500
 LENSES = {
@@ -64,8 +64,8 @@ def main() -> None:
     stars = stars.take(stars.magnitude < 5.5)
     rows = []
     for name, (base, lens, orientation, guessed) in LENSES.items():
-        truth = Camera.model_validate({**base, "lens": lens, "orientation": orientation})
-        guess = Camera.model_validate({**base, "lens": {"focal_length_px": guessed}})
+        truth = CameraModel.model_validate({**base, "lens": lens, "orientation": orientation})
+        guess = CameraModel.model_validate({**base, "lens": {"focal_length_px": guessed}})
         xy = truth.project(stars.directions)
         drawn = int(truth.inside(xy).sum())
         for share in FALSE_SHARES:
@@ -107,8 +107,8 @@ def main() -> None:
 def photograph(path: Path) -> None:
     """A latitude-longitude panorama of the night sky, place and time unknown."""
     light = read_image(path).samples
-    guess = Camera.model_validate(
-        {"projection": "latitude_longitude", "image": {"width_px": light.shape[1], "height_px": light.shape[0]}}
+    guess = CameraModel.model_validate(
+        {"projection": "latlong", "image": {"width_px": light.shape[1], "height_px": light.shape[0]}}
     )
     start = time.process_time()
     made = calibrate(light, guess, year=2020.7)

@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from twilight import colour
-from twilight.camera.rgbe import read_rgbe
 from twilight.io.eight_bit import to_bytes
 from twilight.io.view import view_exposure_ev100
-from twilight.orientation import azimuth_elevation
-from twilight.views import view_rays
+from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.projections import view_rays
+from twilight.sky import colour
+from twilight.studies.camera.image import read_image
 
 ROOT = Path(__file__).resolve().parents[1]
 SUNSET = "render configs/sunset-over-ridges.yaml --only view"
@@ -39,7 +39,7 @@ PHOTOS = (  # file, azimuth of its sun from the picture's middle [deg], what is 
 
 def photograph(path: Path, azimuth_deg: float) -> np.ndarray:
     """The view out of a panorama, (H, W, 3) 8 bit; its middle is straight ahead, azimuths grow to the right."""
-    rgb = read_rgbe(path)[..., :3]
+    rgb = read_image(path).samples
     height, width = rgb.shape[:2]
     rays = view_rays(
         "perspective", WIDTH, HEIGHT, field_of_view_deg=FIELD_DEG, azimuth_deg=azimuth_deg, elevation_deg=UP_DEG

@@ -24,11 +24,11 @@ import numpy as np
 import results
 import xarray
 
-from twilight.batch.cluster import Place, connect
-from twilight.batch.run import run_sweep
-from twilight.batch.store import COMPUTED, open_store
-from twilight.batch.sweep import Sweep
 from twilight.config.load import load_axes, parse_setting
+from twilight.studies.sweep.resources import Resources, connect
+from twilight.studies.sweep.run import run_sweep
+from twilight.studies.sweep.store import COMPUTED, open_store
+from twilight.studies.sweep.sweep import Sweep
 
 PLACES = "1x1,1x2,2x1"
 MANY = {
@@ -92,7 +92,7 @@ def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, fl
     one run."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sweep.zarr"
-        with open_store(path, sweep) as store, connect(Place(workers=workers, threads=threads)) as client:
+        with open_store(path, sweep) as store, connect(Resources(workers=workers, threads=threads)) as client:
             client.wait_for_workers(workers)
             outcome = run_sweep(client, store, threads=threads)
             inside = sum(entry["wall_s"] for entry in store.done.values())

@@ -2,7 +2,6 @@
 
     python benchmarks/tables.py          # tables.csv
     python benchmarks/tables.py times    # tables_time.csv, whole exports
-    python benchmarks/tables.py calcmysky --folder sky-calcmysky    # tables_calcmysky.csv, that folder read back
 
 Errors are seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in
 percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
@@ -23,18 +22,15 @@ import numpy as np
 from results import write
 
 from twilight.config import load_climate
-from twilight.export import bruneton, calcmysky, calcmysky_read, own
-from twilight.export.values import Source
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.spectrum import solar_at_visible
+from twilight.studies.export import bruneton, sky_tables
+from twilight.studies.export.field_values import FieldSource
 
 HERE = Path(__file__).parent
 SUNS_DEG = (30.3, 10.0, 5.2, 2.1, 0.0, -2.1, -4.2, -6.0, -9.0, -12.1, -15.1, -17.9)
 DIRECTIONS = 1500
-READ_BACK = 400
 TIMES = ("layout", "size_mb", "field_cpu_s", "tables_cpu_s")
-READ = "python benchmarks/tables.py calcmysky --folder sky-calcmysky"
 NM = (680, 550, 440)
 TAKRAM_KM = (6360.0, 6420.0)
 
@@ -49,12 +45,12 @@ def quiet(doing: str, share: float) -> None:
     """No progress is told."""
 
 
-def source_of(climate: str, quality: str, wavelengths_nm) -> tuple[Source, float]:
+def source_of(climate: str, quality: str, wavelengths_nm) -> tuple[FieldSource, float]:
     """What fills the tables, and the processor time of the field [s]."""
     medium = climate_medium(load_climate(climate), np.array(wavelengths_nm, dtype=float))
     start = time.process_time()
     field = zones.prepare(medium, zones.QUALITIES[quality])
-    return Source(field, medium, medium.has_refraction), time.process_time() - start
+    return FieldSource(field, medium, medium.has_refraction), time.process_time() - start
 
 
 def errors(options: argparse.Namespace) -> None:
@@ -72,9 +68,13 @@ def errors(options: argparse.Namespace) -> None:
             rows.append([layout, f"{size / 1e6:.1f}", sun, *numbers])
             print(*rows[-1], flush=True)
 
-    sizes = replace(own.Sizes(), altitude_km=(0.0,))
-    made = own.fill(source, sizes, {}, quiet)
-    add("twilight", len(own.Sizes().altitude_km) * made.n_bytes, lambda sun: made.radiance(sun, elevation, azimuth))
+    sizes = replace(sky_tables.SkyTableSizes(), altitude_km=(0.0,))
+    made = sky_tables.fill(source, sizes, {}, quiet)
+    add(
+        "twilight",
+        len(sky_tables.SkyTableSizes().altitude_km) * made.n_bytes,
+        lambda sun: made.radiance(sun, elevation, azimuth),
+    )
     layouts = {"bruneton2017": (radius, radius + source.medium.top_km), "takram": TAKRAM_KM}
     for layout, radii in layouts.items():
         his = bruneton.fill(
@@ -101,42 +101,14 @@ def errors(options: argparse.Namespace) -> None:
     write(HERE / "tables.csv", ["layout", "size_mb", "sun_elevation_deg", *columns], rows, notes=notes)
 
 
-def read_back(options: argparse.Namespace) -> None:
-    """A whole folder of the layout `calcmysky`, put together as its shaders do, against the field that filled it."""
-    folder = calcmysky_read.load(options.folder)
-    source, _ = source_of(options.climate, options.quality, calcmysky.WAVELENGTHS_NM)
-    visible = solar_at_visible()
-    solar = np.interp(source.medium.wavelength_nm, np.arange(360.0, 831.0), visible)
-    light = calcmysky.Luminances(source, solar, visible)
-    elevation, azimuth = directions(READ_BACK)
-    rows = []
-    for height in (0.0, 2.0, 10.0):
-        for sun in SUNS_DEG:
-            exact = light.radiance(source.medium.bottom_km + height, sun, elevation, azimuth)[:, ::-1]
-            off = 100.0 * (folder.luminance(height, sun, elevation, azimuth) / exact - 1.0)
-            numbers = [
-                f"{v:.2f}" for k in (1, 3) for v in (np.median(off[:, k]), *np.percentile(np.abs(off[:, k]), (50, 95)))
-            ]
-            rows.append([f"{height:g}", sun, *numbers])
-            print(*rows[-1], flush=True)
-    columns = [f"{what}_{of}_percent" for of in ("luminance", "scotopic") for what in ("median", "p50", "p95")]
-    sizes = "; ".join(f"{name} {' x '.join(map(str, size))}" for name, size in folder.others.items())
-    notes = [
-        f"{options.climate}, zones {options.quality}, {READ_BACK} directions; (altitude, SZA, dot, VZA) texels "
-        f"{' x '.join(map(str, folder.rest.shape[:4]))}",
-        f"the other files: {sizes}",
-    ]
-    write(HERE / "tables_calcmysky.csv", ["height_km", "sun_elevation_deg", *columns], rows, notes=notes, command=READ)
-
-
 def times(options: argparse.Namespace) -> None:
     """The command as a user gives it, once for each layout, kernels compiled before; the folders stay in --folder."""
     source, _ = source_of(options.climate, options.quality, NM[::-1])
     few = bruneton.make_mapping(*TAKRAM_KM)._replace(n_mu=4, n_mu_s=4)
     bruneton.fill(source, np.ones(3), mapping=few, scale=1.0, facts={}, progress=quiet, rows=1)
-    own.fill(source, own.Sizes(3, 3, 2, 3, (0.0, 1.0)), {}, quiet)
+    sky_tables.fill(source, sky_tables.SkyTableSizes(3, 3, 2, 3, (0.0, 1.0)), {}, quiet)
     rows = []
-    for layout in ("twilight", "bruneton2017", "calcmysky"):
+    for layout in ("twilight", "bruneton2017"):
         command = [sys.executable, "-c", "from twilight.cli import main; main()", "export", "tables", options.climate]
         command += ["--layout", layout, "--quality", options.quality, "--output", f"{options.folder}-{layout}"]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
@@ -151,12 +123,12 @@ def times(options: argparse.Namespace) -> None:
 
 def main() -> None:
     parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parse.add_argument("what", nargs="?", choices=("errors", "times", "calcmysky"), default="errors")
+    parse.add_argument("what", nargs="?", choices=("errors", "times"), default="errors")
     parse.add_argument("--climate", default="continental-average")
     parse.add_argument("--quality", default="draft")
     parse.add_argument("--folder", default="sky", help="folder of an export: `times` makes FOLDER-LAYOUT")
     options = parse.parse_args()
-    {"errors": errors, "times": times, "calcmysky": read_back}[options.what](options)
+    {"errors": errors, "times": times}[options.what](options)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from results import write
 from twilight.config import load_series
 from twilight.engine.solve import Problem
 from twilight.engine.view import landscape, see
+from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
@@ -35,7 +36,7 @@ def main() -> None:
         sun = config.sun.elevation_deg
         view = config.observer.view.model_copy(update={"width": WIDTH, "height": HEIGHT})
         medium = climate_medium(config.climate, np.array(NM))
-        problem = Problem(medium, zones, zones.QUALITIES["draft"], config.observer.altitude_km)
+        problem = Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=config.observer))
         block = problem.block(0)
         seen = see(block, view, sun).whole()
         made = {

@@ -27,12 +27,12 @@ PICTURES = {
         "projection": "fisheye",
         "fov": 180,
         "elevation": 90,
-        "exposure": "camera",
-        "bias": -2,
+        "tone": "eye",
     },
     "orbit": {
         "mode": "elevation",
-        "bias": 0,
+        "tone": "photographic",
+        "exposure": "metered",
         "projection": "perspective",
         "altitude": 400,
         "sun": -19.4,
@@ -69,7 +69,7 @@ def main() -> None:
     folder = Path(__file__).resolve().parents[1] / "docs" / "view"
     folder.mkdir(exist_ok=True)
     start = time.perf_counter()
-    with open_page(Path(sys.argv[1]), 800, 600) as (page, errors):
+    with open_page(Path(sys.argv[1]), 1000, 620) as (page, errors):
         print(f"loaded after {time.perf_counter() - start:.1f} s, with the start of the browser")
         before = processor_s()
         page.reload()
@@ -82,13 +82,18 @@ def main() -> None:
             if name == "path":
                 page.evaluate("twilight.set({ azimuth: 270 }); twilight.draw()")
             if name == "arch":
-                page.mouse.click(250, 380)
+                page.mouse.click(250, 400)
             page.wait_for_timeout(500)
             if name == "disc":
-                page.evaluate("document.getElementById('probe-close').click()")
+                page.click("#probe-close")
+                page.click("#toggle")
+                page.mouse.move(5, 5)
             page.screenshot(path=folder / f"{name}.jpg", type="jpeg", quality=82)
-        if errors:
-            raise SystemExit("\n".join(errors))
+    with open_page(Path(sys.argv[1]), 390, 844, has_touch=True, is_mobile=True) as (page, more):
+        page.wait_for_timeout(500)
+        page.screenshot(path=folder / "phone.jpg", type="jpeg", quality=82)
+    if errors or more:
+        raise SystemExit("\n".join(errors + more))
 
 
 if __name__ == "__main__":

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import results
 
-from twilight.colour import MIDDLE_GREY, spectrum_to_xyz
 from twilight.config.load import load_climate
 from twilight.config.scene import PLACED_NM
 from twilight.scene.medium import climate_medium
+from twilight.sky.colour import MIDDLE_GREY, spectrum_to_xyz
 from twilight.solvers import zones
 
 CLIMATES = ("continental-average", "pure-air", "desert", "maritime-clean")

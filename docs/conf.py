@@ -13,7 +13,10 @@ import twilight  # noqa: E402
 
 project = "twilight"
 release = twilight.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_preprocess_types = True
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 html_theme = "furo"
@@ -22,13 +25,22 @@ html_static_path = ["site.css"]
 html_css_files = ["site.css"]
 exclude_patterns: list[str] = []
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"
+autodoc_typehints = "signature"
 suppress_warnings = ["myst.header"]
 
 
-def as_written(app, what, name, obj, options, lines):
-    """Docstrings are plain text for a terminal: shown as they are written."""
-    lines[:] = ["::", "", *(f"   {line}".rstrip() for line in lines), ""] if any(lines) else []
+def keep_lists(app, what, name, obj, options, lines):
+    """Lists that are written as `name: meaning`, with what follows indented, stay lines: elsewhere they are errors."""
+    found: list[list[str]] = [[]]
+    for line in lines:
+        found.append([]) if not line.strip() else found[-1].append(line)
+    out = []
+    for paragraph in found:
+        if paragraph and not paragraph[0].startswith((" ", ":", "..", "*", "-", ">>>")):
+            if any(line.startswith("  ") for line in paragraph):
+                paragraph = [f"| {line}" if not line.startswith("  ") else f"  {line.strip()}" for line in paragraph]
+        out += [*paragraph, ""]
+    lines[:] = out
 
 
 def to_the_repository(app, docname, source):
@@ -52,6 +64,6 @@ def setup(app):
     from reference import write_command_line
 
     write_command_line(HERE / "command-line.md")
-    app.connect("autodoc-process-docstring", as_written)
+    app.connect("autodoc-process-docstring", keep_lists)
     app.connect("source-read", to_the_repository)
     app.connect("source-read", run_what_it_shows)

@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.config.scene import Observer
 from twilight.engine import Problem
-from twilight.grids import texture_grid
-from twilight.phase import PhaseFunction
-from twilight.sky import Sky
+from twilight.numerics.grids import texture_grid
+from twilight.numerics.phase import PhaseFunction
+from twilight.scene import Scene
+from twilight.sky.sky import Sky
 from twilight.solvers.base import Capabilities
 
 WAVELENGTH_NM = np.linspace(380.0, 720.0, 18)
@@ -34,7 +36,7 @@ def turbid(turbidity=3.0, wavelength_nm=WAVELENGTH_NM, albedo=0.2) -> Medium:
         absorption_per_km=0.0 * one,
         aerosol_extinction_per_km=aerosol,
         aerosol_single_scattering_albedo=one,
-        aerosol_share=one[None],
+        aerosol_phase_fraction=one[None],
         phase_functions=(PhaseFunction.henyey_greenstein(np.full(n, 0.7)),),
         refractivity=0.0 * one,
         depolarisation=np.zeros(n),
@@ -85,7 +87,7 @@ def on_levels(medium: Medium, altitude_km, values_at_km=None, **changes) -> Medi
             "absorption_per_km": at.absorption,
             "aerosol_extinction_per_km": at.aerosol_extinction,
             "aerosol_single_scattering_albedo": at.aerosol_albedo,
-            "aerosol_share": at.aerosol_share,
+            "aerosol_phase_fraction": at.aerosol_phase_fraction,
             "refractivity": at.refractivity,
             **changes,
         },
@@ -99,4 +101,7 @@ def problem_of_field(field, *, every_observer=True) -> Problem:
         QUALITIES={},
         prepare=lambda medium, settings, **options: field,
     )
-    return Problem(field.medium, solver, SimpleNamespace(refraction=False), 0.0, title=type(field).__name__.lower())
+    settings = SimpleNamespace(refraction=False)
+    return Problem(
+        Scene(field.medium, None, solver, settings, (), Observer(altitude_km=0.0), type(field).__name__.lower())
+    )

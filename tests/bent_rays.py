@@ -12,16 +12,9 @@ import numpy as np
 from numba import njit
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.transport.ray_profile import ray_profile, refractivity_at
-from twilight.transport.rays import (
-    GROUND,
-    OUTSIDE,
-    TRAPPED,
-    lowest_point,
-    outward,
-    sun_ray,
-)
+from twilight.transport.rays import GROUND, OUTSIDE, TRAPPED, lowest_point, outward, sun_ray
 
 _MAX_ITERATIONS = 80
 

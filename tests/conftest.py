@@ -1,9 +1,12 @@
-"""Fixtures of several files, and the order of files; no test finds a field that another, or the user, left on disk."""
+"""Fixtures of several files, the order of files, thirds of the long tests; no test finds a field left on disk."""
 
+import csv
 import hashlib
 import os
 import pickle
 import signal
+import zlib
+from pathlib import Path
 
 import pytest
 from hazy_zones import SCALAR
@@ -38,10 +41,54 @@ LONG = (
 """Files that take longest.  They go first, so that no process has one left when the others are done; the first two
 compile different solvers, so that two processes do not compile the same one at once."""
 
+THIRDS = 3
+MAX_CI_S = 300.0
+"""Most recorded processor time [s] of a file in a third: dearer ones would not fit into CI's time, and run with -m slow
+alone."""
+COSTS = Path(__file__).parents[1] / "benchmarks" / "slow_tests.csv"
+"""Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py tests`."""
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--third",
+        type=int,
+        choices=range(THIRDS),
+        help="of the long tests only this third: files, spread by their recorded processor time",
+    )
+
+
+def thirds() -> dict[str, int]:
+    """The third of every file of long tests whose cost is known: the dearest first, each to the cheapest third."""
+    with open(COSTS, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    found, seconds = {}, [0.0] * THIRDS
+    for row in sorted(rows, key=lambda row: (-float(row["processor_s"]), row["file"])):
+        third = seconds.index(min(seconds))
+        found[row["file"]] = third
+        seconds[third] += float(row["processor_s"])
+    return found
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     places = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
+    wanted = config.getoption("--third")
+    if wanted is None:
+        return
+    known = thirds()
+
+    with open(COSTS, newline="", encoding="utf-8") as file:
+        costs = {row["file"]: float(row["processor_s"]) for row in csv.DictReader(x for x in file if x[0] != "#")}
+
+    def elsewhere(item: pytest.Item) -> bool:
+        if costs.get(item.path.name, 0.0) > MAX_CI_S:
+            return item.get_closest_marker("slow") is not None
+        third = known.get(item.path.name, zlib.crc32(item.path.name.encode()) % THIRDS)
+        return item.get_closest_marker("slow") is not None and third != wanted
+
+    config.hook.pytest_deselected(items=[item for item in items if elsewhere(item)])
+    items[:] = [item for item in items if not elsewhere(item)]
 
 
 @pytest.fixture

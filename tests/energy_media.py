@@ -8,7 +8,7 @@ import numpy as np
 from stability_media import Air, medium_of
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 
 LEVELS_KM = np.array(
     [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.0, 3.25, 3.5, 3.5, 5.0, 7.0, 9.0, 12.0, 16.0, 20.0, 24.0, 30.0, 40.0, 60.0]
@@ -27,9 +27,9 @@ class Odd:
 
 
 ODD: dict[str, Odd] = {
-    "white air over a white ground": Odd(Air(air=0.2, aerosol=0.3, albedo=1.0, ground=1.0)),
-    "a white layer over a white ground": Odd(Air(air=0.1, aerosol=0.1, albedo=1.0, ground=1.0), 1.0),
-    "a white layer over a black ground": Odd(Air(air=0.1, aerosol=0.1, albedo=1.0, ground=0.0), 1.0),
+    "conservative air over a white ground": Odd(Air(air=0.2, aerosol=0.3, albedo=1.0, ground=1.0)),
+    "a conservative layer over a white ground": Odd(Air(air=0.1, aerosol=0.1, albedo=1.0, ground=1.0), 1.0),
+    "a conservative layer over a black ground": Odd(Air(air=0.1, aerosol=0.1, albedo=1.0, ground=0.0), 1.0),
     "a grey layer over a bright ground": Odd(Air(air=0.1, aerosol=0.1, albedo=1.0, ground=0.8), 1.0, 0.6),
     "strong absorption above": Odd(Air(air=1.0, aerosol=0.1, ozone=3.0, ground=0.8)),
     "soot below": Odd(Air(air=0.1, aerosol=1.0, albedo=0.3, ground=0.5)),

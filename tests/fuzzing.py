@@ -1,4 +1,4 @@
-"""Random documents and damaged files for the fuzz tests and `benchmarks/fuzz.py`, and what may come of them.
+"""Random documents and damaged files for the fuzz tests, and what may come of them.
 
 An input is accepted, or refused by a TwilightError of one line.  Anything else is a fault: another exception, a message
 of several lines, more than `CPU_SECONDS` of processor time, more than `MEMORY_BYTES` of memory on top.
@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 CPU_SECONDS = 30
 WALL_SECONDS = 1800
@@ -149,18 +149,18 @@ def seeds(root: Path) -> list[dict[str, Any]]:
             "sun": {"start": "2003-12-08T16:00", "stop": "2003-12-08T18:00", "step_minutes": 30,
                     "latitude_deg": 49, "longitude_deg": 7, "time_zone": "Europe/Berlin"},
             "observer": {"altitude_km": 0.5}, "wavelengths": {"list_nm": [450, 550, 650]},
-            "solar_spectrum": "sao2010", "solver": {"name": "cells", "quality": "draft", "max_events": 4},
+            "solar_spectrum": "sao2010", "solver": {"name": "cells", "quality": "draft", "max_orders": 4},
             "texture": {"azimuth_count": 36, "elevation_count": 9, "latlong_width": 16},
-            "output": {"target": "blender", "width": 64, "spectral_width": 32, "views": ["fisheye"],
+            "output": {"renderer": "blender", "width": 64, "spectral_width": 32, "views": ["fisheye"],
                        "exposure_ev100": 3, "tone_mapping": "gamma"},
-            "leave_out": False,
+            "omit_negligible": False,
         },
         {"version": 1, "climate": "pure-air", "sun": {"elevations_deg": [30, 3]}, "solver": {"name": "cie"},
          "texture": {"resolution_deg": 45}, "output": {"width": 16, "spectral_width": 8},
          "vary": {"ground.albedo": [0, 0.5], "observer.altitude_km": [0, 0.1]}},
         {"version": 1, "medium": {"table": "t1.csv", "depolarisation": 0.03}, "ground": {"albedo": 0.3}},
         {"version": 1, "climate": "pure-air", "solver": {"name": "montecarlo", "samples": 8, "target_stderr": None}},
-        {"version": 1, "climate": "pure-air", "solver": {"name": "zones", "quality": "draft", "degree": 6}},
+        {"version": 1, "climate": "pure-air", "solver": {"name": "zones", "quality": "draft", "expert": {"degree": 6}}},
         {"version": 1, "climate": "pure-air", "solver": {"name": "preetham", "turbidity": 3.0}},
     ]  # fmt: skip
     return documents

@@ -1,4 +1,4 @@
-"""The tabulated airs of the stored references, and settings of `zones` with which a field takes a second."""
+"""The tabulated airs of the stored references, and settings of `zones` with which a field is solved in a second."""
 
 from __future__ import annotations
 

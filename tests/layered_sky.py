@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(6)
 
@@ -43,7 +43,7 @@ def layered(base: float, thickness: float, depth: float, ramp_km: float = 0.0, g
         absorption_per_km=0 * one,
         aerosol_extinction_per_km=(k * share)[:, None],
         aerosol_single_scattering_albedo=one,
-        aerosol_share=one[None],
+        aerosol_phase_fraction=one[None],
         phase_functions=(PhaseFunction.henyey_greenstein(np.full(1, g)),),
         refractivity=0 * one,
         depolarisation=np.zeros(1),

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.stats import norm
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 
 # Legendre coefficients (2 l + 1) chi_l, l = 1..82, of the Haze-L phase function: Garcia & Siewert 1985, Table 10
 HAZE_L = [
@@ -36,7 +36,7 @@ def slab(depth, albedo, phase=None, ground=0.0, radius_km=2e6) -> Medium:
         absorption_per_km=one * depth * (1 - albedo) if phase is None else 0 * one,
         aerosol_extinction_per_km=0 * one if phase is None else one * depth,
         aerosol_single_scattering_albedo=one * albedo,
-        aerosol_share=np.zeros((0, 2, 1)) if phase is None else one[None],
+        aerosol_phase_fraction=np.zeros((0, 2, 1)) if phase is None else one[None],
         phase_functions=() if phase is None else (phase,),
         refractivity=0 * one,
         depolarisation=np.zeros(1),
@@ -65,7 +65,7 @@ def hazy_earth(ground=0.3, wavelength_nm=(550.0,), refractivity=2.7e-4, table_ph
         absorption_per_km=ozone,
         aerosol_extinction_per_km=haze,
         aerosol_single_scattering_albedo=0.92 * one,
-        aerosol_share=one[None],
+        aerosol_phase_fraction=one[None],
         phase_functions=(phase,),
         refractivity=refractivity * np.exp(-z / 8.0)[:, None] * one,
         depolarisation=np.full(w.size, 0.03),

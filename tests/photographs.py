@@ -2,23 +2,24 @@
 
 import numpy as np
 
-from twilight import colour
-from twilight.camera import Camera
-from twilight.camera.image import Picture
 from twilight.config import load
 from twilight.engine import run
+from twilight.scene import resolve
+from twilight.sky import colour
+from twilight.studies.camera import CameraModel
+from twilight.studies.camera.image import StoredImage
 
 
 def preetham(sun_elevation_deg=12.0, **settings):
     """A daylight sky that costs nothing."""
     chosen = {"sun.elevation_deg": sun_elevation_deg, "solver.name": "preetham", **settings}
-    return run(load("continental-average", chosen))
+    return run(resolve(load("continental-average", chosen)))
 
 
 def latlong(width=256, azimuth_deg=None, **more):
-    return Camera.model_validate(
+    return CameraModel.model_validate(
         {
-            "projection": "latitude_longitude",
+            "projection": "latlong",
             "image": {"width_px": width, "height_px": width // 2},
             "orientation": {"azimuth_deg": azimuth_deg},
             **more,
@@ -27,7 +28,7 @@ def latlong(width=256, azimuth_deg=None, **more):
 
 
 def fisheye(size=240, azimuth_deg=20.0):
-    return Camera.model_validate(
+    return CameraModel.model_validate(
         {
             "projection": "equisolid",
             "image": {"width_px": size, "height_px": size},
@@ -43,7 +44,7 @@ def fisheye(size=240, azimuth_deg=20.0):
 
 
 def perspective(width=300, height=200, azimuth_deg=70.0, elevation_deg=20.0, fov_deg=75.0):
-    return Camera.model_validate(
+    return CameraModel.model_validate(
         {
             "projection": "perspective",
             "image": {"width_px": width, "height_px": height},
@@ -83,12 +84,12 @@ def take(sky, camera, sun_azimuth_deg, *, xyz=None, noise=0.0, ground=0.02, sun=
 
 def picture(rgb):
     """Floats as a photograph."""
-    return Picture(rgb.astype(np.float32), np.zeros(rgb.shape[:2], bool), None, True)
+    return StoredImage(rgb.astype(np.float32), np.zeros(rgb.shape[:2], bool), None, True)
 
 
 def eight_bit(rgb):
     """The same through an 8 bit sRGB file."""
     z = np.round(255 * colour.srgb_encode(rgb)) / 255
-    from twilight.camera.response import srgb_to_linear
+    from twilight.studies.camera.response import srgb_to_linear
 
-    return Picture(srgb_to_linear(z).astype(np.float32), (z > 0.98).any(axis=-1), 8, True)
+    return StoredImage(srgb_to_linear(z).astype(np.float32), (z > 0.98).any(axis=-1), 8, True)

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.errors import TwilightError
 from twilight.io import picture
 from twilight.solvers.base import BareField, Capabilities
 

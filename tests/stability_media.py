@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium, layer_mean
-from twilight.phase import PhaseFunction
+from twilight.atmosphere.levels import layer_mean
+from twilight.atmosphere.medium import Medium
+from twilight.numerics.phase import PhaseFunction
 
 LEVELS_KM = np.concatenate([np.arange(0.0, 10.0, 1.0), np.linspace(10.0, 80.0, 15)])
 
@@ -53,7 +54,7 @@ def medium_of(*airs: Air, levels_km=LEVELS_KM, refractivity: float = 2.8e-4) -> 
         absorption_per_km=profile(np.exp(-(((z - 22.0) / 6.0) ** 2)), [a.ozone for a in airs]),
         aerosol_extinction_per_km=profile(np.exp(-z / 1.5), [a.aerosol for a in airs]),
         aerosol_single_scattering_albedo=ones * [a.albedo for a in airs],
-        aerosol_share=ones[None],
+        aerosol_phase_fraction=ones[None],
         phase_functions=(PhaseFunction.henyey_greenstein([a.asymmetry for a in airs]),),
         refractivity=refractivity * np.exp(-z / 8.0)[:, None] * ones,
         depolarisation=np.zeros(len(airs)),

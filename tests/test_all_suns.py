@@ -1,7 +1,7 @@
 """Energy and reciprocity of every solver at once: air that absorbs nothing is as bright as the light around it.
 
-A line of sight followed backwards ends in space after any number of events if nothing absorbs, so what all suns send
-along it, integrated over their directions, is the radiance that surrounds the Earth: 1, of which the line's
+A line of sight followed backwards ends in space after any number of scatterings if nothing absorbs, so what all suns
+send along it, integrated over their directions, is the radiance that surrounds the Earth: 1, of which the line's
 transmittance comes straight.  A solver that loses light, makes some, or scatters it unlike its mirror image, misses 1.
 """
 
@@ -15,14 +15,14 @@ import pytest
 from energy_media import ODD, odd_medium
 from layered_sky import depth_to_space
 
-from twilight.errors import TwilightError
-from twilight.phase import PhaseFunction
+from twilight.base.errors import TwilightError
+from twilight.numerics.phase import PhaseFunction
 from twilight.solvers import cells, montecarlo, tables, zones
 from twilight.solvers.tables.layers import refuse_unseen_layers
 from twilight.solvers.tables.settings import TablesSettings
 from twilight.solvers.tables.solve import make_mapping
 
-WHITE = ("white air over a white ground", "a white layer over a white ground")
+WHITE = ("conservative air over a white ground", "a conservative layer over a white ground")
 ELEVATION_DEG = np.array([3.0, 20.0, 75.0])
 DOWN_DEG = np.array([-90.0, -30.0])
 INSIDE_KM = 3.2
@@ -45,10 +45,10 @@ SUN_EDGES_DEG = (-90.0, -20.0, -10.0, -5.0, -2.0, 0.0, 2.0, 6.0, 20.0, 50.0, 90.
 AZIMUTH_EDGES_DEG = (0.0, 15.0, 60.0, 180.0)
 
 
-def from_all_suns(look, medium, altitude_km, elevation_deg, points=(4, 4)):
+def from_all_suns(evaluate, medium, altitude_km, elevation_deg, points=(4, 4)):
     """(what comes along each line of sight from all suns (D, W), the variance of it (D, W)).
 
-    look(sun, elevation (D, 1), azimuth (A,)) gives radiance and its variance (D, A, W).
+    evaluate(sun, elevation (D, 1), azimuth (A,)) gives radiance and its variance (D, A, W).
     """
     sun, sun_weight = gauss(SUN_EDGES_DEG, points[0])
     azimuth, azimuth_weight = gauss(AZIMUTH_EDGES_DEG, points[1])
@@ -56,7 +56,7 @@ def from_all_suns(look, medium, altitude_km, elevation_deg, points=(4, 4)):
     variance = np.zeros_like(total)
     for s, w in zip(sun, np.radians(sun_weight) * np.cos(np.radians(sun)), strict=True):
         weight = w * 2.0 * np.radians(azimuth_weight)[:, None]
-        radiance, spread = look(s, elevation_deg[:, None], azimuth)
+        radiance, spread = evaluate(s, elevation_deg[:, None], azimuth)
         total += (radiance * weight).sum(axis=1)
         variance += (spread * weight**2).sum(axis=1)
     radius = medium.earth_radius_km + altitude_km
@@ -78,7 +78,7 @@ def deterministic(field, **more):
 def test_zones(quality, allowed):
     """At worst 1.7e-3 at draft and 3.2e-3 at standard, through the layer at 75 deg; in air alone within 1e-3."""
     medium = white_air()
-    settings = replace(zones.QUALITIES[quality], max_events=200, tolerance=1e-3, polarisation=False)
+    settings = replace(zones.QUALITIES[quality], max_orders=200, tolerance=1e-3, polarisation=False)
     field = zones.prepare(medium, settings)
     for altitude, elevations in (
         (0.0, ELEVATION_DEG),
@@ -91,26 +91,27 @@ def test_zones(quality, allowed):
 
 @pytest.mark.slow
 def test_montecarlo():
-    """Within its stated errors, 0.1 to 0.25 % in air alone and 0.4 to 0.9 % with a layer."""
+    """Within its stated errors, 0.15 to 0.4 % in air alone and 0.7 to 1.5 % with a layer."""
     medium = white_air()
-    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=24, polarisation=False)
+    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=8, polarisation=False)
     field = montecarlo.prepare(medium, settings, observer_altitude_km=0.0)
 
-    def look(s, e, a):
+    def evaluate(s, e, a):
         found = field.radiance_with_error(s, e, a)
         return found.radiance, found.standard_error**2
 
-    found, variance = from_all_suns(look, medium, 0.0, ELEVATION_DEG)
+    found, variance = from_all_suns(evaluate, medium, 0.0, ELEVATION_DEG)
     error = np.sqrt(variance)
-    assert error.max() < 0.012
+    assert error.max() < 0.02
     assert np.all(np.abs(found - 1.0) < 4.0 * error + 5e-4)
 
 
 @pytest.mark.slow
 def test_cells():
-    """White air within 0.3 %.  In a white layer that its shells blur, over a white ground, up to 29 % is lost."""
+    """Conservative air within 0.3 %.  In a conservative layer that its shells blur, over a white ground, up to 29 % is
+    lost."""
     medium = white_air()
-    field = cells.prepare(medium, replace(cells.QUALITIES["draft"], max_events=100))
+    field = cells.prepare(medium, replace(cells.QUALITIES["draft"], max_orders=100))
     found, _ = from_all_suns(deterministic(field), medium, 0.0, ELEVATION_DEG)
     np.testing.assert_allclose(found[:, 0], 1.0, atol=5e-3)
     np.testing.assert_allclose(found[:, 1], 1.0, atol=0.33)
@@ -118,9 +119,9 @@ def test_cells():
 
 @pytest.mark.slow
 def test_tables():
-    """After 40 events; the paper's 5 keep 85 to 98 % of the light in this air."""
+    """After 40 orders; the paper's 5 keep 85 to 98 % of the light in this air."""
     medium = white_air().select(slice(0, 1))
-    field = tables.prepare(medium, replace(tables.QUALITIES["standard"], scattering_mu=96, max_events=40))
+    field = tables.prepare(medium, replace(tables.QUALITIES["standard"], scattering_mu=96, max_orders=40))
     found, _ = from_all_suns(deterministic(field), medium, 0.0, ELEVATION_DEG)
     np.testing.assert_allclose(found, 1.0, atol=0.03)
 

@@ -7,9 +7,9 @@ import pytest
 from airs import as_sky, turbid
 from scipy.integrate import quad
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers.analytic import aerial, cie, preetham
-from twilight.solvers.analytic.aerial import AerialPerspective, path_integrals
+from twilight.solvers.analytic.aerial import PreethamAerialPerspective, path_integrals
 from twilight.solvers.analytic.cie import CieSettings
 from twilight.solvers.analytic.ground import hemisphere
 from twilight.solvers.analytic.perez import angles
@@ -32,6 +32,7 @@ def test_type_12_is_the_clear_sky_that_the_paper_quotes():
 
 
 def test_overcast_skies():
+    """The uniform and the traditional overcast sky would not have the distribution and illuminance of the standard."""
     e = np.linspace(0.0, 90.0, 10)
     uniform = cie.prepare(turbid(), CieSettings(sky_type=5)).relative_luminance(30.0, e, 0.0)
     np.testing.assert_allclose(uniform, 1.0)
@@ -47,6 +48,7 @@ def test_overcast_skies():
 
 @pytest.mark.parametrize("sky_type", range(1, 17))
 def test_every_type_is_finite_and_positive(sky_type):
+    """A standard sky would be infinite or negative somewhere."""
     field = cie.prepare(turbid(), CieSettings(sky_type=sky_type))
     for sun in (0.0, 10.0, 60.0, 90.0):
         radiance = field.radiance(sun, np.array([-90.0, -1.0, 0.0, 1e-9, sun, 90.0])[:, None], np.array([0.0, 180.0]))
@@ -55,6 +57,7 @@ def test_every_type_is_finite_and_positive(sky_type):
 
 
 def test_zenith_luminance_and_colour_can_be_set():
+    """Zenith luminance or colour temperature would do nothing."""
     field = cie.prepare(
         turbid(), CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0, colour_temperature_k=6504.0)
     )
@@ -68,6 +71,7 @@ def test_zenith_luminance_and_colour_can_be_set():
 
 
 def test_flat_spectrum_is_constant_in_wavelength():
+    """A flat spectrum would have a colour."""
     sky = as_sky(cie.prepare(turbid(), CieSettings(sky_type=16, spectrum="flat")), 50.0)
     radiance = sky.radiance[3, 4]
     assert radiance / radiance.mean() == pytest.approx(1.0, abs=0.01)
@@ -88,6 +92,7 @@ def test_flat_spectrum_is_constant_in_wavelength():
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(make, words):
+    """A setting that a standard sky does not have would be taken in silence."""
     with pytest.raises(TwilightError, match=words):
         make()
 
@@ -113,6 +118,7 @@ RAYS = [
 @pytest.mark.parametrize("turbidity", [2.0, 6.0])
 @pytest.mark.parametrize(("height", "cosine", "distance"), RAYS)
 def test_closed_form_against_quadrature(turbidity, height, cosine, distance):
+    """The closed form of aerial perspective would be off the integral that it stands for."""
     haze = aerial.haze_scattering_per_km(THREE_NM, turbidity)
     clean = aerial.air_scattering_per_km(THREE_NM)
     made = path_integrals(haze, clean, height, [cosine], [distance])
@@ -149,6 +155,7 @@ def test_scattering_coefficients_keep_the_definition_of_turbidity():
 
 
 def test_phase_functions_integrate_to_one():
+    """Scattering in the aerial perspective would not conserve energy."""
     mu, weight = np.polynomial.legendre.leggauss(400)
     haze = aerial.haze_phase(np.arccos(mu), THREE_NM)
     assert 2 * np.pi * weight @ haze == pytest.approx(1.0, abs=2e-3)
@@ -161,13 +168,14 @@ def test_phase_functions_integrate_to_one():
 
 def test_a_uniform_sky_over_level_ground_fills_half_of_what_the_air_takes():
     """Level ray, no haze, no sun: air sees the upper half of all directions, so Lin = (1 - tau) / 2."""
-    made = AerialPerspective(THREE_NM, 0.0)
+    made = PreethamAerialPerspective(THREE_NM, 0.0)
     sky = lambda e, a: np.ones((e.size, 3))  # noqa: E731
     transmittance, light = made(sky, np.zeros(3), 40.0, 0.0, 0.0, np.array([0.0, 90.0]), 30.0)
     np.testing.assert_allclose(light, 0.5 * (1 - transmittance), rtol=1e-6)
 
 
 def test_perspective_of_the_solver():
+    """Distant objects would not fade into haze, sooner in blue."""
     field = preetham.prepare(turbid(3.0))
     distance = np.array([0.0, 0.001, 1.0, 10.0, 50.0])
     light, transmittance = field.inscatter(20.0, 0.0, 90.0, distance)
@@ -185,6 +193,7 @@ def test_perspective_of_the_solver():
 
 
 def test_quadrature_of_the_hemisphere():
+    """Irradiances of skies would be off."""
     elevation, _, solid = hemisphere()
     sine = np.sin(np.radians(elevation))
     assert solid.sum() == pytest.approx(2 * np.pi)

@@ -8,17 +8,17 @@ import yaml
 from airs import as_sky
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.cli import fit as command
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.errors import TwilightError
-from twilight.fit.errors import error_of
-from twilight.fit.perez import fit_set, fit_sky, single_set
-from twilight.fit.truth import ColourSky, air_of_turbidity, colour_sky, compute_truth, spiral
 from twilight.io.netcdf import write_sky
 from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.coefficients import QUANTITIES, load_coefficients
 from twilight.solvers.analytic.turbidity import turbidity_of
+from twilight.studies.fit.errors import error_of
+from twilight.studies.fit.perez import fit_set, fit_sky, single_set
+from twilight.studies.fit.truth import ColourSky, air_of_turbidity, colour_sky, compute_truth, spiral
 
 
 def paper_sky(turbidity: float, sun: float, directions: int = 150) -> ColourSky:
@@ -29,6 +29,7 @@ def paper_sky(turbidity: float, sun: float, directions: int = 150) -> ColourSky:
 
 
 def test_directions_divide_the_sky_evenly():
+    """A fit would weigh parts of the sky by chance."""
     elevation, azimuth = spiral(343)
     assert elevation.size == 343 and (elevation > 0).all() and ((azimuth >= 0) & (azimuth <= 180)).all()
     sine = np.sin(np.radians(elevation))
@@ -39,6 +40,7 @@ def test_directions_divide_the_sky_evenly():
 
 @pytest.mark.parametrize("sun", [60.0, 25.0, 5.0])
 def test_five_parameters_of_one_sky_come_back(sun):
+    """A fit to a Perez sky would not find its parameters."""
     own = load_coefficients("preetham1999")
     for fit in fit_sky(paper_sky(3.0, sun)):
         assert fit.p95_error < 1e-3
@@ -49,6 +51,7 @@ def test_five_parameters_of_one_sky_come_back(sun):
 
 
 def test_a_fit_to_one_sky_serves_the_solver():
+    """The solver would not give the sky that a set was fitted to."""
     sky = paper_sky(3.0, 25.0)
     made = single_set(sky, fit_sky(sky), "one", "test")
     made.check("one")
@@ -57,6 +60,7 @@ def test_a_fit_to_one_sky_serves_the_solver():
 
 
 def test_the_papers_procedure_gives_the_papers_skies_back():
+    """The procedure of the paper, on the paper's skies, would give other coefficients."""
     skies = [paper_sky(t, s) for t in (2.0, 4.0, 6.0) for s in (10.0, 25.0, 40.0, 55.0, 70.0)]
     made = fit_set(skies, "again", "test")
     error = error_of(made, skies)
@@ -75,6 +79,7 @@ def test_the_papers_procedure_gives_the_papers_skies_back():
 
 
 def test_too_few_skies_are_refused():
+    """A fit would be made of fewer skies than it has unknowns."""
     with pytest.raises(TwilightError, match="at least 3 turbidities and 4 suns; got 2 and 1"):
         fit_set([paper_sky(2.0, 30.0), paper_sky(3.0, 30.0)], "few", "test")
     with pytest.raises(TwilightError, match=r"sun.elevation_deg is -3"):
@@ -82,6 +87,7 @@ def test_too_few_skies_are_refused():
 
 
 def test_colour_of_a_sky_leaves_the_aureole_out():
+    """The glare about the sun would decide a fit."""
     elevation, azimuth = np.array([30.0, 31.0, 60.0]), np.array([0.0, 1.0, 90.0])
     wavelength = np.array([450.0, 550.0, 650.0])
     sky = colour_sky(np.ones((3, 3)), wavelength, elevation, azimuth, np.ones(3) / 3, 30.0)
@@ -95,6 +101,7 @@ def test_colour_of_a_sky_leaves_the_aureole_out():
 
 @pytest.mark.parametrize("haze", ["climate", "preetham1999"])
 def test_air_of_a_turbidity_has_it(haze):
+    """Air made for a turbidity would have another."""
     config = load("continental-average", {"wavelengths": {"list_nm": [450.0, 550.0, 650.0]}})
     for turbidity in (2.0, 5.0):
         medium = air_of_turbidity(config, turbidity, haze)
@@ -103,6 +110,7 @@ def test_air_of_a_turbidity_has_it(haze):
 
 
 def test_air_that_cannot_have_a_turbidity_is_refused():
+    """Pure air would be scaled to a turbidity."""
     with pytest.raises(TwilightError, match="pure-air: has no aerosol"):
         air_of_turbidity(load("pure-air"), 3.0)
     with pytest.raises(TwilightError, match="haze: fog is not known; allowed are climate, preetham1999"):
@@ -144,6 +152,7 @@ def small(monkeypatch, tmp_path):
 
 
 def test_the_command_writes_a_set_that_the_solver_takes(small):
+    """`twilight fit perez` would write a file that the solver refuses."""
     result = small.run(
         "pure-air",
         "--haze",
@@ -170,6 +179,7 @@ def test_the_command_writes_a_set_that_the_solver_takes(small):
 
 @pytest.mark.slow
 def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
+    """A fit to one rendered sky would not be readable."""
     scene = ["pure-air", "--set", "solver.turbidity=3.0", "--solver", "preetham", "--sun-elevation", "30"]
     coarse = ["--set", "texture.resolution_deg=7.5", "--set", "wavelengths.count=5", "--set", "refraction.model=none"]
     result = small.run(*scene, *coarse, "--per-sky", "--output", str(small.path))
@@ -205,6 +215,7 @@ def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
     ],
 )
 def test_what_cannot_be_fitted_is_one_sentence(words, sentence, small, monkeypatch, tmp_path):
+    """A fit that cannot be made would end in a traceback or leave a file."""
     monkeypatch.chdir(tmp_path)
     result = small.run(*words)
     assert result.exit_code == 2

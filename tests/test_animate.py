@@ -13,24 +13,26 @@ from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
 from twilight.animation import film as films
-from twilight.animation.disc import Disc
+from twilight.animation.disc import DiscPainter
 from twilight.animation.draw import Painter, suns_between
 from twilight.animation.exposure import meter, smoothed
-from twilight.animation.film import Film
+from twilight.animation.film import Animation
+from twilight.base.errors import TwilightError
+from twilight.base.progress import silent
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.disc import SOLAR_RADIUS_DEG
-from twilight.errors import TwilightError
-from twilight.export.values import Source
-from twilight.progress import silent
+from twilight.numerics import spectrum
+from twilight.numerics.projections import view_directions
+from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.tone import Light, Shot, tone_of
 from twilight.solvers.base import BareField
-from twilight.views import view_directions
-from twilight.window.colours import Channels
-from twilight.window.lines import sky_elevations
-from twilight.window.tables import Sizes, fill
+from twilight.studies.export.field_values import FieldSource
+from twilight.viewer.colours import Channels
+from twilight.viewer.lines import sky_elevations
+from twilight.viewer.tables import ViewerTableSizes, fill
 
 NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
-COARSE = Sizes(suns=33, sky=17, ground=5, azimuths=13)
+COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
 FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "sizes": COARSE}
 
 
@@ -59,7 +61,7 @@ def scene(**settings):
 
 
 def film(path, config=None, **options):
-    return Film(config or scene(), path, problem=problem(), **{**FIVE, **options})
+    return Animation(config or scene(), path, problem=problem(), **{**FIVE, **options})
 
 
 def pictures(path):
@@ -70,7 +72,7 @@ def pictures(path):
 def test_pictures_are_the_field():
     suns = suns_between(-10.0, 0.0, COARSE)
     channels = Channels(NM)
-    tables = fill(Source(Closed(MEDIUM), MEDIUM, False), channels, (0.0,), COARSE, silent, suns)
+    tables = fill(FieldSource(Closed(MEDIUM), MEDIUM, False), channels, (0.0,), COARSE, silent, suns)
     elevation, azimuth = view_directions("fisheye", 48)
     painter = Painter(tables, COARSE, suns, elevation, azimuth)
     keep = np.isfinite(elevation) & (elevation > 4.0)
@@ -96,15 +98,48 @@ def test_a_film_at_one_exposure_gets_dark_smoothly(tmp_path, suffix):
 
 def test_exposures_differ_as_they_must(tmp_path):
     level = {}
-    for how in ("constant", "camera", "eye"):
-        made = film(tmp_path / f"{how}.webp", exposure=how)
+    for how in ("constant", "metered", "eye"):
+        tone = {"output.tone_mapping": "eye"} if how == "eye" else {}
+        made = film(tmp_path / f"{how}.webp", scene(**tone), exposure=None if tone else how)
         made.make()
         level[how] = np.array([p.mean() for p in pictures(made.output)])
     # eight stops in five pictures: a camera that meters each, over 1 s, keeps them alike; an eye loses some
     assert np.ptp(level["constant"]) > 120.0
-    assert np.ptp(level["camera"]) < 25.0
+    assert np.ptp(level["metered"]) < 25.0
     # by day only contrast counts; below 5 cd m^-2 it gets dark
     assert (np.diff(level["eye"]) < 1.0).all() and 25.0 < np.ptp(level["eye"]) < np.ptp(level["constant"])
+
+
+SETTINGS_OF_TONES = {"photographic": {}, "eye": {"adapted_cd_per_m2": 1.0}, "camera": {"iso": 800.0, "noise": False}}
+
+
+@pytest.mark.parametrize("tone", SETTINGS_OF_TONES)
+def test_pictures_are_those_of_the_tone(tmp_path, tone):
+    """Every picture of a lossless film is what the tone of a file makes of the same light."""
+    given = SETTINGS_OF_TONES[tone]
+    settings = {f"output.{tone}.{key}": value for key, value in given.items()}
+    settings |= {"output.tone_mapping": tone, "output.colour_observer": "cie1931_2deg"}
+    settings |= {"observer.view.kind": "fisheye", "observer.view.height": None, "observer.view.elevation_deg": 90.0}
+    made = film(tmp_path / "film.webp", scene(**settings), exposure=None if tone == "eye" else 9.5)
+    made.make()
+    elevation, azimuth = made._directions(made.view)
+    inside = np.isfinite(elevation)
+    developer = tone_of(tone, "cie1931_2deg", {tone: given})
+    pixel_deg = 180.0 / made.view.width
+    for i, picture in enumerate(pictures(made.output)):
+        factor = Closed(MEDIUM).radiance(made.line.elevation_deg[i], np.nan_to_num(elevation), np.nan_to_num(azimuth))
+        seen = developer.see(factor * inside[..., None], NM, Light(spectrum.DEFAULT_SOLAR_SPECTRUM, 1.0))
+        expected, _ = developer.develop(seen, Shot(9.5, pixel_deg, i))
+        assert np.abs(picture / 255.0 - expected)[inside & (elevation > 4.0)].max() < 0.03, i
+
+
+def test_noise_of_a_film_moves(tmp_path):
+    """A camera's noise is another one in every picture: where it stood still it would look like dirt on the glass."""
+    dark = scene(**{"output.tone_mapping": "camera", "output.camera.iso": 6400.0})
+    made = film(tmp_path / "film.webp", dark, from_deg=-9.0, to_deg=-9.02, speed=2.0)
+    made.make()
+    first, second = pictures(made.output)[:2]
+    assert (first != second).mean() > 0.5 and abs(first.mean() - second.mean()) < 1.0
 
 
 def test_a_camera_does_not_lag_and_smooths_flicker():
@@ -119,21 +154,21 @@ def test_a_camera_does_not_lag_and_smooths_flicker():
 
 def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
     whole = tmp_path / "whole.webp"
-    film(whole, exposure="camera").make()
-    draw, solved, path = Film._draw, [], tmp_path / "cut.webp"
+    film(whole, exposure="metered").make()
+    draw, solved, path = Animation._draw, [], tmp_path / "cut.webp"
 
     def cut(self, painter, disc, i, *rest):
         if i == 3:
             raise KeyboardInterrupt
         draw(self, painter, disc, i, *rest)
 
-    monkeypatch.setattr(Film, "_draw", cut)
+    monkeypatch.setattr(Animation, "_draw", cut)
     with pytest.raises(KeyboardInterrupt):
-        film(path, exposure="camera").make()
+        film(path, exposure="metered").make()
     assert not path.exists() and len(list((tmp_path / "cut.webp.frames").glob("*.png"))) == 3
-    monkeypatch.setattr(Film, "_draw", draw)
+    monkeypatch.setattr(Animation, "_draw", draw)
     monkeypatch.setattr(films, "fill", lambda *a, **k: solved.append(1))
-    assert film(path, exposure="camera").make().drawn == 2
+    assert film(path, exposure="metered").make().drawn == 2
     assert solved == [] and path.read_bytes() == whole.read_bytes()
 
 
@@ -162,8 +197,8 @@ def test_a_film_of_the_night_is_the_night(tmp_path):
     from datetime import timedelta
 
     from twilight.io.exr import read_latlong_exr
-    from twilight.night import NightLevels, Place, night_radiance
-    from twilight.sun.ephemeris import parse_time, sun_position
+    from twilight.sky.ephemeris import parse_time, sun_position
+    from twilight.sky.night import NightLevels, Place, night_radiance
 
     evening = {"sun.start": "2026-08-12T20:40+02:00", "sun.stop": "2026-08-12T21:40+02:00"}
     evening |= {"sun.latitude_deg": 47.0, "sun.longitude_deg": 11.0, "observer.view.kind": "fisheye"}
@@ -210,7 +245,7 @@ def test_exr_are_luminances(tmp_path):
     with pytest.raises(TwilightError, match="exists; a film in EXR makes a new folder"):
         film(folder, config)
     with pytest.raises(TwilightError, match="EXR hold luminances"):
-        film(tmp_path / "others", config, exposure="camera")
+        film(tmp_path / "others", config, exposure="metered")
 
 
 def test_mp4_is_read_back(tmp_path):
@@ -226,21 +261,21 @@ def test_mp4_is_read_back(tmp_path):
 
 def test_the_disc_has_its_light_and_is_flattened():
     nodes = sky_elevations(0.0)
-    lifted = 0.5 * np.exp(-nodes / 2.0)  # deg; the disc's image is compressed by about a fifth at 0.4 deg
+    refraction_deg = 0.5 * np.exp(-nodes / 2.0)  # deg; the disc's image is compressed by about a fifth at 0.4 deg
     beam = np.full((nodes.size, 4), 1000.0)
     step = 0.004
     e, a = np.meshgrid(np.arange(0.0, 2.0, step), np.arange(-1.0, 1.0, step), indexing="ij")
-    straight, _ = Disc(0.0 * lifted, beam, 0.0).light(e, a, step, 1.0, 0.0, 1.0)
+    straight = DiscPainter(0.0 * refraction_deg, beam, 0.0).light(e, a, step, 1.0, 0.0, 1.0)
     solid = np.radians(step) ** 2 * np.cos(np.radians(e))
     assert (straight[..., 1] * solid).sum() == pytest.approx(1000.0, rel=0.01)
     assert straight[250, 250, 1] / straight[250 + 60, 250, 1] > 1.3  # darker towards the limb
-    _, share = Disc(lifted, beam, 0.0).light(e, a, step, 0.0, 0.0, 1.0)
-    tall, wide = share.sum(axis=0).max() * step, share.sum(axis=1).max() * step
-    assert wide == pytest.approx(2.0 * SOLAR_RADIUS_DEG, rel=0.01) and 0.75 < tall / wide < 0.92
+    filled = DiscPainter(refraction_deg, beam, 0.0).light(e, a, step, 0.0, 0.0, 1.0)[..., 1] > 0.0
+    tall, wide = filled.sum(axis=0).max() * step, filled.sum(axis=1).max() * step
+    assert wide == pytest.approx(2.0 * SOLAR_RADIUS_DEG, rel=0.02) and 0.75 < tall / wide < 0.92
 
 
 def test_a_place_gives_the_suns_of_its_evening(tmp_path):
-    from twilight.sun.ephemeris import sun_position
+    from twilight.sky.ephemeris import sun_position
 
     day = {"sun.start": "2026-06-21T21:30+02:00", "sun.stop": "2026-06-21T22:30+02:00"}
     config = scene(**day, **{"sun.latitude_deg": 52.5, "sun.longitude_deg": 13.4})
@@ -272,7 +307,8 @@ def test_a_sequence_is_a_path(tmp_path):
         (["--exposure", "bright"], "--exposure: bright is not known"),
         (["--from", "-30"], "-18 to 90 deg is what can be drawn"),
         (["--from", "3", "--to", "3"], "a film needs a sun that moves"),
-        (["--set", "output.tone_mapping=camera"], "output.tone_mapping: camera is not drawn in films"),
+        (["--tone", "eye", "--exposure", "9"], "--exposure: 9 is not allowed with the tone eye"),
+        (["--tone", "camera", "--exposure", "9", "--set", "output.camera.seconds=1"], "--exposure: 9 is not allowed"),
         (["--set", "solver.name=cie"], "zones has"),
     ],
 )

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twilight.atmosphere import gases, profiles, rayleigh
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 OZONE_COLUMNS_DU = {
     "tropical": 282,
@@ -20,6 +20,7 @@ OZONE_COLUMNS_DU = {
 
 @pytest.mark.parametrize("name", profiles.PROFILES)
 def test_profile_ozone_column_and_ideal_gas(name):
+    """A profile would not be AFGL's air: its ozone, the gas law, the weight of its column."""
     profile = profiles.load_profile(name)
     assert profile.ozone_column_du == pytest.approx(OZONE_COLUMNS_DU[name], abs=1.0)
     pressure = profile.air_per_cm3 * 1e6 * profiles.BOLTZMANN_J_PER_K * profile.temperature_k * 1e-2
@@ -31,6 +32,7 @@ def test_profile_ozone_column_and_ideal_gas(name):
 
 
 def test_profile_between_altitudes():
+    """Density between levels would not follow air that cools evenly, or columns would change with the levels."""
     profile = profiles.load_profile("us-standard")
     between = profile.at(4.5)
     # air that cools by 6.5 K/km: density goes like T^4.256, so its logarithm bends by -4.256 (6.5/T)^2 per km^2
@@ -46,6 +48,7 @@ def test_profile_between_altitudes():
 
 
 def test_profile_humidity():
+    """Vapour pressure and humidity would not be those of the published profile."""
     profile = profiles.load_profile("midlatitude_summer")
     assert profile.water_vapour_pressure_hpa[0] == pytest.approx(19.06, abs=0.05)
     assert profile.relative_humidity[0] == pytest.approx(0.766, abs=0.01)  # AFGL-TR-86-0110: 75.7 %
@@ -60,6 +63,7 @@ def test_profile_humidity():
     ],
 )
 def test_profile_errors(call, text):
+    """A wrong name or altitude would not say what is allowed."""
     with pytest.raises(TwilightError, match=text):
         call()
 
@@ -71,6 +75,7 @@ def bodhaine_fit_cm2(wavelength_nm):
 
 
 def test_rayleigh_cross_section_against_published_fit():
+    """Rayleigh scattering would be off Bodhaine's own fit by more than 0.015 %."""
     wavelength = np.arange(300.0, 851.0, 10.0)
     ratio = rayleigh.cross_section_cm2(wavelength, co2_ppm=360) / bodhaine_fit_cm2(wavelength)
     np.testing.assert_allclose(ratio, 1.0, atol=1.5e-4)
@@ -84,6 +89,7 @@ def test_rayleigh_optical_depth_at_sea_level():
 
 
 def test_king_factor_and_depolarisation():
+    """Depolarisation would contradict the King factor, or carbon dioxide would not count."""
     wavelength = np.array([300.0, 550.0, 1000.0])
     f, rho = rayleigh.king_factor(wavelength), rayleigh.depolarisation(wavelength)
     np.testing.assert_allclose((6 + 3 * rho) / (6 - 7 * rho), f, rtol=1e-12)
@@ -119,10 +125,12 @@ def test_ozone_cross_section_known_values():
 
 @given(st.floats(1, 366.99))
 def test_seasonal_ozone_stays_in_habers_range(day):
+    """A day of the year would give ozone outside 260 to 370 DU."""
     assert 260.0 <= gases.seasonal_ozone_column_du(day) <= 370.0
 
 
 def test_seasonal_ozone_is_largest_in_spring():
+    """The ozone maximum would lie in another season."""
     assert gases.seasonal_ozone_column_du(95) == pytest.approx(370.0)
     assert gases.seasonal_ozone_column_du(278) == pytest.approx(260.0, abs=0.01)
     with pytest.raises(TwilightError, match="1 to 366"):
@@ -131,5 +139,6 @@ def test_seasonal_ozone_is_largest_in_spring():
 
 @pytest.mark.parametrize("bad", [[299.0, 500.0], [500.0, 1001.0], [], [500.0, np.nan], [500.0, 400.0]])
 def test_wavelengths_outside_the_data(bad):
+    """Wavelengths without optical data, or not increasing, would be computed."""
     with pytest.raises(TwilightError, match="wavelength_nm"):
         gases.check_wavelengths(bad)

@@ -9,8 +9,8 @@ import pytest
 
 from twilight.atmosphere import mie, opac, ship_optics, shipped_optics
 from twilight.atmosphere.aerosols import mixture_optics
-from twilight.errors import TwilightError
-from twilight.phase import TABLE, PhaseFunction
+from twilight.base.errors import TwilightError
+from twilight.numerics.phase import TABLE, PhaseFunction
 
 DATA = Path(__file__).parent / "data"
 
@@ -38,9 +38,15 @@ def opac_phase_550nm() -> tuple[np.ndarray, dict[str, np.ndarray]]:
     return columns[0], dict(zip(names[1:], columns[1:], strict=True))
 
 
-def optics(component, humidity, wavelength_nm, cache_dir):
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path, monkeypatch):
+    """An empty cache."""
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
+
+
+def optics(component, humidity, wavelength_nm):
     size, index = opac.particles(component, humidity, wavelength_nm)
-    return mie.particle_optics(size, index, wavelength_nm, cache_dir)
+    return mie.particle_optics(size, index, wavelength_nm)
 
 
 def coarse_sea_salt_source_noise(component, humidity, wavelength):
@@ -48,10 +54,10 @@ def coarse_sea_salt_source_noise(component, humidity, wavelength):
     return component == "sscm" and humidity >= 95
 
 
-def check_against_tables(populations, wavelengths, cache_dir):
+def check_against_tables(populations, wavelengths):
     tables = opac_tables()
     for component, humidity in populations:
-        got = optics(component, humidity, np.array(wavelengths), cache_dir)
+        got = optics(component, humidity, np.array(wavelengths))
         for i, wavelength in enumerate(wavelengths):
             extinction, albedo, asymmetry = tables[component, humidity, wavelength]
             label = f"{component} {humidity:g} % {wavelength:g} nm"
@@ -67,25 +73,27 @@ def check_against_tables(populations, wavelengths, cache_dir):
             assert got.asymmetry[i] == pytest.approx(asymmetry, abs=tolerance), label
 
 
-def test_against_opac_tables_shipped(tmp_path):
+def test_against_opac_tables_shipped():
     """All twelve populations of the ten types at 550 nm."""
-    check_against_tables(ship_optics.populations(), [550.0], tmp_path)
+    check_against_tables(ship_optics.populations(), [550.0])
 
 
 def test_against_opac_tables_computed(tmp_path):
-    check_against_tables([("waso", 0.0), ("soot", 0.0), ("minm", 0.0)], [900.0], tmp_path)
+    """Computed optics of a component would not be OPAC's."""
+    check_against_tables([("waso", 0.0), ("soot", 0.0), ("minm", 0.0)], [900.0])
     assert len(list(tmp_path.rglob("*.f8"))) == 3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("component", opac.components())
-def test_against_opac_tables_all(component, tmp_path):
+def test_against_opac_tables_all(component):
+    """Computed optics of some component, humidity or wavelength would not be OPAC's."""
     wavelengths = sorted({w for _, _, w in opac_tables() if 350 <= w <= 900})
     assert len(wavelengths) == 11
-    check_against_tables([(component, h) for h in opac.humidity_classes(component)], wavelengths, tmp_path)
+    check_against_tables([(component, h) for h in opac.humidity_classes(component)], wavelengths)
 
 
-def test_suso_at_50_percent(tmp_path):
+def test_suso_at_50_percent():
     """OPAC's table for sulphate at 50 % belongs to a median radius of 0.0980 um, not to its printed 0.0983 um.
 
     One radius explains the whole spectrum, and agrees with the index, which says how much water there is.
@@ -93,14 +101,14 @@ def test_suso_at_50_percent(tmp_path):
     tables = opac_tables()
     wavelengths = np.array([550.0, 900.0])
     size, index = opac.particles("suso", 50.0, wavelengths)
-    got = mie.particle_optics(replace(size, median_radius_um=0.0980), index, wavelengths, tmp_path)
+    got = mie.particle_optics(replace(size, median_radius_um=0.0980), index, wavelengths)
     expected = [tables["suso", 50.0, w][0] for w in wavelengths]
     np.testing.assert_allclose(got.extinction_per_km, expected, rtol=1.5e-3)
 
 
-def phase_error(component, humidity, cache_dir):
+def phase_error(component, humidity):
     angle_deg, phases = opac_phase_550nm()
-    got = optics(component, humidity, [550.0], cache_dir)
+    got = optics(component, humidity, [550.0])
     phase = PhaseFunction(TABLE, got.asymmetry, got.log_phase)(np.cos(np.radians(angle_deg)))[0]
     return angle_deg, phase / phases[f"{component}{humidity:02.0f}"] - 1.0
 
@@ -110,8 +118,9 @@ PHASE_RMS = {"sscm": 0.05, "micm": 0.03, "ssam": 0.03}
 
 
 @pytest.mark.parametrize("component, humidity", ship_optics.populations())
-def test_phase_function_against_opac(component, humidity, tmp_path):
-    angle_deg, error = phase_error(component, humidity, tmp_path)
+def test_phase_function_against_opac(component, humidity):
+    """A phase function would not be OPAC's."""
+    angle_deg, error = phase_error(component, humidity)
     assert np.abs(error[angle_deg < 1]).max() < 0.012
     middle = (angle_deg >= 1) & (angle_deg <= 170)
     assert np.sqrt(np.mean(error[middle] ** 2)) < PHASE_RMS.get(component, 0.01)
@@ -119,39 +128,41 @@ def test_phase_function_against_opac(component, humidity, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("component", opac.components())
-def test_phase_function_against_opac_all(component, tmp_path):
+def test_phase_function_against_opac_all(component):
+    """A phase function of some component would not be OPAC's."""
     for humidity in opac.humidity_classes(component):
-        angle_deg, error = phase_error(component, humidity, tmp_path)
+        angle_deg, error = phase_error(component, humidity)
         assert np.abs(error[angle_deg < 1]).max() < 0.012
         middle = (angle_deg >= 1) & (angle_deg <= 170)
         assert np.sqrt(np.mean(error[middle] ** 2)) < PHASE_RMS.get(component, 0.01)
 
 
-def test_phase_table_is_normalised_and_keeps_the_asymmetry(tmp_path):
+def test_phase_table_is_normalised_and_keeps_the_asymmetry():
+    """A tabulated phase function would not conserve energy, or lose its asymmetry."""
     for component, humidity in ship_optics.populations():
-        got = optics(component, humidity, [550.0], tmp_path)
+        got = optics(component, humidity, [550.0])
         moments = PhaseFunction(TABLE, got.asymmetry, got.log_phase).legendre_moments(1)[0]
         assert moments[0] == pytest.approx(1.0, abs=2e-6)
         assert moments[1] == pytest.approx(got.asymmetry[0], abs=1e-4)
 
 
-def test_small_spheres_are_rayleigh_scatterers(tmp_path):
+def test_small_spheres_are_rayleigh_scatterers():
     """x << 1: scattering goes with x^4, the phase function is 3/(16 pi)(1 + cos^2)."""
     size = mie.LogNormal(1e-3, 1.2, 1e-4, 1e-2)
-    got = mie.particle_optics(size, [1.5, 1.5], [400.0, 800.0], tmp_path)
+    got = mie.particle_optics(size, [1.5, 1.5], [400.0, 800.0])
     assert got.scattering_per_km[0] / got.scattering_per_km[1] == pytest.approx(16.0, rel=1e-3)
     phase = PhaseFunction(TABLE, got.asymmetry, got.log_phase)
     mu = np.linspace(-1, 1, 21)
     np.testing.assert_allclose(phase(mu)[0], 3 / (16 * np.pi) * (1 + mu**2), rtol=2e-3)
 
 
-def test_population_of_one_size_is_one_sphere(tmp_path):
+def test_population_of_one_size_is_one_sphere():
     """A narrow distribution has the cross sections and intensities that miepython gives for the sphere itself."""
     import miepython
 
     radius, wavelength, index = 0.3, 0.55, 1.5 - 0.01j
     size = mie.LogNormal(radius, 1.0005, 0.25, 0.35)
-    got = mie.particle_optics(size, [index], [wavelength * 1e3], tmp_path)
+    got = mie.particle_optics(size, [index], [wavelength * 1e3])
     x = 2 * np.pi * radius / wavelength
     q_ext, q_sca, _, g = miepython.efficiencies_mx(index, x)
     area = np.pi * radius**2 * 1e-3
@@ -178,6 +189,7 @@ def test_shipped_rows_are_what_the_code_computes():
 
 
 def test_damaged_shipped_file_is_not_used(monkeypatch):
+    """Numbers of a damaged file would be used."""
     monkeypatch.setattr(shipped_optics, "_digest", lambda *_: "another")
     shipped_optics.load.cache_clear()
     try:
@@ -191,14 +203,15 @@ def small():
     return mie.LogNormal(0.02, 1.5, 0.005, 0.2), np.array([1.5 - 0.01j])
 
 
-def test_cache_returns_the_same_numbers(tmp_path, small, monkeypatch):
-    first = mie.particle_optics(*small, [500.0], tmp_path)
+def test_cache_returns_the_same_numbers(small, monkeypatch):
+    """A cached result would differ from a computed one."""
+    first = mie.particle_optics(*small, [500.0])
 
     def not_again(*_):
         raise AssertionError("computed although cached")
 
     monkeypatch.setattr(mie, "compute_optics", not_again)
-    second = mie.particle_optics(*small, [500.0], tmp_path)
+    second = mie.particle_optics(*small, [500.0])
     np.testing.assert_array_equal(first.log_phase, second.log_phase)
     np.testing.assert_array_equal(first.ratios, second.ratios)
     np.testing.assert_array_equal(first.extinction_per_km, second.extinction_per_km)
@@ -206,7 +219,8 @@ def test_cache_returns_the_same_numbers(tmp_path, small, monkeypatch):
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "longer"])
 def test_damaged_cache_entry_is_computed_again(tmp_path, small, damage):
-    first = mie.particle_optics(*small, [500.0], tmp_path)
+    """Numbers of a damaged cache entry would be used."""
+    first = mie.particle_optics(*small, [500.0])
     (entry,) = tmp_path.rglob("*.f8")
     raw = bytearray(entry.read_bytes())
     if damage == "cut":
@@ -218,13 +232,14 @@ def test_damaged_cache_entry_is_computed_again(tmp_path, small, damage):
     else:
         raw += b"x"
     entry.write_bytes(bytes(raw))
-    again = mie.particle_optics(*small, [500.0], tmp_path)
+    again = mie.particle_optics(*small, [500.0])
     np.testing.assert_array_equal(first.log_phase, again.log_phase)
     assert len(entry.read_bytes()) == 32 + 8 * mie.ROW
     assert not list(tmp_path.rglob("*.part"))
 
 
 def test_cache_key_depends_on_everything(small):
+    """Two populations would find each other's optics in the cache."""
     size, index = small
     keys = {
         mie.cache_key(size, index[0], 500.0, "3"),
@@ -240,27 +255,15 @@ def test_cache_key_depends_on_everything(small):
     assert len(keys) == 9
 
 
-def test_cache_folder_from_the_environment(tmp_path, small, monkeypatch):
-    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "own"))
-    mie.particle_optics(*small, [500.0])
-    assert len(list((tmp_path / "own").rglob("*.f8"))) == 1
-
-
-def test_cache_folder_that_cannot_be_written(tmp_path, small):
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    assert mie.particle_optics(*small, [500.0], blocked).extinction_per_km[0] > 0
-
-
 HUMIDITY_LEFT_OUT = {50.0: 0.08, 70.0: 0.025, 80.0: 0.025, 90.0: 0.025, 95.0: 0.025, 98.0: 0.025}
 """Change of extinction when a class is interpolated from the others."""
 
 
-def check_humidity_left_out(component, humidity, wavelength, cache_dir):
+def check_humidity_left_out(component, humidity, wavelength):
     size, index = opac.particles(component, humidity, wavelength)
-    with_it = mie.particle_optics(size, index, wavelength, cache_dir)
+    with_it = mie.particle_optics(size, index, wavelength)
     size, index = opac.particles(component, humidity, wavelength, leave_out_percent=humidity)
-    without = mie.particle_optics(size, index, wavelength, cache_dir)
+    without = mie.particle_optics(size, index, wavelength)
     ratio = without.extinction_per_km / with_it.extinction_per_km
     np.testing.assert_allclose(ratio, 1.0, atol=HUMIDITY_LEFT_OUT[humidity])
     assert np.all(ratio != 1.0)
@@ -268,18 +271,21 @@ def check_humidity_left_out(component, humidity, wavelength, cache_dir):
 
 
 @pytest.mark.parametrize("humidity", [50.0, 80.0])
-def test_humidity_interpolation_without_one_class(humidity, tmp_path):
-    check_humidity_left_out("waso", humidity, [800.0], tmp_path)
+def test_humidity_interpolation_without_one_class(humidity):
+    """Interpolated swelling would miss a humidity class that is left out by more than documented."""
+    check_humidity_left_out("waso", humidity, [800.0])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("humidity", HUMIDITY_LEFT_OUT)
 @pytest.mark.parametrize("component", ["waso", "suso", "ssam", "sscm"])
-def test_humidity_interpolation_without_one_class_all(component, humidity, tmp_path):
-    check_humidity_left_out(component, humidity, [400.0, 550.0, 800.0], tmp_path)
+def test_humidity_interpolation_without_one_class_all(component, humidity):
+    """Interpolated swelling would miss some component's class by more than documented."""
+    check_humidity_left_out(component, humidity, [400.0, 550.0, 800.0])
 
 
 def test_humidity_interpolation_is_continuous_and_monotone():
+    """Optics would jump from one humidity to the next."""
     for component in ("waso", "suso", "ssam", "sscm"):
         classes = opac.humidity_classes(component)
         humidity = np.unique(np.concatenate([np.linspace(0, 99, 199), classes]))
@@ -292,17 +298,18 @@ def test_humidity_interpolation_is_continuous_and_monotone():
             assert below[1][0] == pytest.approx(at[1][0], rel=1e-6)
 
 
-def test_mixture_is_weighted_with_scattering(tmp_path):
+def test_mixture_is_weighted_with_scattering():
+    """A mixture's phase function would not be the mean weighted with scattering."""
     numbers = {"waso": 7000.0, "soot": 8300.0}
-    mixed = mixture_optics(numbers, 80.0, [550.0], cache_dir=tmp_path)
-    parts = {c: optics(c, 80.0 if c == "waso" else 0.0, [550.0], tmp_path) for c in numbers}
+    mixed = mixture_optics(numbers, 80.0, [550.0])
+    parts = {c: optics(c, 80.0 if c == "waso" else 0.0, [550.0]) for c in numbers}
     extinction = sum(n * parts[c].extinction_per_km[0] for c, n in numbers.items())
     scattering = {c: n * parts[c].scattering_per_km[0] for c, n in numbers.items()}
     assert mixed.extinction_per_km[0] == pytest.approx(extinction, rel=1e-12)
     assert mixed.single_scattering_albedo[0] == pytest.approx(sum(scattering.values()) / extinction, rel=1e-12)
     g = sum(scattering[c] * parts[c].asymmetry[0] for c in numbers) / sum(scattering.values())
     assert mixed.phase.asymmetry[0] == pytest.approx(g, abs=1e-5)
-    henyey = mixture_optics(numbers, 80.0, [550.0], "henyey_greenstein", cache_dir=tmp_path)
+    henyey = mixture_optics(numbers, 80.0, [550.0], "henyey_greenstein")
     assert henyey.phase.kind == 0 and henyey.phase.asymmetry[0] == pytest.approx(g, abs=1e-12)
 
 
@@ -320,5 +327,6 @@ def test_mixture_is_weighted_with_scattering(tmp_path):
     ],
 )
 def test_errors_name_what_is_allowed(call, text):
+    """An impossible population would not be refused in a sentence that says what is allowed."""
     with pytest.raises(TwilightError, match=text):
         call()

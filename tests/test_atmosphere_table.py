@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twilight.atmosphere.table import COLUMNS, MAX_PHASE_FUNCTIONS, medium_from_table
-from twilight.errors import TwilightError
+from twilight.atmosphere.medium_table import COLUMNS, MAX_PHASE_FUNCTIONS, medium_from_table
+from twilight.base.errors import TwilightError
 
 HEADER = ",".join(COLUMNS)
 
@@ -27,6 +27,7 @@ GRID = [row(z, w) for z in (0.0, 1.0, 5.0, 100.0) for w in (450.0, 550.0, 650.0)
 
 
 def test_values_arrive_where_they_belong(tmp_path):
+    """A column of a table would arrive in another coefficient, level or wavelength."""
     rows = [row(z, w, ssa=0.5 + w / 2000, g=0.6 + w / 10000) for z in (0.0, 1.0, 5.0) for w in (450.0, 550.0)]
     medium = medium_from_table(table(tmp_path, rows), ground_albedo=0.2, depolarisation=0.03, name="T1")
     np.testing.assert_array_equal(medium.altitude_km, [0, 1, 5])
@@ -45,10 +46,10 @@ def test_values_arrive_where_they_belong(tmp_path):
     # between levels: exponentially
     at = medium.at([2.0])
     assert at.aerosol_extinction[0, 0] == pytest.approx(0.1 * np.exp(-1.0), rel=1e-12)
-    medium.arrays()
 
 
 def test_order_of_rows_columns_and_comments_does_not_matter(tmp_path):
+    """The order of rows or columns would change the air."""
     plain = medium_from_table(table(tmp_path, GRID))
     by_wavelength = sorted(GRID, key=lambda r: (r[1], r[0]))
     downwards = sorted(GRID, key=lambda r: -r[0])
@@ -66,6 +67,7 @@ def test_order_of_rows_columns_and_comments_does_not_matter(tmp_path):
 
 
 def test_coefficient_that_ends_is_linear_and_outside_is_vacuum(tmp_path):
+    """A coefficient that ends at a level would be lost, or go on outside the table."""
     rows = [row(0.0, 550.0), row(2.0, 550.0, ext=0.0), row(10.0, 550.0, ext=0.0)]
     medium = medium_from_table(table(tmp_path, rows))
     assert medium.at([1.0]).aerosol_extinction[0, 0] == pytest.approx(0.05)
@@ -73,6 +75,7 @@ def test_coefficient_that_ends_is_linear_and_outside_is_vacuum(tmp_path):
 
 
 def test_altitude_given_twice_is_a_jump(tmp_path):
+    """A jump in a table would be smeared."""
     rows = [row(0.0, 550.0), row(2.0, 550.0), row(2.0, 550.0, ext=0.001), row(10.0, 550.0, ext=0.0)]
     medium = medium_from_table(table(tmp_path, rows))
     below, above = medium.at([2.0 - 1e-12, 2.0]).aerosol_extinction[:, 0]
@@ -80,40 +83,45 @@ def test_altitude_given_twice_is_a_jump(tmp_path):
 
 
 def test_ground_is_the_lowest_level(tmp_path):
+    """The ground would not be the lowest level."""
     rows = [row(z, 550.0) for z in (1.5, 3.0, 60.0)]
     assert medium_from_table(table(tmp_path, rows)).bottom_km == 1.5
 
 
 def test_asymmetry_by_level_is_exact_at_the_levels(tmp_path):
+    """The mixture of phase functions would not have the asymmetry of the table."""
     g = {0.0: 0.75, 1.0: 0.6, 5.0: 0.6, 100.0: -0.1}
     rows = [row(z, w, g=g[z] if w < 600 else 0.5) for z in g for w in (450.0, 650.0)]
     medium = medium_from_table(table(tmp_path, rows))
     assert len(medium.phase_functions) == 3
-    np.testing.assert_allclose(medium.aerosol_share.sum(axis=0), 1.0)
+    np.testing.assert_allclose(medium.aerosol_phase_fraction.sum(axis=0), 1.0)
     node = np.array([p.asymmetry for p in medium.phase_functions])
-    mean = np.einsum("klw,kw->lw", medium.aerosol_share, node)
+    mean = np.einsum("klw,kw->lw", medium.aerosol_phase_fraction, node)
     np.testing.assert_allclose(mean[:, 0], list(g.values()), rtol=1e-12)
     np.testing.assert_allclose(mean[:, 1], 0.5, rtol=1e-12)
     # one function alone at every level: the mixture is that Henyey-Greenstein function itself
-    assert np.all(np.sort(medium.aerosol_share[:, :, 0], axis=0)[-1] == 1.0)
+    assert np.all(np.sort(medium.aerosol_phase_fraction[:, :, 0], axis=0)[-1] == 1.0)
 
 
 def test_many_asymmetries_share_a_grid(tmp_path):
+    """Many asymmetries would need as many phase functions."""
     z = np.linspace(0, 20, 41)
     g = 0.8 - 0.02 * z
     rows = [row(a, 550.0, g=b) for a, b in zip(z, g, strict=True)]
     medium = medium_from_table(table(tmp_path, rows))
     assert len(medium.phase_functions) == MAX_PHASE_FUNCTIONS
     node = np.array([p.asymmetry[0] for p in medium.phase_functions])
-    np.testing.assert_allclose(node @ medium.aerosol_share[:, :, 0], g, rtol=1e-12)
+    np.testing.assert_allclose(node @ medium.aerosol_phase_fraction[:, :, 0], g, rtol=1e-12)
 
 
 def test_no_aerosol_needs_no_phase_function(tmp_path):
+    """Air without aerosol would carry a phase function."""
     medium = medium_from_table(table(tmp_path, [row(z, 550.0, ext=0.0) for z in (0.0, 50.0)]))
     assert medium.phase_functions == () and not medium.has_aerosol
 
 
 def test_other_wavelengths(tmp_path):
+    """Wavelengths between those of the table would not follow its rule, or those outside would be computed."""
     path = table(tmp_path, [row(z, w, air=0.01 * (w / 550) ** -4) for z in (0.0, 50.0) for w in (400.0, 500.0, 700.0)])
     own = medium_from_table(path)
     same = medium_from_table(path, wavelength_nm=[400.0, 500.0, 700.0])
@@ -165,6 +173,7 @@ MALFORMED = {
 
 @pytest.mark.parametrize("name", MALFORMED)
 def test_malformed_table_gives_one_sentence(tmp_path, name):
+    """A malformed table would not be refused in a sentence with file and line."""
     text, message = MALFORMED[name]
     path = tmp_path / "bad.csv"
     path.write_text(text)
@@ -174,6 +183,7 @@ def test_malformed_table_gives_one_sentence(tmp_path, name):
 
 
 def test_file_that_is_not_a_table(tmp_path):
+    """A file that is no table would end in a traceback."""
     with pytest.raises(TwilightError, match="cannot read"):
         medium_from_table(tmp_path / "absent.csv")
     with pytest.raises(TwilightError, match="cannot read"):
@@ -185,16 +195,18 @@ def test_file_that_is_not_a_table(tmp_path):
 
 
 def test_table_that_is_too_large(tmp_path, monkeypatch):
+    """A huge table would be read into memory."""
     path = table(tmp_path, GRID)
-    monkeypatch.setattr("twilight.atmosphere.columns.MAX_ROWS", 5)
+    monkeypatch.setattr("twilight.atmosphere.csv_columns.MAX_ROWS", 5)
     with pytest.raises(TwilightError, match="12 rows, at most 5"):
         medium_from_table(path)
-    monkeypatch.setattr("twilight.atmosphere.columns.MAX_BYTES", 100)
+    monkeypatch.setattr("twilight.atmosphere.csv_columns.MAX_BYTES", 100)
     with pytest.raises(TwilightError, match="larger than"):
         medium_from_table(path)
 
 
 @pytest.mark.parametrize("options", [{"ground_albedo": -0.1}, {"ground_albedo": [0.1, 0.1]}, {"depolarisation": 1.5}])
 def test_bad_options(tmp_path, options):
+    """An impossible albedo or depolarisation would be computed."""
     with pytest.raises(TwilightError, match=r"between 0 and 1|values"):
         medium_from_table(table(tmp_path, GRID), **options)

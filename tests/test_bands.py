@@ -1,4 +1,4 @@
-"""Bands of water vapour and oxygen: the source's transmissions, the lanes, and what solvers make of them."""
+"""Bands of water vapour and oxygen: the source's transmissions, the exponential sums, and what solvers make of them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import pytest
 
 from twilight import solvers
 from twilight.atmosphere import bands
-from twilight.atmosphere.bands import OXYGEN, WATER_VAPOUR, Bands
+from twilight.atmosphere.bands import OXYGEN, WATER_VAPOUR, GasBands
 from twilight.atmosphere.profiles import PROFILES, load_profile
+from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.engine import problem_of
+from twilight.engine import Problem
 from twilight.engine.disc import make_disc
 from twilight.engine.sunbeam import Sunbeam
-from twilight.errors import TwilightError
+from twilight.scene import resolve
 from twilight.scene.plan import _limb_optical_depth, make_plan
 from twilight.solvers.base import BareField, Capabilities
 
@@ -67,7 +68,7 @@ def scene(nm, climate="pure-air", **settings):
 
 def zones_draft(config, suns):
     zones = solvers.load("zones")
-    return problem_of(config, suns, by=(zones, zones.QUALITIES["draft"]))
+    return Problem(resolve(config, solver=(zones, zones.QUALITIES["draft"])), suns)
 
 
 NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}
@@ -75,19 +76,20 @@ NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}
 
 def direct_of(config):
     """The engine's direct beam at its only wavelength, as a function of the sun's elevation, without a field."""
-    problem = zones_draft(config, None)
-    wide = problem.medium if problem.bands is None else problem.bands.expand(problem.medium)
+    made = zones_draft(config, None).scene
+    wide = made.medium if made.bands is None else made.bands.expand(made.medium)
     beam = Sunbeam(wide)
 
     def at(sun):
         values = beam.at(sun, 0.0).irradiance
-        return float((values if problem.bands is None else problem.bands.summed(values))[0])
+        return float((values if made.bands is None else made.bands.sum_terms(values))[0])
 
     return at
 
 
 @pytest.mark.parametrize("mass", MASSES)
 def test_the_terms_give_the_direct_beam_of_spectrl2(mass):
+    """The direct beam in a band would not be that of SPCTRL2."""
     nm, true = pvlib_transmission(mass)
     inside = (nm >= 300.0) & (nm <= 1000.0)
     factor = {WATER_VAPOUR: 0.1 * WATER_MM, OXYGEN: 1.0}
@@ -100,6 +102,7 @@ def test_the_terms_give_the_direct_beam_of_spectrl2(mass):
 
 @pytest.mark.parametrize("column_mm", [0.3, 5.0, 50.0, 150.0])
 def test_weights_are_a_mixture_for_every_column_and_the_fit_holds(column_mm):
+    """For some column the weights would be negative, or the exponential sum worse than stated."""
     nm = np.arange(580.0, 1001.0, 3.0)
     for gas, amount in ((WATER_VAPOUR, 0.1 * column_mm), (OXYGEN, 1.0)):
         for x in bands.coefficient(gas, nm) * amount:
@@ -114,6 +117,7 @@ def test_weights_are_a_mixture_for_every_column_and_the_fit_holds(column_mm):
 
 
 def test_little_of_a_gas_absorbs_after_beer():
+    """A thin column would not absorb in proportion to its amount."""
     for gas in bands.GASES:
         amount = 1e-6 / bands.SATURATION[gas]
         assert -np.log(bands.transmission(gas, amount)) == pytest.approx(bands.STRENGTH[gas] * amount, rel=1e-5)
@@ -125,6 +129,7 @@ def test_little_of_a_gas_absorbs_after_beer():
 
 
 def test_bands_end_where_the_source_has_none():
+    """Bands would absorb at wavelengths where the source has no absorption."""
     clear = np.concatenate([np.arange(300.0, 587.9), np.arange(598.1, 680.0), [755.0, 773.0]])
     assert np.all(bands.coefficient(OXYGEN, clear) == 0.0)
     assert np.all(bands.coefficient(WATER_VAPOUR, clear[clear < 680.0]) == 0.0)
@@ -153,8 +158,9 @@ def test_the_sunbeam_of_the_engine_follows_the_source(nm, gas):
 
 
 def test_the_suns_disc_has_the_bands_too():
+    """The disc would shine in a band as if there were none."""
     made = [zones_draft(scene([550.0, 762.5], **more), None) for more in ({}, NO_BANDS)]
-    wet, dry = (make_disc(p.medium, 8.0, 0.0, bands=p.bands).transmittance for p in made)
+    wet, dry = (make_disc(p.scene.medium, 8.0, 0.0, bands=p.scene.bands).transmittance for p in made)
     lit = dry[:, 1] > 0.0
     beam = direct_of(scene([762.5]))(8.0) / direct_of(scene([762.5], **NO_BANDS))(8.0)
     assert np.median(wet[lit, 1] / dry[lit, 1]) == pytest.approx(beam, rel=0.01)  # over half a degree
@@ -183,17 +189,18 @@ class GreySolver:
         return GreyField(medium)
 
 
-def test_lanes_come_back_as_wavelengths_in_blocks_of_their_own():
+def test_terms_come_back_as_wavelengths_in_blocks_of_their_own():
+    """Terms would be summed into another wavelength, or share a block with others."""
     solver = GreySolver()
     nm = [550.0, 762.5, 820.0, 860.0]
-    problem = replace(problem_of(scene(nm)), solver=solver, settings=None)
-    lanes = problem.bands.lanes
-    assert lanes[0] == 1 and lanes[3] == 1 and 3 <= lanes[1] <= 5 and 3 <= lanes[2] <= 5
+    problem = Problem(replace(resolve(scene(nm)), solver=solver, settings=None))
+    term_counts = problem.scene.bands.term_counts
+    assert term_counts[0] == 1 and term_counts[3] == 1 and 3 <= term_counts[1] <= 5 and 3 <= term_counts[2] <= 5
     found = problem.solve().radiance(10.0, [0.0, 1.0], [0.0, 0.0])
     assert found.shape == (2, 4)
     assert all(len(part) <= 6 and len(set(part)) == 1 for part in solver.asked)
     assert [part[0] for part in solver.asked] == nm
-    clear = np.exp(-problem.medium.optical_depth("absorption"))
+    clear = np.exp(-problem.scene.medium.optical_depth("absorption"))
     gone = [1.0, 1.0, 1.0, 1.0]
     for w, gas in ((1, OXYGEN), (2, WATER_VAPOUR)):
         amount = bands.amounts(gas, load_profile("midlatitude_summer"), np.array([nm[w]]), None)[0]
@@ -203,15 +210,17 @@ def test_lanes_come_back_as_wavelengths_in_blocks_of_their_own():
 
 
 def test_bands_that_are_no_mixture_are_refused():
+    """Weights that do not sum to 1 would be taken."""
     with pytest.raises(TwilightError, match="sum to 1"):
-        Bands(np.array([0, 0]), np.array([0.5, 0.6]), np.zeros((2, 2)))
+        GasBands(np.array([0, 0]), np.array([0.5, 0.6]), np.zeros((2, 2)))
 
 
-def test_the_column_of_a_lane_is_that_of_its_term_in_layers_too():
+def test_the_column_of_a_term_is_its_optical_depth_in_layers_too():
+    """The absorption of a term would not integrate to its optical depth."""
     for more in ({}, {"atmosphere.layers.equal_air_mass": 12}, {"ground.altitude_km": 3.0}):
-        problem = problem_of(scene([762.5, 820.0], **more))
-        wide = problem.bands.expand(problem.medium)
-        gained = wide.optical_depth("absorption") - problem.medium.optical_depth("absorption")[problem.bands.place]
+        made = resolve(scene([762.5, 820.0], **more))
+        wide = made.bands.expand(made.medium)
+        gained = wide.optical_depth("absorption") - made.medium.optical_depth("absorption")[made.bands.wavelength_index]
         profile = load_profile("midlatitude_summer").above(more.get("ground.altitude_km", 0.0))
         expected = []
         for gas, nm in ((OXYGEN, 762.5), (WATER_VAPOUR, 820.0)):
@@ -220,6 +229,7 @@ def test_the_column_of_a_lane_is_that_of_its_term_in_layers_too():
 
 
 def test_columns_of_the_profiles_are_those_that_the_key_names():
+    """The manual would state other columns of water than the profiles have."""
     from twilight.config.climate import WaterVapour
 
     said = WaterVapour.model_fields["column_mm"].description
@@ -229,6 +239,7 @@ def test_columns_of_the_profiles_are_those_that_the_key_names():
 
 
 def test_more_water_is_darker_and_neighbours_stay_as_they_are():
+    """More water would not darken its band, or move wavelengths beside it."""
     suns = [8.0]
     found = []
     for column in (0.0, 5.0, 20.0, 60.0):
@@ -241,27 +252,30 @@ def test_more_water_is_darker_and_neighbours_stay_as_they_are():
 
 
 def test_the_plan_leaves_out_bands_that_do_not_matter():
+    """Bands would cost time in scenes that do not see them, or be left out where they matter."""
+
     def parts(config):
-        return {item.part: item for item in make_plan(config).left_out}
+        return {item.part: item for item in make_plan(config).omissions}
 
     placed = parts(load("continental-average"))
     assert "they move luminance by 4" in placed["bands of water vapour"].reason
     assert "720 nm" in placed["bands of water vapour"].effect
-    assert problem_of(load("continental-average", {"wavelengths.list_nm": [400.0, 550.0]})).bands is None
+    assert resolve(load("continental-average", {"wavelengths.list_nm": [400.0, 550.0]})).bands is None
     between = parts(scene([400.0, 550.0]))
     assert "no wavelength of this scene lies in them" in between["bands of oxygen"].reason
     inside = parts(scene([762.0, 823.0]))
     assert not {"bands of oxygen", "bands of water vapour"} & inside.keys()
-    everything = load("continental-average", {"leave_out": False})
-    assert problem_of(everything).bands.lanes.max() > 2
+    everything = load("continental-average", {"omit_negligible": False})
+    assert resolve(everything).bands.term_counts.max() > 2
     formula = load("continental-average", {"wavelengths.list_nm": [500.0, 720.0]})
     preetham = solvers.load("preetham")
-    assert problem_of(formula, by=(preetham, preetham.QUALITIES["standard"])).bands is None
+    assert resolve(formula, solver=(preetham, preetham.QUALITIES["standard"])).bands is None
 
 
 def test_the_far_ultraviolet_is_finite_behind_a_wall_of_ozone():
+    """300 nm through ozone would be NaN."""
     config = scene([300.0, 305.0, 320.0, 340.0])
-    solved = zones_draft(config, [10.0, -4.0]).solve()
+    solved = zones_draft(config, (10.0, -4.0)).solve()
     medium = solved.medium
     assert _limb_optical_depth(medium.altitude_km, medium.absorption_per_km) > 100.0
     for sun in (10.0, -4.0):
@@ -273,15 +287,15 @@ def test_the_far_ultraviolet_is_finite_behind_a_wall_of_ozone():
 @pytest.mark.slow
 @pytest.mark.parametrize("nm", [762.0, 820.0])
 def test_zones_and_montecarlo_agree_in_a_band(nm):
-    """By day and in twilight, scalar: every lane is an ordinary absorption, so the codes differ as elsewhere."""
+    """By day and in twilight, scalar: every term is an ordinary absorption, so the codes differ as elsewhere."""
     zones, montecarlo = solvers.load("zones"), solvers.load("montecarlo")
     config = scene([nm], "continental-average")
-    suns = [30.0, -4.0]
+    suns = (30.0, -4.0)
     by_zones = replace(zones.QUALITIES["standard"], polarisation=False)
-    # so many samples, not a target: the darkest lanes, which weigh nothing, would never reach one
+    # so many samples, not a target: the darkest terms, which weigh nothing, would never reach one
     by_chance = replace(montecarlo.QUALITIES["draft"], samples=400, target_stderr=None)
-    one = problem_of(config, suns, by=(zones, by_zones)).solve()
-    other = problem_of(config, suns, by=(montecarlo, by_chance)).solve()
+    one = Problem(resolve(config, solver=(zones, by_zones)), suns).solve()
+    other = Problem(resolve(config, solver=(montecarlo, by_chance)), suns).solve()
     for sun in suns:
         light = one.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
         truth = other.radiance_with_error(sun, ELEVATION_DEG, AZIMUTH_DEG)
@@ -289,7 +303,7 @@ def test_zones_and_montecarlo_agree_in_a_band(nm):
 
 
 @pytest.mark.slow
-def test_energy_in_a_band_is_not_more_than_what_the_lanes_bring():
+def test_energy_in_a_band_is_not_more_than_what_the_terms_bring():
     """Black ground under clean air: what reaches it grows with less absorber, and stays below what comes in."""
     suns = [40.0]
     elevation, azimuth = np.meshgrid(np.arange(2.5, 90.0, 5.0), np.arange(7.5, 180.0, 15.0), indexing="ij")

@@ -68,3 +68,26 @@ def test_a_table_of_other_columns_is_left_as_it_is(compare, tmp_path):
     with pytest.raises(SystemExit, match=r"urban.csv: has other columns"):
         merged(compare, tmp_path, ["zones,draft,5"], columns="solver,quality,sun_elevation_deg")
     assert (tmp_path / "urban.csv").read_text(encoding="utf-8") == OLD
+
+
+def test_every_benchmark_and_every_table_names_a_script_that_is_there(monkeypatch):
+    """A table that nothing can renew would stay, or `renew.py` would run a script that is gone."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import renew
+
+    assert [b.command for b in renew.BENCHMARKS.values() if not (renew.HERE / b.command.split()[0]).is_file()] == []
+    stamps = [renew.STAMP.search(path.read_text(encoding="utf-8")) for path in sorted(renew.HERE.rglob("*.csv"))]
+    scripts = {stamp[2] for stamp in stamps if stamp}
+    assert len(scripts) > 20 and [script for script in scripts if not (renew.HERE / script).is_file()] == []
+
+
+def test_the_code_of_a_table_is_all_that_makes_its_numbers(monkeypatch):
+    """A table would seem new after its solver, a script that it imports, or the program that it starts has changed."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import renew
+
+    importance, picture = renew.code_of("montecarlo_speed.py"), renew.code_of("phenomena.py")
+    assert {"benchmarks/montecarlo_speed.py", "twilight/solvers/montecarlo/kernel.py"} <= set(importance)
+    assert not any(file.startswith(("twilight/viewer/", "twilight/cli/")) for file in importance)
+    assert {"benchmarks/sky_phenomena.py", "twilight/solvers/zones/solve.py"} <= set(picture)
+    assert "twilight/cli/__init__.py" in renew.code_of("compare.py")

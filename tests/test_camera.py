@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
-from twilight.camera import (
-    Camera,
+from twilight.base.errors import TwilightError
+from twilight.studies.camera import (
+    CameraModel,
     azimuth_elevation,
     camera_axes,
     direction,
@@ -14,8 +17,9 @@ from twilight.camera import (
     read_camera,
     write_camera,
 )
-from twilight.camera.projection import RADIAL
-from twilight.errors import TwilightError
+from twilight.studies.camera.model import Projection
+
+RADIAL = get_args(Projection)[:-1]
 
 CLOSED_FORMS = {
     "equidistant": lambda t: t,
@@ -28,9 +32,9 @@ TURNED = {"azimuth_deg": 217.0, "elevation_deg": 34.0, "roll_deg": -23.0}
 
 
 def make(projection, lens=None, orientation=None, width=1200, height=900, **more):
-    if projection == "latitude_longitude":
+    if projection == "latlong":
         width, height, lens = 1024, 512, lens or {}
-    return Camera.model_validate(
+    return CameraModel.model_validate(
         {
             "projection": projection,
             "image": {"width_px": width, "height_px": height},
@@ -55,11 +59,11 @@ def test_radius_is_the_closed_form(projection):
     np.testing.assert_allclose(xy[:, 1], 450.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("projection", [*RADIAL, "latitude_longitude"])
+@pytest.mark.parametrize("projection", [*RADIAL, "latlong"])
 @pytest.mark.parametrize("distortion", [(), (-0.02, 0.001), (0.05, -0.01, 0.002, 0.0001)])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_round_trips_are_exact(projection, distortion, mirrored):
-    radial = projection != "latitude_longitude"
+    radial = projection != "latlong"
     lens = {"mirrored": mirrored, **({"focal_length_px": 300.0, "distortion": distortion} if radial else {})}
     if radial:
         lens["principal_point_px"] = [585.2, 460.9]
@@ -121,7 +125,7 @@ def test_towards_the_zenith_the_bottom_is_the_azimuth():
 
 
 def test_latitude_longitude_grows_to_the_right():
-    camera = make("latitude_longitude", orientation={"azimuth_deg": 30.0})
+    camera = make("latlong", orientation={"azimuth_deg": 30.0})
     np.testing.assert_allclose(camera.project(direction(30.0, 0.0)), [512.0, 256.0], atol=1e-9)
     np.testing.assert_allclose(camera.project(direction(120.0, 45.0)), [768.0, 128.0], atol=1e-9)
     azimuth, elevation = camera.azimuth_elevation([[0.5, 0.5]])
@@ -193,8 +197,8 @@ BASE = "projection: {p}\nimage: {{width_px: 1000, height_px: {h}}}\n"
     [
         (BASE.format(p="fisheye", h=500), "projection must be one of equidistant, equisolid"),
         (BASE.format(p="equisolid", h=500), "lens needs focal_length_px, focal_length_mm or field_of_view_deg"),
-        (BASE.format(p="latitude_longitude", h=400), "image.width_px must be twice image.height_px"),
-        (BASE.format(p="latitude_longitude", h=500) + "lens: {focal_length_px: 3}\n", "lens.focal_length_px has no"),
+        (BASE.format(p="latlong", h=400), "image.width_px must be twice image.height_px"),
+        (BASE.format(p="latlong", h=500) + "lens: {focal_length_px: 3}\n", "lens.focal_length_px has no"),
         (
             BASE.format(p="perspective", h=500) + "lens: {field_of_view_deg: 180}\n",
             "lens.field_of_view_deg 180 is more",
@@ -210,8 +214,8 @@ BASE = "projection: {p}\nimage: {{width_px: 1000, height_px: {h}}}\n"
             BASE.format(p="equisolid", h=500) + "lens: {focal_length_px: 8, principal_point_px: [3]}\n",
             "lens.principal_point_px must hold at least 2 values",
         ),
-        (BASE.format(p="latitude_longitude", h=500) + "response: no.csv\n", "response must be linear, srgb"),
-        (BASE.format(p="latitude_longitude", h=500) + "response: 0\n", "response must be an exponent from 0.1 to 10"),
+        (BASE.format(p="latlong", h=500) + "response: no.csv\n", "response must be linear, srgb"),
+        (BASE.format(p="latlong", h=500) + "response: 0\n", "response must be an exponent from 0.1 to 10"),
         ("image: {width_px: 10, height_px: 5}\n", "projection is missing"),
     ],
 )

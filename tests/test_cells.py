@@ -9,8 +9,8 @@ from energy_media import ODD, odd_medium
 from scipy.integrate import quad
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.phase import PhaseFunction
+from twilight.base.errors import TwilightError
+from twilight.numerics.phase import PhaseFunction
 from twilight.solvers import cells
 from twilight.solvers.cells import QUALITIES, CellsSettings
 from twilight.solvers.cells.grid import make_grid, outer_radius_km, shell_radii
@@ -34,10 +34,10 @@ BARE = CellsSettings(
     active_shell_step=1,
     multiple_scattering="isotropic",
     operator="pairs",
-    second_event="pairs",
+    second_order="pairs",
     close_energy=False,
     subcells=1,
-    max_events=4,
+    max_orders=4,
     tolerance=0.0,
 )
 
@@ -63,7 +63,7 @@ def air(
         absorption_per_km=absorption * np.exp(-z / 8.0)[:, None] * one,
         aerosol_extinction_per_km=aerosol * np.exp(-z / 1.5)[:, None] * one,
         aerosol_single_scattering_albedo=np.full(one.shape, albedo),
-        aerosol_share=np.ones((1, *one.shape)),
+        aerosol_phase_fraction=np.ones((1, *one.shape)),
         phase_functions=(PhaseFunction.henyey_greenstein([asymmetry, asymmetry]),),
         refractivity=refractivity * np.exp(-z / 8.0)[:, None] * np.ones_like(one),
         depolarisation=np.zeros(2),
@@ -83,6 +83,7 @@ def plain_field():
 
 @pytest.mark.parametrize(("azimuth_cells", "shells"), [(72, 101), (180, 252)])
 def test_shell_counts_of_the_paper(azimuth_cells, shells):
+    """Shells would not follow the paper's rule: 101 at S = 72, 252 at S = 180."""
     outer = outer_radius_km(35.0, 0.0, 6371.0)
     assert outer == pytest.approx(669.0, abs=1.0)
     radii = shell_radii(azimuth_cells, 0.1, outer)
@@ -93,6 +94,7 @@ def test_shell_counts_of_the_paper(azimuth_cells, shells):
 
 
 def test_cells_fill_a_sphere_that_lies_in_the_air():
+    """Cells would overlap or leave gaps, and their light would be counted twice or lost."""
     grid = make_grid(36, 1.0, 30.0, 0.0, 60.0, 6371.0)
     inside = grid.shell_radius_km[grid.ring_shell + 1] < 29.0
     edge = grid.shell_radius_km[grid.shell_radius_km < 29.0][-1]
@@ -101,6 +103,7 @@ def test_cells_fill_a_sphere_that_lies_in_the_air():
 
 
 def test_cells_are_those_whose_centre_is_in_the_air():
+    """Cells below the ground or above the air would scatter light."""
     grid = make_grid(120, 0.1, 0.0, 0.0, 100.0, 6371.0)
     assert grid.ring_altitude_km.min() > 0.0
     assert grid.ring_altitude_km.max() < 100.0
@@ -108,6 +111,7 @@ def test_cells_are_those_whose_centre_is_in_the_air():
 
 
 def test_observer_above_the_air_is_refused():
+    """An observer in orbit would get a sky made for the ground."""
     with pytest.raises(TwilightError, match=r"observer\.altitude_km is 80"):
         cells.prepare(air(), COARSE, observer_altitude_km=80.0)
 
@@ -123,6 +127,7 @@ def test_observer_above_the_air_is_refused():
     ],
 )
 def test_settings_out_of_range_are_one_sentence(change, words):
+    """Impossible settings would end in a traceback of numpy."""
     with pytest.raises(TwilightError, match=words):
         CellsSettings(**change)
 
@@ -131,6 +136,7 @@ def test_settings_out_of_range_are_one_sentence(change, words):
 
 
 def test_sphere_capture_limits():
+    """A thin cell would not capture its optical depth, or a black one not all."""
     assert sphere_capture(1e-9) == pytest.approx(0.75e-9, rel=1e-6)
     assert sphere_capture(0.02) == pytest.approx(sphere_capture(0.0200001), rel=1e-4)  # series meets closed form
     assert sphere_capture(1e3) == pytest.approx(1.0, abs=1e-3)
@@ -148,9 +154,10 @@ def brute_force():
 
 
 def test_savings_change_nothing(brute_force):
+    """The paper's savings would change the light that they are to save."""
     reference, field = brute_force
     full = field.isotropic.paths_traced
-    for change, share in (
+    for change, fraction in (
         ({"left_right_symmetry": True, "mirrored_pairs": False, "ring_reuse": False}, 5 / 8),
         ({"left_right_symmetry": False, "mirrored_pairs": True, "ring_reuse": False}, 5 / 8),
         ({"left_right_symmetry": False, "mirrored_pairs": False, "ring_reuse": True}, 1 / 8),
@@ -158,17 +165,19 @@ def test_savings_change_nothing(brute_force):
     ):
         total, other = bare(**change)
         np.testing.assert_allclose(total, reference, rtol=1e-11, atol=reference.max() * 1e-13)
-        assert other.isotropic.paths_traced == pytest.approx(full * share, rel=1e-12)
+        assert other.isotropic.paths_traced == pytest.approx(full * fraction, rel=1e-12)
 
 
 def test_fourier_operator_is_the_loop_over_pairs(brute_force):
+    """The matrices of the azimuthal modes would not be the paper's loop."""
     reference, _ = brute_force
     total, _ = bare(operator="fourier", azimuth_modes=0)
-    np.testing.assert_allclose(total, reference, rtol=2e-6, atol=reference.max() * 1e-7)  # kept in single precision
+    np.testing.assert_allclose(total, reference, rtol=2e-6, atol=reference.max() * 1e-7)  # in single precision
 
 
 @pytest.mark.slow
 def test_operator_serves_every_sun():
+    """The operator would depend on the sun it was first used for."""
     field = cells.prepare(air(), replace(QUALITIES["haber2005"], azimuth_cells=24, active_shell_step=2))
     kernel = field.isotropic.operator.kernel
     field.radiance(10.0, 45.0, 0.0)
@@ -180,6 +189,7 @@ def test_operator_serves_every_sun():
 
 @pytest.mark.slow
 def test_active_shells_and_mode_cut_are_small_errors():
+    """Leaving out shells or modes would cost more than stated."""
     medium = air(aerosol=0.05)
     settings = replace(QUALITIES["haber2005"], azimuth_cells=36, subcells=2, azimuth_modes=0)
     elevation, azimuth = np.array([20.0, 45.0, 70.0, 88.0]), np.array([0.0, 60.0, 120.0, 180.0])
@@ -191,7 +201,7 @@ def test_active_shells_and_mode_cut_are_small_errors():
 
 
 def test_closed_operator_keeps_the_energy():
-    """Light of every cell is extinguished, reaches the ground or leaves; unclosed, the cells miss a stated share."""
+    """Light of every cell is extinguished, reaches the ground or leaves; unclosed, the cells miss a stated fraction."""
     field = cells.prepare(air(), replace(QUALITIES["haber2005"], azimuth_cells=36, active_shell_step=1, subcells=3))
     operator = field.isotropic.operator
     found = operator.kernel[0].sum(axis=1).T  # (source, W); all shells are active
@@ -202,6 +212,7 @@ def test_closed_operator_keeps_the_energy():
 
 @pytest.mark.slow
 def test_ground_brightens_the_isotropic_sky():
+    """Light of the ground would be lost in the isotropic mode."""
     settings = replace(QUALITIES["haber2005"], azimuth_cells=36, active_shell_step=2)
     dark = cells.prepare(air(), settings).radiance(30.0, 60.0, 90.0)
     bright = cells.prepare(air(ground=0.8), settings).radiance(30.0, 60.0, 90.0)
@@ -213,6 +224,7 @@ def test_ground_brightens_the_isotropic_sky():
 
 
 def test_single_scattering_is_the_line_integral():
+    """Single scattering would differ from quadrature of its own equation."""
     medium = air(refractivity=0.0, asymmetry=0.6, absorption=0.003)
     field = cells.prepare(medium, replace(COARSE, multiple_scattering="none"))
     sun = np.radians(12.0)
@@ -259,12 +271,14 @@ def test_single_scattering_is_the_line_integral():
 
 
 def test_refraction_off_is_refractivity_zero():
+    """`refraction: false` would leave some refraction."""
     straight = cells.prepare(air(refractivity=0.0), COARSEST).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
     off = cells.prepare(air(), replace(COARSEST, refraction=False)).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])
     np.testing.assert_allclose(off, straight, rtol=1e-12)
 
 
 def test_refraction_brightens_twilight(plain_field):
+    """Beam bending or its spreading would have the wrong sign."""
     straight = cells.prepare(air(), replace(COARSE, refraction=False)).radiance(-4.0, 90.0, 0.0)
     bent = plain_field.radiance(-4.0, 90.0, 0.0)
     assert np.all(bent / straight > 1.03)
@@ -274,7 +288,7 @@ def test_refraction_brightens_twilight(plain_field):
 # --- exact mode ---
 
 
-WHITE = ("white air over a white ground", "a white layer over a white ground")
+WHITE = ("conservative air over a white ground", "a conservative layer over a white ground")
 
 
 @pytest.mark.parametrize(
@@ -300,6 +314,7 @@ def test_uniform_light_in_a_white_box_stays_uniform(medium):
 
 
 def test_delta_scaling_keeps_what_is_not_forward():
+    """Scaling would take light that is not scattered forward."""
     medium = air(asymmetry=0.8)
     for degree in (0, 2, 6):
         scaled = delta_scaled(medium, degree).medium
@@ -312,6 +327,7 @@ def test_delta_scaling_keeps_what_is_not_forward():
 
 
 def test_left_and_right_are_alike_and_azimuth_is_periodic(plain_field):
+    """The sky would not be its own mirror image about the sun's vertical."""
     field = plain_field
     a = field.radiance(5.0, 30.0, [40.0, 170.0])
     np.testing.assert_allclose(field.radiance(5.0, 30.0, [-40.0, 190.0]), a, rtol=1e-10)
@@ -331,6 +347,7 @@ def test_ground_is_seen_at_the_wavelengths_that_reach_it():
 
 @pytest.mark.slow
 def test_more_ground_more_light_more_absorber_less():
+    """A sign of the ground or of absorption would be wrong."""
     light = [
         cells.prepare(medium, COARSE).radiance(20.0, [10.0, 50.0, 90.0], 70.0)
         for medium in (air(ground=0.0), air(ground=0.3), air(ground=1.0))
@@ -343,15 +360,17 @@ def test_more_ground_more_light_more_absorber_less():
 
 @pytest.mark.slow
 def test_scattering_is_followed_until_it_converges():
+    """The tolerance would end the orders too early."""
     field = cells.prepare(air(albedo=1.0, aerosol=0.4, ground=0.9), COARSE)
     radiance = field.radiance(30.0, [10.0, 80.0], 90.0)
     assert field.convergence.residual < COARSE.tolerance
     loose = cells.prepare(air(albedo=1.0, aerosol=0.4, ground=0.9), replace(COARSE, tolerance=1e-5))
     np.testing.assert_allclose(radiance, loose.radiance(30.0, [10.0, 80.0], 90.0), rtol=2e-3)
-    assert loose.convergence.events > field.convergence.events
+    assert loose.convergence.orders > field.convergence.orders
 
 
 def test_one_thread_and_two_are_bit_identical():
+    """The number of threads would change the sky."""
     before = numba.get_num_threads()
     results = []
     try:
@@ -378,6 +397,7 @@ def test_one_thread_and_two_are_bit_identical():
 )
 @pytest.mark.parametrize("mode", ["exact", pytest.param("isotropic", marks=pytest.mark.slow)])
 def test_extreme_air_is_finite_and_not_negative(medium, mode):
+    """Extreme air would give NaN, infinity or negative light."""
     settings = replace(COARSEST, multiple_scattering=mode, active_shell_step=4)
     field = cells.prepare(air(**medium), settings)
     for sun in (0.0, -40.0):
@@ -388,6 +408,7 @@ def test_extreme_air_is_finite_and_not_negative(medium, mode):
 
 @pytest.mark.parametrize("sun", [90.0, -6.0, -18.0, -90.0])
 def test_every_sun_is_finite_and_darker_than_day(plain_field, sun):
+    """A sun far below the horizon would give NaN or light."""
     field = plain_field
     radiance = field.radiance(sun, [0.0, 45.0, 90.0], 180.0)
     assert np.all(np.isfinite(radiance))
@@ -398,6 +419,7 @@ def test_every_sun_is_finite_and_darker_than_day(plain_field, sun):
 
 @pytest.mark.parametrize("altitude", [0.0, 8.0, 50.0])
 def test_observer_altitudes(altitude):
+    """An observer above the ground would see NaN, negative light, or no ground."""
     field = cells.prepare(air(ground=0.3), COARSEST, observer_altitude_km=altitude)
     radiance = field.radiance(10.0, [-90.0, -20.0, 0.0, 20.0, 90.0], 90.0)
     assert np.all(np.isfinite(radiance))

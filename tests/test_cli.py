@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.io.netcdf import read_sky
+from twilight.scene import resolve
 from twilight.solvers.base import Capabilities
 
 
@@ -121,7 +122,7 @@ def test_a_latitude_longitude_width_is_computed_direction_by_direction(plain, ta
     from twilight.config import load
     from twilight.engine import frames
 
-    frame = next(iter(frames(load(table, {"texture.latlong_width": 16, "sun.elevation_deg": 5}))))
+    frame = next(iter(frames(resolve(load(table, {"texture.latlong_width": 16, "sun.elevation_deg": 5})))))
     assert frame.panorama is not None
     assert frame.panorama.sun_normalised_radiance.shape == (4, 16, 4)
     assert frame.panorama.elevation_deg.tolist() == [11.25, 33.75, 56.25, 78.75]
@@ -132,12 +133,12 @@ def test_a_latitude_longitude_width_is_computed_direction_by_direction(plain, ta
 
 
 def test_options_take_the_place_of_keys(plain, table, tmp_path):
-    options = ["--quality", "bright", "--solver", "plain", "--altitude-km", "1.5", "--target", "blender"]
+    options = ["--quality", "bright", "--solver", "plain", "--altitude-km", "1.5", "--renderer", "blender"]
     result = call("render", table, *options, "--set", "solver.brightness=0.2", "--output", tmp_path)
     assert result.exit_code == 0, result.stderr
     configuration = read_sky(tmp_path / "sky.h5").provenance["configuration"]
     assert configuration["solver"] == {"name": "plain", "quality": "bright", "brightness": 0.2, "fail_at_deg": 99.0}
-    assert configuration["observer"]["altitude_km"] == 1.5 and configuration["output"]["target"] == "blender"
+    assert configuration["observer"]["altitude_km"] == 1.5 and configuration["output"]["renderer"] == "blender"
     assert plain.calls[0][1] == 1.5
 
 

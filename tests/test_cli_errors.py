@@ -12,8 +12,8 @@ import pytest
 from rendering import PlainField, call
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.errors import TwilightError
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ from twilight.errors import TwilightError
         (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "0 to 40000"]),
         (["{table}", "--solver", "cels"], ["--solver", "cells"]),
         (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
-        (["{table}", "--target", "maya"], ["--target", "output.target", "mitsuba"]),
+        (["{table}", "--renderer", "maya"], ["--renderer", "output.renderer", "mitsuba"]),
         (
             ["{table}", "--target-stderr", "0.1", "--solver", "cells"],
             ["--target-stderr: cells", "add --solver montecarlo"],
@@ -162,7 +162,7 @@ def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
 
 
 def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):
-    from twilight.plotting import contact_sheet
+    from twilight.api.plotting import contact_sheet
 
     with pytest.raises(TwilightError, match=r"sheet.png"):
         contact_sheet([("a", Path(tmp_path / "none.png"))], tmp_path / "sheet.png")

@@ -6,7 +6,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from twilight.cli.app import app
-from twilight.views import KINDS
+from twilight.numerics.projections import PROJECTIONS
 
 USUAL = (
     "render",
@@ -36,7 +36,7 @@ def call(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "limb"])
+@pytest.mark.parametrize("kind", [kind for kind in PROJECTIONS if kind != "limb"])
 def test_a_picture_of_every_shape_has_sky_above_ground(kind, tmp_path):
     done = call(*USUAL, "--projection", kind, "--size", 96, "--only", "view", "--output", tmp_path)
     assert done.exit_code == 0, done.stderr
@@ -62,3 +62,14 @@ def test_what_cannot_be_is_one_sentence(more, sentence, tmp_path):
     refused = call(*USUAL, *more, "--output", tmp_path / "out")
     assert refused.exit_code == 2 and sentence in refused.stderr and "Traceback" not in refused.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_size_fits_the_view_of_a_configuration(tmp_path):
+    """A configuration with a view could not be tried small."""
+    view = "observer.view={kind: perspective, width: 1024, height: 700, elevation_deg: 15}"
+    done = call(*USUAL, "--set", view, "--size", "96x40", "--output", tmp_path / "both")
+    assert done.exit_code == 0, done.stderr
+    with Image.open(tmp_path / "both" / "sky.view.png") as picture:
+        assert picture.size == (96, 40)
+    refused = call(*USUAL, "--set", view, "--size", "2", "--output", tmp_path / "small")
+    assert refused.exit_code == 2 and "--size: observer.view.width must be" in refused.stderr

@@ -32,7 +32,7 @@ def test_a_series_is_a_table_a_dataset_and_numbered_files(plain, table, tmp_path
 
     import xarray
 
-    import twilight.accessor  # noqa: F401 - registers .sky
+    import twilight.api.accessor  # noqa: F401 - registers .sky
 
     out = tmp_path / "evening"
     result = call("render", table, "--sun-elevation=5,0,-5", "--output", out)

@@ -117,6 +117,8 @@ def test_every_option_of_every_solver_is_explained(plain):
         assert all(len(text) > 5 and ": " not in text[:3] for text in why.values()), name
     lines = call("solvers", "zones").stdout.splitlines()
     assert lines[0] == "option\tdraft\tstandard\treference\twhat it is"
+    expert = lines.index("solver.expert\tdraft\tstandard\treference\twhat it is")
+    assert expert <= 7 and not any(line.startswith("polar_directions") for line in lines[:expert])
     polar = next(line for line in lines if line.startswith("polar_directions"))
     assert "polar_directions\t9\t14\t" in polar and polar.endswith("\tdirections per hemisphere")
     assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("solvers", "plain").stdout

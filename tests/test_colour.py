@@ -2,10 +2,11 @@ import colour as science
 import numpy as np
 import pytest
 
-from twilight import colour, spectrum
-from twilight.errors import TwilightError
-from twilight.grids import texture_grid
-from twilight.sky import Sky
+from twilight.base.errors import TwilightError
+from twilight.numerics import spectrum
+from twilight.numerics.grids import texture_grid
+from twilight.sky import colour
+from twilight.sky.sky import Sky
 
 
 def chromaticity_uv(xyz):

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, CubicSpline
 
-from twilight import compact
-from twilight.compact import CompactSky, CompactSkyError, Grid, spline_matrix
+from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.errors import TwilightError
-from twilight.fit.compact import build, training
+from twilight.solvers.compact import compact_sky
+from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError, SkySplines, spline_matrix
+from twilight.studies.fit.compact import build, training
 
-GRID = Grid(elevation_intervals=12, azimuth_intervals=8, angle_intervals=10, elevation_power=2.0, angle_scale_deg=2.0)
+GRID = SkySplines(
+    elevation_intervals=12, azimuth_intervals=8, angle_intervals=10, elevation_power=2.0, angle_scale_deg=2.0
+)
 SUNS = (-18.0, -15.0, -12.0, -9.0, -6.0, -3.0, 0.0, 5.0, 15.0, 30.0, 50.0, 90.0)
 
 
@@ -132,7 +134,7 @@ def test_a_fit_finds_what_the_air_sends_back_to_the_ground(toy):
 def test_light_of_the_ground_and_ozone_are_there(toy):
     model = toy[0].model
     e, a = np.array([5.0, 40.0]), np.array([30.0, 100.0])
-    for air in (training.Air(0.15, 0.8), training.Air(0.15, 0.0, 0.7 * REFERENCE_DU)):
+    for air in (training.TrainingAir(0.15, 0.8), training.TrainingAir(0.15, 0.0, 0.7 * REFERENCE_DU)):
         sky = model.sky(20.0, [450.0, 600.0], air.optical_depth_550nm, air.ground_albedo, air.ozone_column_du)
         assert sky.radiance(e, a) == pytest.approx(toy_sky(20.0, e, a, np.array([450.0, 600.0]), air), rel=0.02)
 
@@ -171,7 +173,7 @@ np.save(sys.argv[2], sky.radiance(np.linspace(0.0, 90.0, 50), np.linspace(0.0, 3
 
 
 def test_the_file_alone_with_numpy_alone_gives_the_same(shipped, tmp_path):
-    (tmp_path / "compact.py").write_text(Path(compact.__file__).read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "compact.py").write_text(Path(compact_sky.__file__).read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "alone.py").write_text(ALONE, encoding="utf-8")
     build.write_model(shipped, tmp_path / "model.npz")
     done = subprocess.run(
@@ -321,7 +323,7 @@ def test_the_shipped_model_is_near_the_solver_of_today(shipped):
     from twilight.solvers import zones
 
     rng = np.random.default_rng(11)
-    air = training.Air(0.13, 0.25, 300.0)
+    air = training.TrainingAir(0.13, 0.25, 300.0)
     skies = training.compute_skies(
         config, zones, replace(zones.QUALITIES["draft"], polarisation=True), air, [405.0, 477.0, 550.0, 602.0, 700.0],
         [-14.5, -7.1, -3.1, 0.7, 22.0], lambda sun: training.random_directions(rng, sun),

@@ -1,4 +1,4 @@
-"""Error against run time: statistics, the referee's tables, worker processes, and the command from end to end."""
+"""Error against run time: statistics, tables of the reference solution, workers, and the command from end to end."""
 
 from __future__ import annotations
 
@@ -15,18 +15,24 @@ import pytest
 from typer.testing import CliRunner
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.compare import bench as bench_module
-from twilight.compare.ablations import ABLATIONS, Ablation, ablate
-from twilight.compare.accuracy import colour_spread, noise_largest, noise_quantile, radiance_spread
-from twilight.compare.bench import Bench
-from twilight.compare.comparison import Rung, compare, ladder, with_rung
-from twilight.compare.directions import half_texture, stratified_directions
-from twilight.compare.figure import LARGEST_PERCENT, Point, draw, read_points
-from twilight.compare.job import Directions, Job
-from twilight.compare.referee import COLUMNS, Referee, Reference, read_references, write_references
 from twilight.config import load
-from twilight.errors import TwilightError
+from twilight.studies.compare import bench as bench_module
+from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate
+from twilight.studies.compare.accuracy import colour_spread, noise_largest, noise_quantile, radiance_spread
+from twilight.studies.compare.bench import Bench
+from twilight.studies.compare.comparison import Rung, compare, ladder, with_rung
+from twilight.studies.compare.directions import half_texture, stratified_directions
+from twilight.studies.compare.figure import LARGEST_PERCENT, FigurePoint, draw, read_points
+from twilight.studies.compare.job import Job, SampleDirections
+from twilight.studies.compare.reference_solution import (
+    COLUMNS,
+    ReferenceSolution,
+    ReferenceSolver,
+    read_references,
+    write_references,
+)
 
 TOY = '''
 """A solver with a closed form and a known error; it knows no sun below -10 deg."""
@@ -37,7 +43,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers.base import BareField, Capabilities
 
 
@@ -102,7 +108,7 @@ def reference(toy, sun, stderr=0.0, nm=NM, seed=1):
     elevation, azimuth = stratified_directions((30, 120), 40)
     right = toy.truth(sun, elevation, azimuth, nm)
     noise = 1.0 + stderr * np.random.default_rng(seed).standard_normal(right.shape)
-    return Reference(elevation, azimuth, np.array(nm), right * noise, stderr * right)
+    return ReferenceSolution(elevation, azimuth, np.array(nm), right * noise, stderr * right)
 
 
 def scene(**solver):
@@ -137,7 +143,7 @@ def test_errors_without_noise_are_plain_quantiles():
 
 
 @pytest.mark.parametrize("true_percent", (0.0, 0.5, 2.0))
-def test_the_referees_noise_is_taken_out(true_percent):
+def test_the_noise_of_the_reference_is_taken_out(true_percent):
     rng = np.random.default_rng(3)
     n = 200_000
     value = 1.0 + true_percent / 100.0 * rng.standard_normal(n)
@@ -257,7 +263,7 @@ def test_options_of_the_scene_stay_with_the_solver_that_it_names(toy):
 
 
 def job(toy, suns=(5.0, -6.0), repeats=1, **solver):
-    directions = {sun: Directions((10.0, 80.0), (0.0, 90.0)) for sun in suns}
+    directions = {sun: SampleDirections((10.0, 80.0), (0.0, 90.0)) for sun in suns}
     return Job(scene(**solver), tuple(suns), directions, repeats=repeats)
 
 
@@ -296,7 +302,7 @@ def test_damaged_results_are_made_again(toy, tmp_path):
 @pytest.mark.slow
 def test_wavelengths_of_a_stored_reference_are_computed_apart(toy, tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
-    directions = Directions((10.0,), (0.0,), (500.0, 600.0))
+    directions = SampleDirections((10.0,), (0.0,), (500.0, 600.0))
     outcome = Bench(tmp_path / "rows").measure(Job(scene(), (5.0,), {5.0: directions}, repeats=1))[5.0]
     assert np.allclose(outcome.radiance, 1.01 * toy.truth(5.0, [10.0], [0.0], (500.0, 600.0)))
     counts = [int(line.split()[0]) for line in (tmp_path / "log").read_text().splitlines()]
@@ -357,7 +363,7 @@ def test_the_command_writes_tables_and_a_picture(files):
     ]
     for row in rows:
         true_percent = 10.0 if row["quality"] == "draft" else 1.0
-        # of a constant error the referee's 0.3 % widens the upper end, by 1.64 standard deviations at most
+        # of a constant error the reference solution's 0.3 % widens the upper end, by 1.64 standard deviations at most
         assert true_percent - 0.2 < float(row["p95_percent"]) < true_percent + 0.6
         assert float(row["mean_percent"]) == pytest.approx(true_percent, abs=0.15)
         assert float(row["time_s"]) > 0 and float(row["peak_memory_mib"]) > 20
@@ -366,7 +372,7 @@ def test_the_command_writes_tables_and_a_picture(files):
         assert len(list(csv.DictReader(stream))) == 12
     assert (out / "error-against-time.png").stat().st_size > 5000
     assert {p.solver for p in read_points(out / "compare.csv")} == {"toy"}
-    assert "referee's own error" in result.output
+    assert "reference solution's own error" in result.output
 
 
 @pytest.mark.parametrize(
@@ -427,15 +433,15 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, monkeypa
     assert len(log.read_text().splitlines()) > before
 
 
-# Picture, ablations, referee ------------------------------------------------------------------------------------
+# Picture, ablations, reference solution ------------------------------------------------------------------------
 
 
 def test_the_picture_needs_marks_and_holds_errors_of_any_size(tmp_path):
     assert not draw([], tmp_path / "none.png") and not (tmp_path / "none.png").exists()
     marks = [
-        Point("a", "draft", 5.0, 0.1, 1e4, 0.2),
-        Point("a", "standard", 5.0, 10.0, 0.0, 0.2),
-        Point("b", "other", -6.0, 1.0, 3.0),
+        FigurePoint("a", "draft", 5.0, 0.1, 1e4, 0.2),
+        FigurePoint("a", "standard", 5.0, 10.0, 0.0, 0.2),
+        FigurePoint("b", "other", -6.0, 1.0, 3.0),
     ]
     assert marks[0].drawn_percent == LARGEST_PERCENT and marks[1].drawn_percent == pytest.approx(0.1)
     assert not marks[1].resolved and marks[2].resolved
@@ -468,17 +474,17 @@ def test_every_ablation_is_a_configuration_that_can_be_read():
         assert simple != full, ablation.name
 
 
-def test_the_referee_keeps_each_sun(tmp_path, monkeypatch):
+def test_the_reference_solver_caches_each_sun(tmp_path, monkeypatch):
     config = load({"version": 1, "climate": "pure-air", "wavelengths": {"list_nm": [550.0]}})
-    referee = Referee(config, tmp_path / "rows", 0.05)
+    reference_solver = ReferenceSolver(config, tmp_path / "rows", 0.05)
     directions = (np.array([10.0, 60.0]), np.array([0.0, 90.0]))
     shares = []
-    found = referee.references([5.0], directions, lambda doing, share: shares.append(share))
+    found = reference_solver.references([5.0], directions, lambda doing, share: shares.append(share))
     assert found[5.0].radiance.shape == (2, 1) and (found[5.0].radiance > 0).all()
     assert (found[5.0].standard_error < 0.1 * found[5.0].radiance).all()
     assert shares and max(shares) <= 1.0
     monkeypatch.setattr(solvers.load("montecarlo"), "prepare", None)
-    again = referee.references([5.0], directions, lambda doing, share: None)
+    again = reference_solver.references([5.0], directions, lambda doing, share: None)
     assert np.array_equal(again[5.0].radiance, found[5.0].radiance)
     with pytest.raises(TypeError):
-        replace(referee, target_stderr=0.04).references([5.0], directions, lambda doing, share: None)
+        replace(reference_solver, target_stderr=0.04).references([5.0], directions, lambda doing, share: None)

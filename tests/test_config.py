@@ -12,12 +12,12 @@ from typing import Annotated, Union, get_args, get_origin
 import pytest
 from pydantic import BaseModel
 
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate, load_series
 from twilight.config.document import parse_yaml
 from twilight.config.library import shipped
 from twilight.config.load import parse_setting
 from twilight.config.validate import Origins, validate
-from twilight.errors import TwilightError, TwilightWarning
 
 OPAC_TYPES = (
     "continental-clean continental-average continental-polluted urban desert "
@@ -151,7 +151,7 @@ def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
         ("sun: {elevations_deg: []}", ["sun.elevations_deg"]),
         ("sun: {at: 2003-12-08T16:00, latitude_deg: 49, longitude_deg: 7}", ["sun", "time_zone"]),
         ("sun: {at: 2003-12-08T16:00+01:00, latitude_deg: 49}", ["sun.longitude_deg is missing"]),
-        ("sun: {at: noon, latitude_deg: 49, longitude_deg: 7}", ["sun.at", "2003-12-08T16:00"]),
+        ("sun: {at: noon, latitude_deg: 49, longitude_deg: 7}", ["sun.at", "2003-12-08T16:30"]),
         (
             "sun: {at: 2003-12-08T16:00, latitude_deg: 49, longitude_deg: 7, time_zone: Europe/Berln}",
             ["sun.time_zone", "Europe/Berlin", "Europe/Berln"],
@@ -173,8 +173,8 @@ def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
         ("wavelengths: {cont: 3}", ["wavelengths.cont is not a key; did you mean count?"]),
         ("texture: {resolution_deg: 7}", ["texture", "resolution_deg", "7"]),
         ("texture: {latlong_width: 510}", ["texture", "latlong_width", "510"]),
-        ("output: {targt: mitsuba}", ["output.targt is not a key; did you mean target?"]),
-        ("output: {target: maya}", ["output.target", "mitsuba", "'maya'"]),
+        ("output: {rendrer: mitsuba}", ["output.rendrer is not a key; did you mean renderer?"]),
+        ("output: {renderer: maya}", ["output.renderer", "mitsuba", "'maya'"]),
         ("solver: {name: cels}", ["cels is not a solver; did you mean cells?"]),
         ("solver: {name: cells, quality: drft}", ["drft is not a quality of cells; did you mean draft?"]),
         (

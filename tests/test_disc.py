@@ -10,16 +10,16 @@ import pytest
 from airs import on_levels
 from toy_sky import glow_sky
 
-from twilight import colour
+from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
-from twilight.disc import SOLAR_RADIUS_DEG, Disc, limb_coefficients, limb_darkening, mean_limb_darkening
 from twilight.engine.disc import make_disc
 from twilight.engine.sunbeam import Sunbeam
-from twilight.errors import TwilightError
 from twilight.io import read_latlong_exr, read_sky, write_rgb_exr, write_sky
 from twilight.io.environment import environment_directions, pixel_of, pixel_solid_angle
 from twilight.io.sun import sun_facts
 from twilight.scene.medium import climate_medium
+from twilight.sky import colour
+from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc, limb_coefficients, limb_darkening, mean_limb_darkening
 
 NM = [400.0, 480.0, 550.0, 620.0, 700.0]
 
@@ -124,21 +124,21 @@ def low_sun(air):
     return replace(sky, sun_elevation_deg=0.6, apparent_sun_elevation_deg=1.0, disc=disc, sun_azimuth_deg=247.0)
 
 
-@pytest.mark.parametrize("target", ("openexr", "mitsuba", "blender", "radiance", "pbrt"))
-def test_a_direction_falls_into_the_pixel_that_looks_there(target):
-    elevation, azimuth = np.broadcast_arrays(*environment_directions(target, 64))
-    row, column = pixel_of(target, 64, elevation, azimuth)
+@pytest.mark.parametrize("renderer", ("openexr", "mitsuba", "blender", "radiance", "pbrt"))
+def test_a_direction_falls_into_the_pixel_that_looks_there(renderer):
+    elevation, azimuth = np.broadcast_arrays(*environment_directions(renderer, 64))
+    row, column = pixel_of(renderer, 64, elevation, azimuth)
     here = np.indices(elevation.shape)
     assert (row == here[0]).all() and (column == here[1]).all()
-    assert pixel_solid_angle(target, 64).sum() == pytest.approx(4 * np.pi)
+    assert pixel_solid_angle(renderer, 64).sum() == pytest.approx(4 * np.pi)
 
 
-@pytest.mark.parametrize("target", ("openexr", "blender", "pbrt"))
+@pytest.mark.parametrize("renderer", ("openexr", "blender", "pbrt"))
 @pytest.mark.parametrize("width", (64, 1024))
-def test_a_map_keeps_the_light_of_the_disc(low_sun, target, width, tmp_path):
-    without = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "a.exr", target=target, width=width))
-    with_disc = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "b.exr", target=target, width=width, disc=True))
-    added = (with_disc.rgb - without.rgb).astype(float) * pixel_solid_angle(target, width)[..., None]
+def test_a_map_keeps_the_light_of_the_disc(low_sun, renderer, width, tmp_path):
+    without = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "a.exr", renderer=renderer, width=width))
+    with_disc = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "b.exr", renderer=renderer, width=width, disc=True))
+    added = (with_disc.rgb - without.rgb).astype(float) * pixel_solid_angle(renderer, width)[..., None]
     luminous = added.sum(axis=(0, 1)) @ colour.REC709_LUMINANCE * with_disc.white_luminance
     assert luminous == pytest.approx(sun_facts(low_sun)["illuminance_lux"], rel=0.02)
     assert with_disc.attributes["twilightSunDisc"] == "in the map"

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from twilight import solvers
-from twilight.batch.sweep import Sweep
-from twilight.batch.work import compute, forget
+from twilight.base.digest import SHOWN, code_digest, files_of
+from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.config.load import load_axes
-from twilight.digest import SHOWN, code_digest, files_of
-from twilight.engine import problem_of, run
-from twilight.errors import TwilightError
+from twilight.engine import Problem, run
+from twilight.scene import resolve
 from twilight.solvers.base import BareField, Capabilities
+from twilight.studies.sweep.sweep import Sweep
+from twilight.studies.sweep.work import compute, forget
 
 AIR = {"version": 1, "climate": {"version": 1, "name": "air"}, "texture": {"azimuth_count": 6, "elevation_count": 2}}
 
@@ -53,7 +54,7 @@ def toy_solver(**capabilities):
 
 def toy_problem(solver, wavelength_nm=(400.0, 500.0, 600.0), **more):
     config = load({**AIR, "wavelengths": {"list_nm": list(wavelength_nm)}})
-    return replace(problem_of(config), solver=solver, settings=ToySettings(), **more)
+    return Problem(replace(resolve(config), solver=solver, settings=ToySettings()), **more)
 
 
 def test_wavelengths_go_in_blocks_of_what_the_solver_declares_and_come_back_in_order():
@@ -112,7 +113,9 @@ def test_radiance_that_cannot_be_is_an_error_for_every_caller():
 
 def test_a_field_file_holds_one_block():
     with pytest.raises(TwilightError, match=r"field_file: holds the field of up to 2 wavelengths, and air has 3"):
-        replace(toy_problem(toy_solver(wavelengths_at_once=2, field_file=True)), settings=ToySettings("x.h5"))
+        scene = toy_problem(toy_solver(wavelengths_at_once=2)).scene
+        solver = toy_solver(wavelengths_at_once=2, field_file=True)
+        Problem(replace(scene, solver=solver, settings=ToySettings("x.h5")))
 
 
 @pytest.mark.parametrize("name", solvers.SOLVERS)
@@ -149,7 +152,7 @@ def test_a_sweep_gives_a_formula_all_wavelengths_at_once(tmp_path):
         {**AIR, "climate": "continental-average", "solver": {"name": "preetham"}, "wavelengths": {"count": 40}},
         {"sun.elevation_deg": made.position((0,)).sun_elevation_deg},
     )
-    half = run(scene).sun_normalised_radiance[:, : made.azimuth_deg.size]
+    half = run(resolve(scene)).sun_normalised_radiance[:, : made.azimuth_deg.size]
     np.testing.assert_array_equal(block.radiance[0], half.astype(np.float32))
     forget()
 
@@ -157,13 +160,19 @@ def test_a_sweep_gives_a_formula_all_wavelengths_at_once(tmp_path):
 def test_the_code_of_a_sweep_is_what_computes_it():
     names = {
         file.as_posix().rsplit("twilight/", 1)[-1]
-        for file in files_of("twilight.batch.work", solvers.SOLVERS["zones"], without=SHOWN)
+        for file in files_of("twilight.studies.sweep.work", solvers.SOLVERS["zones"], without=SHOWN)
     }
-    assert {"batch/work.py", "engine/solve.py", "scene/plan.py", "solvers/zones/field.py", "transport/beam.py"} <= names
+    assert {
+        "studies/sweep/work.py",
+        "engine/solve.py",
+        "scene/plan.py",
+        "solvers/zones/field.py",
+        "transport/beam.py",
+    } <= names
     assert {"data/opac/mie_ten_types.npz", "data/gases/no2_vandaele1998.csv"} <= names
     others = (
-        "validate/",
-        "camera/",
+        "studies/validate/",
+        "studies/camera/",
         "cli/",
         "io/",
         "solvers/cells/",
@@ -172,20 +181,20 @@ def test_the_code_of_a_sweep_is_what_computes_it():
         "data/references",
     )
     assert not [name for name in names if name.startswith(others)]
-    assert code_digest("twilight.batch.work", "twilight.solvers.zones") != code_digest(
-        "twilight.batch.work", "twilight.solvers.cells"
+    assert code_digest("twilight.studies.sweep.work", "twilight.solvers.zones") != code_digest(
+        "twilight.studies.sweep.work", "twilight.solvers.cells"
     )
 
 
 def test_both_sides_of_a_comparison_see_what_the_plan_leaves():
-    from twilight.compare.job import Directions, Job
-    from twilight.compare.worker import _Execution
+    from twilight.studies.compare.job import Job, SampleDirections
+    from twilight.studies.compare.worker import _Execution
 
     thin = load({**AIR, "wavelengths": {"list_nm": [550.0, 600.0]}}, {"gases.ozone.column_du": 1e-2})
-    job = Job(thin, (5.0,), {5.0: Directions((10.0,), (0.0,))})
-    planned = problem_of(thin)
-    assert "ozone" in [item.part for item in planned.left_out]
+    job = Job(thin, (5.0,), {5.0: SampleDirections((10.0,), (0.0,))})
+    planned = resolve(thin)
+    assert "ozone" in [item.part for item in planned.omissions]
     side = _Execution(job.message((5.0,), ()), lambda answer: None)._problem(None)
-    np.testing.assert_array_equal(side.medium.absorption_per_km, planned.medium.absorption_per_km)
-    whole = problem_of(thin.model_copy(update={"leave_out": False}))
+    np.testing.assert_array_equal(side.scene.medium.absorption_per_km, planned.medium.absorption_per_km)
+    whole = resolve(thin.model_copy(update={"omit_negligible": False}))
     assert (whole.medium.absorption_per_km > planned.medium.absorption_per_km).any()

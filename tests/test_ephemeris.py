@@ -5,8 +5,8 @@ import datetime as dt
 import numpy as np
 import pytest
 
-from twilight.errors import TwilightError
-from twilight.sun.ephemeris import parse_time, sun_position
+from twilight.base.errors import TwilightError
+from twilight.sky.ephemeris import parse_time, sun_position
 
 
 def test_example_of_the_spa_report():

@@ -13,8 +13,8 @@ import pytest
 from test_photo_images import EIGHT
 from typer.testing import CliRunner
 
+from twilight.base.extras import REQUIREMENTS, is_installed, missing
 from twilight.cli.app import app
-from twilight.extras import REQUIREMENTS, is_installed, missing
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -62,14 +62,14 @@ def test_no_sentence_asks_for_a_package_that_no_index_has():
 def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatch):
     from PIL import Image
 
-    from twilight.camera.image import read_image
-    from twilight.errors import TwilightError
+    from twilight.base.errors import TwilightError
+    from twilight.studies.camera.image import read_image
 
     for module in REQUIREMENTS:
         monkeypatch.setitem(sys.modules, module, None)
-    Image.fromarray(EIGHT[..., 0].astype("int32") * 200).convert("I;16").save(tmp_path / "deep.png")
-    with pytest.raises(TwilightError, match="install 'opencv-python-headless>="):
-        read_image(tmp_path / "deep.png")
+    Image.fromarray(EIGHT).save(tmp_path / "a.png")
+    with pytest.raises(TwilightError, match="install 'openimageio>="):
+        read_image(tmp_path / "a.png")
     (tmp_path / "a.cr2").write_bytes(b"II*\0" + bytes(1000))
     with pytest.raises(TwilightError, match="install 'rawpy>="):
         read_image(tmp_path / "a.cr2")

@@ -7,13 +7,14 @@ import sys
 import numpy as np
 from hazy_zones import REFERENCE, SMALL
 
-from twilight import ahead, solvers
-from twilight.atmosphere.table import medium_from_table
+from twilight import solvers
+from twilight.atmosphere.medium_table import medium_from_table
 from twilight.cli.first_run import SENTENCE, compiles_first, say_that_it_compiles
+from twilight.jit import precompile
 from twilight.solvers import zones
-from twilight.solvers.zones import ahead as zones_ahead
+from twilight.solvers.zones import precompile as zones_kernels
 from twilight.solvers.zones.aureole import widen
-from twilight.solvers.zones.view import view_multiple
+from twilight.solvers.zones.line_integrals import view_multiple
 from twilight.transport.beam import beam_at
 from twilight.transport.sunlit import scattered_once
 
@@ -21,7 +22,7 @@ KERNEL = """
 from numba import njit
 from twilight.solvers.base import Capabilities
 
-CAPABILITIES = Capabilities(ahead="json.tool")
+CAPABILITIES = Capabilities(precompile_module="json.tool")
 
 @njit(cache=True)
 def double(x):
@@ -48,7 +49,7 @@ def test_the_sentence_is_said_once_at_the_first_run(tmp_path, monkeypatch, capsy
     monkeypatch.setitem(solvers.SOLVERS, "fresh", "fresh_solver")
     monkeypatch.setattr(solvers, "load", lambda name: sys.modules["fresh_solver"])
     begun = []
-    monkeypatch.setattr(ahead, "start", begun.append)
+    monkeypatch.setattr(precompile, "start", begun.append)
     say_that_it_compiles("fresh")
     assert SENTENCE in capsys.readouterr().err and begun == ["json.tool"]
     fresh_solver.double(1.0)
@@ -60,21 +61,22 @@ def test_a_second_process_is_waited_for_and_only_where_there_are_two_cores(tmp_p
     (tmp_path / "beside.py").write_text("import time, pathlib\ntime.sleep(0.5)\npathlib.Path('done').touch()\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(ahead, "cores", lambda: 1)
-    assert not ahead.start("beside")
-    monkeypatch.setattr(ahead, "cores", lambda: 2)
-    assert ahead.start("beside") and not ahead.start("beside")
+    monkeypatch.setattr(precompile, "cores", lambda: 1)
+    assert not precompile.start("beside")
+    monkeypatch.setattr(precompile, "cores", lambda: 2)
+    assert precompile.start("beside") and not precompile.start("beside")
     assert not (tmp_path / "done").exists()
-    ahead.wait()
+    precompile.wait()
     assert (tmp_path / "done").exists()
-    assert ahead.start("there_is_no_such_module")
-    ahead.wait()  # a process that failed leaves the work to this one
-    ahead.wait()
+    assert precompile.start("there_is_no_such_module")
+    precompile.wait()  # a process that failed leaves the work to this one
+    precompile.wait()
 
 
 def test_what_is_compiled_ahead_is_what_a_look_calls():
-    """The types of the arguments in `zones.ahead` are those of a field: a look at one compiles nothing more."""
-    zones_ahead.compile_look()
+    """The types of the arguments in `zones.precompile` are those of a field: a look at one compiles nothing
+    more."""
+    zones_kernels.compile_evaluation()
     kernels = (beam_at, scattered_once, widen, view_multiple)
     before = [set(kernel.signatures) for kernel in kernels]
     field = zones.prepare(medium_from_table(REFERENCE / "hazy-air.csv", wavelength_nm=np.array([550.0])), SMALL)

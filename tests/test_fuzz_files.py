@@ -5,6 +5,7 @@ The readers of HDF5 and OpenEXR are libraries in C; a process of its own makes t
 
 from __future__ import annotations
 
+import os
 import random
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import pytest
 from fuzzing import Fault, attempt, damaged_bytes, damaged_table
 from toy_sky import glow_sky
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +33,7 @@ def whole_files(folder: Path) -> dict[str, bytes]:
     """One valid file of each kind that the program reads."""
     from importlib import resources
 
-    from twilight.atmosphere.optics_cache import ArrayCache
+    from twilight.base import cache
     from twilight.io import write_rgb_exr, write_sky, write_spectral_exr
 
     sky = glow_sky(
@@ -42,8 +43,7 @@ def whole_files(folder: Path) -> dict[str, bytes]:
     write_sky(sky, folder / "sky.h5")
     write_rgb_exr(sky, folder / "rgb.exr", width=32)
     write_spectral_exr(sky, folder / "spectral.exr", width=16)
-    cache = ArrayCache(folder, 50)
-    cache.store("abc", np.arange(50.0))
+    cache.store_array(cache.OPTICS, "abc", np.arange(50.0))
     checkpoint = folder / "checkpoint"
     with checkpoint.open("wb") as stream:
         np.savez(stream, fingerprint=np.array("key"), **state())
@@ -60,7 +60,7 @@ def whole_files(folder: Path) -> dict[str, bytes]:
         "coefficients": resources.files("twilight").joinpath("data/analytic/perez_preetham1999.yaml").read_bytes(),
         "checkpoint": checkpoint.read_bytes(),
         "references": (header + "\n".join(radiances)).encode(),
-        "optics": cache.path("abc").read_bytes(),
+        "optics": cache.path_of(cache.OPTICS, "abc").read_bytes(),
     }
 
 
@@ -76,12 +76,12 @@ def state() -> dict[str, Any]:
 
 def readers() -> dict[str, Callable[[Path], Any]]:
     """How each kind is read; what is read must be whole."""
-    from twilight.atmosphere.optics_cache import ArrayCache
-    from twilight.atmosphere.table import medium_from_table
-    from twilight.compare.referee import read_references
+    from twilight.atmosphere.medium_table import medium_from_table
+    from twilight.base import cache
     from twilight.io import read_latlong_exr, read_sky, read_spectral_exr
     from twilight.solvers.analytic.coefficients import load_coefficients
     from twilight.solvers.montecarlo.checkpoint import Checkpoint
+    from twilight.studies.compare.reference_solution import read_references
 
     def sky(path: Path) -> None:
         found = read_sky(path)
@@ -113,10 +113,8 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         assert found.sums.shape == expected["sums"].shape and found.count.dtype.kind == "i"
 
     def optics(path: Path) -> None:
-        cache = ArrayCache(path.parent, 50)
-        cache.path("abc").parent.mkdir(parents=True, exist_ok=True)
-        cache.path("abc").write_bytes(path.read_bytes())
-        found = cache.load("abc")
+        cache.path_of(cache.OPTICS, "abc").write_bytes(path.read_bytes())
+        found = cache.read_array(cache.OPTICS, "abc", (50,))
         if found is None:
             raise TwilightError("counts as absent")
         assert np.array_equal(found, np.arange(50.0))
@@ -137,6 +135,7 @@ def damage(rng: random.Random, kind: str, whole: bytes) -> bytes:
 
 def main(folder: Path, kind: str, seed: int, count: int) -> None:
     """Read `count` damaged files of a kind; the number of the file is on disk before it is read."""
+    os.environ["TWILIGHT_CACHE_DIR"] = str(folder)
     whole = whole_files(folder)[kind]
     read = readers()[kind]
     suffix = {"sky": ".h5", "rgb": ".exr", "spectral": ".exr", "table": ".csv", "references": ".csv",
@@ -206,7 +205,7 @@ def test_a_file_that_claims_to_be_gigantic_is_refused_with_its_size(tmp_path):
     [("-0.02", "air_scattering_per_km"), ("nan", "air_scattering_per_km"), ("1e400", "0 to 1e6"), ("", "number")],
 )
 def test_bad_numbers_of_a_table_are_named(tmp_path, change, word):
-    from twilight.atmosphere.table import medium_from_table
+    from twilight.atmosphere.medium_table import medium_from_table
 
     path = tmp_path / "t.csv"
     path.write_text(f"{TABLE}0,500,{change},0,0.9,0.7,0,0\n50,500,0,0,0.9,0.7,0,0\n")
@@ -215,7 +214,7 @@ def test_bad_numbers_of_a_table_are_named(tmp_path, change, word):
 
 
 def test_a_table_of_gigantic_size_is_refused(tmp_path):
-    from twilight.atmosphere.table import medium_from_table
+    from twilight.atmosphere.medium_table import medium_from_table
 
     path = tmp_path / "t.csv"
     with path.open("wb") as stream:

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from fuzzing import attempt, damaged_bytes, damaged_table
 
-from twilight.camera.document import read_camera
-from twilight.camera.image import read_image, write_exr
-from twilight.camera.response import read_response
-from twilight.compact import CompactSky, CompactSkyError
-from twilight.errors import TwilightError
-from twilight.validate.photographs.mask import read_mask_image, read_profile
+from twilight.base.errors import TwilightError
+from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
+from twilight.studies.camera.document import read_camera
+from twilight.studies.camera.image import read_image, write_exr
+from twilight.studies.camera.response import read_response
+from twilight.studies.validate.photographs.mask import read_mask_image, read_profile
 
 CAMERA = """version: 1
 projection: equisolid

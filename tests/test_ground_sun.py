@@ -10,8 +10,8 @@ import pytest
 from twilight.atmosphere.medium import Medium
 from twilight.config import load
 from twilight.scene.medium import climate_medium
-from twilight.transport.apparent import Sights
 from twilight.transport.ground_sun import GroundSun
+from twilight.transport.refracted_sight import ApparentRays
 
 RADIUS_KM, TOP_KM, PER_KM = 6371.0, 20.0, 0.03
 
@@ -27,7 +27,7 @@ def even_air():
         absorption_per_km=0.0 * one,
         aerosol_extinction_per_km=0.0 * one,
         aerosol_single_scattering_albedo=one,
-        aerosol_share=np.zeros((0, 2, 1)),
+        aerosol_phase_fraction=np.zeros((0, 2, 1)),
         phase_functions=(),
         refractivity=0.0 * one,
         depolarisation=np.zeros(1),
@@ -39,6 +39,7 @@ def even_air():
 
 @pytest.mark.parametrize("elevation_deg", [90.0, 60.0, 10.0, 1.0, 0.1, 0.0])
 def test_straight_rays_through_even_air(even_air, elevation_deg):
+    """The sunlight at the ground would be off the closed form of even air."""
     cosine = math.sin(math.radians(elevation_deg))
     path = math.sqrt((RADIUS_KM * cosine) ** 2 + 2.0 * RADIUS_KM * TOP_KM + TOP_KM**2) - RADIUS_KM * cosine
     irradiance, bending = GroundSun(even_air).at(elevation_deg)
@@ -47,15 +48,17 @@ def test_straight_rays_through_even_air(even_air, elevation_deg):
 
 
 def test_below_the_horizon_it_is_dark(even_air):
+    """The sun would shine through the Earth."""
     assert GroundSun(even_air).at(-0.01)[0] == 0.0
 
 
 @pytest.mark.parametrize("name", ["continental-average", "desert"])
 def test_bending_and_light_are_those_of_traced_rays(name):
+    """Sunlight at the ground in numpy alone would differ from that of traced rays."""
     medium = climate_medium(load(name).climate, np.array([440.0, 700.0]))
     sun = GroundSun(medium)
     apparent = np.array([0.05, 0.5, 3.0, 40.0])
-    true, passed = Sights(medium).follow(medium.bottom_km, apparent, np.array([0, 1]))
+    true, passed = ApparentRays(medium).follow(medium.bottom_km, apparent, np.array([0, 1]))
     for k, seen in enumerate(apparent):
         for w in range(2):
             one = GroundSun(medium.select(slice(w, w + 1)))
@@ -63,7 +66,9 @@ def test_bending_and_light_are_those_of_traced_rays(name):
             assert bending == pytest.approx(seen - true[k, w], abs=3e-5)
             # the spreading by differential refraction is what traced rays of one direction do not have
             step = 1e-3
-            about, _ = Sights(medium).follow(medium.bottom_km, np.array([seen - step, seen + step]), np.array([w]))
+            about, _ = ApparentRays(medium).follow(
+                medium.bottom_km, np.array([seen - step, seen + step]), np.array([w])
+            )
             spread = 2.0 * step / (about[1, 0] - about[0, 0])
             sines = math.cos(math.radians(seen)) / math.cos(math.radians(true[k, w]))
             assert irradiance[0] == pytest.approx(passed[k, w] * spread * sines, rel=3e-3)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twilight import colour
 from twilight.config import load, load_climate
-from twilight.engine import problem_of, run
+from twilight.engine import run
 from twilight.engine.directions import texture_rows
 from twilight.io.picture import render_view, view_directions
+from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
-from twilight.transport.apparent import Sights, horizon_dip_deg
+from twilight.sky import colour
+from twilight.transport.refracted_sight import ApparentRays, horizon_dip_deg
 
 SCENE = {
     "solver.quality": "draft",
@@ -27,14 +28,14 @@ def test_the_dip_is_that_of_the_ray_that_touches_the_ground(altitude_km):
     dip = horizon_dip_deg(medium, altitude_km)
     without_air = np.degrees(np.arccos(6371.0 / (6371.0 + altitude_km)))
     assert 0.85 * without_air < dip < without_air
-    _, passed = Sights(medium).follow(altitude_km, np.array([-dip - 1e-3, -dip + 1e-3]), np.array([0]))
+    _, passed = ApparentRays(medium).follow(altitude_km, np.array([-dip - 1e-3, -dip + 1e-3]), np.array([0]))
     assert passed[0, 0] == 0.0 < passed[1, 0]
 
 
 def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else():
     def rows(altitude_km, **more):
         config = load("pure-air", {**SCENE, "observer.altitude_km": altitude_km, **more})
-        return texture_rows(config, problem_of(config))
+        return texture_rows(resolve(config))
 
     ground = rows(0.0)
     assert (
@@ -49,7 +50,7 @@ def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else
 
 def test_the_picture_from_ten_kilometres_shows_the_horizon_below_zero():
     config = load("pure-air", {**SCENE, "observer.altitude_km": 10.0})
-    sky = run(config)
+    sky = run(resolve(config))
     picture, _ = render_view(sky, width=400)
     elevation = view_directions("wide", 400)[0][:, 0]
     assert picture.shape[0] == elevation.size

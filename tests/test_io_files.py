@@ -12,11 +12,11 @@ import xarray
 from toy_sky import glow_sky
 
 from twilight import __version__
-from twilight.errors import TwilightError
-from twilight.grids import latlong_grid
+from twilight.base.errors import TwilightError
 from twilight.io import read_sky, whole_file, write_outputs, write_sky
 from twilight.io.provenance import configuration_hash, provenance_fields, provenance_from_fields
-from twilight.sky import Sky
+from twilight.numerics.grids import latlong_grid
+from twilight.sky.sky import Sky
 
 
 def full_sky():
@@ -172,8 +172,8 @@ def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
     names = [p.name for p in paths]
     assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"]
     assert sorted(names) == sorted(p.name for p in (tmp_path / "new" / "folder").iterdir())
-    from twilight import colour
     from twilight.io import read_latlong_exr
+    from twilight.sky import colour
 
     found = read_latlong_exr(paths[2])
     luminance = found.rgb @ colour.REC709_LUMINANCE * found.white_luminance
@@ -181,14 +181,14 @@ def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
 
 
 def test_the_radiance_target_adds_a_picture_that_radiance_reads(tmp_path):
-    paths = write_outputs(glow_sky(), tmp_path, files=("rgb",), target="radiance", width=16)
+    paths = write_outputs(glow_sky(), tmp_path, files=("rgb",), renderer="radiance", width=16)
     assert [p.name for p in paths] == ["sky.rgb.exr", "sky.rgb.hdr"]
 
 
 def test_output_options_are_checked_before_anything_is_written(tmp_path):
     for options, message in (
         ({"files": ("jpg",)}, "allowed are png, rgb, spectral, h5, polarisation"),
-        ({"target": "maya"}, "mitsuba"),
+        ({"renderer": "maya"}, "mitsuba"),
         ({"width": 30}, "multiple of 4"),
         ({"spectral_width": 0}, "multiple of 4"),
         ({"views": ("side",)}, "fisheye"),

@@ -10,9 +10,7 @@ import pytest
 from PIL import Image
 from toy_sky import glow_sky, unit_vector
 
-from twilight import colour
-from twilight.errors import TwilightError
-from twilight.grids import latlong_grid
+from twilight.base.errors import TwilightError
 from twilight.io import (
     read_latlong_exr,
     read_spectral_exr,
@@ -23,10 +21,12 @@ from twilight.io import (
     write_rgb_exr,
     write_spectral_exr,
 )
-from twilight.io.environment import TARGETS, environment_directions
+from twilight.io.environment import RENDERERS, environment_directions
 from twilight.io.picture import label_of, view_directions
 from twilight.io.rgbe import to_rgbe
-from twilight.sky import Sky
+from twilight.numerics.grids import latlong_grid
+from twilight.sky import colour
+from twilight.sky.sky import Sky
 
 SUN_AZIMUTH = 235.0
 GLOW_ELEVATION = 25.0
@@ -83,7 +83,7 @@ def pbrt_uv(east, north, up):
     return (np.copysign(u, east) + 1) / 2, (np.copysign(v, north) + 1) / 2
 
 
-RENDERERS = {
+UV_OF = {
     "openexr": openexr_uv,
     "mitsuba": openexr_uv,
     "blender": blender_uv,
@@ -92,23 +92,23 @@ RENDERERS = {
 }
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("renderer", RENDERERS)
 @pytest.mark.parametrize("azimuth", [10.0, 100.0, 190.0, 300.0])
-def test_a_spot_is_where_the_renderer_looks_for_it(tmp_path, target, azimuth):
+def test_a_spot_is_where_the_renderer_looks_for_it(tmp_path, renderer, azimuth):
     sky = replace(spot(), sun_azimuth_deg=azimuth)
-    found = brightest_uv(read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", target=target, width=256)).rgb)
-    expected = RENDERERS[target](*unit_vector(GLOW_ELEVATION, azimuth))
+    found = brightest_uv(read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", renderer=renderer, width=256)).rgb)
+    expected = UV_OF[renderer](*unit_vector(GLOW_ELEVATION, azimuth))
     np.testing.assert_allclose(found, expected, atol=1.0 / 128)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_every_pixel_centre_goes_back_to_itself(target):
-    elevation, azimuth = np.broadcast_arrays(*environment_directions(target, 32))
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_every_pixel_centre_goes_back_to_itself(renderer):
+    elevation, azimuth = np.broadcast_arrays(*environment_directions(renderer, 32))
     height, width = elevation.shape
     for row in range(height):
         for column in range(width):
             direction = unit_vector(elevation[row, column], azimuth[row, column])
-            u, v = RENDERERS[target](*direction)
+            u, v = UV_OF[renderer](*direction)
             np.testing.assert_allclose([u * width, v * height], [column + 0.5, row + 0.5], atol=1e-6)
 
 
@@ -132,7 +132,7 @@ def test_rgb_exr_is_upright_in_mitsuba(tmp_path):
     mitsuba = pytest.importorskip("mitsuba")
     mitsuba.set_variant("scalar_rgb")
     sky = glow_sky(glow_elevation_deg=GLOW_ELEVATION, sun_azimuth_deg=SUN_AZIMUTH, ground_albedo=np.full(7, 0.0))
-    path = write_rgb_exr(sky, tmp_path / "sky.rgb.exr", target="mitsuba")
+    path = write_rgb_exr(sky, tmp_path / "sky.rgb.exr", renderer="mitsuba")
     sun = unit_vector(GLOW_ELEVATION, SUN_AZIMUTH)
     sun = np.array([-sun[0], sun[2], sun[1]])  # +X west, +Y up, +Z north
     for origin in ([0, 0, 4], [0, 0, -4], [4, 0, 0]):
@@ -198,13 +198,13 @@ def test_rgb_exr_holds_the_luminance_and_a_latlong_sky_pixel_by_pixel(tmp_path):
     np.testing.assert_allclose(luminance, np.roll(sky.luminance()[::-1], 32, axis=1), rtol=1e-5)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_colours_outside_the_gamut_stay_negative_except_for_renderers(tmp_path, target):
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_colours_outside_the_gamut_stay_negative_except_for_renderers(tmp_path, renderer):
     sky = glow_sky(floor=1e-3, glow_elevation_deg=60)
     deep_blue = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance * (sky.wavelength_nm / 450) ** -16)
-    found = read_latlong_exr(write_rgb_exr(deep_blue, tmp_path / "a.exr", target=target, width=64)).rgb
-    assert (found.min() < -1e-6) == (target == "openexr")
-    if target == "mitsuba":  # the same orientation: only the colour has moved, not the luminance
+    found = read_latlong_exr(write_rgb_exr(deep_blue, tmp_path / "a.exr", renderer=renderer, width=64)).rgb
+    assert (found.min() < -1e-6) == (renderer == "openexr")
+    if renderer == "mitsuba":  # the same orientation: only the colour has moved, not the luminance
         kept = read_latlong_exr(write_rgb_exr(deep_blue, tmp_path / "b.exr", width=64)).rgb
         np.testing.assert_allclose(found @ colour.REC709_LUMINANCE, kept @ colour.REC709_LUMINANCE, rtol=1e-4)
 
@@ -288,7 +288,7 @@ def test_radiance_picture_is_the_same_map_to_the_precision_of_the_format(tmp_pat
     sky = spot(provenance={"configuration": {"name": "T1"}})
     image = reader.ImageBuf(str(write_hdr(sky, tmp_path / "sky.rgb.hdr", width=width)))
     found = image.get_pixels(reader.FLOAT)
-    exact = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", target="radiance", width=width)).rgb
+    exact = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", renderer="radiance", width=width)).rgb
     exact = colour.into_gamut(exact) * (683.002 / 179.0)
     assert found.shape == exact.shape
     assert (np.abs(found - exact) <= exact.max(axis=-1, keepdims=True) / 127).all()

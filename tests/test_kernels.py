@@ -1,9 +1,12 @@
-"""Kernels: every argument is explained, and those that have no function for Python are called by kernels alone."""
+"""Kernels: every argument is explained, inner ones refuse calls from Python, untested versions of numba are refused."""
 
 from __future__ import annotations
 
 import ast
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numba
@@ -11,10 +14,11 @@ import numpy as np
 import pytest
 
 import twilight
-from twilight.kernels import njit
+from twilight.base.errors import TwilightError
+from twilight.jit.kernels import OLDEST_NUMBA, UNTESTED_NUMBA, check_numba, njit
 
 PACKAGE = Path(twilight.__file__).parent
-CALLERS = (PACKAGE, Path(__file__).parent, Path(__file__).parents[1] / "benchmarks")
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
 SHARED = re.compile(r"Arguments\s+that\s+kernels\s+share:\s+`(\w+)`")
 """A file's head refers with these words to the module beside it that explains what kernels share."""
 
@@ -62,6 +66,7 @@ def test_every_argument_of_a_kernel_is_explained():
 
 
 def test_a_kernel_that_is_said_to_make_no_arrays_makes_none():
+    """A kernel without reference counts that makes an array would leak it."""
     made = njit(makes_arrays=False)(lambda n: np.empty(n).size)
     with pytest.raises(numba.TypingError):
         made(3)
@@ -69,37 +74,63 @@ def test_a_kernel_that_is_said_to_make_no_arrays_makes_none():
 
 
 def test_a_word_of_a_sentence_explains_nothing():
+    """The check of explained arguments would be met by any sentence."""
     assert not explained("first", "the first thing that is seen")
     assert explained("first", "nodes first, end") and explained("z", "z, end [km]: altitudes")
 
 
-class Names(ast.NodeVisitor):
-    """Every name that is used outside kernels."""
+INNER = """
+from twilight.jit.kernels import njit
 
-    def __init__(self) -> None:
-        self.used: set[str] = set()
+@njit(inner=True)
+def half(x):
+    "Of a number."
+    return 0.5 * x if x < 8.0 else half(0.5 * x)
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        if not decorator(node):
-            self.generic_visit(node)
+@njit()
+def quarter(x):
+    return 0.5 * half(x)
 
-    def visit_Name(self, node: ast.Name) -> None:
-        self.used.add(node.id)
-
-    def visit_Attribute(self, node: ast.Attribute) -> None:
-        if node.attr == "py_func" and isinstance(node.value, ast.Name):
-            return
-        self.used.add(node.attr)
-        self.generic_visit(node)
+assert quarter(4.0) == 1.0 and quarter(16.0) == 1.0 and half.py_func(4.0) == 2.0 and half.__doc__ == "Of a number."
+half(4.0)
+"""
 
 
-def test_kernels_without_a_function_for_python_are_called_by_kernels_alone():
-    """A call from Python would end the process.  By name: a kernel shares its name with no other function in use."""
-    names, inner = Names(), {}
-    for path, tree in trees(*CALLERS):
-        names.visit(tree)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef) and "inner=True" in decorator(node):
-                inner[node.name] = path
-    assert len(inner) > 50, "inner kernels are not found any more"
-    assert not sorted(inner.keys() & names.used)
+def test_python_cannot_call_an_inner_kernel():
+    """numba itself would end the process, for such a kernel has no function for Python."""
+    done = subprocess.run([sys.executable, "-c", INNER], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 1 and done.stderr.splitlines()[-1].startswith("TypeError: half is an inner kernel")
+
+
+def test_versions_of_numba_that_were_not_tested_are_refused():
+    """The vectors of `twilight.jit.simd` are made of parts of numba that change between minor versions."""
+    check_numba(numba.__version__)
+    check_numba("{}.{}.7rc1".format(*OLDEST_NUMBA))
+    for version in ("{}.{}.0".format(*UNTESTED_NUMBA), f"{OLDEST_NUMBA[0]}.{OLDEST_NUMBA[1] - 1}.9", "1.0"):
+        with pytest.raises(TwilightError, match=rf"numba {version} is installed.*pip install \"numba>="):
+            check_numba(version)
+
+
+def test_pyproject_allows_the_versions_of_numba_that_are_not_refused():
+    """pip would install a version that is then refused."""
+    oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
+    assert f'"numba>={oldest},<{untested}"' in (PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8")
+
+
+UNTESTED = """
+import sys
+import numba
+numba.__version__ = "99.0.0"
+sys.argv = ["twilight", "render", "pure-air", "--sun-elevation", "5", "--output", "nowhere"]
+from twilight.cli import main
+main()
+"""
+
+
+def test_the_command_line_refuses_a_version_in_one_sentence(tmp_path):
+    """A version that was not tested would end in a traceback, or in wrong skies."""
+    done = subprocess.run(
+        [sys.executable, "-c", UNTESTED], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("twilight: numba 99.0.0 is installed")

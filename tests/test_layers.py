@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from layered_sky import layered, scattered_once
 
-from twilight.solvers.cells.single import make_sight, single_scattering
+from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.solvers.zones import prepare
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.beam import prepare_beam
 from twilight.transport.chord import chord_depth
-from twilight.transport.lines import GROUND, new_line, trace_line
+from twilight.transport.lines import END_DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
@@ -29,7 +29,8 @@ def views(base, thickness):
 
 
 def worst_error(medium, base, thickness, quality):
-    settings = replace(QUALITIES[quality], max_events=1, degree=32)  # HG 0.7 to the power 33 is nothing
+    # HG 0.7 to the power 33 is nothing; the radiance of light scattered once is that of scalar theory
+    settings = replace(QUALITIES[quality], max_orders=1, degree=32, polarisation=False)
     field = prepare(medium, settings)
     errors = []
     for altitude, elevations in views(base, thickness):
@@ -39,36 +40,41 @@ def worst_error(medium, base, thickness, quality):
     return max(errors)
 
 
-@pytest.mark.parametrize("quality", ["draft", pytest.param("standard", marks=[pytest.mark.slow, pytest.mark.ci])])
+@pytest.mark.parametrize("quality", ["draft", pytest.param("standard", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("base", "thickness", "depth", "ramp_km"), [(3.0, 0.01, 2.0, 0.0), (3.0, 1.0, 10.0, 0.0), (3.0, 0.2, 0.5, 1e-6)]
 )
 def test_a_sharp_layer_is_seen(base, thickness, depth, ramp_km, quality):
+    """A thin layer would be stepped over by the solver."""
     assert worst_error(layered(base, thickness, depth, ramp_km), base, thickness, quality) < 2e-3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(40))
-def test_many_layers_at_every_quality(seed):
-    """1 m to 2 km thick, optical depth 0.01 to 50, from 0 to 90 km."""
+@pytest.mark.parametrize("seed", range(12))
+def test_many_layers(seed):
+    """A layer, 1 m to 2 km thick, of optical depth 0.01 to 50, from 0 to 90 km, would be stepped over or blurred.
+
+    Qualities take turns: in twelve layers each has four, of which one has ramps.
+    """
     rng = np.random.default_rng(seed)
     thickness = 10.0 ** rng.uniform(-3.0, math.log10(2.0))
-    base = 0.0 if seed % 8 == 0 else float(rng.uniform(0.0, 90.0 - thickness))
+    base = 0.0 if seed % 5 == 0 else float(rng.uniform(0.0, 90.0 - thickness))
     depth = 10.0 ** rng.uniform(-2.0, math.log10(50.0))
     ramp_km = 1e-6 if seed % 4 == 3 else 0.0
+    quality = tuple(QUALITIES)[seed % len(QUALITIES)]
     medium = layered(base, thickness, depth, ramp_km)
-    for quality in QUALITIES:
-        assert worst_error(medium, base, thickness, quality) < 1e-2, (base, thickness, depth, ramp_km, quality)
+    assert worst_error(medium, base, thickness, quality) < 1e-2, (base, thickness, depth, ramp_km, quality)
 
 
 def test_cells_see_a_sharp_layer():
+    """A thin layer would be stepped over by single scattering of `cells`."""
     medium = layered(3.0, 0.01, 2.0)
     scaled = delta_scaled(medium, 32)
     beam = prepare_beam(scaled.medium, refraction=False)
     profile = prepare_profile(scaled.medium)
     elevations = (0.5, 3.0, 20.0, 90.0)
-    sight = make_sight(profile, scaled, 0.0, elevations, np.full(4, 40.0))
-    found = single_scattering(sight, beam, medium, scaled.forward_share, 30.0)[:, 0]
+    lines = make_straight_lines(profile, scaled, 0.0, elevations, np.full(4, 40.0))
+    found = single_scattering(lines, beam, medium, scaled.forward_fraction, 30.0)[:, 0]
     exact = [scattered_once(medium, 0.0, e, 40.0, 30.0) for e in elevations]
     np.testing.assert_allclose(found, exact, rtol=2e-3)
 
@@ -88,7 +94,8 @@ def test_optical_depth_through_a_thin_layer(ramp_km, altitude_km, elevation_deg)
         line = new_line(profile)
         _, status = trace_line(profile, altitude_km, cosine, 0.5, False, line)
         out = np.empty(1)
-        assert chord_depth(profile, altitude_km, cosine, line.end[2] - (1e-6 if status == GROUND else 0.0), out)
+        length = line.end[END_DISTANCE] - (1e-6 if status == GROUND else 0.0)
+        assert chord_depth(profile, altitude_km, cosine, length, out)
         if np.all(out < 20.0):
             np.testing.assert_allclose(-np.log(line.transmittance), out, rtol=1e-3)
         passed.append(out[0])

@@ -11,7 +11,7 @@ from bent_rays import trace_ray
 from stability_media import Air, medium_of
 
 from twilight.atmosphere.build import build_medium
-from twilight.transport.lines import DISTANCE, GROUND, OUT, new_line, trace_line, with_refraction
+from twilight.transport.lines import DISTANCE, END_ANGLE, END_COSINE, GROUND, OUT, new_line, trace_line, with_refraction
 from twilight.transport.profile import prepare_profile
 
 
@@ -33,17 +33,19 @@ def follow(air, altitude_km, elevation_deg, *, bent=True, fineness=2.0):
 
 @pytest.mark.parametrize("elevation_deg", [0.0, 0.5, 1.5, 5.0, 30.0, 90.0])
 def test_a_bent_line_is_that_of_the_ray_tracer(air, elevation_deg):
+    """Lines of sight and rays of the sun would refract differently."""
     medium = air[0]
     _, status, line = follow(air, 0.0, elevation_deg)
     ray = trace_ray(medium, 0.0, 90.0 - elevation_deg, wavelength=1)
     assert status == OUT
-    assert line.end[0] == pytest.approx(np.radians(ray.geocentric_angle_deg[-1]), abs=2e-5)
-    assert line.end[1] == pytest.approx(np.cos(np.radians(ray.zenith_deg[-1])), abs=2e-6)
+    assert line.end[END_ANGLE] == pytest.approx(np.radians(ray.geocentric_angle_deg[-1]), abs=2e-5)
+    assert line.end[END_COSINE] == pytest.approx(np.cos(np.radians(ray.zenith_deg[-1])), abs=2e-6)
     assert -np.log(line.transmittance[1]) == pytest.approx(ray.optical_depth[-1], rel=3e-4)
 
 
 @pytest.mark.parametrize("elevation_deg", [-3.0, 0.0, 2.0, 40.0])
 def test_the_invariant_of_refraction_is_kept_along_the_line(air, elevation_deg):
+    """A refracted line would drift off Bouguer's invariant."""
     medium = air[0]
     n, _, line = follow(air, 20.0, elevation_deg)
     z, cosine = line.place[:n, 0], line.place[:n, 2]
@@ -57,6 +59,7 @@ def test_the_invariant_of_refraction_is_kept_along_the_line(air, elevation_deg):
 
 
 def test_a_straight_line_is_a_chord(air):
+    """A line in air with n = 1 would bend."""
     medium = air[0]
     n, status, line = follow(air, 50.0, -6.0, bent=False)
     radius = medium.earth_radius_km
@@ -68,11 +71,12 @@ def test_a_straight_line_is_a_chord(air):
 
 
 def test_lines_that_meet_the_ground_or_miss_the_air(air):
+    """A line would end on the wrong side of the horizon."""
     _, status, line = follow(air, 10.0, -30.0, bent=False)
     assert status == GROUND
     radius = air[0].earth_radius_km
     expected = np.arcsin((radius + 10.0) / radius * np.sin(np.radians(120.0))) - np.radians(60.0)
-    assert line.end[0] == pytest.approx(expected, abs=1e-7)
+    assert line.end[END_ANGLE] == pytest.approx(expected, abs=1e-7)
     assert follow(air, 0.0, -1.0)[:2] == (0, GROUND)
     assert follow(air, 400.0, 10.0)[:2] == (0, OUT)
     assert follow(air, 400.0, -15.0)[:2] == (0, OUT)
@@ -81,6 +85,7 @@ def test_lines_that_meet_the_ground_or_miss_the_air(air):
 
 @pytest.mark.parametrize("elevation_deg", [0.0, 10.0, 90.0])
 def test_scattering_and_what_is_left_add_up_without_absorption(air, elevation_deg):
+    """Energy would be lost along a line of sight."""
     medium = replace(air[0], absorption_per_km=np.zeros_like(air[0].absorption_per_km))
     profile = prepare_profile(medium)
     n, _, line = follow((medium, profile), 0.0, elevation_deg)
@@ -88,6 +93,7 @@ def test_scattering_and_what_is_left_add_up_without_absorption(air, elevation_de
 
 
 def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air):
+    """Layers would reflect lines of sight at their edges."""
     medium = air[0]
     edges = np.linspace(0.0, 100.0, 101)
     z = np.repeat(edges, 2)[1:-1]
@@ -96,9 +102,9 @@ def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air
     profile = prepare_profile(stepped)
     smooth, layered = follow(air, 0.0, 1.0)[2], follow((stepped, profile), 0.0, 1.0)[2]
     straight = follow(air, 0.0, 1.0, bent=False)[2]
-    bending = smooth.end[0] - straight.end[0]
+    bending = smooth.end[END_ANGLE] - straight.end[END_ANGLE]
     assert bending > 0.005
-    assert layered.end[0] - straight.end[0] == pytest.approx(bending, rel=0.03)
+    assert layered.end[END_ANGLE] - straight.end[END_ANGLE] == pytest.approx(bending, rel=0.03)
 
 
 def test_light_from_behind_black_air_does_not_depend_on_clearer_air_beside_it():
@@ -116,6 +122,7 @@ def test_light_from_behind_black_air_does_not_depend_on_clearer_air_beside_it():
 
 
 def test_no_step_is_left_out_because_all_of_the_air_is_thin():
+    """Very thin air would scatter no light."""
     counts = []
     for depth in (1e-3, 1e-13):
         profile = prepare_profile(medium_of(Air(air=depth, aerosol=0.0)))

@@ -9,7 +9,7 @@ import pytest
 from montecarlo_media import HAZE_L, assert_all_agree, haze_l, slab
 from plane_parallel import Slabs, henyey_greenstein
 
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 DATA = Path(__file__).parent / "data" / "rt_disort.csv"
@@ -64,10 +64,12 @@ def check(cases, samples, seed=3):
 
 
 def test_isotropic_and_rayleigh():
+    """Published radiances of thin slabs: fails if scattering, transmittance or an order is wrong by the noise."""
     check([("1", "1"), ("1", "2"), ("2", "1"), ("2", "2")], 2000)
 
 
 def test_henyey_greenstein_and_haze():
+    """Forward peaks: fails if the tabulated phase functions that are drawn from do not cancel."""
     check([("3", "1"), ("4", "1")], 300)
 
 
@@ -107,21 +109,25 @@ def test_the_exact_slab_is_near_the_published_one():
 
 @pytest.mark.slow
 def test_haze_slanted_beam():
+    """A slanted beam in haze, closely: fails if azimuths or the peak are wrong."""
     check([("4", "3")], 2000)
 
 
 @pytest.mark.slow
 def test_thick():
+    """Optical depths 5 and 8: fails if long paths lose light by roulette or splitting."""
     check([("2", "3"), ("2", "4"), ("3", "2")], 4000)
 
 
 @pytest.mark.slow
 def test_very_thick_absorbing():
+    """Optical depth 32, albedo 0.2: fails if a leg ends before its light is used up."""
     check([("1", "4")], 2000)
 
 
 def test_conservative_slab_over_white_ground_returns_all_light():
-    # upward flux at the top = mu0 F0: radiance integrated over Gauss cosines, azimuths drawn evenly
+    """Flux at the top = mu0 F0: fails if an event loses or makes energy."""
+    # radiance integrated over Gauss cosines, azimuths drawn evenly
     mu0 = 0.4
     mu, weight = np.polynomial.legendre.leggauss(6)
     mu, weight = 0.5 * (mu + 1), 0.5 * weight
@@ -141,9 +147,8 @@ def test_conservative_slab_over_white_ground_returns_all_light():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_closed_sphere_keeps_its_energy():
-    # a small planet in conservative air over white ground: light that leaves = light that comes in, F0 pi R_top^2
+    """A small planet: light out = F0 pi R_top^2, so that the curvature of lines keeps energy."""
     medium = replace(slab(0.7, 1.0, None, ground=1.0), earth_radius_km=20.0)
     top = 21.0
     field = prepare(medium, MonteCarloSettings(target_stderr=None, samples=6), observer_altitude_km=1.0)
@@ -166,7 +171,8 @@ def test_closed_sphere_keeps_its_energy():
 
 
 def test_reciprocity():
-    # R(mu, mu0, phi) = R(mu0, mu, phi) with the reflected radiance pi L / (mu0 F0)
+    """R(mu, mu0, phi) = R(mu0, mu, phi): fails if the sun and the viewer are treated differently."""
+    # R is the reflected radiance pi L / (mu0 F0)
     field = prepare(
         slab(0.8, 0.95, PhaseFunction.henyey_greenstein([0.6]), ground=0.2),
         MonteCarloSettings(target_stderr=0.015),

@@ -10,7 +10,7 @@ from scipy.optimize import bisect
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.transport.beam import beam_at_one
 
-SINGLE = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, steering_sweeps=0, bent_lines_of_sight=False)
+SINGLE = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0, bent_lines_of_sight=False)
 
 
 def line(medium, height, elevation_deg, extra=(), cell_km=2.0):
@@ -131,15 +131,18 @@ def compare(medium, refraction, beam):
 
 
 def test_single_scattering_straight():
+    """Along straight lines: fails if the quadrature of the line of sight misses an edge of light or air."""
     medium = hazy_earth(refractivity=0.0)
     compare(medium, False, lambda field: lambda z, c: straight_beam(medium, z, c))
 
 
 def test_single_scattering_refracted():
+    """With the refracted beam: fails if sunlight's bending or spreading is applied wrongly."""
     compare(hazy_earth(), True, lambda field: lambda z, c: beam_at_one(field.sun.beam, z, c, 0))
 
 
 def test_refraction_brightens_twilight():
+    """Bent sunlight reaches farther: fails if refraction has the wrong sign."""
     # at -4 deg the refracted beam adds 9 % in the zenith; here single scattering alone
     views = (-4.0, 90.0, 0.0)
     bent = prepare(hazy_earth(), SINGLE).radiance(*views)
@@ -148,6 +151,7 @@ def test_refraction_brightens_twilight():
 
 
 def test_table_phase_equals_formula():
+    """A tabulated phase function gives the light of its formula: fails if the tables are off."""
     a = prepare(hazy_earth(), MonteCarloSettings(target_stderr=0.006)).radiance_with_error(10.0, 25.0, [0.0, 120.0])
     b = prepare(hazy_earth(table_phase=True), MonteCarloSettings(target_stderr=0.006, seed=7)).radiance_with_error(
         10.0, 25.0, [0.0, 120.0]

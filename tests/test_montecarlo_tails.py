@@ -8,7 +8,7 @@ import pytest
 from montecarlo_media import assert_all_agree, hazy_earth, slab
 from scipy.stats import chi2
 
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 VIEW = (30.0, np.array([90.0, 20.0, 5.0, 1.0]), np.array([0.0, 60.0, 60.0, 60.0]))
@@ -18,8 +18,10 @@ FIXED = MonteCarloSettings(target_stderr=None, samples=300)
 def layered(bottom_km, depth, thickness_km=1.0, ground=0.0):
     """Air of scale height 8 km with one white layer, g = 0.7, of sharp edges."""
     top = bottom_km + thickness_km
-    plain = [z for z in (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0, 80.0, 100.0) if not bottom_km <= z <= top]
-    z = np.sort([*plain, bottom_km, bottom_km, top, top])
+    regular = [
+        z for z in (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0, 80.0, 100.0) if not bottom_km <= z <= top
+    ]
+    z = np.sort([*regular, bottom_km, bottom_km, top, top])
     inside = np.zeros((z.size, 1))
     k = int(np.searchsorted(z, bottom_km, side="right")) - 1
     inside[k : k + 2] = depth / thickness_km
@@ -31,7 +33,7 @@ def layered(bottom_km, depth, thickness_km=1.0, ground=0.0):
         absorption_per_km=0.0 * one,
         aerosol_extinction_per_km=inside,
         aerosol_single_scattering_albedo=one,
-        aerosol_share=one[None],
+        aerosol_phase_fraction=one[None],
         phase_functions=(PhaseFunction.henyey_greenstein([0.7]),),
         refractivity=0.0 * one,
         ground_albedo=np.array([ground]),
@@ -45,6 +47,7 @@ def far():
 
 
 def test_errors_of_a_layer_far_away_are_the_scatter_between_seeds(far):
+    """Light of a layer that few paths find: fails if rare bright paths make errors look small."""
     runs = [replace(far, settings=replace(FIXED, seed=s)).radiance_with_error(*VIEW) for s in range(10)]
     value = np.array([r.radiance[:, 0] for r in runs])
     error = np.array([r.standard_error[:, 0] for r in runs])
@@ -55,13 +58,21 @@ def test_errors_of_a_layer_far_away_are_the_scatter_between_seeds(far):
     statistic = (((value - mean) / error) ** 2).sum()
     freedom = value.size - value.shape[1]
     assert 1e-3 < chi2.sf(statistic, freedom) < 1 - 1e-4
-    # sampling that knows nothing of the coarse field agrees
-    natural = replace(FIXED, steered_fraction=0.0, table_fraction=0.0, roulette=0.0, coarse_control=False, samples=600)
+    # sampling without the importance function agrees
+    natural = replace(
+        FIXED,
+        importance_point_fraction=0.0,
+        importance_direction_fraction=0.0,
+        roulette_threshold=0.0,
+        control_variate=False,
+        samples=600,
+    )
     r = replace(far, settings=natural).radiance_with_error(*VIEW)
     assert_all_agree(r.radiance[:, 0], np.hypot(r.standard_error[:, 0], weight.sum(axis=0) ** -0.5), mean)
 
 
 def test_a_run_ends_when_the_time_is_up(far):
+    """A time limit holds where the target needs hours."""
     settings = replace(FIXED, target_stderr=1e-5, time_limit_s=0.5)
     here = replace(far, settings=settings)
     started = time.process_time()
@@ -73,6 +84,7 @@ def test_a_run_ends_when_the_time_is_up(far):
 
 
 def test_few_samples_are_not_trusted(far):
+    """Four samples say nothing of their error, and the result says so."""
     r = replace(far, settings=replace(FIXED, samples=4)).radiance_with_error(*VIEW)
     assert np.all(r.untrusted)
 

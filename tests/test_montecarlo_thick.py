@@ -1,5 +1,7 @@
-"""Monte-Carlo under a thick white cloud: the field that steers it, its errors, and when it says that it is not to be
-trusted.  Truth is plane-parallel doubling and adding."""
+"""Monte-Carlo under a thick white cloud: its importance function, its errors, and when it is not to be trusted.
+
+Truth is plane-parallel doubling and adding.
+"""
 
 from dataclasses import replace
 
@@ -42,15 +44,16 @@ def truth():
     return slabs(DEPTH, SUN_COSINE, asymmetry=ASYMMETRY, ground=0.0).flux_down[-1]
 
 
-def test_the_steering_field_knows_how_much_light_comes_through(below, truth):
-    """Before it was told of diffusion it had 40 times too little, and paths were split for nothing."""
-    steering = below.steering
-    assert 0.4 < np.interp(SUN_COSINE, steering.cos_sun, np.exp(steering.log_ground[0])) / truth < 2.0
-    z = steering.altitude_km
+def test_the_importance_function_knows_how_much_light_comes_through(below, truth):
+    """Without diffusion it has 40 times too little light, and paths are split for nothing."""
+    importance = below.importance
+    assert 0.4 < np.interp(SUN_COSINE, importance.cos_sun, np.exp(importance.log_ground[0])) / truth < 2.0
+    z = importance.altitude_km
     assert np.diff(z[(z >= 1.0) & (z <= 2.0)]).max() < 0.35
 
 
 def test_light_through_a_cloud_is_within_its_error(below, truth):
+    """Against doubling and adding: fails if light that diffuses is lost on the way."""
     value, error, _ = flux_down(below)
     assert error < 0.15 * truth
     assert abs(value - truth) < 3.0 * error
@@ -58,21 +61,23 @@ def test_light_through_a_cloud_is_within_its_error(below, truth):
 
 @pytest.mark.slow
 def test_errors_through_a_cloud_are_the_scatter_between_seeds(below, truth):
+    """Stated errors are right where a path has hundreds of events."""
     found = np.array([flux_down(replace(below, settings=replace(SETTINGS, seed=s, samples=128))) for s in range(12)])
     statistic = (((found[:, 0] - truth) / found[:, 1]) ** 2).sum()
     assert 1e-3 < chi2.sf(statistic, found.shape[0]) < 1.0 - 1e-3
 
 
 def test_air_without_aerosol_needs_no_altitudes_more():
+    """Altitudes are added in thick air alone: fails if thin air pays for them."""
     for depth, more in ((1.0, False), (20.0, True)):
-        z = prepare(slab(depth, 1.0), replace(SETTINGS, steering_sweeps=1)).steering.altitude_km
+        z = prepare(slab(depth, 1.0), replace(SETTINGS, importance_sweeps=1)).importance.altitude_km
         assert (z.size > 20) == more
 
 
-def tally_of(samples: np.ndarray, coarse: np.ndarray) -> Tally:
-    """One pixel whose arms have these samples: light of paths, and of the coarse field."""
+def tally_of(samples: np.ndarray, control_variate: np.ndarray) -> Tally:
+    """One pixel whose arms have these samples: light of paths, and of the control variate."""
     tally = Tally(1, 1, 1)
-    total = samples + coarse
+    total = samples + control_variate
     tally.count[:] = samples.size
     for column, x in ((0, samples), (TOTAL, total)):
         tally.sums[..., 0, column] = x.sum()
@@ -82,11 +87,12 @@ def tally_of(samples: np.ndarray, coarse: np.ndarray) -> Tally:
     return tally
 
 
-def test_an_answer_that_hangs_on_few_paths_or_on_the_coarse_field_is_not_trusted():
-    plain = np.tile([0.8, 1.2], 50)
-    assert not tally_of(plain, 0.0 * plain).untrusted()
-    # the paths found a tenth of the light that the coarse field expects, and the rest is its word alone
-    assert tally_of(0.1 * plain, 0.9 * np.ones(100)).untrusted()
+def test_an_answer_that_hangs_on_few_paths_or_on_the_control_variate_is_not_trusted():
+    """The flag `untrusted` where a few samples or the control variate hold the light."""
+    even = np.tile([0.8, 1.2], 50)
+    assert not tally_of(even, 0.0 * even).untrusted()
+    # the paths found a tenth of the light that the importance function expects
+    assert tally_of(0.1 * even, 0.9 * np.ones(100)).untrusted()
     # one in fifty paths holds all the light: 70 % of error in each arm
     rare = np.where(np.arange(100) % 50 == 0, 1.0, 0.0)
     assert tally_of(rare, 0.0 * rare).untrusted()

@@ -1,4 +1,4 @@
-"""Monte-Carlo: what must not move the answer (steering, stopping, chunks, threads, interruption); what is refused."""
+"""Monte-Carlo: what must not move the answer (sampling, stopping, chunks, threads, interruption); what is refused."""
 
 from dataclasses import replace
 
@@ -8,51 +8,58 @@ import pytest
 from montecarlo_media import assert_all_agree, hazy_earth, slab
 from scipy.stats import chi2, norm
 
-from twilight.errors import TwilightError
-from twilight.phase import PhaseFunction
+from twilight.base.errors import TwilightError
+from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import QUALITIES, MonteCarloSettings, prepare
 
 VIEW = (np.array([30.0, -3.0, -5.0]), np.array([20.0, 60.0, 8.0]), np.array([140.0, 90.0, 10.0]))
-PLAIN = MonteCarloSettings(target_stderr=None, samples=96)
+FIXED = MonteCarloSettings(target_stderr=None, samples=96)
 VARIANTS = {
     "default": {},
-    "no steering": dict(steering_sweeps=0, steered_fraction=0.0, table_fraction=0.0, samples=4000),
-    "no roulette": dict(roulette=0.0, samples=48),
-    "much roulette": dict(roulette=3.0),
-    "one path": dict(sub_paths=1, samples=800),
-    "half steered": dict(steered_fraction=0.5, table_fraction=0.4, samples=192),
-    "all steered": dict(steered_fraction=0.99, table_fraction=0.99),
-    "rough legs": dict(first_length_km=60.0, first_depth=1.0, later_length_km=200.0, later_depth=1.0),
-    "fine legs": dict(first_length_km=5.0, first_depth=0.05, later_length_km=10.0, later_depth=0.1, samples=48),
-    "rarely checked sun": dict(check_rate=0.01),
-    "exact sun": dict(check_rate=1.0),
-    "no control": dict(coarse_control=False),
-    "one candidate": dict(candidates=1),
-    "many candidates": dict(candidates=20, samples=48),
-    "few continuations": dict(continuation=0.3),
-    "many continuations": dict(continuation=3.0, samples=48),
+    "no importance": dict(
+        importance_sweeps=0, importance_point_fraction=0.0, importance_direction_fraction=0.0, samples=4000
+    ),
+    "no roulette": dict(roulette_threshold=0.0, samples=48),
+    "much roulette": dict(roulette_threshold=3.0),
+    "one path": dict(paths_per_sample=1, samples=800),
+    "half by importance": dict(importance_point_fraction=0.5, importance_direction_fraction=0.4, samples=192),
+    "all by importance": dict(importance_point_fraction=0.99, importance_direction_fraction=0.99),
+    "rough legs": dict(
+        first_leg_step_km=60.0, first_leg_step_depth=1.0, later_leg_step_km=200.0, later_leg_step_depth=1.0
+    ),
+    "fine legs": dict(
+        first_leg_step_km=5.0, first_leg_step_depth=0.05, later_leg_step_km=10.0, later_leg_step_depth=0.1, samples=48
+    ),
+    "rarely checked sun": dict(exact_beam_fraction=0.01),
+    "exact sun": dict(exact_beam_fraction=1.0),
+    "no control": dict(control_variate=False),
+    "one candidate": dict(direction_candidates=1),
+    "many candidates": dict(direction_candidates=20, samples=48),
+    "few continuations": dict(splitting_rate=0.3),
+    "many continuations": dict(splitting_rate=3.0, samples=48),
 }
 
 
 @pytest.fixture(scope="module")
 def field():
-    return prepare(hazy_earth(), PLAIN)
+    return prepare(hazy_earth(), FIXED)
 
 
 def variant(field, **change):
     """The same question with other settings."""
-    settings = replace(PLAIN, seed=11, **change)
-    if settings.steering_sweeps != PLAIN.steering_sweeps:
+    settings = replace(FIXED, seed=11, **change)
+    if settings.importance_sweeps != FIXED.importance_sweeps:
         return prepare(field.medium, settings)
-    sun = field.sun._replace(check_rate=settings.check_rate)
+    sun = field.sun._replace(exact_beam_fraction=settings.exact_beam_fraction)
     return replace(field, settings=settings, sun=sun)
 
 
-def test_answer_is_independent_of_every_steering_setting(field):
+def test_answer_is_independent_of_every_sampling_option(field):
+    """Every option of the sampling changes the noise alone: fails if one of them moves the mean."""
     results = {name: variant(field, **change).radiance_with_error(*VIEW) for name, change in VARIANTS.items()}
     value = np.array([r.radiance[:, 0] for r in results.values()])
     error = np.array([r.standard_error[:, 0] for r in results.values()])
-    # not their weighted mean: unsteered samples are skewed, a low mean goes with a low estimate of its error
+    # not their weighted mean: samples without importance are skewed, a low mean goes with a low estimate of its error
     truth = variant(field, samples=4000).radiance_with_error(*VIEW)
     z = (value - truth.radiance[:, 0]) / np.hypot(error, truth.standard_error[:, 0])
     statistic = (z**2).sum()
@@ -61,7 +68,8 @@ def test_answer_is_independent_of_every_steering_setting(field):
 
 
 def test_stated_error_is_the_scatter_of_repeated_runs(field):
-    runs = [replace(field, settings=replace(PLAIN, seed=s, samples=24)).radiance_with_error(*VIEW) for s in range(60)]
+    """Sixty seeds: fails if the standard error is too small or too large."""
+    runs = [replace(field, settings=replace(FIXED, seed=s, samples=24)).radiance_with_error(*VIEW) for s in range(60)]
     value = np.array([r.radiance[:, 0] for r in runs])
     stated = np.sqrt(np.mean([r.standard_error[:, 0] ** 2 for r in runs], axis=0))
     scatter = ((value - value.mean(axis=0)) ** 2 / stated**2).sum(axis=0)
@@ -77,12 +85,13 @@ def stopping_bias(field, runs, samples):
     view = (-8.0, 60.0, 90.0)
     settings = MonteCarloSettings(target_stderr=0.05, pilot_samples=4)
     adaptive = np.array([replace(field, settings=replace(settings, seed=s)).radiance(*view)[0] for s in range(runs)])
-    fixed = replace(field, settings=replace(PLAIN, samples=samples, seed=999)).radiance_with_error(*view)
+    fixed = replace(field, settings=replace(FIXED, samples=samples, seed=999)).radiance_with_error(*view)
     error = np.hypot(adaptive.std(ddof=1) / np.sqrt(adaptive.size), fixed.standard_error[0])
     return adaptive.mean() / fixed.radiance[0] - 1, error / fixed.radiance[0]
 
 
 def test_stopping_on_the_error_does_not_bias(field):
+    """Adaptive runs have the mean of fixed ones: fails if an arm sets its own number of samples."""
     bias, error = stopping_bias(field, 400, 6000)
     assert error < 0.006
     assert 2 * norm.sf(abs(bias) / error) > 0.005
@@ -90,12 +99,14 @@ def test_stopping_on_the_error_does_not_bias(field):
 
 @pytest.mark.slow
 def test_stopping_on_the_error_does_not_bias_by_a_quarter_of_a_percent(field):
+    """The same with ten times the runs, to 0.25 %."""
     bias, error = stopping_bias(field, 4000, 60_000)
     assert error < 0.0016
     assert abs(bias) < 0.0025
 
 
 def test_target_is_reached(field):
+    """The error asked for is the error obtained, in the median to a fifth."""
     settings = MonteCarloSettings(target_stderr=0.03)
     r = replace(field, settings=settings).radiance_with_error(*VIEW)
     relative = r.standard_error / r.radiance
@@ -104,12 +115,13 @@ def test_target_is_reached(field):
 
 
 def test_orders_add_up_and_are_cut(field):
+    """Orders add up to the radiance, and `max_orders` cuts the series: fails if an order is counted twice or lost."""
     r = field.radiance_with_error(*VIEW)
-    # the orders' own sum lacks the coarse field's part, which has the mean 0
+    # the orders' own sum lacks the control variate, which has the mean 0
     error = np.sqrt((r.order_standard_error**2).sum(axis=0))
     assert_all_agree(r.order_radiance.sum(axis=0), error, r.radiance)
-    plain = variant(field, coarse_control=False).radiance_with_error(*VIEW)
-    assert_all_agree(plain.radiance, np.hypot(plain.standard_error, r.standard_error), r.radiance)
+    without = variant(field, control_variate=False).radiance_with_error(*VIEW)
+    assert_all_agree(without.radiance, np.hypot(without.standard_error, r.standard_error), r.radiance)
     cut = variant(field, max_orders=2).radiance_with_error(*VIEW)
     error = np.hypot(cut.standard_error, np.sqrt((r.order_standard_error[:2] ** 2).sum(axis=0)))
     assert_all_agree(cut.radiance, error, r.order_radiance[:2].sum(axis=0))
@@ -120,8 +132,9 @@ def test_orders_add_up_and_are_cut(field):
 
 
 def test_threads_and_order_of_work_change_nothing(field):
+    """Bit for bit with one thread, two threads, batches backwards, and without neighbours."""
     question = (np.linspace(-6, 20, 24), 15.0, 40.0)
-    chunked = replace(field, settings=replace(PLAIN, chunk_samples=7, samples=300))
+    chunked = replace(field, settings=replace(FIXED, chunk_samples=7, samples=300))
     threads = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
@@ -140,15 +153,16 @@ def test_threads_and_order_of_work_change_nothing(field):
 
 
 def test_interrupted_run_goes_on_where_it_stopped(field, tmp_path):
+    """Interrupted twice and taken up again: the same bits, and no file is left."""
     # three batches of 4096 samples and two adaptive rounds
-    settings = MonteCarloSettings(target_stderr=0.02, chunk_samples=16, pilot_samples=400, sub_paths=1, seed=4)
+    settings = MonteCarloSettings(target_stderr=0.02, chunk_samples=16, pilot_samples=400, paths_per_sample=1, seed=4)
     question = (np.linspace(-6, 20, 16), 15.0, 40.0)
     whole = replace(field, settings=settings).radiance_with_error(*question)
     file = tmp_path / "state.npz"
     for stop_after in (0, 1):
         calls = 0
 
-        def interrupt(doing, share, stop_after=stop_after):
+        def interrupt(doing, fraction, stop_after=stop_after):
             nonlocal calls
             calls += 1
             if calls > stop_after:
@@ -164,9 +178,10 @@ def test_interrupted_run_goes_on_where_it_stopped(field, tmp_path):
 
 
 def test_checkpoint_of_another_question_is_refused(field, tmp_path):
+    """A file of another seed, or of nonsense, is named and refused."""
     file = tmp_path / "state.npz"
 
-    def interrupt(doing, share):
+    def interrupt(doing, fraction):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -179,6 +194,7 @@ def test_checkpoint_of_another_question_is_refused(field, tmp_path):
 
 
 def test_time_limit_ends_a_run_with_what_there_is(field):
+    """A limit of 0 s still gives radiances with errors, and says that they are not complete."""
     settings = MonteCarloSettings(target_stderr=1e-4, time_limit_s=0.0)
     r = replace(field, settings=settings).radiance_with_error(*VIEW)
     assert not r.complete
@@ -186,19 +202,20 @@ def test_time_limit_ends_a_run_with_what_there_is(field):
 
 
 def test_progress_tells_the_present_error(field):
+    """Progress ends at 1 and names the standard error."""
     said = []
-    replace(field, progress=lambda doing, share: said.append((doing, share))).radiance(*VIEW)
+    replace(field, progress=lambda doing, fraction: said.append((doing, fraction))).radiance(*VIEW)
     assert said[-1][1] == 1.0 and "standard error" in said[-1][0]
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_isotropic_after_first_keeps_single_scattering_and_changes_the_rest():
-    plain = MonteCarloSettings(target_stderr=0.01, refraction=False)
+    """Haber's approximation: fails if it touches light scattered once or leaves the rest as it is."""
+    usual = MonteCarloSettings(target_stderr=0.01, refraction=False)
     thin = hazy_earth(ground=0.0)
     view = (10.0, np.array([20.0, 60.0]), np.array([0.0, 120.0]))
-    exact = prepare(thin, plain).radiance_with_error(*view)
-    haber = prepare(thin, replace(plain, approximation="isotropic_after_first")).radiance_with_error(*view)
+    exact = prepare(thin, usual).radiance_with_error(*view)
+    haber = prepare(thin, replace(usual, approximation="isotropic_after_first")).radiance_with_error(*view)
     # single scattering differs by the forward peak on the line of sight alone, so it brightens, and not by much
     assert np.all(haber.order_radiance[0] > exact.order_radiance[0])
     assert np.all(haber.order_radiance[0] < 1.2 * exact.order_radiance[0])
@@ -206,7 +223,7 @@ def test_isotropic_after_first_keeps_single_scattering_and_changes_the_rest():
 
 
 def test_isotropic_after_first_is_exact_where_scattering_is_isotropic():
-    # one aerosol with g = 0 and no air: the approximation changes nothing
+    """Null effect: with g = 0 the approximation is none."""
     medium = slab(0.5, 0.9, PhaseFunction.henyey_greenstein([0.0]), ground=0.4)
     view = (30.0, np.array([10.0, 50.0]), 0.0)
     settings = MonteCarloSettings(target_stderr=0.005)
@@ -216,14 +233,16 @@ def test_isotropic_after_first_is_exact_where_scattering_is_isotropic():
 
 
 def test_empty_air_is_black():
+    """No air, no light, no nan."""
     medium = hazy_earth(ground=0.0)
     nothing = np.zeros_like(medium.air_scattering_per_km)
     empty = replace(medium, air_scattering_per_km=nothing, aerosol_extinction_per_km=nothing, absorption_per_km=nothing)
-    r = prepare(empty, PLAIN).radiance_with_error(10.0, [-30.0, 30.0], 0.0)
+    r = prepare(empty, FIXED).radiance_with_error(10.0, [-30.0, 30.0], 0.0)
     assert np.all(r.radiance == 0) and np.all(r.standard_error == 0)
 
 
 def test_quality_ladder():
+    """A better quality has the smaller error."""
     targets = [QUALITIES[name].target_stderr for name in ("draft", "standard", "reference")]
     assert targets == sorted(targets, reverse=True)
 
@@ -234,18 +253,20 @@ def test_quality_ladder():
         (dict(target_stderr=2.0), "target_stderr must be between"),
         (dict(samples=1), "samples must be between"),
         (dict(approximation="isotropic"), "approximation must be one of none, isotropic_after_first"),
-        (dict(table_fraction=1.0), "table_fraction must be between"),
+        (dict(importance_direction_fraction=1.0), "importance_direction_fraction must be between"),
     ],
 )
 def test_bad_settings_are_refused(change, message):
+    """A setting out of range is refused by its name."""
     with pytest.raises(TwilightError, match=message):
         MonteCarloSettings(**change)
 
 
 def test_bad_questions_are_refused(field):
+    """Angles, distances and altitudes out of range are refused by their name."""
     with pytest.raises(TwilightError, match="elevation_deg must be between"):
         field.radiance(10.0, 95.0, 0.0)
     with pytest.raises(TwilightError, match="azimuth_deg must be finite"):
         field.radiance(10.0, 45.0, np.nan)
     with pytest.raises(TwilightError, match=r"observer\.altitude_km is -1; allowed is 0 \(the ground\)"):
-        prepare(hazy_earth(), PLAIN, observer_altitude_km=-1.0)
+        prepare(hazy_earth(), FIXED, observer_altitude_km=-1.0)

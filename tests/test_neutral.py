@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hazy_zones import REFERENCE, SMALL
 
-from twilight.atmosphere.table import medium_from_table
+from twilight.atmosphere.medium_table import medium_from_table
 from twilight.solvers import zones
-from twilight.validate.phenomena.neutral import degree_of_polarisation, neutral_points, zenith_polarisation
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from neutral_points import degree_of_polarisation, neutral_points, zenith_polarisation
 
 
 class MadeUp:

@@ -10,13 +10,14 @@ from stability_media import EXTREMES, medium_of
 from toy_sky import glow_sky
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.errors import TwilightError
-from twilight.grids import texture_grid
 from twilight.io.netcdf import read_sky, write_sky
-from twilight.night import NightLevels, Place, light, night_radiance, world
-from twilight.night.veil import veil
-from twilight.sky import Sky, magnitude_per_square_arcsecond
+from twilight.numerics.grids import texture_grid
+from twilight.scene import resolve
+from twilight.sky.night import NightLevels, Place, light, night_radiance, world
+from twilight.sky.night.veil import veil
+from twilight.sky.sky import Sky, magnitude_per_square_arcsecond
 
 NM = np.arange(380.0, 721.0, 20.0)
 NONE = NightLevels(0.0, 0.0, 0.0)
@@ -100,7 +101,7 @@ def test_airglow_bins_keep_every_line():
 
 
 def test_starlight_from_pole_to_plane():
-    s10 = light.starlight_s10(np.array([90.0, 30.0, 10.0, 0.0])) * (1.0 - light.GALACTIC_LIGHT_SHARE)
+    s10 = light.starlight_s10(np.array([90.0, 30.0, 10.0, 0.0])) * (1.0 - light.GALACTIC_LIGHT_FRACTION)
     assert s10[[0, 3]] == pytest.approx([30.0, 250.0])
     assert (np.diff(s10) > 0).all()
     b = np.degrees(np.arcsin((np.arange(4000) + 0.5) / 4000))
@@ -255,7 +256,7 @@ def test_a_render_at_a_place_and_time_has_its_own_night():
     def at(moment, **more):
         sun = {"at": moment, "latitude_deg": 0.0, "longitude_deg": 0.0, "time_zone": "UTC"}
         settings = {"sun": sun, "solver.name": "preetham", "texture.resolution_deg": 15.0, "texture.latlong_width": 16}
-        return next(iter(frames(load("pure-air", settings | {"aerosol.type": "continental_average"} | more))))
+        return next(iter(frames(resolve(load("pure-air", settings | {"aerosol.type": "continental_average"} | more)))))
 
     bare, lit = at("2026-03-20T15:00"), at("2026-03-20T15:00", night={})
     assert bare.sky.night_radiance is None

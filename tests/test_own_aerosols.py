@@ -9,11 +9,11 @@ import pytest
 
 from twilight.atmosphere import opac
 from twilight.atmosphere.aerosols import mixture_optics
-from twilight.atmosphere.own import Mode, read_phase
+from twilight.atmosphere.own_aerosol import SizeMode, read_phase
+from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
 from twilight.config.sun import SunElevation
-from twilight.errors import TwilightError
-from twilight.phase import HENYEY_GREENSTEIN, TABLE
+from twilight.numerics.phase import HENYEY_GREENSTEIN, TABLE
 from twilight.scene.medium import climate_medium, table_sha256
 from twilight.scene.record import resolved_configuration
 
@@ -53,19 +53,21 @@ def test_modes_are_opac_where_they_have_its_sizes_and_indices(tmp_path):
 
 
 def test_radii_left_out_without_being_asked_carry_no_light(tmp_path):
-    mode = Mode(1000.0, 0.12, 1.7, (550.0,), (1.45 - 0.005j,))
-    wide = Mode(1000.0, 0.12, 1.7, (550.0,), (1.45 - 0.005j,), 1e-4, 50.0)
+    """The default cut of a size distribution would lose light."""
+    mode = SizeMode(1000.0, 0.12, 1.7, (550.0,), (1.45 - 0.005j,))
+    wide = SizeMode(1000.0, 0.12, 1.7, (550.0,), (1.45 - 0.005j,), 1e-4, 50.0)
     got, all_of_it = (mixture_from(one) for one in (mode, wide))
     np.testing.assert_allclose(got, all_of_it, rtol=1e-3)
 
 
-def mixture_from(mode: Mode) -> np.ndarray:
-    from twilight.atmosphere.own import Modes
+def mixture_from(mode: SizeMode) -> np.ndarray:
+    from twilight.atmosphere.own_aerosol import SizeModes
 
-    return Modes((mode,)).optics(AT_NM, "mie", "").extinction_per_km
+    return SizeModes((mode,)).optics(AT_NM, "mie", "").extinction_per_km
 
 
 def test_a_power_law_has_its_exponent_and_its_optical_depth(tmp_path):
+    """An Angstrom law would not have the exponent and optical depth that it states."""
     aerosol = "angstrom: {exponent: 1.4, single_scattering_albedo: 0.9, asymmetry: 0.6}, optical_depth_550nm: 0.2"
     medium = climate_medium(load_climate(climate(tmp_path, aerosol)), AT_NM)
     np.testing.assert_allclose(medium.optical_depth("aerosol"), 0.2 * (AT_NM / 550.0) ** -1.4, rtol=1e-9)
@@ -92,6 +94,7 @@ def tables(tmp_path):
 
 
 def test_tables_of_optics_and_phase_function_reach_the_medium(tables):
+    """Measured optics would be interpolated otherwise than documented."""
     path = climate(tables, "table: {file: optics.csv, phase_function: phase.csv}")
     at = np.array([400.0, np.sqrt(400.0 * 700.0), 700.0])
     medium = climate_medium(load_climate(path), at)
@@ -113,6 +116,7 @@ def test_tables_of_optics_and_phase_function_reach_the_medium(tables):
 
 
 def test_a_tabulated_medium_takes_a_phase_function(tables):
+    """A tabulated medium would ignore a phase function of its own."""
     columns = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km"
     columns += ",aerosol_single_scattering_albedo,absorption_per_km,refractivity"
     rows = [f"{z},{w},0.01,0.02,0.9,0,0" for w in (400, 700) for z in (0, 50)]
@@ -127,6 +131,7 @@ def test_a_tabulated_medium_takes_a_phase_function(tables):
 
 
 def test_a_phase_matrix_comes_with_its_elements(tmp_path):
+    """Measured polarisation would be lost on the way to the medium."""
     angle = np.linspace(0.0, 180.0, 181)
     mu = np.cos(np.radians(angle))
     rows = [
@@ -141,6 +146,7 @@ def test_a_phase_matrix_comes_with_its_elements(tmp_path):
 
 
 def test_files_are_found_beside_the_climate_and_recorded_by_their_content(tables):
+    """A record would not tell which file was used, or accept another one."""
     path = climate(tables, "table: {file: optics.csv, phase_function: phase.csv}")
     config = load(path)
     assert config.climate.aerosol.table.file == str(tables / "optics.csv")
@@ -175,6 +181,7 @@ def test_files_are_found_beside_the_climate_and_recorded_by_their_content(tables
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(tables, aerosol, says):
+    """A wrong file would not be refused in one sentence."""
     (tables / "half.csv").write_text("wavelength_nm,angle_deg,phase_per_sr\n400,0,1\n400,90,1\n")
     (tables / "narrow.csv").write_text(
         "wavelength_nm,extinction_per_km,single_scattering_albedo,asymmetry\n500,0.1,1,0\n600,0.1,1,0\n"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.config.load import load_climate
-from twilight.errors import TwilightError
 from twilight.scene.medium import climate_medium
 
 WAVELENGTH_NM = np.array([450.0, 550.0, 650.0])

@@ -1,11 +1,16 @@
 """The named phenomena of twilight appear in computed skies, and go where their cause is taken away."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from twilight.colour import uv_of_xy
 from twilight.config import load
-from twilight.validate.phenomena import colours as see
+from twilight.sky.colour import uv_of_xy
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+import sky_phenomena as see
 
 FEW = [400, 424, 490, 530, 560, 590, 605, 640, 670, 720]
 

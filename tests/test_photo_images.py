@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
-from twilight.camera.image import read_image, read_samples, write_exr
-from twilight.camera.response import srgb_to_linear
-from twilight.camera.rgbe import read_rgbe
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.io.rgbe import to_rgbe
+from twilight.studies.camera.image import read_image, read_samples, write_exr
+from twilight.studies.camera.response import srgb_to_linear
+
+OpenImageIO = pytest.importorskip("OpenImageIO")
 
 PANORAMA = Path(__file__).parent / "data" / "photos" / "kiara_1_dawn_256.hdr"
 RANDOM = np.random.default_rng(1)
@@ -21,15 +23,14 @@ FLOATS = RANDOM.lognormal(0, 3, (20, 30, 3)).astype(np.float32)
 
 
 def write(path, kind):
-    cv2 = pytest.importorskip("cv2")
     if kind == "png8":
         Image.fromarray(EIGHT).save(path)
-    elif kind == "png16":
-        cv2.imwrite(str(path), SIXTEEN[..., ::-1])
-    elif kind == "tiff16":
-        cv2.imwrite(str(path), SIXTEEN[..., ::-1])
-    elif kind == "tifff":
-        cv2.imwrite(str(path), FLOATS[..., ::-1], [cv2.IMWRITE_TIFF_COMPRESSION, 1])  # none: OpenCV 4 loses digits
+    elif kind in ("png16", "tiff16", "tifff"):
+        values = FLOATS if kind == "tifff" else SIXTEEN
+        file = OpenImageIO.ImageOutput.create(str(path))
+        file.open(str(path), OpenImageIO.ImageSpec(30, 20, 3, "float" if kind == "tifff" else "uint16"))
+        file.write_image(values)
+        file.close()
     elif kind == "exr":
         write_exr(path, FLOATS)
     elif kind == "hdr":
@@ -85,27 +86,26 @@ def test_jpeg_and_grey(tmp_path):
 
 def test_exposure_time_from_exif(tmp_path):
     exif = Image.Exif()
-    exif.get_ifd(0x8769)[0x829A] = 0.25
+    exif.get_ifd(0x8769)[0x829A] = IFDRational(1, 4)
     Image.fromarray(EIGHT).save(tmp_path / "a.jpg", exif=exif)
     assert read_samples(tmp_path / "a.jpg").exposure_time_s == pytest.approx(0.25)
 
 
-def test_panorama_as_opencv_reads_it():
-    cv2 = pytest.importorskip("cv2")
-    other = cv2.imread(str(PANORAMA), cv2.IMREAD_UNCHANGED)[..., ::-1]
-    mine = read_rgbe(PANORAMA)
-    assert mine.shape == other.shape == (128, 256, 3)
-    # half a step of the mantissa apart, for OpenCV takes its lower end
-    assert (mine >= other).all() and (mine - other <= other.max(axis=-1, keepdims=True) / 128).all()
+def test_a_mantissa_stands_for_the_middle_of_its_step():
+    """Else every sky of a photograph is 0.2 to 0.4 % too dark."""
+    lower = OpenImageIO.ImageBuf(str(PANORAMA)).get_pixels(OpenImageIO.FLOAT)
+    mine = read_samples(PANORAMA).samples
+    step = np.exp2(np.floor(np.log2(lower.max(axis=-1, keepdims=True))) - 7)
+    np.testing.assert_allclose(mine, lower + 0.5 * step, rtol=1e-6)
 
 
 def test_flat_and_turned_radiance_pictures(tmp_path):
     rgbe = to_rgbe(FLOATS)
     for signs, expected in (("-Y 20 +X 30", FLOATS), ("+Y 20 -X 30", FLOATS[::-1, ::-1])):
         path = tmp_path / "flat.hdr"
-        path.write_bytes(f"#?RADIANCE\n\n{signs}\n".encode() + rgbe.tobytes())
+        path.write_bytes(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{signs}\n".encode() + rgbe.tobytes())
         step = expected.max(axis=-1, keepdims=True) / 128
-        assert (np.abs(read_rgbe(path) - expected) <= step).all()
+        assert (np.abs(read_samples(path).samples - expected) <= step).all()
 
 
 @pytest.mark.parametrize("kind", EXPECTED)
@@ -117,13 +117,14 @@ def test_files_cut_off_are_one_sentence(tmp_path, kind):
     for share in (0.0, 0.02, 0.3, 0.9):
         path = tmp_path / f"cut{suffix}"
         path.write_bytes(data[: int(share * len(data))])
-        with pytest.raises(TwilightError, match="cut"):
+        with pytest.raises(TwilightError, match="cut") as refused:
             read_samples(path)
+        assert len(str(refused.value).splitlines()) == 1
 
 
 def test_gigantic_headers_are_refused(tmp_path):
     path = tmp_path / "big.hdr"
-    path.write_bytes(b"#?RADIANCE\n\n-Y 90000 +X 90000\n" + b"\2\2\0\0" * 100)
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 90000 +X 90000\n" + b"\2\2\0\0" * 100)
     with pytest.raises(TwilightError, match="90000"):
         read_samples(path)
     chunk = b"IHDR" + struct.pack(">IIBBBBB", 100000, 100000, 8, 2, 0, 0, 0)
@@ -132,13 +133,13 @@ def test_gigantic_headers_are_refused(tmp_path):
     png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
     path = tmp_path / "big.png"
     path.write_bytes(png + struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", zlib.crc32(b"IDAT")))
-    with pytest.raises(TwilightError, match="100000 x 100000"):
+    with pytest.raises(TwilightError, match=r"claims a \d+ MB image from a 45 byte file"):
         read_samples(path)
 
 
 def test_other_bad_files(tmp_path):
     (tmp_path / "a.txt").write_text("no picture")
-    (tmp_path / "black.hdr").write_bytes(b"#?RADIANCE\n\n-Y 4 +X 4\n" + bytes(64))
+    (tmp_path / "black.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 4\n" + bytes(64))
     for name, words in (
         ("a.txt", "not known"),
         ("none.png", "no such file"),

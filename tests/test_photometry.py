@@ -7,13 +7,17 @@ import pytest
 from montecarlo_media import hazy_earth
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.errors import TwilightError
-from twilight.sun.ephemeris import sun_position
+from twilight.sky.ephemeris import sun_position
+from twilight.studies.validate.measured import photometry as work
+from twilight.studies.validate.measured import report
+from twilight.studies.validate.measured.references import (
+    KOOMEN_SITES,
+    horizontal_illuminance_lux,
+    zenith_luminance_cd_m2,
+)
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.validate.measured import photometry as work
-from twilight.validate.measured import report
-from twilight.validate.measured.references import KOOMEN_SITES, horizontal_illuminance_lux, zenith_luminance_cd_m2
 
 QUIET = {
     "night": {},
@@ -88,7 +92,8 @@ def test_disc_rises_over_the_horizon():
 def test_level_and_slope_of_made_up_points():
     suns = np.array([-12.0, -10.0, -8.0, -6.0])
     points = [
-        work.Point("a", "illuminance", "s", "ground", 0.0, h, 10 ** (0.2 + 0.01 * (h + 9.0)), 0.0, 1.0) for h in suns
+        work.PhotometricPoint("a", "illuminance", "s", "ground", 0.0, h, 10 ** (0.2 + 0.01 * (h + 9.0)), 0.0, 1.0)
+        for h in suns
     ]
     (level,) = work.levels([*points, replace(points[0], measured=float("nan"))])
     assert (level.low_deg, level.high_deg, level.count) == (-12, -5, 4)
@@ -127,13 +132,17 @@ def test_zenith_luminance_at_maryland(meter):
 
 def test_tables_and_picture(tmp_path):
     points = [
-        work.Point("a", "illuminance", "s", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0)
+        work.PhotometricPoint("a", "illuminance", "s", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0)
         for h in (-6.0, -9.0)
     ]
     for site in KOOMEN_SITES:
-        points.append(work.Point("a", "zenith luminance", "s", site.name, site.altitude_km, -6.0, 0.5, 1e-4, 0.5))
         points.append(
-            work.Point("a", "zenith luminance", "s", site.name, site.altitude_km, -7.0, 0.1, 1e-4, float("nan"))
+            work.PhotometricPoint("a", "zenith luminance", "s", site.name, site.altitude_km, -6.0, 0.5, 1e-4, 0.5)
+        )
+        points.append(
+            work.PhotometricPoint(
+                "a", "zenith luminance", "s", site.name, site.altitude_km, -7.0, 0.1, 1e-4, float("nan")
+            )
         )
     report.write_points(points, tmp_path / "points.csv")
     report.write_levels(work.levels(points), tmp_path / "levels.csv")

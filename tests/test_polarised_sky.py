@@ -10,14 +10,22 @@ import numpy as np
 import pytest
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.engine import Problem, problem_of
-from twilight.errors import TwilightError
-from twilight.grids import texture_centres
-from twilight.io import read_latlong_exr, read_sky, read_spectral_exr, write_outputs, write_sky, write_spectral_exr
+from twilight.engine import Problem
+from twilight.io import (
+    read_latlong_exr,
+    read_sky,
+    read_spectral_exr,
+    write_outputs,
+    write_sky,
+    write_spectral_exr,
+)
 from twilight.io.picture import view_directions
 from twilight.io.polarisation import polarisation_maps
-from twilight.sky import Sky
+from twilight.numerics.grids import texture_centres
+from twilight.scene import resolve
+from twilight.sky.sky import Sky
 from twilight.solvers.base import BareField, Capabilities
 
 SUN_DEG = 20.0
@@ -67,8 +75,8 @@ class RayleighSolver:
 @pytest.fixture(scope="module")
 def solved():
     config = load({"version": 1, "climate": {"version": 1, "name": "air"}, "wavelengths": {"list_nm": NM.tolist()}})
-    problem = replace(problem_of(config), solver=RayleighSolver, settings=None)
-    assert isinstance(problem, Problem) and len(problem.slices) == 2
+    problem = Problem(replace(resolve(config), solver=RayleighSolver, settings=None))
+    assert len(problem.slices) == 2
     return problem.solve()
 
 
@@ -123,7 +131,7 @@ def test_a_polariser_puts_out_the_light_that_vibrates_across_it(sky):
 def test_between_rows_and_up_to_the_zenith_polarisation_is_interpolated_with_its_plane(sky, elevation_deg):
     azimuth = np.linspace(0.0, 360.0, 41)
     expected = rayleigh(SUN_DEG, elevation_deg, azimuth)
-    share = sky.sample_polarised_share(elevation_deg, azimuth)[..., 1]
+    share = sky.sample_fractional_stokes(elevation_deg, azimuth)[..., 1]
     np.testing.assert_allclose(share, expected[:, 1:] / expected[:, :1], atol=4e-3 if elevation_deg > 1 else 0.03)
     fine = sky.resample([elevation_deg], np.arange(40) * 9.0)
     np.testing.assert_allclose(fine.stokes[0, :, 1:, 1] / fine.stokes[0, :, :1, 1], share[:-1], atol=1e-9)
@@ -204,11 +212,11 @@ class RayleighSettings:
 def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, monkeypatch):
     import xarray
 
-    import twilight.accessor  # noqa: F401
-    from twilight.batch.store import open_store
-    from twilight.batch.sweep import Sweep
-    from twilight.batch.work import compute, forget
+    import twilight.api.accessor  # noqa: F401
     from twilight.config.load import load_axes
+    from twilight.studies.sweep.store import open_store
+    from twilight.studies.sweep.sweep import Sweep
+    from twilight.studies.sweep.work import compute, forget
 
     module = ModuleType("rayleigh_toy")
     module.CAPABILITIES, module.prepare = RayleighSolver.CAPABILITIES, RayleighSolver.prepare
@@ -255,11 +263,13 @@ def test_zones_keeps_the_same_convention():
         {"version": 1, "climate": {"version": 1, "name": "air"}, "wavelengths": {"list_nm": [700.0]}},
         {"refraction.model": "none"},
     )
-    settings = replace(zones.QUALITIES["draft"], polarisation=True, max_events=1)
+    settings = replace(zones.QUALITIES["draft"], polarisation=True, max_orders=1)
     sky = (
-        problem_of(config, by=(zones, settings)).solve().sky(SUN_DEG, np.array([15.0, 75.0, 90.0]), np.arange(8) * 45.0)
+        Problem(resolve(config, solver=(zones, settings)))
+        .solve()
+        .sky(SUN_DEG, np.array([15.0, 75.0, 90.0]), np.arange(8) * 45.0)
     )
     expected = rayleigh(SUN_DEG, sky.elevation_deg[:, None], sky.azimuth_deg[None, :])
-    share = sky.polarised_share[..., 0]
+    share = sky.fractional_stokes[..., 0]
     # depolarisation takes a few per cent of the degree
     np.testing.assert_allclose(share, expected[..., 1:] / expected[..., :1], atol=0.06)

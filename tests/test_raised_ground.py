@@ -14,10 +14,10 @@ from twilight.atmosphere.layers import Boundaries, EqualAirMass
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import MineralLayer, opac_type
 from twilight.atmosphere.profiles import load_profile
+from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.errors import TwilightError
-from twilight.night import night_radiance
 from twilight.scene.medium import climate_medium
+from twilight.sky.night import night_radiance
 from twilight.transport.beam import beam_at, prepare_beam
 
 RAISED_KM = 2.8
@@ -133,7 +133,7 @@ def test_the_boundary_layer_stands_on_the_ground_or_on_the_sea(tmp_path):
 
     def medium(ground_km, **changes):
         one = replace(spec, **changes)
-        return build_medium([550.0], aerosol=one, ground_altitude_km=ground_km, cache_dir=tmp_path)
+        return build_medium([550.0], aerosol=one, ground_altitude_km=ground_km)
 
     def depth(made, name="boundary layer"):
         return made.notes["optical_depth"].get(name, [0.0])[0]

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from toy_sky import glow_sky
 
-from twilight import reading
-from twilight.errors import TwilightError
-from twilight.reading import check_expansion, open_npz, read_text
+from twilight.base import reading
+from twilight.base.errors import TwilightError
+from twilight.base.reading import check_expansion, open_npz, read_text
 
 
 @contextmanager
@@ -53,7 +53,7 @@ def test_an_hdf5_field_of_1e12_elements(tmp_path):
 
 @pytest.mark.parametrize("inside", ("a bomb", "a lie"))
 def test_a_compact_model_that_expands_to_a_gigabyte(tmp_path, inside):
-    from twilight.compact import CompactSky, CompactSkyError
+    from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
 
     path = tmp_path / "model.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -89,8 +89,8 @@ def test_what_fits_into_the_file_and_not_into_the_machine(tmp_path, monkeypatch)
 def test_pictures_are_measured_before_they_are_read(tmp_path):
     from PIL import Image
 
-    from twilight.camera.image import read_image
     from twilight.io import write_rgb_exr
+    from twilight.studies.camera.image import read_image
 
     def chunk(kind, data):
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
@@ -110,9 +110,12 @@ def test_pictures_are_measured_before_they_are_read(tmp_path):
     at = raw.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     raw[at + 8 : at + 16] = (29_999).to_bytes(4, "little") * 2
     (tmp_path / "c.exr").write_bytes(raw)
-    (tmp_path / "d.hdr").write_bytes(b"#?RADIANCE\n\n-Y 30000 +X 30000\n" + bytes(1000))
+    (tmp_path / "d.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 30000\n" + bytes(1000))
     for name in ("a.png", "b.tif", "c.exr", "d.hdr"):
-        with little_memory(), pytest.raises(TwilightError, match="30000 x 30000 pixels; at most 4e"):
+        with (
+            little_memory(),
+            pytest.raises(TwilightError, match=r"30000 x 30000 pixels; at most 4e|MB image from a \d+ byte file"),
+        ):
             read_image(tmp_path / name)
 
 

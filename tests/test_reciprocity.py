@@ -20,11 +20,11 @@ def elevation_deg(cosine):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_zones_are_reciprocal():
-    """Sun and observer above the air change places; at draft up to 2.3 % off, a white layer over a white ground."""
+    """Sun and observer above the air change places; at draft up to 2.3 % off, a conservative layer over a white
+    ground."""
     medium = replace(odd_medium(*ODD.values(), refractivity=0.0), earth_radius_km=FLAT_KM)
-    settings = replace(zones.QUALITIES["draft"], max_events=200, tolerance=1e-3)
+    settings = replace(zones.QUALITIES["draft"], max_orders=200, tolerance=1e-3)
     field = zones.prepare(
         medium, settings, observer_altitude_km=medium.top_km, sun_elevations_deg=elevation_deg(COSINES)
     )

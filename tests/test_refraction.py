@@ -8,12 +8,8 @@ from airs import pure_air
 from bent_rays import find_sun_path, trace_ray
 from scipy.integrate import solve_ivp
 
-from twilight.atmosphere.refraction import (
-    ciddor_refractivity,
-    haber_refractivity,
-    saturation_vapour_pressure_hpa,
-)
-from twilight.errors import TwilightError
+from twilight.atmosphere.refraction import ciddor_refractivity, haber_refractivity
+from twilight.base.errors import TwilightError
 
 RADIUS = 6371.0
 
@@ -23,6 +19,7 @@ RADIUS = 6371.0
     [(20, 80, 21458.0), (20, 100, 26824.4), (20, 120, 32191.6), (10, 100, 27774.7), (30, 100, 25937.2)],
 )
 def test_dry_air_of_ciddor_table_1(celsius, kpa, expected):
+    """The index of dry air would not be Ciddor's."""
     value = ciddor_refractivity(633.0, celsius + 273.15, kpa * 10.0, 0.0, 450.0)
     assert value * 1e8 == pytest.approx(expected, abs=0.06)
 
@@ -38,8 +35,14 @@ def test_dry_air_of_ciddor_table_1(celsius, kpa, expected):
     ],
 )
 def test_moist_air_of_ciddor_table_2(celsius, pascal, vapour, co2, expected):
+    """The index of moist air would not be Ciddor's."""
     value = ciddor_refractivity(633.0, celsius + 273.15, pascal / 100.0, vapour / 100.0, co2)
     assert value * 1e8 == pytest.approx(expected, abs=0.1)
+
+
+def saturation_vapour_pressure_hpa(t):
+    """Of water over liquid water at t [K]: Ciddor 1996, after Davis 1992."""
+    return 0.01 * math.exp(1.2378847e-5 * t**2 - 1.9121316e-2 * t + 33.93711047 - 6.3431645e3 / t)
 
 
 @pytest.mark.parametrize(
@@ -53,12 +56,14 @@ def test_moist_air_of_ciddor_table_2(celsius, pascal, vapour, co2, expected):
     ],
 )
 def test_extreme_air_of_ciddor_table_3(celsius, kpa, humidity, expected):
+    """The index of hot and humid air would not be Ciddor's."""
     t = celsius + 273.15
     value = ciddor_refractivity(633.0, t, kpa * 10.0, humidity * saturation_vapour_pressure_hpa(t), 450.0)
     assert value * 1e8 == pytest.approx(expected, abs=0.1)
 
 
 def test_ciddor_broadcasts_and_vanishes_with_pressure():
+    """Vacuum would refract."""
     n = ciddor_refractivity(
         np.array([400.0, 700.0]), np.array([[220.0], [288.0], [250.0]]), np.array([[10.0], [1013.0], [0.0]])
     )
@@ -70,6 +75,7 @@ def test_ciddor_broadcasts_and_vanishes_with_pressure():
 
 
 def test_haber_formula_limits():
+    """Haber's closed form would not have the limits that his paper states."""
     # dry, on the ground: Ciddor's standard air (15 C, 1013.25 hPa)
     wl = np.array([380.0, 550.0, 720.0])
     assert haber_refractivity(wl, 0.0) == pytest.approx(ciddor_refractivity(wl, 288.15, 1013.25, 0.0, 450.0), rel=1e-12)
@@ -83,6 +89,7 @@ def test_haber_formula_limits():
 
 
 def test_bad_air_is_refused():
+    """The index of impossible air would be computed."""
     with pytest.raises(TwilightError, match="wavelength_nm"):
         ciddor_refractivity(150.0, 288.0, 1013.0)
     with pytest.raises(TwilightError, match="pressure_hpa"):
@@ -100,6 +107,7 @@ def standard_refractivity(z):
 
 
 def test_horizontal_refraction_at_sea_level():
+    """The sun on the horizon would not be lifted by about half a degree."""
     levels = np.concatenate([np.arange(0, 30, 0.5), np.arange(30, 101, 2.0)])
     # the sun seen exactly on the horizon
     path = trace_ray(pure_air(levels, standard_refractivity), 0.0, 90.0, wavelength=1)
@@ -141,6 +149,7 @@ def test_traced_ray_against_the_ray_equation(altitude, zenith):
 
 @pytest.mark.parametrize("chi", [0.0, 30.0, 88.0, 90.0, 93.0])
 def test_without_refractivity_everything_is_straight(chi):
+    """Rays would bend in air with n = 1."""
     medium = pure_air(np.linspace(0.0, 100.0, 21), refractivity=0.0)
     z = 20.0
     path = find_sun_path(medium, z, chi)
@@ -155,6 +164,7 @@ def test_without_refractivity_everything_is_straight(chi):
 
 
 def test_optical_depth_of_a_grazing_ray_against_quadrature():
+    """The optical depth of a grazing ray would be off."""
     from scipy.integrate import quad
 
     medium = pure_air(np.linspace(0.0, 100.0, 21))
@@ -174,6 +184,7 @@ def test_optical_depth_of_a_grazing_ray_against_quadrature():
 
 
 def test_sun_path_iterations_tolerance_and_shadow():
+    """Haber's binary search would miss its tolerance, or light the Earth's shadow."""
     medium = pure_air(np.linspace(0.0, 100.0, 51))
     fine = find_sun_path(medium, 5.0, 91.0)
     coarse = find_sun_path(medium, 5.0, 91.0, tolerance_deg=0.1)
@@ -206,6 +217,7 @@ def test_duct_is_bounded():
 
 
 def test_bad_geometry_is_refused():
+    """A sun or altitude that cannot be would be traced."""
     medium = pure_air([0.0, 100.0])
     with pytest.raises(TwilightError, match="sun_zenith_deg"):
         find_sun_path(medium, 0.0, 190.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_sky import glow_sky
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.io.folder import JOURNAL, Wanted, open_folder
 from twilight.io.netcdf import write_sky
 

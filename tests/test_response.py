@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from twilight.camera.image import Picture
-from twilight.camera.response import (
+from twilight.base.errors import TwilightError
+from twilight.sky.colour import srgb_encode
+from twilight.studies.camera.image import StoredImage
+from twilight.studies.camera.response import (
     ResponseCurve,
     load_response,
     merge_bracket,
@@ -13,8 +15,6 @@ from twilight.camera.response import (
     srgb_to_linear,
     write_response,
 )
-from twilight.colour import srgb_encode
-from twilight.errors import TwilightError
 
 
 def film(light):
@@ -41,7 +41,7 @@ def bracket(curve, times, light, bits=8, noise=0.0, seed=3):
     for t in times:
         z = curve(np.minimum(light * t, 1.0)) + noise * random.standard_normal(light.shape)
         z = np.round(np.clip(z, 0, 1) * (2**bits - 1)) / (2**bits - 1)
-        pictures.append(Picture(z.astype(np.float32), (z > 0.98).any(axis=-1), bits, False))
+        pictures.append(StoredImage(z.astype(np.float32), (z > 0.98).any(axis=-1), bits, False))
     return pictures
 
 
@@ -144,6 +144,6 @@ def test_bad_series_are_one_sentence():
     black = bracket(film, TIMES, np.zeros_like(light))
     with pytest.raises(TwilightError, match="well exposed"):
         recover_response(black, TIMES)
-    linear = [Picture(p.samples, p.saturated, None, True) for p in good]
+    linear = [StoredImage(p.samples, p.saturated, None, True) for p in good]
     with pytest.raises(TwilightError, match="linear light"):
         recover_response(linear, TIMES)

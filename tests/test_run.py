@@ -8,11 +8,12 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate, load_series
 from twilight.config.library import shipped
 from twilight.engine import run
-from twilight.errors import TwilightError
-from twilight.phase import HENYEY_GREENSTEIN
+from twilight.numerics.phase import HENYEY_GREENSTEIN
+from twilight.scene import resolve
 from twilight.scene.describe import facts, horizontal_refraction_arcmin, scale_height_km
 from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
 from twilight.scene.plan import GAS_TOLERANCE, make_plan
@@ -47,11 +48,11 @@ SMALL = {
 def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, left_out, tolerance):
     planned = load(climate, SMALL | settings)
     plan = make_plan(planned)
-    assert left_out in [item.part for item in plan.left_out]
+    assert left_out in [item.part for item in plan.omissions]
     assert plan.climate != planned.climate
-    everything = load(climate, SMALL | settings | {"leave_out": False})
+    everything = load(climate, SMALL | settings | {"omit_negligible": False})
     assert make_plan(everything).climate == everything.climate
-    short, full = (run(config).sun_normalised_radiance for config in (planned, everything))
+    short, full = (run(resolve(config)).sun_normalised_radiance for config in (planned, everything))
     moved = np.abs(short / full - 1.0).max()
     assert moved <= tolerance + 1e-12
     if tolerance:
@@ -63,27 +64,27 @@ def test_a_gas_that_matters_stays():
     plan = make_plan(load("pure-air", eight))
     gases = load_climate("pure-air").gases
     assert plan.climate.gases == gases.model_copy(update={"oxygen": False})  # no wavelength is in its bands
-    assert [item.part for item in plan.left_out] == ["bands of oxygen", "aerosol"]
-    assert [item.part for item in make_plan(load("urban", eight)).left_out] == ["bands of oxygen"]
+    assert [item.part for item in plan.omissions] == ["bands of oxygen", "aerosol"]
+    assert [item.part for item in make_plan(load("urban", eight)).omissions] == ["bands of oxygen"]
     strong = {"gases.ozone.column_du": 3.0, "wavelengths": {"list_nm": [450]}}
-    assert "ozone" not in [item.part for item in make_plan(load("pure-air", strong)).left_out]
+    assert "ozone" not in [item.part for item in make_plan(load("pure-air", strong)).omissions]
 
 
 def test_a_straight_beam_is_left_out_only_without_refraction():
     plan = make_plan(load("urban", {"refraction.model": "none", "wavelengths.count": 8}))
-    assert [item.part for item in plan.left_out] == ["bands of oxygen", "refraction"]
+    assert [item.part for item in plan.omissions] == ["bands of oxygen", "refraction"]
     assert not climate_medium(plan.climate, np.array([550.0])).has_refraction
 
 
 def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones_miss():
-    once = {"solver.max_events": 1, "solver.quality": "draft", "texture.resolution_deg": 15.0, "sun.elevation_deg": -4}
+    once = {"solver.max_orders": 1, "solver.quality": "draft", "texture.resolution_deg": 15.0, "sun.elevation_deg": -4}
     once |= {"gases.oxygen": False, "gases.water_vapour.column_mm": 0}
     light = {}
     for name, more in {"fine": {"count": 69}, "placed": {}, "equidistant": {"count": 8}}.items():
         keys = {f"wavelengths.{key}": value for key, value in more.items()}
         config = load("pure-air", {**once, **keys})
-        light[name] = run(config).luminance()
-        parts = [item.part for item in make_plan(config).left_out]
+        light[name] = run(resolve(config)).luminance()
+        parts = [item.part for item in make_plan(config).omissions]
         assert ("other wavelengths" in parts) == (name == "placed")
     worst = {name: np.abs(light[name] / light["fine"] - 1.0).max() for name in ("placed", "equidistant")}
     assert worst["placed"] < 0.01
@@ -132,7 +133,7 @@ def test_steps_of_an_interval_are_even_across_a_change_of_the_clocks():
 
 def test_a_run_of_several_suns_is_refused_and_says_what_to_use():
     with pytest.raises(TwilightError, match=r"3 suns; frames"):
-        run(load("urban", {"sun": {"elevations_deg": [1, 2, 3]}}))
+        run(resolve(load("urban", {"sun": {"elevations_deg": [1, 2, 3]}})))
 
 
 def test_keys_of_the_aerosol_reach_the_medium():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from airs import turbid
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers import montecarlo, zones
 from twilight.solvers.montecarlo import MonteCarloSettings
 

@@ -3,15 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twilight import spectrum
-from twilight.errors import TwilightError
-from twilight.grids import latlong_grid, texture_grid
-from twilight.sky import Sky, magnitude_per_square_arcsecond
+from twilight.base.errors import TwilightError
+from twilight.numerics import spectrum
+from twilight.numerics.grids import latlong_grid, texture_grid
+from twilight.sky.sky import Sky, magnitude_per_square_arcsecond
 
 WAVELENGTHS = np.array([400.0, 500.0, 600.0, 700.0])
 
 
-def sky_of(function, step_deg=3.0, wavelength=WAVELENGTHS, grid=None, **fields):
+def make_sky(function, step_deg=3.0, wavelength=WAVELENGTHS, grid=None, **fields):
     elevation, azimuth = texture_grid(step_deg) if grid is None else grid
     values = function(np.radians(elevation)[:, None, None], np.radians(azimuth)[None, :, None])
     values = np.broadcast_to(values, (elevation.size, azimuth.size, wavelength.size)).copy()
@@ -38,7 +38,7 @@ def test_default_texture_is_that_of_the_contract():
     ids=["texture", "one row", "latlong", "uneven with horizon and zenith"],
 )
 def test_uniform_sky_gives_pi_and_two_pi(grid):
-    sky = sky_of(lambda e, a: 1.0, grid=grid)
+    sky = make_sky(lambda e, a: 1.0, grid=grid)
     np.testing.assert_allclose(sky.irradiance_factor(), np.pi, rtol=1e-12)
     np.testing.assert_allclose(sky.irradiance_factor(horizontal=False), 2 * np.pi, rtol=1e-12)
     np.testing.assert_allclose(sky.solid_angle_sr().sum() * sky.azimuth_deg.size, 2 * np.pi, rtol=1e-12)
@@ -49,13 +49,13 @@ def test_irradiance_of_graded_skies_converges_to_the_closed_form():
     def graded(e, a):
         return 1 + 2 * np.sin(e) + 0.5 * np.cos(e) * np.cos(a)
 
-    errors = [sky_of(graded, step).irradiance_factor()[0] / (7 * np.pi / 3) - 1 for step in (6.0, 3.0)]
+    errors = [make_sky(graded, step).irradiance_factor()[0] / (7 * np.pi / 3) - 1 for step in (6.0, 3.0)]
     assert abs(errors[1]) < 5e-4
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
 def test_direct_beam_is_added_with_the_cosine_of_the_apparent_sun():
-    sky = sky_of(lambda e, a: 1.0, direct_irradiance=np.full(4, 0.5), apparent_sun_elevation_deg=30.0)
+    sky = make_sky(lambda e, a: 1.0, direct_irradiance=np.full(4, 0.5), apparent_sun_elevation_deg=30.0)
     np.testing.assert_allclose(sky.irradiance_factor(direct=True), np.pi + 0.25)
     np.testing.assert_allclose(sky.irradiance_factor(horizontal=False, direct=True), 2 * np.pi + 0.5)
     below = replace(sky, apparent_sun_elevation_deg=-3.0)
@@ -65,7 +65,7 @@ def test_direct_beam_is_added_with_the_cosine_of_the_apparent_sun():
 
 
 def test_radiance_is_factor_times_bin_mean_of_the_sun():
-    sky = sky_of(lambda e, a: 0.01, distance_au=2.0)
+    sky = make_sky(lambda e, a: 0.01, distance_au=2.0)
     expected = 0.01 * spectrum.solar_irradiance(WAVELENGTHS) / 4
     np.testing.assert_allclose(sky.radiance[3, 5], expected, rtol=1e-14)
     np.testing.assert_allclose(sky.irradiance(), np.pi * expected, rtol=1e-12)
@@ -73,7 +73,7 @@ def test_radiance_is_factor_times_bin_mean_of_the_sun():
 
 def test_samples_at_grid_points_are_the_grid():
     rng = np.random.default_rng(1)
-    sky = sky_of(lambda e, a: rng.lognormal(size=(30, 120, 4)))
+    sky = make_sky(lambda e, a: rng.lognormal(size=(30, 120, 4)))
     grid = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
     np.testing.assert_allclose(sky.sample(*grid), sky.sun_normalised_radiance, rtol=1e-12)
     np.testing.assert_allclose(sky.smooth(sky.sun_normalised_radiance, *grid), sky.sun_normalised_radiance, rtol=1e-12)
@@ -82,7 +82,7 @@ def test_samples_at_grid_points_are_the_grid():
 
 
 def test_sampling_is_exact_for_an_exponential_in_elevation_down_to_the_horizon():
-    sky = sky_of(lambda e, a: np.exp(-3 * e) + 0 * a)
+    sky = make_sky(lambda e, a: np.exp(-3 * e) + 0 * a)
     e = np.array([0.0, 0.7, 10.0, 45.2, 80.0])
     np.testing.assert_allclose(sky.sample(e, 17.0)[:, 0], np.exp(-3 * np.radians(e)), rtol=1e-10)
     np.testing.assert_allclose(
@@ -91,7 +91,7 @@ def test_sampling_is_exact_for_an_exponential_in_elevation_down_to_the_horizon()
 
 
 def test_azimuth_wraps_and_any_multiple_of_a_turn_is_the_same():
-    sky = sky_of(lambda e, a: 2 + np.cos(a))
+    sky = make_sky(lambda e, a: 2 + np.cos(a))
     np.testing.assert_allclose(sky.sample(20.0, 359.0), sky.sample(20.0, -1.0), rtol=1e-12)
     np.testing.assert_allclose(sky.sample(20.0, 359.0), sky.sample(20.0, 719.0), rtol=1e-12)
     between = np.exp(np.log(sky.sample(20.0, 357.0)) / 3 + 2 * np.log(sky.sample(20.0, 0.0)) / 3)
@@ -100,7 +100,7 @@ def test_azimuth_wraps_and_any_multiple_of_a_turn_is_the_same():
 
 @pytest.mark.parametrize("step", [3.0, 10.0], ids=["even columns", "36 columns"])
 def test_the_zenith_has_one_value_and_the_sky_is_continuous_there(step):
-    sky = sky_of(lambda e, a: np.exp(0.8 * np.cos(e) * np.cos(a)), step)
+    sky = make_sky(lambda e, a: np.exp(0.8 * np.cos(e) * np.cos(a)), step)
     azimuths = np.linspace(0, 360, 13)
     at_zenith = sky.sample(90.0, azimuths)
     np.testing.assert_allclose(at_zenith, at_zenith[0, 0], rtol=1e-12)
@@ -119,7 +119,7 @@ def test_interpolation_error_falls_with_the_square_of_the_step_and_faster_when_s
     truth = function(np.radians(e), np.radians(a))
     linear, cubic = [], []
     for step in (6.0, 3.0):
-        sky = sky_of(function, step)
+        sky = make_sky(function, step)
         linear.append(np.abs(sky.sample(e, a)[..., 0] / truth - 1).max())
         cubic.append(np.abs(sky.smooth(sky.sun_normalised_radiance, e, a)[..., 0] / truth - 1).max())
     assert linear[1] < 3e-3 and linear[0] / linear[1] > 3
@@ -129,7 +129,7 @@ def test_interpolation_error_falls_with_the_square_of_the_step_and_faster_when_s
 def test_zeros_are_interpolated_linearly_and_never_give_nan():
     values = np.zeros((30, 120, 4))
     values[10, 4] = 1.0
-    sky = sky_of(lambda e, a: values)
+    sky = make_sky(lambda e, a: values)
     np.testing.assert_allclose(sky.sample(31.5, 12.0), 1.0)
     np.testing.assert_allclose(sky.sample(31.5, 13.5), 0.5)
     np.testing.assert_allclose(sky.sample(33.0, 13.5), 0.25)
@@ -140,7 +140,7 @@ def test_zeros_are_interpolated_linearly_and_never_give_nan():
 
 
 def test_resample_keeps_everything_else_and_interpolates_the_standard_error():
-    sky = sky_of(lambda e, a: 1 + np.sin(e), standard_error=np.full((30, 120, 4), 0.1), provenance={"solver": "x"})
+    sky = make_sky(lambda e, a: 1 + np.sin(e), standard_error=np.full((30, 120, 4), 0.1), provenance={"solver": "x"})
     finer = sky.resample(np.array([10.0, 20.0]), np.array([0.0, 90.0, 180.0, 270.0]))
     assert finer.provenance == {"solver": "x"} and finer.sun_elevation_deg == sky.sun_elevation_deg
     np.testing.assert_allclose(finer.standard_error, 0.1)
@@ -152,12 +152,12 @@ def test_latlong_grid_meets_the_pixel_centres_of_the_world():
     world = np.sort(np.mod(azimuth + 100.0, 360.0))
     np.testing.assert_allclose(world, (np.arange(16) + 0.5) * 22.5)
     np.testing.assert_allclose(elevation, [11.25, 33.75, 56.25, 78.75])
-    assert sky_of(lambda e, a: 1 + np.sin(e)).to_latlong(16).sun_normalised_radiance.shape == (4, 16, 4)
+    assert make_sky(lambda e, a: 1 + np.sin(e)).to_latlong(16).sun_normalised_radiance.shape == (4, 16, 4)
 
 
 def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
     # 133.1 klx: the illuminance of the sun outside the air (ASTM G173: 1366 W m^-2 and 97.4 lm/W).
-    sky = sky_of(lambda e, a: 1.0)
+    sky = make_sky(lambda e, a: 1.0)
     grid, sun = spectrum.solar_spectrum()
     v = np.interp(grid, spectrum.VISIBLE_NM, spectrum.colour_matching_functions("cie1931_2deg")[:, 1], 0, 0)
     outside = 683.002 * (sun * v).sum()
@@ -173,7 +173,7 @@ def test_magnitude_of_a_dark_site():
 
 
 def test_float32_stays_float32_and_agrees_with_float64():
-    sky = sky_of(lambda e, a: 1e-9 * np.exp(-e))
+    sky = make_sky(lambda e, a: 1e-9 * np.exp(-e))
     single = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance.astype(np.float32))
     assert single.sample(12.3, 45.6).dtype == np.float32
     np.testing.assert_allclose(single.sample(12.3, 45.6), sky.sample(12.3, 45.6), rtol=1e-5)
@@ -198,13 +198,13 @@ def test_float32_stays_float32_and_agrees_with_float64():
 )
 def test_what_is_no_sky_is_said_in_one_sentence(change, message):
     with pytest.raises(TwilightError, match=message) as caught:
-        replace(sky_of(lambda e, a: 1.0), **change)
+        replace(make_sky(lambda e, a: 1.0), **change)
     assert "\n" not in str(caught.value)
 
 
 def test_directions_below_the_sky_are_refused():
     with pytest.raises(TwilightError, match="elevation_deg"):
-        sky_of(lambda e, a: 1.0).sample(-1.0, 0.0)
-    high = sky_of(lambda e, a: 1.0, grid=(np.linspace(-8, 89, 98), np.arange(8) * 45.0))
+        make_sky(lambda e, a: 1.0).sample(-1.0, 0.0)
+    high = make_sky(lambda e, a: 1.0, grid=(np.linspace(-8, 89, 98), np.arange(8) * 45.0))
     assert high.sample(-8.4, 10.0)[0] == pytest.approx(1.0)
     np.testing.assert_allclose(high.irradiance_factor(), np.pi)

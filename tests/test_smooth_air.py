@@ -6,7 +6,7 @@ from airs import on_levels, pure_air
 
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.profiles import PROFILES, load_profile
-from twilight.atmosphere.smooth import monotone_cubic, monotone_slopes
+from twilight.atmosphere.steffen import monotone_cubic, monotone_slopes
 from twilight.solvers.montecarlo.air import prepare_air
 from twilight.transport.beam_tables import full_bending
 from twilight.transport.lines import with_refraction
@@ -20,6 +20,7 @@ def summer():
 
 
 def test_the_curve_keeps_lines_parabolas_and_bounds():
+    """The curve through levels would overshoot, or bend a straight line."""
     x = np.array([0.0, 0.4, 1.0, 1.1, 3.0, 7.0])
     np.testing.assert_allclose(
         monotone_cubic(np.linspace(0, 7, 50), x, 3.0 - 2.0 * x), 3.0 - 2.0 * np.linspace(0, 7, 50)
@@ -37,6 +38,7 @@ def test_the_curve_keeps_lines_parabolas_and_bounds():
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_the_state_of_the_air_has_continuous_slopes(name):
+    """The profile would have kinks at its levels."""
     profile = load_profile(name)
     h = 1e-5
     inner = profile.altitude_km[1:-1]
@@ -48,6 +50,7 @@ def test_the_state_of_the_air_has_continuous_slopes(name):
 
 
 def test_index_and_scattering_of_a_medium_have_continuous_slopes(summer):
+    """Index or scattering would have kinks at the levels, which focus light."""
     levels, h = summer.altitude_km[1:-1], 1e-5
     for key in ("refractivity", "air_scattering"):
         low, here, high = (np.log(getattr(summer.at(z), key)[:, 0]) for z in (levels - h, levels, levels + h))
@@ -56,6 +59,7 @@ def test_index_and_scattering_of_a_medium_have_continuous_slopes(summer):
 
 
 def test_all_that_bends_light_has_the_same_index(summer):
+    """Beam, lines of sight and medium would refract by different curves."""
     z = np.random.default_rng(2).uniform(0.0, 90.0, 400)
     index = summer.at(z).refractivity[:, 0]
     profile = ray_profile(summer)
@@ -69,6 +73,7 @@ def test_all_that_bends_light_has_the_same_index(summer):
 
 
 def test_column_of_the_smooth_air_is_that_of_fine_layers(summer):
+    """The optical depth of air would not be the integral of its curve."""
     fine = summer.refined(0.05, 1e-6)
     np.testing.assert_allclose(summer.optical_depth("air"), fine.optical_depth("air"), rtol=1e-7)
 
@@ -86,6 +91,7 @@ def test_the_sunbeam_spreads_without_spikes_at_the_levels(summer):
 
 
 def test_a_jump_of_the_scattering_stays_a_jump():
+    """A jump would be smoothed, or a joined index would jump."""
     medium = pure_air(np.linspace(0.0, 60.0, 31))
     levels = np.sort(np.append(medium.altitude_km, 10.0))
     scattering = medium.at(levels).air_scattering * np.where(np.arange(levels.size) < 6, 2.0, 1.0)[:, None]

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from twilight import solvers
-from twilight.compact import CompactSky
+from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.engine import solve
-from twilight.errors import TwilightError
-from twilight.fit.compact.build import air_of_climate, write_model
+from twilight.scene import resolve
 from twilight.solvers import compact
+from twilight.solvers.compact.compact_sky import CompactSky
 from twilight.solvers.compact.field import SHIPPED
+from twilight.studies.fit.compact.build import air_of_climate, write_model
 
 WAVELENGTHS = {"list_nm": [440.0, 550.0, 620.0]}
 E, A = np.array([0.5, 10.0, 45.0, 89.0]), np.array([0.0, 35.0, 180.0])
@@ -37,11 +38,14 @@ def model():
 @pytest.mark.parametrize("load_550", [0.03, 0.154, 0.6])
 @pytest.mark.parametrize(("albedo", "ozone"), [(0.0, 250.0), (0.3, 334.0)])
 def test_load_ozone_and_albedo_are_read_from_the_medium(model, load_550, albedo, ozone):
+    """A model would give the sky of another load, ozone column or ground."""
     solved = solve(
-        scene(
-            climate__aerosol__optical_depth_550nm=load_550,
-            climate__ground__albedo=albedo,
-            climate__gases__ozone__column_du=ozone,
+        resolve(
+            scene(
+                climate__aerosol__optical_depth_550nm=load_550,
+                climate__ground__albedo=albedo,
+                climate__gases__ozone__column_du=ozone,
+            )
         )
     )
     facts = solved.blocks[0].field.facts
@@ -56,6 +60,7 @@ def test_load_ozone_and_albedo_are_read_from_the_medium(model, load_550, albedo,
 
 
 def test_a_grid_gives_what_its_directions_give(model):
+    """The fast path for grids would give another sky."""
     for sun, albedo in ((40.0, 0.3), (2.0, 0.0), (-12.0, 0.8)):
         sky = model.sky(sun, [400.0, 555.5, 700.0], 0.2, albedo, 300.0)
         e, a = np.meshgrid(E, A, indexing="ij")
@@ -63,7 +68,8 @@ def test_a_grid_gives_what_its_directions_give(model):
 
 
 def test_the_disc_is_lit_and_lifted_as_in_its_air():
-    solved = solve(scene())
+    """A compact sky would have a sun that its air neither dims nor lifts."""
+    solved = solve(resolve(scene()))
     noon, set_ = solved.direct(90.0), solved.direct(-1.0)
     depth = solved.medium.optical_depth()
     assert noon.irradiance == pytest.approx(np.exp(-depth), rel=1e-3)
@@ -92,13 +98,15 @@ REFUSED = [
 
 @pytest.mark.parametrize(("keys", "words"), REFUSED, ids=[next(iter(keys)) for keys, _ in REFUSED])
 def test_what_it_was_not_fitted_for_is_one_sentence(keys, words):
+    """A model would answer for air that it was not fitted to."""
     with pytest.raises(TwilightError, match=words) as caught:
-        solve(scene(**keys))
+        solve(resolve(scene(**keys)))
     assert "\n" not in str(caught.value)
 
 
 def test_suns_and_directions_that_it_has_not():
-    solved = solve(scene())
+    """A model would extrapolate below its suns or below the horizon."""
+    solved = solve(resolve(scene()))
     with pytest.raises(TwilightError, match=r"sun\.elevation_deg is -19; the compact solver allows -18 to 90"):
         solved.radiance(-19.0, [10.0], [0.0])
     with pytest.raises(TwilightError, match="above the horizon only"):
@@ -112,18 +120,18 @@ def test_a_model_of_another_climate_is_a_file(tmp_path, model):
     path = tmp_path / "urban.npz"
     depths = [float(depth) for depth in model.optical_depth_550nm]
     write_model(replace(model, air=air_of_climate(load("urban"), depths)), path)
-    solved = solve(scene(climate="urban", solver__model=str(path)))
+    solved = solve(resolve(scene(climate="urban", solver__model=str(path))))
     assert solved.radiance(5.0, [10.0], [0.0]).min() > 0.0
     settings = compact.recorded(compact.CompactSettings(str(path)))
     assert settings.model == "urban.npz" and len(settings.model_sha256) == 64
     with pytest.raises(TwilightError, match="the compact model urban is of other air"):
-        solve(scene(solver__model=str(path)))
+        solve(resolve(scene(solver__model=str(path))))
     write_model(replace(model, air={}), path)
     with pytest.raises(TwilightError, match="does not say of which air it is"):
-        solve(scene(solver__model=str(path)))
+        solve(resolve(scene(solver__model=str(path))))
     write_model(replace(model, air=model.air | {"particles": model.air["particles"][1:]}), path)
     with pytest.raises(TwilightError, match=r"the arrays air_. do not fit together"):
-        solve(scene(solver__model=str(path)))
+        solve(resolve(scene(solver__model=str(path))))
 
 
 def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
@@ -134,8 +142,8 @@ def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
 
     import twilight
     from twilight.cli.app import app
-    from twilight.fit.compact import own
-    from twilight.fit.compact.build import Errors, Fit
+    from twilight.studies.fit.compact import own
+    from twilight.studies.fit.compact.build import CompactFit, Errors
 
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
     fitted = []
@@ -144,7 +152,7 @@ def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
         fitted.append(config)
         depths = [float(depth) for depth in model.optical_depth_550nm]
         made = replace(model, air=air_of_climate(config, depths))
-        return Fit(made, (Errors((-18.0, 90.0), "all", 1, 0.004, 0.021, 0.1),), 432.0, 500.0)
+        return CompactFit(made, (Errors((-18.0, 90.0), "all", 1, 0.004, 0.021, 0.1),), 432.0, 500.0)
 
     monkeypatch.setattr(own, "fit_compact", fit)
     words = [
@@ -173,8 +181,8 @@ def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
         CliRunner().invoke(app, [*words, *(w for k, v in keys.items() for w in ("--set", f"{k}={v}"))]).exit_code == 0
     )
     sky = twilight.render("urban", sun_elevation_deg=5.0, solver="compact", settings=keys)
-    assert sky.provenance["configuration"]["solver"]["model"].endswith(".model.npz") and len(fitted) == 1
-    assert "1 compact model of" in CliRunner().invoke(app, ["cache"]).output
+    assert sky.provenance["configuration"]["solver"]["model"].endswith(".npz") and len(fitted) == 1
+    assert "compact models\t1\t" in CliRunner().invoke(app, ["cache"]).output
     assert "no compact model" not in CliRunner().invoke(app, [*words, "--plan"]).stdout
     refused = CliRunner().invoke(app, [*words, "--set", "aerosol.optical_depth_550nm=1.5"])
     assert refused.exit_code == 2 and len(fitted) == 1  # no model holds such a load

@@ -11,19 +11,27 @@ from airs import turbid
 from scipy.spatial import cKDTree
 from test_animate import film, scene
 
+from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
 from twilight.config.view import View
 from twilight.engine.frames import frames
 from twilight.engine.night import night_light, without_points
-from twilight.engine.view import Look
-from twilight.errors import TwilightError
-from twilight.night import NightLevels
-from twilight.night.points import Raster, StarSky, irradiance_above_air, precession, share_of_starlight, temperature_k
-from twilight.night.world import Place
-from twilight.orientation import azimuth_elevation, direction
+from twilight.engine.view import ViewRadiance
+from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.projections import PROJECTIONS
+from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
-from twilight.stars import bright_stars
-from twilight.views import KINDS
+from twilight.sky.night import NightLevels
+from twilight.sky.night.points import (
+    Raster,
+    StarSky,
+    irradiance_above_air,
+    precession,
+    resolved_starlight_fraction,
+    temperature_k,
+)
+from twilight.sky.night.world import Place
+from twilight.sky.stars import bright_stars
 
 NM = np.array([440.0, 550.0, 680.0])
 PLACE = Place(47.0, 11.0, datetime.fromisoformat("2026-08-12T23:40+02:00"))
@@ -35,7 +43,7 @@ def solid_angles(rays: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(down, across), axis=-1)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(PROJECTIONS))
 def test_every_projection_keeps_a_stars_light_and_place(kind):
     more = {"perspective": {"elevation_deg": 30.0}, "limb": {"band_deg": (0.0, 40.0)}}
     view = View(kind=kind, width=240, **more.get(kind, {}))
@@ -94,12 +102,12 @@ def air():
 
 def test_stars_stand_where_astropy_has_them(air):
     pytest.importorskip("astropy")
-    from twilight.validate.stars import coordinates
+    from twilight.studies.validate.stars import coordinates
 
     sky = StarSky.of(air, 0.0)
     points = sky.over(PLACE)
     found = direction(points.azimuth_deg, points.elevation_deg)
-    exact = coordinates.horizontal(coordinates.Place(47.0, 11.0), PLACE.time, 1013.25, 15.0)
+    exact = coordinates.horizontal(coordinates.StarSite(47.0, 11.0), PLACE.time, 1013.25, 15.0)
     exact = exact.take((exact.hip > 0) & (exact.directions[:, 2] > np.sin(np.radians(10.0))))
     off = [np.linalg.norm(found - one, axis=-1).min() for one in exact.directions[:300]]
     # aberration, nutation and the mean sidereal time: 40 arcsec together
@@ -122,7 +130,7 @@ def test_light_of_the_stars():
     depth = np.trapezoid(medium.at(z).extinction[:, 1], z) / np.sin(np.radians(points.elevation_deg[high]))
     expected = 3.631e-11 * 10.0 ** (-0.4 * stars.magnitude[vega]) * np.exp(-depth)
     assert points.irradiance[high, 1] == pytest.approx(expected, rel=0.01)
-    assert 0.1 < share_of_starlight() < 0.3
+    assert 0.1 < resolved_starlight_fraction() < 0.3
 
 
 NIGHT = {"night.airglow": 0.0, "night.zodiacal_light": 0.0, "night.starlight": 1.0}
@@ -137,10 +145,10 @@ def test_a_view_has_the_stars_before_the_glow_of_the_others(air):
     points = StarSky.of(air, 0.0).over(PLACE)
     whole = night_light(air, without_points(levels), 0.0, **sun)
     glow = night_light(air, levels, 0.0, **sun)
-    np.testing.assert_allclose(whole.radiance, (1.0 - share_of_starlight()) * glow.radiance, rtol=1e-6)
+    np.testing.assert_allclose(whole.radiance, (1.0 - resolved_starlight_fraction()) * glow.radiance, rtol=1e-6)
     night = replace(whole, stars=points, sun_azimuth_deg=333.0)
     e, a = np.array([-1.0, 90.0]), np.array([0.0, 180.0])
-    look = Look(view, e, a, np.zeros((2, 2, 3)), 0.75, -24.0, night=night)
+    look = ViewRadiance(view, e, a, np.zeros((2, 2, 3)), 0.75, -24.0, night=night)
     rays = view.rays((0, view.shape[0])).astype(float)
     area = solid_angles(rays)
     azimuth, elevation = azimuth_elevation(rays)
@@ -175,12 +183,16 @@ def test_stars_move_through_a_film(tmp_path):
     places = []
     begin = datetime.fromisoformat("2026-08-12T21:30+02:00")
     for i, (points, smooth, dark) in enumerate(zip(made[True], made[False], made["dark"], strict=True)):
-        light = np.where(elevation > 1.0, points - smooth + share_of_starlight() * (smooth - dark), 0.0)
+        light = np.where(elevation > 1.0, points - smooth + resolved_starlight_fraction() * (smooth - dark), 0.0)
         when = replace(PLACE, time=begin + timedelta(seconds=1800.0 * i))
-        stars = StarSky.of(one.problem.medium, 0.0).over(when)
+        stars = StarSky.of(one.problem.scene.medium, 0.0).over(when)
         up = stars.elevation_deg > 1.0
         # lux of V = 0: 2.54e-6 (Allen)
-        lux = 2.54e-6 / 3.631e-11 * np.interp(550.0, one.problem.medium.wavelength_nm, stars.irradiance[up].sum(axis=0))
+        lux = (
+            2.54e-6
+            / 3.631e-11
+            * np.interp(550.0, one.problem.scene.medium.wavelength_nm, stars.irradiance[up].sum(axis=0))
+        )
         assert np.nansum(light * area) == pytest.approx(lux, rel=0.1)
         brightest = np.argmax(stars.irradiance.sum(axis=-1))
         towards = direction(stars.azimuth_deg[brightest], stars.elevation_deg[brightest])
@@ -194,4 +206,4 @@ def test_stars_move_through_a_film(tmp_path):
 def test_stars_without_a_place_are_refused():
     config = load("pure-air", {"night.stars": True, "sun.elevation_deg": -10.0})
     with pytest.raises(TwilightError, match=r"night\.stars needs a place and a time"):
-        next(iter(frames(config, keep=False)))
+        next(iter(frames(resolve(config), keep=False)))

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from twilight.camera import Camera, camera_axes
-from twilight.camera.image import read_image
-from twilight.errors import TwilightError
-from twilight.stars import blended
-from twilight.validate.stars.calibrate import calibrate
-from twilight.validate.stars.coordinates import Place, equatorial, horizontal
-from twilight.validate.stars.match import chance_matches, match
-from twilight.validate.stars.planets import date_by_planets
-from twilight.validate.stars.search import find_attitude, spread
-from twilight.validate.stars.synthetic import render_stars
+from twilight.base.errors import TwilightError
+from twilight.sky.stars import blended
+from twilight.studies.camera import CameraModel, camera_axes
+from twilight.studies.camera.image import read_image
+from twilight.studies.validate.stars.calibrate import calibrate
+from twilight.studies.validate.stars.coordinates import StarSite, equatorial, horizontal
+from twilight.studies.validate.stars.match import chance_matches, match
+from twilight.studies.validate.stars.planets import date_by_planets
+from twilight.studies.validate.stars.search import find_attitude, spread
+from twilight.studies.validate.stars.synthetic import render_stars
 
-PLACE, MOMENT = Place(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+PLACE, MOMENT = StarSite(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
 LOCAL_SIDEREAL_TIME_H = 21.9037
 """Mean sidereal time of Greenwich (Meeus 1998, eq. 12.4) plus the longitude."""
 ARCMINUTE = 1.0
@@ -48,7 +48,7 @@ FALSE_SHARE, HOT_PIXELS = 0.2, 200
 @cache
 def draw(kind, false_share=FALSE_SHARE):
     """(true camera, guess, picture): a fifth of the sources false, hot pixels, noise of photons and reading out."""
-    truth = Camera.model_validate(TRUTHS[kind])
+    truth = CameraModel.model_validate(TRUTHS[kind])
     stars = horizontal(PLACE, MOMENT, 1013.25, 10.0)
     stars = stars.take(stars.magnitude < 5.0)
     xy = truth.project(stars.directions)
@@ -56,7 +56,7 @@ def draw(kind, false_share=FALSE_SHARE):
     picture = render_stars(
         xy, stars.magnitude, truth, seed=3, hot_pixels=HOT_PIXELS, false_stars=int(false_share / (1 - false_share) * n)
     )
-    guess = Camera.model_validate(
+    guess = CameraModel.model_validate(
         {
             "projection": truth.projection,
             "image": truth.image.model_dump(),
@@ -100,7 +100,7 @@ def test_place_and_time_known(kind):
 def test_place_and_time_unknown():
     truth, guess, picture = draw("fisheye")
     level = {**TRUTHS["fisheye"]["orientation"], "azimuth_deg": None}
-    guess = Camera.model_validate({**guess.model_dump(), "orientation": level})
+    guess = CameraModel.model_validate({**guess.model_dump(), "orientation": level})
     made = calibrate(picture, guess, year=2021.6)
     assert made.orientation.latitude_deg == pytest.approx(PLACE.latitude_deg, abs=1.5 / 60)
     assert made.orientation.local_sidereal_time_h == pytest.approx(LOCAL_SIDEREAL_TIME_H, abs=0.003)
@@ -136,7 +136,7 @@ def test_what_cannot_be_solved_says_so():
     with pytest.raises(TwilightError, match="orientation of the sky"):
         calibrate(lamps, guess, PLACE, MOMENT)
     with pytest.raises(TwilightError, match="the picture has 900 x 600 pixels, but the camera says 1000 x 800"):
-        calibrate(picture, Camera.model_validate(TRUTHS["fisheye"]), PLACE, MOMENT)
+        calibrate(picture, CameraModel.model_validate(TRUTHS["fisheye"]), PLACE, MOMENT)
     with pytest.raises(TwilightError, match="given together"):
         calibrate(picture, guess, PLACE, None)
 
@@ -178,7 +178,7 @@ def test_matches_by_chance_are_counted():
 
 @pytest.fixture(scope="module")
 def photograph():
-    guess = Camera.model_validate({"projection": "latitude_longitude", "image": {"width_px": 1024, "height_px": 512}})
+    guess = CameraModel.model_validate({"projection": "latlong", "image": {"width_px": 1024, "height_px": 512}})
     return calibrate(read_image(PHOTOGRAPH).samples, guess, year=2020.7, pressure_hpa=890.0)
 
 

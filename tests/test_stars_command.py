@@ -10,11 +10,11 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from twilight.camera import Camera, read_camera
-from twilight.camera.image import write_exr
 from twilight.cli.app import app
-from twilight.validate.stars.coordinates import Place, horizontal
-from twilight.validate.stars.synthetic import render_stars
+from twilight.studies.camera import CameraModel, read_camera
+from twilight.studies.camera.image import write_exr
+from twilight.studies.validate.stars.coordinates import StarSite, horizontal
+from twilight.studies.validate.stars.synthetic import render_stars
 
 TRUTH = {
     "projection": "perspective",
@@ -37,8 +37,8 @@ def folder(tmp_path_factory):
     from datetime import UTC, datetime
 
     folder = tmp_path_factory.mktemp("stars")
-    truth = Camera.model_validate(TRUTH)
-    stars = horizontal(Place(48.2, 16.4), datetime(2021, 8, 10, 23, 30, tzinfo=UTC), 1013.25, 10.0)
+    truth = CameraModel.model_validate(TRUTH)
+    stars = horizontal(StarSite(48.2, 16.4), datetime(2021, 8, 10, 23, 30, tzinfo=UTC), 1013.25, 10.0)
     stars = stars.take(stars.magnitude < 5.0)
     picture = render_stars(truth.project(stars.directions), stars.magnitude, truth, seed=1)
     write_exr(folder / "night.exr", np.repeat(picture[..., None], 3, axis=-1).astype(np.float32))
@@ -76,7 +76,7 @@ def test_writes_the_camera_and_the_picture(folder, tmp_path):
         (["--time-zone", "UTC"], "--time-zone: belongs to --at"),
         ([*WHERE, "--latitude", "98"], "--latitude: latitude_deg must be a number from -90 to 90 (deg), got 98.0"),
         ([*WHERE[:4], "--at", "2021-08-11T01:30"], "needs time_zone"),
-        ([*WHERE[:4], "--at", "noon", "--time-zone", "UTC"], "--at: at must be a date and time such as"),
+        ([*WHERE[:4], "--at", "noon", "--time-zone", "UTC"], "--at: at: 'noon' is not a time such as"),
         ([*WHERE, "--time-zone", "Europe/Wien"], "--time-zone: time_zone must be a time zone"),
         ([*WHERE, "--planets"], "--planets: finds the date of a picture without --at"),
         (["--distortion", "5"], "--distortion: 5 must be from 0 to 4"),
@@ -107,6 +107,6 @@ def test_failures_leave_no_files(folder, tmp_path, monkeypatch):
 def test_astropy_is_not_imported_with_the_program():
     import subprocess
 
-    code = "import sys, twilight, twilight.cli.app, twilight.validate.stars.calibrate; print('astropy' in sys.modules)"
+    code = "import sys, twilight.cli.app, twilight.studies.validate.stars.calibrate; print('astropy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path.cwd())
     assert done.stdout.strip() == "False"

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from twilight.camera import Camera
-from twilight.validate.stars.detect import background, detect
-from twilight.validate.stars.synthetic import render_stars
+from twilight.studies.camera import CameraModel
+from twilight.studies.validate.stars.detect import background, detect
+from twilight.studies.validate.stars.synthetic import render_stars
 
-LENS = Camera.model_validate(
+LENS = CameraModel.model_validate(
     {"projection": "equidistant", "image": {"width_px": 600, "height_px": 400}, "lens": {"focal_length_px": 300.0}}
 )
-PANORAMA = Camera.model_validate({"projection": "latitude_longitude", "image": {"width_px": 720, "height_px": 360}})
+PANORAMA = CameraModel.model_validate({"projection": "latlong", "image": {"width_px": 720, "height_px": 360}})
 
 
 def grid(n=80, seed=5, width=600, height=400):

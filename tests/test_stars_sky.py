@@ -8,11 +8,17 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from twilight.camera import azimuth_elevation, direction
-from twilight.errors import TwilightError
-from twilight.stars import Stars, blended, bright_stars
-from twilight.validate.stars.coordinates import Place, equatorial, horizontal, planet_tracks, precession
-from twilight.validate.stars.refraction import lifted, refraction_rad
+from twilight.base.errors import TwilightError
+from twilight.sky.stars import Stars, blended, bright_stars
+from twilight.studies.camera import azimuth_elevation, direction
+from twilight.studies.validate.stars.coordinates import (
+    StarSite,
+    equatorial,
+    horizontal,
+    planet_tracks,
+    precession,
+)
+from twilight.studies.validate.stars.refraction import lifted, refraction_rad
 
 ARCSEC = np.pi / 180.0 / 3600.0
 
@@ -64,7 +70,7 @@ def test_blended_stars_add_their_light_at_its_centre():
 
 def test_local_position_is_that_of_spherical_trigonometry():
     # Meeus 1998: mean sidereal time (12.4), precession (20.3); aberration and nutation left out
-    place, moment = Place(48.2, 16.4), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+    place, moment = StarSite(48.2, 16.4), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
     days = (moment - datetime(2000, 1, 1, 12, tzinfo=UTC)) / timedelta(days=1)
     sidereal = np.radians(280.46061837 + 360.98564736629 * days + place.longitude_deg)
     t = days / 36525.0
@@ -89,7 +95,7 @@ def test_local_position_is_that_of_spherical_trigonometry():
 
 def test_jupiter_and_saturn_at_their_great_conjunction():
     # 2020-12-21: 6.1' apart; both in the evening sky over South Africa, Jupiter the brighter
-    stars = horizontal(Place(-26.0, 28.0), datetime(2020, 12, 21, 18, 0, tzinfo=UTC), 850.0, 20.0)
+    stars = horizontal(StarSite(-26.0, 28.0), datetime(2020, 12, 21, 18, 0, tzinfo=UTC), 850.0, 20.0)
     i, j = (list(stars.names).index(n) for n in ("Jupiter", "Saturn"))
     assert np.degrees(angle(stars.directions[i], stars.directions[j])) * 60 == pytest.approx(6.2, abs=1.0)
     assert stars.magnitude[i] == pytest.approx(-2.0, abs=0.5) and stars.magnitude[j] == pytest.approx(0.6, abs=0.5)

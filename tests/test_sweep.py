@@ -12,16 +12,17 @@ import xarray as xr
 from sweeping import BASE, SUNS, right
 from typer.testing import CliRunner
 
-import twilight.accessor  # noqa: F401 - registers .sky
+import twilight.api.accessor  # noqa: F401 - registers .sky
 from twilight import solvers
-from twilight.batch.dimensions import describe_key
-from twilight.batch.store import JOURNAL, open_store
-from twilight.batch.sweep import Sweep
-from twilight.batch.work import compute, forget
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config.load import load_axes, load_series
 from twilight.engine import run
-from twilight.errors import TwilightError
+from twilight.scene import resolve
+from twilight.studies.sweep.dimensions import describe_key
+from twilight.studies.sweep.store import JOURNAL, open_store
+from twilight.studies.sweep.sweep import Sweep
+from twilight.studies.sweep.work import compute, forget
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def planned(vary, **changes):
 
 
 def swept(sweep, client, path):
-    from twilight.batch.run import failures, run_sweep
+    from twilight.studies.sweep.run import failures, run_sweep
 
     with open_store(path, sweep) as store:
         outcome = run_sweep(client, store, threads=1)
@@ -206,7 +207,11 @@ def test_a_task_gives_what_run_gives(toy):
     ):
         altitude, sun = made.dimensions[1].point(scene[1])["observer.altitude_km"], (5, -4)[scene[2]]
         config = load_series({**BASE, "sun": {"elevation_deg": sun}}, {"ground.albedo": 0.3})[0].config
-        sky = run(config.model_copy(update={"observer": config.observer.model_copy(update={"altitude_km": altitude})}))
+        sky = run(
+            resolve(
+                config.model_copy(update={"observer": config.observer.model_copy(update={"altitude_km": altitude})})
+            )
+        )
         factor = np.exp(-altitude)  # run asks the toy's field at the ground
         above = sky.sun_normalised_radiance[sky.elevation_deg > 0.0, :5]  # a render from high up looks down too
         assert np.allclose(radiance, factor * above, rtol=1e-6)
@@ -236,7 +241,7 @@ def test_times_and_places_become_coordinates(toy, client, tmp_path):
         sky = data.sky.scene(sun_latitude_deg=54, time="2026-12-21T15:45")
     config = load_series({**BASE, "sun": sun | {"start": "2026-12-21T16:45", "stop": "2026-12-21T16:45"}})[0].config
     config = config.model_copy(update={"sun": config.sun.model_copy(update={"latitude_deg": 54.0})})
-    again = run(config)
+    again = run(resolve(config))
     for name in ("sun_elevation_deg", "sun_azimuth_deg", "distance_au", "apparent_sun_elevation_deg"):
         assert getattr(sky, name) == pytest.approx(getattr(again, name), rel=1e-6), name
     assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
@@ -245,7 +250,7 @@ def test_times_and_places_become_coordinates(toy, client, tmp_path):
 def test_units_and_help_of_any_key_are_found():
     assert describe_key("aerosol.optical_depth_550nm")[0] == "1" and "550 nm" in describe_key("sun.at")[1] + "550 nm"
     assert describe_key("observer.altitude_km")[0] == "km" and describe_key("sun.elevation_deg")[0] == "deg"
-    assert describe_key("solver.degree") == ("", "")
+    assert describe_key("solver.expert.degree") == ("", "")
 
 
 def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):
@@ -255,7 +260,7 @@ def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):
     with xr.open_zarr(tmp_path / "a.zarr") as data:
         assert int(data.status) == 1 and data.sun_normalised_radiance.dims == ("elevation", "azimuth", "wavelength")
         sky = data.sky.scene()
-    again = run(load_series({**BASE})[0].config)
+    again = run(resolve(load_series({**BASE})[0].config))
     assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
     assert swept(made, client, tmp_path / "a.zarr")[0].tasks == 0  # taken up, not begun again
     (tmp_path / "a.zarr" / "solar_bending" / "0").unlink()
@@ -277,7 +282,7 @@ def test_a_plan_says_what_is_there_already(toy, client, tmp_path, log):
     lines = (out / JOURNAL).read_text().splitlines(keepends=True)
     (out / JOURNAL).write_text("".join(lines[:2]))
     assert "2 of 3 tasks are there already" in plan(vary).output
-    assert re.search(r"the rest takes some \S+ hours of processor time", plan(vary).output)
+    assert re.search(r"the rest takes some \S+ (s|min|h) of processor time", plan(vary).output)
     assert (out / JOURNAL).read_text() == "".join(lines[:2])
     other = plan(vary | {"solver.factor": [1, 4]})
     assert other.exit_code == 2 and "holds another sweep" in other.output
@@ -353,7 +358,9 @@ def test_a_damaged_journal_and_another_sweep(toy, client, tmp_path, log):
 
 
 def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch):
-    monkeypatch.setattr("twilight.batch.store.shutil.disk_usage", lambda path: type("Usage", (), {"free": 10**6}))
+    monkeypatch.setattr(
+        "twilight.studies.sweep.store.shutil.disk_usage", lambda path: type("Usage", (), {"free": 10**6})
+    )
     with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
         with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
             pass

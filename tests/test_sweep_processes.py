@@ -16,8 +16,8 @@ import xarray as xr
 from sweeping import BASE, SUNS, right
 from typer.testing import CliRunner
 
-from twilight.batch.store import JOURNAL
 from twilight.cli.app import app
+from twilight.studies.sweep.store import JOURNAL
 
 
 def command(path, out, *more):
@@ -53,9 +53,9 @@ def test_a_local_cluster_listens_to_this_machine_alone_and_shows_no_pages():
 
     import psutil
 
-    from twilight.batch.cluster import Place, connect
+    from twilight.studies.sweep.resources import Resources, connect
 
-    with connect(Place(workers=1)) as client:
+    with connect(Resources(workers=1)) as client:
         processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
         open_to = {c.laddr.ip for p in processes for c in p.net_connections() if c.status == "LISTEN"}
         assert open_to == {"127.0.0.1"}

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load_climate
-from twilight.errors import TwilightError
-from twilight.export import bruneton, own
-from twilight.export.folder import write_folder
-from twilight.export.values import Source
 from twilight.scene.medium import climate_medium
 from twilight.solvers.tables.mapping import grid
+from twilight.studies.export import bruneton, sky_tables
+from twilight.studies.export.field_values import FieldSource
+from twilight.studies.export.folder import write_folder
 
-SIZES = own.Sizes(suns=12, sky=6, ground=3, azimuths=5, altitude_km=(0.0, 5.0, 60.0))
+SIZES = sky_tables.SkyTableSizes(suns=12, sky=6, ground=3, azimuths=5, altitude_km=(0.0, 5.0, 60.0))
 
 
 class Smooth:
@@ -35,12 +35,12 @@ class Smooth:
 
 @pytest.fixture(scope="module")
 def source():
-    return Source(Smooth(), climate_medium(load_climate("bruneton2008"), None), False)
+    return FieldSource(Smooth(), climate_medium(load_climate("bruneton2008"), None), False)
 
 
 @pytest.fixture(scope="module")
 def made(source):
-    return own.fill(source, SIZES, {"climate": "bruneton2008"}, lambda doing, share: None)
+    return sky_tables.fill(source, SIZES, {"climate": "bruneton2008"}, lambda doing, share: None)
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +57,13 @@ def his(source):
 
 
 def test_texels_of_the_own_layout_are_the_field(source, made):
-    suns, azimuths = own.sun_nodes(SIZES.suns), own.azimuth_nodes(SIZES.azimuths)
-    assert suns[0] == pytest.approx(own.LOWEST_SUN_DEG) and suns[-1] == pytest.approx(90.0)
+    """An exported texel would not be the field's radiance there."""
+    suns, azimuths = sky_tables.sun_nodes(SIZES.suns), sky_tables.azimuth_nodes(SIZES.azimuths)
+    assert suns[0] == pytest.approx(sky_tables.LOWEST_SUN_DEG) and suns[-1] == pytest.approx(90.0)
     for altitude in SIZES.altitude_km:
         horizon = source.horizon_deg(altitude)
         assert horizon == pytest.approx(-math.degrees(math.acos(6360.0 / (6360.0 + altitude))), abs=1e-9)
-        elevation = own.elevation_nodes(horizon, SIZES.ground, SIZES.sky)
+        elevation = sky_tables.elevation_nodes(horizon, SIZES.ground, SIZES.sky)
         assert np.all(np.diff(elevation) > 0.0)
         for sun in (suns[2], suns[7]):
             grid_ = np.meshgrid(elevation, azimuths, indexing="ij")
@@ -79,8 +80,9 @@ def test_between_texels_the_own_layout_follows_the_field(source, made):
 
 
 def test_the_own_layout_is_read_as_it_was_written(made, tmp_path):
+    """A folder would not be read back as written, or be overwritten."""
     write_folder(tmp_path / "sky", made.files())
-    again = own.load(tmp_path / "sky")
+    again = sky_tables.load(tmp_path / "sky")
     np.testing.assert_array_equal(again.sky, made.sky)
     np.testing.assert_array_equal(again.aureole, made.aureole)
     assert sum(f.stat().st_size for f in (tmp_path / "sky").glob("*.bin")) == made.n_bytes
@@ -88,10 +90,11 @@ def test_the_own_layout_is_read_as_it_was_written(made, tmp_path):
         write_folder(tmp_path / "sky", made.files())
     (tmp_path / "sky" / "sky.bin").write_bytes(b"half")
     with pytest.raises(TwilightError, match="whole tables"):
-        own.load(tmp_path / "sky")
+        sky_tables.load(tmp_path / "sky")
 
 
 def test_the_own_layout_says_what_it_does_not_hold(made):
+    """A reader would extrapolate below the lowest sun or above the highest altitude."""
     with pytest.raises(TwilightError, match="hold -20 to 90"):
         made.radiance(-25.0, 10.0, 0.0)
     with pytest.raises(TwilightError, match="hold 0 to 60"):
@@ -105,10 +108,10 @@ def test_between_altitudes_the_root_of_the_height_above_the_ground_counts():
         "altitude_km": [2.0, 10.0, 60.0],
         "ground_km": 0.5,
         "horizon_deg": [-1.2, -3.1, -7.8],
-        "lowest_sun_deg": own.LOWEST_SUN_DEG,
+        "lowest_sun_deg": sky_tables.LOWEST_SUN_DEG,
     }
     sky = np.broadcast_to(np.array([-1.0, -3.0, -9.0])[:, None, None, None, None], (3, 2, 4, 2, 3))
-    made = own.SkyTables(header, sky, None, None)
+    made = sky_tables.SkyTables(header, sky, None, None)
     share = (math.sqrt(4.5) - math.sqrt(1.5)) / (math.sqrt(9.5) - math.sqrt(1.5))
     np.testing.assert_allclose(
         made.radiance(5.0, 30.0, 20.0, observer_altitude_km=5.0), math.exp(-1.0 - 2.0 * share), rtol=1e-12
@@ -116,13 +119,15 @@ def test_between_altitudes_the_root_of_the_height_above_the_ground_counts():
 
 
 def test_the_ground_is_in_the_header(made, tmp_path):
+    """A reader would take heights from sea level for heights above the ground."""
     assert made.header["ground_km"] == 0.0
     write_folder(tmp_path / "sky", {**made.files(), "sky.json": json.dumps(made.header | {"ground_km": 3.0}).encode()})
     with pytest.raises(TwilightError, match="begins below ground_km, 3"):
-        own.load(tmp_path / "sky")
+        sky_tables.load(tmp_path / "sky")
 
 
 def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
+    """A failed export would leave half a folder."""
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(TwilightError):
         write_folder(tmp_path / "file" / "sky", {"a": b"1"})
@@ -133,6 +138,7 @@ def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
 
 @pytest.mark.parametrize("separate", [False, True])
 def test_his_shader_finds_the_field_at_the_texels(source, his, separate):
+    """Bruneton's shader would find another sky than the field's."""
     if separate:
         few = his.mapping._replace(n_mu_s=4, n_nu=4, n_mu=12)
         his = bruneton.fill(
@@ -165,6 +171,7 @@ def test_his_shader_finds_the_field_at_the_texels(source, his, separate):
 
 
 def test_his_files_have_his_sizes(his):
+    """His program could not load the files."""
     files = his.files("dat", False)
     assert {name: len(content) for name, content in files.items() if name != "tables.json"} == {
         "transmittance.dat": 256 * 64 * 16,
@@ -175,6 +182,11 @@ def test_his_files_have_his_sizes(his):
     # x = nu index * 32 + mu_s index, y = mu, z = r
     np.testing.assert_allclose(volume[0, 80, 3 * 32 + 20], his.scattering[0, 20, 3, 80], rtol=1e-6)
     constants = json.loads(files["tables.json"])
+    for name, texture in constants["textures"].items():
+        assert len(files[f"{name}.dat"]) == math.prod(texture["size"]) * 16 and len(texture["axes"]) == len(
+            texture["size"]
+        )
+    assert set(constants["textures"]) == {"transmittance", "scattering", "irradiance"}
     assert constants["mu_s_min"] == pytest.approx(math.cos(math.radians(120.0)))
     faint = replace(his, scattering=his.scattering / 100.0, irradiance=his.irradiance / 100.0)
     assert len(faint.files("bin", True)["scattering.bin"]) == 256 * 128 * 32 * 8
@@ -182,7 +194,19 @@ def test_his_files_have_his_sizes(his):
         his.files("bin", True)
 
 
+def test_luminance_factors_are_those_of_the_package():
+    """Numbers of AtmosphereParameters of @takram/three-atmosphere 0.19.1, whose solar spectrum is another one."""
+    for exponent, his in (
+        (bruneton.SKY_EXPONENT, (114974.916437, 71305.954816, 65310.548555)),
+        (0.0, (98242.786222, 69954.398112, 66475.012354)),
+    ):
+        found = bruneton.luminance_factors((680.0, 550.0, 440.0), exponent)
+        np.testing.assert_allclose(found, his, rtol=0.06)
+        np.testing.assert_allclose(found[:2], his[:2], rtol=0.01)
+
+
 def test_a_layout_higher_than_the_air_is_refused(source):
+    """Tables would be filled above the top of the air."""
     with pytest.raises(TwilightError, match="reaches up to 100 km"):
         bruneton.fill(
             source,
@@ -207,6 +231,7 @@ def test_a_layout_higher_than_the_air_is_refused(source):
     ],
 )
 def test_the_command_refuses_in_one_sentence(arguments, words, tmp_path):
+    """A wrong option of the command would end in a traceback or leave files."""
     result = CliRunner().invoke(app, ["export", "tables", *arguments, "--output", str(tmp_path / "out")])
     assert result.exit_code == 2
     assert words in result.stderr and result.stderr.count("\n") == 1

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from browser import open_page
 
-from twilight.export import own
-from twilight.export.folder import write_folder
+from twilight.studies.export import sky_tables
+from twilight.studies.export.folder import write_folder
 
 PAGE = """<!doctype html><p id="message"></p><script>
 const FRAME = `
@@ -85,7 +85,7 @@ start().catch(error => { document.querySelector("#message").innerText = "cannot:
 """
 
 
-def any_tables(aerosol: bool, first_km: float = 0.0) -> own.SkyTables:
+def any_tables(aerosol: bool, first_km: float = 0.0) -> sky_tables.SkyTables:
     """Tables whose every texel differs from the next by up to a factor of e."""
     random = np.random.default_rng(5)
     ground, sky, suns, azimuths, altitudes = 5, 9, 13, 7, (first_km, 2.0, 10.0, 60.0)
@@ -97,25 +97,26 @@ def any_tables(aerosol: bool, first_km: float = 0.0) -> own.SkyTables:
         "altitude_km": list(altitudes),
         "ground_km": 0.0,
         "horizon_deg": [0.0, -1.4, -3.2, -7.8],
-        "lowest_sun_deg": own.LOWEST_SUN_DEG,
+        "lowest_sun_deg": sky_tables.LOWEST_SUN_DEG,
         "phase_angles": 40 if aerosol else 0,
     }
     table, peak = (random.uniform(-6.0, -5.0, shape).astype(np.float32) for _ in range(2))
     if not aerosol:
-        return own.SkyTables(header, table, None, None)
+        return sky_tables.SkyTables(header, table, None, None)
     phase = np.exp(np.linspace(4.0, -3.0, 40))[:, None] * np.array([1.0, 1.1, 1.3])
-    return own.SkyTables(header, table, peak, phase.astype(np.float32))
+    return sky_tables.SkyTables(header, table, peak, phase.astype(np.float32))
 
 
 @pytest.mark.parametrize(("aerosol", "first_km"), [(True, 0.0), (False, 1.0)])
 def test_the_shader_reads_what_python_reads(aerosol, first_km, tmp_path):
+    """The GLSL reader would show another sky than the one in Python."""
     folder = tmp_path / "sky"
     write_folder(folder, any_tables(aerosol, first_km).files())
     (folder / "page.html").write_text(PAGE)
-    tables = own.load(folder)
+    tables = sky_tables.load(folder)
     random = np.random.default_rng(2)
     count = 400
-    sun = random.uniform(own.LOWEST_SUN_DEG, 90.0, count)
+    sun = random.uniform(sky_tables.LOWEST_SUN_DEG, 90.0, count)
     elevation, azimuth = random.uniform(-90.0, 90.0, count), random.uniform(-400.0, 400.0, count)
     altitude = random.choice([first_km, first_km + 0.01, 1.3, 2.0, 7.0, 30.0, 60.0], count)
     elevation[:100] = random.uniform(-3.0, 3.0, 100)  # where rows are narrow and the sky meets the ground

@@ -6,8 +6,10 @@ The packages come with `npm install --prefix tests/npm`; without them the tests 
 from __future__ import annotations
 
 import base64
+import io
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,11 +17,12 @@ import numpy as np
 import pytest
 from airs import turbid
 from browser import open_page
+from PIL import Image
 
-from twilight.export import bruneton
-from twilight.export.folder import write_folder
-from twilight.export.values import Source
 from twilight.solvers import zones
+from twilight.studies.export import bruneton
+from twilight.studies.export.field_values import FieldSource
+from twilight.studies.export.folder import write_folder
 
 PACKAGES = Path(__file__).parent / "npm" / "node_modules"
 MODULES = {
@@ -161,6 +164,10 @@ def random_tables(separate: bool = False, higher_order: bool = False) -> bruneto
         "rayleigh_scattering_per_km": [0.006, 0.013, 0.032],
         "mie_scattering_per_km": [0.004, 0.005, 0.007],
         "solar_irradiance": [1.5, 1.8, 1.9],
+        "ground_albedo": [0.1, 0.1, 0.1],
+        "sun_angular_radius_rad": 0.00465,
+        "sky_radiance_to_luminance": [28000.0, 18000.0, 17000.0],
+        "sun_radiance_to_luminance": [98000.0, 70000.0, 70000.0],
         "scale": 4.0,
     }
     passed = np.linspace(0.6, 1.0, 64)[:, None, None] * np.ones((1, 256, 3))
@@ -179,6 +186,7 @@ SEEN = ((10.0, 0.0, 30.0), (0.0, 60.0, 50.0), (-6.0, 200.0, 20.0), (-12.0, 90.0,
 
 @pytest.mark.parametrize(("separate", "higher_order"), [(False, False), (True, False), (False, True)])
 def test_the_package_reads_what_python_reads(show, separate, higher_order):
+    """@takram/three-atmosphere would show another sky than the reader in Python."""
     tables = random_tables(separate, higher_order)
     shadows = (0.0, 12.0) if higher_order else (0.0,)
     with show(tables) as (page, errors):
@@ -207,12 +215,32 @@ def test_the_package_reads_open_exr_as_it_reads_halves(show):
             np.testing.assert_array_equal(np.frombuffer(content, "<f2"), texture.astype("<f2").ravel())
 
 
+def test_the_page_of_the_docs_shows_a_sky(tmp_path):
+    """A number of tables.json or an argument of the package that docs/tables.md has wrong leaves the picture black."""
+    if not PACKAGES.is_dir():
+        pytest.skip("needs @takram/three-atmosphere: npm install --prefix tests/npm")
+    text = (Path(__file__).parents[1] / "docs" / "tables.md").read_text(encoding="utf-8")
+    [page] = re.findall(r"^```html\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    imports = json.dumps({name: f"./node_modules/{path}" for name, path in MODULES.items()})
+    drawn = "setInterval(() => { if (document.querySelector('canvas')) window.twilight = true; }, 50)"
+    page = page.replace("IMPORTS", imports) + f'<p id="message"></p><script>{drawn}</script>'
+    write_folder(tmp_path / "sky", random_tables().files("bin", True))
+    (tmp_path / "node_modules").symlink_to(PACKAGES)
+    (tmp_path / "page.html").write_text(page)
+    with open_page(tmp_path / "page.html", 120, 80) as (shown, errors):
+        shown.wait_for_timeout(2000)
+        picture = np.array(Image.open(io.BytesIO(shown.screenshot())).convert("RGB"), dtype=float)
+        assert errors == []
+    sky = picture[:20]
+    assert sky.mean() > 20.0 and np.ptp(sky.mean(axis=(0, 1))) > 5.0
+
+
 @pytest.mark.slow
 def test_the_package_shows_the_sky_of_zones(show):
     """As near as eight texels of the scattering angle and 32 suns allow: the 95th percentile of the relative error."""
     medium = turbid(3.0, wavelength_nm=np.array([440.0, 550.0, 680.0]))
     field = zones.prepare(medium, zones.QUALITIES["draft"])
-    source = Source(field, medium, medium.has_refraction)
+    source = FieldSource(field, medium, medium.has_refraction)
     mapping = bruneton.make_mapping(6360.0, 6420.0)
     tables = bruneton.fill(
         source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=lambda doing, share: None, rows=2

@@ -6,17 +6,23 @@ import numpy as np
 import pytest
 from airs import pure_air, turbid
 
+from twilight.base.errors import TwilightError
+from twilight.config import load_climate
+from twilight.config.scene import Observer
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 from twilight.engine.solve import Problem
 from twilight.engine.view import landscape, see
-from twilight.errors import TwilightError
-from twilight.geometry import distance_to_sphere
+from twilight.numerics.geometry import distance_to_sphere
+from twilight.scene import Scene
+from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.terrain.heights import Heights, heights_of
-from twilight.terrain.march import Air, Shadow, dark_parts, first_hits, height_at, shadow_over
-from twilight.terrain.scene import Place, _Perspective, add_terrain
+from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
+from twilight.terrain.heights import Heights, Standpoint, heights_of
+from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at, shadow_over, sunlight_on_lines
+from twilight.terrain.scene import Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
+from twilight.transport.scaling import species_phase
 
 RADIUS = 6371.0
 
@@ -62,34 +68,42 @@ def air():
     return medium, prepare_beam(medium)
 
 
+def sunlight(shadow, table, beam, to_sun, elevation, azimuth, end_km, steps):
+    """(whole, dark) (D, S, W) and the dark length (D,) of `sunlight_on_lines`."""
+    shape = (elevation.size, table.scattering.shape[0], table.scattering.shape[2])
+    whole, dark, length = np.zeros(shape), np.zeros(shape), np.zeros(elevation.size)
+    sunlight_on_lines(
+        shadow, table, beam, RADIUS, 0.0, to_sun, elevation, azimuth, end_km, steps, False, whole, dark, length, 0,
+        elevation.size,
+    )  # fmt: skip
+    return whole, dark, length
+
+
 def test_dark_light_of_an_even_slab(air):
-    """All in shadow: sigma p E (1 - exp(-k s)) / k, here along a level line in even air."""
+    """All in shadow: sigma E (1 - exp(-k s)) / k, here along a level line in even air."""
     _, beam = air
-    sigma = np.full((1, 400, 3), 0.02)
-    table = Air(0.0, 0.1, np.full((400, 3), 0.03), sigma)
-    everywhere = Shadow(np.full((3, 3), 50.0), -200.0, -200.0, 200.0, 50.0)
-    e, a, end = np.zeros(1), np.array([0.5 * math.pi]), np.array([30.0])
+    table = TerrainAir(0.0, 0.1, np.full((400, 3), 0.03), np.full((1, 400, 3), 0.02))
+    everywhere = ShadowGrid(np.full((3, 3), 50.0), -200.0, -200.0, 200.0, 50.0)
     sun = math.radians(40.0)
-    lost, length = np.zeros((1, 3)), np.zeros(1)
-    phase = np.full((1, 1, 3), 0.05)
-    dark_parts(everywhere, table, beam, RADIUS, 0.0, np.array([math.sin(sun), math.cos(sun)]), e, a, end, phase, 300,
-               lost, length, 0, 1)  # fmt: skip
+    to_sun = np.array([math.sin(sun), math.cos(sun)])
+    e, a, end = np.zeros(1), np.array([0.5 * math.pi]), np.array([30.0])
+    whole, dark, length = sunlight(everywhere, table, beam, to_sun, e, a, end, 300)
     light = np.empty(3)
     beam_at(beam, 0.02, math.sin(sun), light)
-    expected = 0.02 * 0.05 * light * (1 - math.exp(-0.03 * 30.0)) / 0.03
-    np.testing.assert_allclose(lost[0], expected, rtol=0.01)
+    expected = 0.02 * light * (1 - math.exp(-0.03 * 30.0)) / 0.03
+    np.testing.assert_allclose(dark[0, 0], expected, rtol=0.01)
+    np.testing.assert_array_equal(dark, whole)
     assert length[0] == pytest.approx(30.0)
 
 
 def test_the_edge_of_a_shadow_is_found_within_a_step(air):
     _, beam = air
-    table = Air(0.0, 0.1, np.zeros((400, 3)), np.full((1, 400, 3), 0.02))
-    half = Shadow(np.full((3, 3), 2.0), -200.0, -200.0, 200.0, 2.0)
+    table = TerrainAir(0.0, 0.1, np.zeros((400, 3)), np.full((1, 400, 3), 0.02))
+    half = ShadowGrid(np.full((3, 3), 2.0), -200.0, -200.0, 200.0, 2.0)
     e, a, end = np.radians([30.0]), np.zeros(1), np.array([7.3])
-    lost, length = np.zeros((1, 3)), np.zeros(1)
-    dark_parts(half, table, beam, RADIUS, 0.0, np.array([0.5, 0.8]), e, a, end, np.ones((1, 1, 3)), 9, lost, length,
-               0, 1)  # fmt: skip
+    whole, dark, length = sunlight(half, table, beam, np.array([0.5, 0.8]), e, a, end, 9)
     assert length[0] == pytest.approx(4.0, rel=2e-3)
+    assert (0.0 < dark).all() and (dark < whole).all()
 
 
 class Even:
@@ -109,7 +123,7 @@ def test_even_light_hides_white_ground(air):
     medium, beam = air
     rays = np.array([[[0.0, 1.0, -0.1], [0.6, 0.8, -0.5], [0.0, 0.8, 0.6]]])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    place = Place(1.0, -10.0, 0.0)
+    place = Viewpoint(1.0, -10.0, 0.0)
     sky = np.ones((1, 3, 3), np.float32)
     made = add_terrain(sky, rays, flat(0.2), Even(), medium, beam, place, 1.0, "none")
     np.testing.assert_allclose(made.radiance, 1.0, rtol=0.01)
@@ -123,7 +137,7 @@ def test_shadows_only_take_light(air, shadows):
     medium, beam = air
     rays = np.array([[[0.3, 0.9, 0.0], [0.3, 0.9, 0.05], [0.0, -1.0, 0.02]]])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    place = Place(0.5, 2.0, 0.4)
+    place = Viewpoint(0.5, 2.0, 0.4)
     sky = np.ones((1, 3, 3), np.float32)
     mountain = wall(15.0, 3.0)
     clear = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, "none").radiance
@@ -135,7 +149,7 @@ def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
     """A solved field, from the problem to the picture: flat terrain at the ground's height with the ground's albedo."""
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
-    block = Problem(medium, zones, zones.QUALITIES["draft"], 2.0).block(0)
+    block = Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=Observer(altitude_km=2.0))).block(0)
     seen = see(block, view, sun).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
@@ -214,20 +228,119 @@ def test_heights_from_geotiff(tmp_path):
         heights_of(Terrain(heights=str(path)))
 
 
-def test_air_before_terrain_is_even_across_the_horizon():
+def test_air_before_terrain_is_even_across_the_horizon(air):
     """Lines that end on the ground beyond a hill at 20 km, and those above the horizon, see it through the same air."""
 
-    class Even:
+    class Smooth:
         def inscatter(self, sun, elevation, azimuth, distance, *, observer_altitude_km, peak_passes):
             light = 0.1 * (2.0 + np.sin(np.radians(elevation))) * -np.expm1(-0.02 * distance)
-            return light[..., None], np.exp(-0.02 * distance)[..., None]
+            return np.repeat(light[..., None], 3, axis=-1), np.repeat(np.exp(-0.02 * distance)[..., None], 3, axis=-1)
 
-    elevation = np.linspace(-2.0, 3.0, 501)
-    place = Place(0.6, 3.0, 0.0)
-    bridge = _Perspective(Even(), place, turbid(3.0), elevation, np.zeros(501), np.full(501, 90.0))
-    for distance in (0.5, 5.0, 20.0):
-        far = np.minimum(distance, bridge._length_km(elevation))
-        light, passed = bridge.at(np.ones(501, bool), far)
-        exact = 0.1 * (2.0 + np.sin(np.radians(elevation))) * -np.expm1(-0.02 * far)
-        np.testing.assert_allclose(light[:, 0], exact, rtol=0.012)
-        np.testing.assert_allclose(passed[:, 0], np.exp(-0.02 * far), rtol=1e-3)
+    medium, beam = air
+    for altitude_km in (0.3, 0.6, 3.0):
+        elevation = np.linspace(-8.0, 3.0, 2201)
+        place = Viewpoint(altitude_km, -20.0, 0.0)
+        own, forward = sunlit_air(None, medium)
+        bridge = AerialPerspective(
+            Smooth(), medium, beam, own, forward, place, math.radians(-20.0), elevation, np.zeros(2201),
+            np.full(2201, 90.0),
+        )  # fmt: skip
+        for distance in (0.5, 5.0, 20.0):
+            far = np.minimum(distance, bridge._length_km(elevation))
+            e = np.radians(elevation)
+            phase = species_phase(medium, forward, np.cos(e))
+            light, passed = bridge.at(e, np.zeros(2201), far, phase)
+            exact = 0.1 * (2.0 + np.sin(np.radians(elevation))) * -np.expm1(-0.02 * far)
+            np.testing.assert_allclose(light[:, 0], exact, rtol=0.012)
+            np.testing.assert_allclose(passed[:, 0], np.exp(-0.02 * far), rtol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def hazy_block():
+    """Haze with coarse particles, whose phase function has a narrow peak at the sun."""
+    medium = climate_medium(load_climate("continental-average"), np.array([450.0, 650.0]))
+    return Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=Observer(altitude_km=0.4))).block(0)
+
+
+@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 15))])
+def test_no_pixel_is_black_beside_its_neighbours(hazy_block, seed):
+    """Random mountains, some before the sun: shadows take no more sunlight than there is, at every wavelength.
+
+    In a mountain no pixel lies below all its eight neighbours by more than 20 %: a black hole stood where the sun is.
+    """
+    random = np.random.default_rng(seed)
+    sun = float(random.choice([0.5, 2.7, 5.0, 9.0, 14.0]))
+    kind = ("peak", "ridge", "ridges")[seed % 3]
+    mountain = Terrain(
+        heights=kind, size_km=float(random.uniform(30, 70)), height_km=float(random.uniform(2.0, 4.0)), count=200,
+        seed=seed, distance_km=0.0 if kind == "ridges" else float(random.uniform(8, 25)),
+    )  # fmt: skip
+    view = View(kind="perspective", width=96, height=64, field_of_view_deg=30.0, elevation_deg=sun)
+    made = landscape(hazy_block, see(hazy_block, view, sun).whole(), mountain, sun)
+    assert made.hidden is not None and made.hidden.any()
+    light = made.radiance.astype(float)
+    assert (light > 0.0).all()
+    near = [np.roll(light, (i, j), axis=(0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+    dip = light / np.min(near, axis=0)
+    inner = made.hidden.copy()
+    for axis in (0, 1):
+        inner &= np.roll(made.hidden, 1, axis) & np.roll(made.hidden, -1, axis)
+    inner[[0, -1]] = inner[:, [0, -1]] = False
+    assert kind == "ridges" or dip[inner].min() > 0.8
+
+
+def test_haze_before_a_plain_has_no_bands(hazy_block):
+    """Below the horizon the light of the haze falls smoothly: as the field itself has it, line by line."""
+    block, sun = hazy_block, 4.0
+    elevation = np.linspace(-6.0, -0.9, 120)
+    place = Viewpoint(0.4, sun, 0.0)
+    own, forward = sunlit_air(block.field, block.medium)
+    beam = prepare_beam(block.field.grids.scaled.medium)
+    bridge = AerialPerspective(
+        block.field, block.medium, beam, own, forward, place, math.radians(sun), elevation, np.full(120, 40.0),
+        np.full(120, 120.0),
+    )  # fmt: skip
+    far = 0.97 * bridge._length_km(elevation)
+    e, a = np.radians(elevation), np.full(120, math.radians(40.0))
+    cosine = np.sin(e) * math.sin(math.radians(sun)) + np.cos(e) * math.cos(math.radians(sun)) * np.cos(a)
+    light, _ = bridge.at(e, a, far, species_phase(block.medium, forward, cosine))
+    exact, _ = block.field.inscatter(sun, elevation, 40.0, far, observer_altitude_km=0.4, peak_passes=True)
+    np.testing.assert_allclose(light, exact, rtol=0.03)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:32632"])
+def test_a_geotiff_lies_where_it_is(tmp_path, crs):
+    """A summit 6 km north-east of the observer is found there, whatever the sun's azimuth and the file's grid."""
+    rasterio = pytest.importorskip("rasterio")
+    from rasterio.transform import from_bounds
+    from rasterio.warp import transform
+
+    latitude, longitude = 46.0, 10.5  # 1.08 deg of grid convergence in zone 32
+    north_km = east_km = 6.0 * math.sqrt(0.5)
+    per_degree = math.pi / 180.0 * RADIUS
+    summit = (latitude + north_km / per_degree, longitude + east_km / per_degree / math.cos(math.radians(latitude)))
+    n = 300
+    if crs == "EPSG:4326":
+        bounds = (10.3, 45.9, 10.8, 46.15)
+        x, y = summit[1], summit[0]
+    else:
+        (x,), (y,) = transform("EPSG:4326", crs, [summit[1]], [summit[0]])
+        bounds = (x - 12e3, y - 12e3, x + 8e3, y + 8e3)
+    place = from_bounds(*bounds, n, n)
+    column, row = (int(v) for v in ~place * (x, y))
+    z = np.zeros((n, n), np.float32)
+    z[row - 2 : row + 3, column - 2 : column + 3] = 1500.0
+    path = tmp_path / "z.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=n, height=n, count=1, dtype="float32", crs=crs, transform=place
+    ) as file:
+        file.write(z, 1)
+    for azimuth in (0.0, 100.0, 230.0):
+        made = heights_of(Terrain(heights=str(path)), standpoint=Standpoint(latitude, longitude, azimuth))
+        turn = math.radians(45.0 - azimuth)
+        assert height_at(made, 6.0 * math.sin(turn), 6.0 * math.cos(turn)) == pytest.approx(1.5)
+        assert height_at(made, 5.0 * math.sin(turn), 5.0 * math.cos(turn)) == pytest.approx(0.0)
+    with pytest.raises(TwilightError, match="stands outside of it"):
+        heights_of(Terrain(heights=str(path)), standpoint=Standpoint(47.0, longitude, 0.0))
+    with pytest.raises(TwilightError, match="leave out distance_km"):
+        heights_of(Terrain(heights=str(path), distance_km=3.0), standpoint=Standpoint(latitude, longitude, 0.0))

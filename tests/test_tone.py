@@ -9,18 +9,19 @@ import pytest
 from PIL import Image
 from toy_sky import glow_sky
 
-from twilight import colour, spectrum
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.io.eight_bit import to_bytes
 from twilight.io.outputs import write_outputs
-from twilight.tone import Light, Shot, film_of
-from twilight.tone.camera import SENSORS, Camera, balance, illuminant
-from twilight.tone.eye import (
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.tone import Light, Shot, tone_of
+from twilight.sky.tone.camera import SENSORS, Camera, balance, illuminant
+from twilight.sky.tone.eye import (
     SCOTOPIC_EFFICACY_LM_PER_W,
     Eye,
     acuity_cycles_per_deg,
     adapt,
-    cone_share,
+    adaptation_coefficient,
     cone_threshold,
     rod_threshold,
     scotopic_efficiency,
@@ -30,10 +31,10 @@ SUN = Light(spectrum.DEFAULT_SOLAR_SPECTRUM, 1.0)
 NM = np.arange(380.0, 721.0, 20.0)
 
 
-def of_spectrum(film, radiance):
-    """What a film sees of a radiance [W m^-2 sr^-1 nm^-1] at VISIBLE_NM."""
+def of_spectrum(tone, radiance):
+    """What a tone sees of a radiance [W m^-2 sr^-1 nm^-1] at VISIBLE_NM."""
     factor = np.interp(NM, spectrum.VISIBLE_NM, radiance) / spectrum.solar_irradiance(NM)
-    return film.see(factor, NM, SUN)
+    return tone.see(factor, NM, SUN)
 
 
 # Eye ------------------------------------------------------------------------------------------------------------
@@ -42,7 +43,7 @@ def of_spectrum(film, radiance):
 @pytest.mark.parametrize("ratio", (0.65, 1.0, 2.05, 3.5))
 def test_mesopic_luminance_solves_the_equations_of_cie_191(ratio):
     photopic = np.geomspace(6e-3, 4.0, 9)
-    m, mesopic = cone_share(photopic, ratio * photopic)
+    m, mesopic = adaptation_coefficient(photopic, ratio * photopic)
     assert np.allclose(m, np.clip(0.7670 + 0.3334 * np.log10(mesopic), 0.0, 1.0), atol=1e-6)
     v = 683.0 / 1699.0
     assert np.allclose(mesopic * (m + (1 - m) * v), m * photopic + (1 - m) * v * ratio * photopic)
@@ -55,9 +56,9 @@ def test_mesopic_luminance_solves_the_equations_of_cie_191(ratio):
 
 
 def test_day_and_night_vision_are_the_ends():
-    m, mesopic = cone_share(np.array([50.0, 1e-4]), np.array([100.0, 3e-4]))
+    m, mesopic = adaptation_coefficient(np.array([50.0, 1e-4]), np.array([100.0, 3e-4]))
     assert m.tolist() == [1.0, 0.0] and np.allclose(mesopic, [50.0, 3e-4])
-    m, _ = cone_share(np.geomspace(1e-4, 20, 60), 2 * np.geomspace(1e-4, 20, 60))
+    m, _ = adaptation_coefficient(np.geomspace(1e-4, 20, 60), 2 * np.geomspace(1e-4, 20, 60))
     assert (np.diff(m) >= 0).all()
     # 683 lm/W at 555 nm for rods too, and the maximum at 507 nm
     assert SCOTOPIC_EFFICACY_LM_PER_W * scotopic_efficiency()[555 - 360] == pytest.approx(683.0, rel=2e-3)
@@ -88,7 +89,7 @@ def test_colour_goes_with_the_light_and_turns_blue():
     night, facts = shown(1e-5)
     assert day[0] > 1.5 * day[2] and night[2] > night[0]
     assert (day[0] - day[2]) > (dusk[0] - dusk[2]) > (night[0] - night[2])
-    assert facts["cone_share"] == 0.0 and night.max() < 0.6 * day.max()
+    assert facts["adaptation_coefficient"] == 0.0 and night.max() < 0.6 * day.max()
     # an eye that is still adapted to brighter light sees less
     late, _ = Eye(acuity=False, adapted_cd_per_m2=1.0).develop(orange * 1e-2, Shot(0.0, 0.1))
     assert late.max() < shown(1e-2)[0].max()
@@ -124,12 +125,12 @@ def test_adaptation_follows_light_at_once_and_the_dark_slowly():
 @pytest.mark.parametrize("kelvin", (3000.0, 5500.0, 9000.0))
 def test_the_light_of_the_white_balance_is_white_at_its_luminance(sensor, kelvin):
     light = 1e-3 * illuminant(kelvin) / illuminant(kelvin).mean()
-    film = Camera(sensor=sensor, white_balance_k=kelvin, noise=False)
+    tone = Camera(sensor=sensor, white_balance_k=kelvin, noise=False)
     gains, matrix = balance(sensor, kelvin)
     assert np.allclose(matrix.sum(axis=1), 1.0) and (gains > 0).all()
-    seen = of_spectrum(film, light)
+    seen = of_spectrum(tone, light)
     assert np.allclose(seen[[0, 2, 3]], seen[1], rtol=0.03)
-    display, _ = film.develop(np.tile(seen, (2, 2, 1)), Shot(float(np.log2(seen[1] / 0.125)), 0.1))
+    display, _ = tone.develop(np.tile(seen, (2, 2, 1)), Shot(float(np.log2(seen[1] / 0.125)), 0.1))
     assert np.ptp(display) < 0.02
     # metered mean light is middle grey
     assert display.mean() == pytest.approx(
@@ -153,12 +154,27 @@ def test_exposure_follows_time_aperture_and_iso():
     assert dark["seconds"] == 30.0 and dark["exposure_ev100"] > -9.0  # the meter's longest
 
 
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("power", (-4.0, -1.0, 2.0, 5.0))
+def test_highlights_reach_white_without_a_fringe(sensor, power):
+    """From blue or orange light ever brighter to white: the order of the channels stays, and colour only fades."""
+    camera = Camera(sensor=sensor, noise=False, seconds=1.0)
+    seen = of_spectrum(camera, 1e-3 * (spectrum.VISIBLE_NM / 550.0) ** power)
+    light = seen / seen[1] * 19.2 * 2.0 ** np.linspace(-3.0, 4.0, 300)[:, None]  # 19.2 cd m^-2 saturate it
+    display, _ = camera.develop(light[None], Shot(0.0, 0.1))
+    shown = display[0]
+    assert np.allclose(shown[-1], 1.0) and (np.diff(shown, axis=0) > -0.003).all()
+    assert np.diff(shown, axis=0).max() < 0.05  # no edge
+    order = np.argsort(shown[0])
+    assert (np.diff(shown[:, order], axis=1) > -1e-9).all()
+
+
 def test_noise_is_that_of_photons_and_grows_with_iso():
     seen = np.full((200, 200, 4), 10.0)
 
     def spread(iso):
-        film = Camera(iso=iso)
-        signal = film._with_noise(np.full((200, 200, 3), 0.2), 1.0)
+        tone = Camera(iso=iso)
+        signal = tone._with_noise(np.full((200, 200, 3), 0.2), 1.0)
         return signal.std(), signal.mean()
 
     low, mean = spread(100.0)
@@ -174,7 +190,7 @@ def test_a_camera_needs_colours():
     with pytest.raises(TwilightError, match="needs wavelengths"):
         Camera().see(np.ones((1, 2)), np.array([550.0, 600.0]), SUN)
     with pytest.raises(TwilightError, match="not known"):
-        film_of("film noir", "cie1931_2deg")
+        tone_of("film noir", "cie1931_2deg")
 
 
 # Files ----------------------------------------------------------------------------------------------------------
@@ -193,7 +209,7 @@ def test_luminances_lie_beside_the_picture(tone, tmp_path):
     if tone == "camera":
         assert facts["iso"] == 800.0 and picture.info["sensor"] == "Nikon 5100 (NPL)"
     else:
-        assert 0.0 <= facts["cone_share"] <= 1.0
+        assert 0.0 <= facts["adaptation_coefficient"] <= 1.0
     plain = write_outputs(sky, tmp_path / "plain", files=("png",))
     assert [p.name for p in plain] == ["sky.png"]
     assert (np.asarray(Image.open(plain[0])) != np.asarray(picture)).any()
@@ -212,7 +228,7 @@ def test_eight_bits_show_no_bands():
 
 
 def test_a_notebook_is_dithered_too():
-    from twilight.shown import _bytes
+    from twilight.api.representation import _bytes
 
     grey = np.full((32, 32, 3), 0.5 + 0.4 / 255)
     assert len(np.unique(_bytes(grey))) == 2

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from toy_sky import glow_sky
 
+from twilight.base.errors import TwilightError
 from twilight.config.scene import Config
 from twilight.config.view import View
 from twilight.engine.answer import Answer
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import elevation_nodes, see, with_night, with_sun
-from twilight.errors import TwilightError
 from twilight.io.outputs import write_outputs
-from twilight.io.rendered import Seen
-from twilight.orientation import azimuth_elevation
-from twilight.views import view_rays
+from twilight.io.rendered import ViewPixels
+from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.projections import view_rays
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Block:
     medium: Air = field(default_factory=Air)
 
     @property
-    def problem(self):
+    def scene(self):
         return self
 
     @property
@@ -97,11 +97,11 @@ def test_nodes_are_a_pixel_apart_at_the_horizon():
 
 def test_the_disc_holds_the_suns_irradiance():
     rays = view_rays("perspective", 200, 200, field_of_view_deg=2.0, elevation_deg=10.3)
-    seen = Seen("perspective", rays, np.zeros((200, 200, 1), np.float32), 0.01)
+    seen = ViewPixels("perspective", rays, np.zeros((200, 200, 1), np.float32), 0.01)
     direct = Direct(np.array([0.7]), 0.3)
     pixel = np.radians(2.0 / 200) ** 2
     assert with_sun(seen, direct, 10.0).radiance.sum() * pixel == pytest.approx(0.7, rel=0.01)
-    hidden = Seen("perspective", rays, seen.radiance, 0.01, hidden=np.ones((200, 200), bool))
+    hidden = ViewPixels("perspective", rays, seen.radiance, 0.01, hidden=np.ones((200, 200), bool))
     assert not with_sun(hidden, direct, 10.0).radiance.any()
     assert with_sun(seen, Direct(np.zeros(1), 0.0), 10.0) is seen
 

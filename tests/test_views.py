@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from twilight.camera import Camera
-from twilight.errors import TwilightError
-from twilight.orientation import direction
-from twilight.views import KINDS, cube_face, view_directions, view_rays
+from twilight.base.errors import TwilightError
+from twilight.numerics.orientation import direction
+from twilight.numerics.projections import PROJECTIONS, cube_face, view_directions, view_rays
+from twilight.studies.camera import CameraModel
 
 POINTING = {"azimuth_deg": 73.0, "elevation_deg": -21.0, "roll_deg": 14.0}
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", PROJECTIONS)
 def test_rays_are_unit_vectors_and_give_back_their_angles(name):
+    """A projection's pixels would not point where their angles say."""
     rays = view_rays(name, 32)
     elevation, azimuth = view_directions(name, 32)
     inside = np.isfinite(rays[..., 0])
@@ -23,7 +24,8 @@ def test_rays_are_unit_vectors_and_give_back_their_angles(name):
 
 @pytest.mark.parametrize(("name", "projection"), [("perspective", "perspective"), ("fisheye", "equidistant")])
 def test_as_the_camera_model(name, projection):
-    camera = Camera.model_validate(
+    """A view and a camera of one projection would disagree."""
+    camera = CameraModel.model_validate(
         {
             "projection": projection,
             "image": {"width_px": 24, "height_px": 24},
@@ -39,9 +41,10 @@ def test_as_the_camera_model(name, projection):
 
 
 def test_latlong_as_the_camera_model():
-    camera = Camera.model_validate(
+    """A latitude-longitude view and such a camera would disagree."""
+    camera = CameraModel.model_validate(
         {
-            "projection": "latitude_longitude",
+            "projection": "latlong",
             "image": {"width_px": 24, "height_px": 12},
             "orientation": POINTING,
         }
@@ -53,11 +56,12 @@ def test_latlong_as_the_camera_model():
 
 @pytest.mark.parametrize("name", ["latlong", "octahedral", "cube"])
 def test_whole_spheres_hold_every_direction_once(name):
+    """A projection of the whole sphere would leave a gap or repeat a part."""
     # neighbours span the solid angle of a pixel; all of them together are the sphere
     rays = view_rays(name, 96)
     a, b, c, d = rays[:-1, :-1], rays[:-1, 1:], rays[1:, :-1], rays[1:, 1:]
     area = 0.5 * np.linalg.norm(np.cross(d - a, c - b), axis=-1)
-    total = np.nansum(area) * 96 * (96 / KINDS[name].aspect) / area.size
+    total = np.nansum(area) * 96 * (96 / PROJECTIONS[name].aspect) / area.size
     if name == "cube":
         total = 6 * 96 / 4 * 96 / 4 * np.nanmean(area)
     assert total == pytest.approx(4 * np.pi, rel=0.03)
@@ -67,6 +71,7 @@ def test_whole_spheres_hold_every_direction_once(name):
 
 
 def test_the_fisheye_has_azimuth_0_below_and_90_to_the_right():
+    """The fisheye would be mirrored or turned."""
     elevation, azimuth = view_directions("fisheye", 100)
     assert azimuth[95, 50] == pytest.approx(0.0, abs=1.5) or azimuth[95, 50] > 358.5
     assert azimuth[50, 95] == pytest.approx(90.0, abs=1.5)
@@ -74,6 +79,7 @@ def test_the_fisheye_has_azimuth_0_below_and_90_to_the_right():
 
 
 def test_faces_of_the_cube_join():
+    """A face of the cube would be turned against its neighbours."""
     front, up, right, down = (cube_face(face, 64) for face in ("front", "up", "right", "down"))
     step = 2.0 / 64
     assert np.abs(front[0] - up[-1]).max() < 1.5 * step
@@ -82,6 +88,7 @@ def test_faces_of_the_cube_join():
 
 
 def test_wrong_views_are_one_sentence():
+    """An impossible view would be drawn."""
     with pytest.raises(TwilightError, match="choose one of perspective"):
         view_rays("mercator", 10)
     with pytest.raises(TwilightError, match="2 times as wide as high"):
@@ -93,6 +100,7 @@ def test_wrong_views_are_one_sentence():
 
 
 def test_a_strip_along_the_limb_has_rows_of_one_elevation():
+    """The strip along the limb would curve."""
     elevation, azimuth = view_directions("limb", 36, 5, azimuth_deg=10.0, band_deg=(-25.0, -15.0))
     np.testing.assert_allclose(elevation, np.broadcast_to([[-16.0], [-18.0], [-20.0], [-22.0], [-24.0]], (5, 36)))
     np.testing.assert_allclose(azimuth[0], np.mod(10.0 - 175.0 + 10.0 * np.arange(36), 360.0))

@@ -14,18 +14,19 @@ from browser import light_of, open_page, until
 from typer.testing import CliRunner
 
 import twilight
+from twilight.api import calls  # noqa: F401 - attaches `view` to skies and fields
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.errors import TwilightError
-from twilight.night import NightLevels, Place, night_radiance
+from twilight.numerics.projections import view_directions
+from twilight.sky.ephemeris import parse_time, sun_position
+from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.solvers.base import BareField
-from twilight.sun.ephemeris import parse_time, sun_position
-from twilight.views import view_directions
-from twilight.window import view_field, view_fields, view_sky
-from twilight.window.colours import Channels
-from twilight.window.tables import Sizes
+from twilight.viewer import view_field, view_fields, view_sky
+from twilight.viewer.colours import Channels
+from twilight.viewer.tables import ViewerTableSizes
 
 NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
-COARSE = Sizes(suns=33, sky=17, ground=5, azimuths=13)
+COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 UP_DEG = 4.0
 """Pixels of all-sky pictures this far above the horizon have none of the ground."""
@@ -48,7 +49,8 @@ class Closed(BareField):
 
 
 def closed(name="closed", level=1.0):
-    return replace(problem_of_field(Closed(turbid(wavelength_nm=NM), level)), title=name).solve()
+    problem = problem_of_field(Closed(turbid(wavelength_nm=NM), level))
+    return replace(problem, scene=replace(problem.scene, title=name)).solve()
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,11 @@ def field():
 def pages(field, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
     two = view_fields(
-        [field, closed("other", 2.0)], names=["one", "other"], altitudes_km=[0.0, 5.0, 60.0], sizes=COARSE
+        [field, closed("other", 2.0)],
+        names=["one", "other"],
+        scenes=["one", "other"],
+        altitudes_km=[0.0, 5.0, 60.0],
+        sizes=COARSE,
     )
     return SimpleNamespace(
         one=view_field(field, sizes=COARSE, names=["closed"], scenes=["continental-average"]).save(folder / "one.html"),
@@ -153,7 +159,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 def test_every_control_does_what_it_says(pages):
     with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.35) as (page, errors):
-        page.evaluate("document.getElementById('panel').hidden = false")
+        page.click("#toggle")
 
         def state(key):
             return page.evaluate(f"twilight.state[{json.dumps(key)}]")
@@ -176,22 +182,30 @@ def test_every_control_does_what_it_says(pages):
             pictures.append(shown())
             return pictures[-1] != pictures[-2]
 
-        for name, value in (("sun", -5.0), ("fov", 1.3), ("altitude", 2.0), ("split", 0.2), ("ev", 10.0)):
+        for name, value in (
+            ("sun", math.asinh(-5.0 / 4.0)),
+            ("fov", 1.3),
+            ("altitude", 2.0),
+            ("split", 0.2),
+            ("ev", 10.0),
+        ):
             slide(name, value)
             assert changed(), name
         assert state("fov") == pytest.approx(10**1.3, rel=1e-3) and state("altitude") == pytest.approx(4.0)
-        slide("sun", -10.0)  # dark enough for an eye to notice
-        for value in ("camera", "eye"):
-            page.select_option("#exposure", value)
-            assert state("exposure") == value and changed()
+        slide("sun", math.asinh(-10.0 / 4.0))  # dark enough for an eye to notice
+        page.select_option("#exposure", "metered")
+        assert state("exposure") == "metered" and changed()
         slide("bias", 2.0)
         assert changed()
+        page.select_option("#tone", "eye")
+        assert state("tone") == "eye" and changed() and page.is_hidden("#exposure") and page.is_hidden("#bias")
+        page.select_option("#tone", "photographic")
         page.select_option("#exposure", "manual")
         shown()
         for value in ("fisheye", "latlong", "perspective"):
             page.select_option("#projection", value)
             assert changed(), value
-        slide("sun", -17.0)
+        slide("sun", math.asinh(-17.0 / 4.0))
         slide("fov", 1.9)
         slide("ev", -8.0)
         shown()
@@ -202,7 +216,7 @@ def test_every_control_does_what_it_says(pages):
             assert changed(), name
         page.fill("#date", "2026-09-20")
         assert changed()
-        page.select_option("#exposure", "camera")
+        page.select_option("#exposure", "metered")
         page.select_option("#mode", "clock")
         shown()
         assert page.is_hidden("#sun") and page.is_visible("#latitude")

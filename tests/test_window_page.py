@@ -11,11 +11,11 @@ from airs import as_sky, problem_of_field, turbid
 from browser import open_page, until
 
 from twilight.solvers.base import BareField
-from twilight.window import view_field, view_sky
-from twilight.window.tables import Sizes
+from twilight.viewer import view_field, view_sky
+from twilight.viewer.tables import ViewerTableSizes
 
 NM = np.array([420.0, 500.0, 580.0, 660.0])
-COARSE = Sizes(suns=17, sky=9, ground=5, azimuths=7, limb=9)
+COARSE = ViewerTableSizes(suns=17, sky=9, ground=5, azimuths=7, limb=9)
 
 
 @dataclass
@@ -35,7 +35,7 @@ def even(medium):
 
 @pytest.fixture(scope="module")
 def view():
-    return view_field(even(turbid(wavelength_nm=NM)), sizes=COARSE)
+    return view_field(even(turbid(wavelength_nm=NM)), scenes=["pure-air"], sizes=COARSE)
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +44,10 @@ def page_file(view, tmp_path_factory):
 
 
 def test_it_opens_from_disk(page_file):
-    with open_page(page_file, 160, 90, from_disk=True) as (page, errors):
+    with open_page(page_file, 400, 500, from_disk=True) as (page, errors):
         assert page.url.startswith("file:")
         assert page.evaluate("twilight.at(40, 10)?.luminance ?? 0") > 0.0
-        page.evaluate("document.getElementById('panel').hidden = false")
+        page.click("#toggle")
         page.click("#copy")  # the clipboard of pages from disk may be closed: the text is then selected
         assert errors == []
 

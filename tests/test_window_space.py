@@ -11,19 +11,19 @@ from airs import problem_of_field, turbid
 from browser import light_of, open_page
 
 import twilight
-from twilight.errors import TwilightError
-from twilight.export.values import USUAL_HAZE_TOP_KM
-from twilight.orientation import azimuth_elevation, direction
+from twilight.base.errors import TwilightError
+from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.projections import view_directions, view_rays
 from twilight.solvers.base import BareField
-from twilight.views import view_directions, view_rays
-from twilight.window import ground_to_orbit, view_fields
-from twilight.window.colours import Channels
-from twilight.window.scene import within_air
-from twilight.window.space import at_entry
-from twilight.window.tables import Sizes
+from twilight.studies.export.field_values import USUAL_HAZE_TOP_KM
+from twilight.viewer import ground_to_orbit, view_fields
+from twilight.viewer.colours import Channels
+from twilight.viewer.scene import within_air
+from twilight.viewer.space import at_entry
+from twilight.viewer.tables import ViewerTableSizes
 
 NM = np.array([400.0, 450.0, 520.0, 580.0, 640.0, 700.0])
-SIZES = Sizes(suns=49, sky=9, ground=9, azimuths=13, limb=25)
+SIZES = ViewerTableSizes(suns=49, sky=9, ground=9, azimuths=13, limb=25)
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 MEDIUM = turbid(wavelength_nm=NM)
 RADIUS = MEDIUM.earth_radius_km
@@ -68,7 +68,7 @@ def planet():
 @pytest.fixture(scope="module")
 def page_file(planet, tmp_path_factory):
     path = tmp_path_factory.mktemp("space") / "planet.html"
-    return view_fields([planet], altitudes_km=[0.0, 400.0], sizes=SIZES).save(path)
+    return view_fields([planet], scenes=["planet.yaml"], altitudes_km=[0.0, 400.0], sizes=SIZES).save(path)
 
 
 def test_a_line_is_the_same_at_its_entry_and_its_foot():
@@ -194,20 +194,20 @@ def test_a_climate_from_the_air_to_orbit(tmp_path):
     page_file = view_fields([solved], altitudes_km=[2.0, 5.0, 10.0, 400.0]).save(tmp_path / "sky.html")
     channels, missed = Channels(solved.medium.wavelength_nm), []
     views = [(z, fov, 0.02 if fov > 8.0 else 0.04) for z in (10.0, 400.0, 100.5) for fov in (100.0, 8.0)]
-    with open_page(page_file, 64, 36) as (page, errors):
+    with open_page(page_file, 32, 18) as (page, errors):
         for altitude, fov, limit in (*views, (3.2, 100.0, 0.05)):
             dip = math.degrees(math.acos(RADIUS / (RADIUS + altitude)))
             below = 20.0 if fov > 8.0 else -1.0
             for turned in (30.0, 150.0):
                 elevation, azimuth = view_directions(
-                    "perspective", 64, 36, field_of_view_deg=fov, elevation_deg=-dip - below, azimuth_deg=turned
+                    "perspective", 32, 18, field_of_view_deg=fov, elevation_deg=-dip - below, azimuth_deg=turned
                 )
                 state = {"fov": fov, "elevation": -dip - below, "azimuth": turned, "projection": "perspective"}
                 for sun in (20.0, 1.0, -6.0):
                     found = light_of(page, {**BARE, **state, "altitude": altitude, "sun": sun})[::-1]
                     exact = channels.of(solved.radiance(sun, elevation, azimuth, altitude))
                     bright = exact[..., 1] > 1e-3 * np.percentile(exact[..., 1], 99)
-                    bright &= np.abs(elevation + dip) > 0.5 * fov / 36.0 + 0.3
+                    bright &= np.abs(elevation + dip) > 0.5 * fov / 18.0 + 0.3
                     off = np.percentile(np.abs(found[bright] / exact[bright] - 1.0), 95, axis=0).max()
                     where = f"{altitude:g} km, {fov:g} deg across, azimuth {turned:g}, sun {sun:g}"
                     print(f"{where}: {100 * off:.2f} %", flush=True)

@@ -1,4 +1,4 @@
-"""How many directions the zones solver takes, where they lie, and what their sums lose."""
+"""Directions of the zones solver: how many, where they lie, and what sums over them lose."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.directions import needed
 from twilight.solvers.zones.grid import conserving, even_harmonics, make_angles
-from twilight.solvers.zones.view import sun_lift
-from twilight.transport.bundle import trace_rays
+from twilight.solvers.zones.line_integrals import sun_lift
 from twilight.transport.lines import horizon_cosine, with_refraction
 from twilight.transport.profile import prepare_profile
+from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import delta_scaled
 
 STANDARD = zones.QUALITIES["standard"]
@@ -60,7 +60,7 @@ def test_few_polar_angles_find_no_harmonics_in_light_that_has_none(horizon, abov
 def test_directions_that_keep_energy_lose_no_high_degree():
     """Light that is linear in the cosine on either side of the horizon; relative to its mean."""
     angles = make_angles(np.array([-0.03]), STANDARD.polar_directions, STANDARD.azimuth_directions, STANDARD.degree)
-    kept = conserving(angles)
+    conserved = conserving(angles)
     x, w = np.polynomial.legendre.leggauss(200)
     fine = np.concatenate([0.5 * (x + 1.0) * 0.97 - 1.0, 0.5 * (x + 1.0) * 1.03 - 0.03])
     weight = np.concatenate([0.97 * w, 1.03 * w]) / 4.0
@@ -69,11 +69,12 @@ def test_directions_that_keep_energy_lose_no_high_degree():
         return np.where(cosine > -0.03, 1.0 - 0.7 * cosine, 0.3 + 0.2 * cosine)
 
     truth = (weight * light(fine)) @ even_harmonics(fine, STANDARD.degree, 0)
-    got = kept.analysis[0][angles.order == 0].sum(axis=2) @ light(angles.cosine[0])
+    got = conserved.analysis[0][angles.order == 0].sum(axis=2) @ light(angles.cosine[0])
     assert np.abs(got - truth).max() < 1e-3 * truth[0]
 
 
 def test_a_narrow_peak_scatters_even_light_into_the_zenith_without_loss(desert):
+    """The zenith would lose up to 9 % below a strong forward peak."""
     scaled = delta_scaled(desert, STANDARD.degree)
     angles = make_angles(np.array([0.0]), STANDARD.polar_directions, STANDARD.azimuth_directions, STANDARD.degree)
     same = angles.order == 0
@@ -104,6 +105,8 @@ def test_rays_part_at_the_horizon_bent_or_straight():
 
 
 def test_only_coarse_particles_take_more_directions(desert):
+    """Ordinary air would pay for directions that dust needs."""
+
     def of(medium):
         scaled = delta_scaled(medium, STANDARD.degree)
         return needed(STANDARD, scaled, prepare_profile(scaled.medium))
@@ -119,7 +122,7 @@ def test_only_coarse_particles_take_more_directions(desert):
 
 
 @pytest.mark.parametrize("climate", ["volcanic-stratosphere", "volcanic-extreme"])
-def test_later_events_below_a_volcano_follow_its_peak(climate):
+def test_later_orders_below_a_volcano_follow_its_peak(climate):
     """With degree 9 there 95 % of errors at 680 nm were below 5.1 and 11 % at -12 and -18 deg, with 12 below 2.6 and
     3.2 %."""
     medium = climate_medium(load_climate(climate), np.array([680.0]))
@@ -132,9 +135,9 @@ def test_later_events_below_a_volcano_follow_its_peak(climate):
 def test_the_glow_beside_the_sun_is_that_of_a_sun_where_it_appears(desert):
     """Refraction lifts a sun at 5 deg by 0.15 deg: dust glows beside it as beside a sun that stands there.
 
-    Behind as much air: the bent ways are longer, by the same share for all these directions.
+    Behind as much air: the bent ways are longer, by the same fraction for all these directions.
     """
-    alone = replace(zones.QUALITIES["draft"], max_events=1)
+    alone = replace(zones.QUALITIES["draft"], max_orders=1)
     bent, straight = (
         zones.prepare(desert, replace(alone, refraction=on, bent_lines_of_sight=on, bent_paths=on))
         for on in (True, False)

@@ -12,17 +12,17 @@ import pytest
 from layered_sky import layered
 from plane_parallel import RAYLEIGH, Slabs, henyey_greenstein
 
+from twilight.base.errors import TwilightWarning
 from twilight.config.load import load_climate
-from twilight.errors import TwilightWarning
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones.directions import near_edges
-from twilight.solvers.zones.grid import MOST_GROWTH, altitude_nodes, resolve_layers
+from twilight.solvers.zones.grid import MAX_INTERVAL_RATIO, altitude_nodes, resolve_layers
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.transport.bundle import trace_rays
 from twilight.transport.lines import ALTITUDE
 from twilight.transport.profile import prepare_profile
+from twilight.transport.ray_bundle import trace_rays
 
 WAVELENGTH_NM = np.array([550.0])
 STANDARD = zones.QUALITIES["standard"]
@@ -36,15 +36,17 @@ def nodes_of(climate, density=1.0):
 
 
 def test_altitudes_grow_apart_slowly_beside_a_layer_and_are_as_they_were_elsewhere():
+    """A cubic would swing beyond a layer's edges."""
     even, nodes, _ = nodes_of("volcanic-extreme")
     assert np.isin(even, nodes).all()
     step = np.diff(nodes)
-    assert np.abs(np.diff(np.log(step))).max() <= math.log(MOST_GROWTH)
+    assert np.abs(np.diff(np.log(step))).max() <= math.log(MAX_INTERVAL_RATIO)
     even, nodes, _ = nodes_of("continental-average")
     assert np.array_equal(even, nodes)
 
 
 def test_a_level_at_which_only_the_kind_of_aerosol_changes_is_no_bend_of_its_light():
+    """Nodes would be spent where light does not bend."""
     _, _, profile = nodes_of("volcanic-extreme")
     assert np.array_equal(profile.break_km, [2.0, 11.0, 30.0])
     assert np.array_equal(profile.sharp_km, [2.0, 11.0])
@@ -73,7 +75,7 @@ def test_light_under_a_volcanic_layer_has_settled():
     elevation, azimuth = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
     suns, bounds = (0.0, -12.0, -18.0), (0.003, 0.006, 0.015)
     coarse = replace(
-        SCALAR, zenith_density=0.5, polar_directions=6, degree=8, coarse_degree=8, late_degree=4, azimuth_directions=7
+        SCALAR, zenith_density=0.5, polar_directions=6, degree=8, max_degree=8, late_degree=4, azimuth_directions=7
     )
     skies = []
     for density in (1.0, 2.0):
@@ -83,8 +85,8 @@ def test_light_under_a_volcanic_layer_has_settled():
     assert np.all(moved < bounds)
 
 
-def test_steps_of_the_first_event_resolve_the_edge_of_the_shadow():
-    """The sun at -4 deg over the haze of `antarctic`, 10 km high: with steps of the density of later events all light
+def test_steps_of_the_first_order_resolve_the_edge_of_the_shadow():
+    """The sun at -4 deg over the haze of `antarctic`, 10 km high: with steps of the density of later orders all light
     scattered several times moved together."""
     medium = climate_medium(load_climate("antarctic"), WAVELENGTH_NM)
     standard = zones.QUALITIES["standard"]
@@ -98,8 +100,8 @@ def test_steps_of_the_first_event_resolve_the_edge_of_the_shadow():
         step_density=standard.step_density,
     )
     skies = []
-    for density in (4.0, standard.first_step_density, standard.step_density):
-        field = zones.prepare(medium, replace(coarse, first_step_density=density), sun_elevations_deg=[-4.0])
+    for density in (4.0, standard.first_order_step_density, standard.step_density):
+        field = zones.prepare(medium, replace(coarse, first_order_step_density=density), sun_elevations_deg=[-4.0])
         skies.append(field.radiance(-4.0, elevation, azimuth)[:, 0])
     settled, rough = (np.abs(sky / skies[0] - 1.0).max() for sky in skies[1:])
     assert settled < 0.003 < rough
@@ -111,7 +113,7 @@ def test_steps_of_the_first_event_resolve_the_edge_of_the_shadow():
 )
 def test_a_high_thin_layer_after_sunset_is_said_to_be_uncertain(base_km, depth, sun_deg, said):
     """In one sentence; whether there is one does not hang on how finely the field is solved."""
-    few = replace(SCALAR, max_events=2, tolerance=0.0, altitude_density=0.3, zenith_density=0.3, polar_directions=4)
+    few = replace(SCALAR, max_orders=2, tolerance=0.0, altitude_density=0.3, zenith_density=0.3, polar_directions=4)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", TwilightWarning)
         zones.prepare(layered(base_km, 1.0, depth), few, sun_elevations_deg=[sun_deg])
@@ -168,7 +170,7 @@ def test_light_of_a_low_sun_in_a_thin_layer_is_not_stepped_over():
 
 
 def test_light_leaks_along_a_high_layer_after_sunset():
-    """Against the referee (`benchmarks/high_layer.csv`), whose error is 1.3 and 1.7 %."""
+    """Against the reference solution (`benchmarks/zones_study_layer.csv`), whose error is 1.3 and 1.7 %."""
     draft = replace(zones.QUALITIES["draft"], polarisation=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TwilightWarning)

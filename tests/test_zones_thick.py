@@ -1,4 +1,5 @@
-"""Thick white clouds in the zones solver: solved in tens of steps, against plane-parallel doubling and adding."""
+"""Conservative scattering in thick clouds: solved in tens of steps, and right beside plane-parallel doubling and
+adding."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import pytest
 from plane_parallel import Slabs, henyey_greenstein
 from thick_media import cloud, slabs
 
-from twilight.errors import TwilightWarning
+from twilight.base.errors import TwilightWarning
 from twilight.solvers import zones
 
 SUN_COSINE = 0.5
@@ -20,6 +21,7 @@ FOG = {"base_km": 0.0, "top_km": 0.05}
 
 
 def test_the_plane_parallel_helper_keeps_energy_and_knows_a_published_value():
+    """The comparison itself would be wrong."""
     for depth in (1.0, 100.0):
         white = Slabs([(depth, 1.0, henyey_greenstein(0.85))], 1.0, SUN_COSINE)
         np.testing.assert_allclose(white.flux_up, white.flux_down, rtol=1e-8)
@@ -40,39 +42,41 @@ def _flux_down(field) -> np.ndarray:
 def _check(depths, where):
     field = zones.prepare(cloud(*depths, **where), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
-    assert field.convergence.events < 25
+    assert field.convergence.orders < 25
     truth = [slabs(depth, SUN_COSINE, **where).flux_down[-1] for depth in depths]
     np.testing.assert_allclose(_flux_down(field), truth, rtol=0.02)
 
 
 @pytest.mark.parametrize("where", [FOG, {"ground": 0.0}], ids=["fog over snow", "cloud"])
-def test_thick_white_air_is_right_and_solved_in_tens_of_steps(where):
+def test_thick_conservative_air_is_right_and_solved_in_tens_of_steps(where):
     """Measured up to 1.6 %, for a cloud of depth 100 over a black ground."""
     _check((100.0,), where)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("where", [FOG, {}, {"ground": 0.0}], ids=["fog over snow", "cloud over snow", "cloud"])
-def test_white_air_of_every_depth_is_right_and_solved_in_tens_of_steps(where):
+def test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps(where):
+    """Clouds would be wrong, or take thousands of orders."""
     _check((5.0, 20.0, 50.0, 100.0), where)
 
 
 def test_air_thicker_than_was_compared_is_said():
-    two = replace(zones.QUALITIES["draft"], max_events=2, tolerance=0.0)
+    """Air beyond all comparisons would be solved without a word."""
+    two = replace(zones.QUALITIES["draft"], max_orders=2, tolerance=0.0)
     with pytest.warns(TwilightWarning, match="scatters with an optical depth of 17[0-9]"):
         zones.prepare(cloud(200.0), two, sun_elevations_deg=[SUN_DEG, 60.0])
 
 
-def test_how_many_events_are_wanted_is_kept():
-    """Few events and a tolerance of 0 are followed one by one."""
-    few = replace(zones.QUALITIES["draft"], max_events=8)
-    with pytest.warns(UserWarning, match="max_events 8 was not enough"):
-        assert zones.prepare(cloud(50.0, **FOG), few, sun_elevations_deg=[SUN_DEG, 60.0]).convergence.events == 8
+def test_as_many_orders_are_followed_as_are_wanted():
+    """Few orders, and orders at a tolerance of 0, are followed one by one."""
+    few = replace(zones.QUALITIES["draft"], max_orders=8)
+    with pytest.warns(UserWarning, match="max_orders 8 was not enough"):
+        assert zones.prepare(cloud(50.0, **FOG), few, sun_elevations_deg=[SUN_DEG, 60.0]).convergence.orders == 8
 
 
 @pytest.mark.slow
-@pytest.mark.ci
-def test_white_fog_over_snow_closely():
+def test_conservative_fog_over_snow_closely():
+    """Light between fog and snow would be lost."""
     field = zones.prepare(cloud(50.0, **FOG), zones.QUALITIES["standard"], sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
     truth = slabs(50.0, SUN_COSINE, **FOG).flux_down[-1]

@@ -9,7 +9,7 @@ from plane_parallel import RAYLEIGH, Slabs, henyey_greenstein
 from stability_media import Air, medium_of
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 
 FLAT_KM = 2e5
 """Radius of a planet that is flat at the scale of a cloud."""

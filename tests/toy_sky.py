@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from twilight.grids import texture_grid
-from twilight.sky import Sky
+from twilight.numerics.grids import texture_grid
+from twilight.sky.sky import Sky
 
 
 def unit_vector(elevation_deg, azimuth_deg):

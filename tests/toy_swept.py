@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight import solvers
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers.base import BareField, Capabilities
 
 solvers.SOLVERS["toy"] = "toy_swept"

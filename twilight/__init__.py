@@ -6,27 +6,57 @@
     field = twilight.solve("continental-average")
     field.radiance(-4.0, 20.0, 0.0)  # sun-normalised [sr^-1], for any sun and direction
 
-Names are loaded when they are used: importing the package costs nothing.
+`__all__` is all that programs may rely on; everything else may change.  Names are loaded when they are used: importing
+the package costs nothing.
 """
 
 from importlib import import_module
-from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["Sky", "TwilightError", "TwilightWarning", "__version__", "load", "read_sky", "render", "solve"]
+__all__ = [
+    "Climate",
+    "CompactSky",
+    "Config",
+    "Medium",
+    "Sky",
+    "SkySeries",
+    "Solved",
+    "TwilightError",
+    "TwilightWarning",
+    "__version__",
+    "load",
+    "load_climate",
+    "medium",
+    "open_dataset",
+    "read_sky",
+    "render",
+    "solve",
+    "solver",
+]
 
 _WHERE = {
-    "Sky": "twilight.sky",
-    "TwilightError": "twilight.errors",
-    "TwilightWarning": "twilight.errors",
+    "Climate": "twilight.config",
+    "CompactSky": "twilight.solvers.compact.compact_sky",
+    "Config": "twilight.config",
+    "Medium": "twilight.atmosphere.medium",
+    "Sky": "twilight.api.representation",
+    "SkySeries": "twilight.api.representation",
+    "Solved": "twilight.api.calls",
+    "TwilightError": "twilight.base.errors",
+    "TwilightWarning": "twilight.base.errors",
     "load": "twilight.config",
-    "read_sky": "twilight.io",
-    "render": "twilight.face",
-    "solve": "twilight.face",
+    "load_climate": "twilight.config",
+    "medium": "twilight.api.calls",
+    "open_dataset": "twilight.api.representation",
+    "read_sky": "twilight.api.representation",
+    "render": "twilight.api.calls",
+    "solve": "twilight.api.calls",
+    "solver": "twilight.api.calls",
 }
+"""The module of each public name.  All ways to a `Sky` lead through `twilight.api`, which attaches what draws it."""
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _WHERE:
         raise AttributeError(f"module 'twilight' has no attribute '{name}'")
     return getattr(import_module(_WHERE[name]), name)

@@ -67,8 +67,8 @@ def _solver(model: str, variant: str, job: dict):
     # every kernel is loaded (compiled where the cache is empty) by a sky that costs little
     small = case.straight_air(case.WAVELENGTHS_NM[[3]])
     quick = solver.QUALITIES["draft"]
-    if hasattr(quick, "max_events"):
-        quick = replace(quick, max_events=2)
+    if hasattr(quick, "max_orders"):
+        quick = replace(quick, max_orders=2)
     solver.prepare(small, quick).radiance(0.0, np.array([10.0]), np.array([0.0]))
 
     def run(medium):

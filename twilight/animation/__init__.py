@@ -1,1 +1,1 @@
-"""Films: many pictures from one field, drawn from its tables, exposed smoothly, kept so that they can be continued."""
+"""Films: many pictures drawn from the tables of one field, exposed smoothly, continued where they were interrupted."""

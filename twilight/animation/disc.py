@@ -6,20 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening
-from twilight.window.lines import sky_elevations
+from twilight.sky.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening
+from twilight.viewer.lines import sky_elevations
 
 DARKENED_AT_NM = np.array([550.0])
 
 
 @dataclass(frozen=True)
-class Disc:
-    """lifted_deg (N,), beam (N, 4): as `window.lines.sunbeam`; horizon_deg: apparent.
+class DiscPainter:
+    """refraction_deg (N,), beam (N, 4): as `window.lines.sunbeam`; horizon_deg: apparent.
 
     Limb darkening is that of 550 nm at every wavelength, as on the page of `twilight view`.
     """
 
-    lifted_deg: np.ndarray
+    refraction_deg: np.ndarray
     beam: np.ndarray
     horizon_deg: float
 
@@ -31,21 +31,20 @@ class Disc:
         sun_elevation_deg: float,
         sun_azimuth_deg: float,
         distance_au: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(X, Y, Z and scotopic luminance [cd m^-2] (H, W, 4), share of each pixel that the disc fills (H, W)).
+    ) -> np.ndarray:
+        """Channels of the film's tone [cd m^-2], (H, W, 4).
 
         sun_elevation_deg: true.  Edges are smoothed over pixel_deg; a disc of less than a pixel keeps its light.
         """
-        share = np.zeros(elevation_deg.shape)
         light = np.zeros((*elevation_deg.shape, 4))
         with np.errstate(invalid="ignore"):
             near = np.abs(elevation_deg - sun_elevation_deg) < 2.0 + pixel_deg
         near &= elevation_deg >= self.horizon_deg
         if not near.any():
-            return light, share
+            return light
         nodes = sky_elevations(self.horizon_deg)
         e = elevation_deg[near]
-        true = np.radians(e - np.interp(e, nodes, self.lifted_deg))
+        true = np.radians(e - np.interp(e, nodes, self.refraction_deg))
         sun, across = np.radians(sun_elevation_deg), np.radians(azimuth_deg[near] - sun_azimuth_deg)
         cosine = np.sin(true) * np.sin(sun) + np.cos(true) * np.cos(sun) * np.cos(across)
         away = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
@@ -57,5 +56,4 @@ class Disc:
         # what the disc gives at 1 au over the solid angle that it has there
         solid = np.pi * np.sin(np.radians(SOLAR_RADIUS_DEG)) ** 2
         light[near] = (filled * dark / solid)[:, None] * beam
-        share[near] = filled
-        return light, share
+        return light

@@ -1,4 +1,4 @@
-"""Pictures from the tables of a field (`twilight.window.tables`), for any sun between those of the tables.
+"""Pictures from the tables of a field (`twilight.viewer.tables`), for any sun between those of the tables.
 
     light = exp(sky) + P(scattering angle) exp(aureole)
 
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.export import own
-from twilight.export.values import PHASE_ANGLES
-from twilight.kernels import njit
-from twilight.threads import in_slices
-from twilight.window.colours import CHANNELS
-from twilight.window.tables import Sizes, Tables
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
+from twilight.studies.export import sky_tables
+from twilight.studies.export.field_values import PHASE_ANGLES
+from twilight.viewer.colours import CHANNELS
+from twilight.viewer.tables import ViewerTables, ViewerTableSizes
 
 
 @njit(cache=True, nogil=True)
@@ -78,14 +78,14 @@ def _draw(sky, aureole, phase, bounds, sizes, elevation, azimuth, above, sun, su
 
     sky (rows, columns, 4): logarithms over the tables' elevation and azimuth; aureole: the same of what the aerosol's
     phase function multiplies, or empty; phase (angles, 4): its logarithm; bounds: elevations of the horizon and of the
-    top of the haze; sizes: rows of the ground, of the haze and of the sky; elevation, azimuth (N,); above (N,): share
+    top of the haze; sizes: rows of the ground, of the haze and of the sky; elevation, azimuth (N,); above (N,): part
     of each pixel that is over the horizon; sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its
-    distance; first, end: the first direction and the one after the last.
+    distance; first, end: range of directions.
     """
     (horizon, haze), (n_ground, n_haze, n_sky) = bounds, sizes
     wy, wx = np.empty(4), np.empty(4)
     rows, columns = np.empty(4, np.int64), np.empty(4, np.int64)
-    n_columns, n_angles, power = sky.shape[1], phase.shape[0], 1.0 / own.AZIMUTH_POWER
+    n_columns, n_angles, power = sky.shape[1], phase.shape[0], 1.0 / sky_tables.AZIMUTH_POWER
     for p in range(first, end):
         e = elevation[p]
         a = abs((azimuth[p] - sun_azimuth + math.pi) % (2.0 * math.pi) - math.pi)
@@ -97,10 +97,10 @@ def _draw(sky, aureole, phase, bounds, sizes, elevation, azimuth, above, sun, su
         for c in range(4):
             out[p, c] = 0.0
         for side in range(2):
-            share = above[p] if side == 1 else 1.0 - above[p]
-            if share <= 0.0:
+            fraction = above[p] if side == 1 else 1.0 - above[p]
+            if fraction <= 0.0:
                 continue
-            share *= near
+            fraction *= near
             if side == 1:
                 if e < haze:
                     y = 2.0 / math.pi * math.asin(math.sqrt(max(0.0, e - horizon) / max(haze - horizon, 1e-9))) * n_haze
@@ -110,16 +110,16 @@ def _draw(sky, aureole, phase, bounds, sizes, elevation, azimuth, above, sun, su
                 y = (1.0 - math.sqrt(min(1.0, max(0.0, (horizon - e) / (0.5 * math.pi + horizon))))) * (n_ground - 1)
             _place(n_columns, n_ground, n_haze, n_sky, side == 1, y, x, rows, columns, wy, wx)
             value = _read(sky, rows, columns, wy, wx)
-            out[p, 0] += share * math.exp(value[0])
-            out[p, 1] += share * math.exp(value[1])
-            out[p, 2] += share * math.exp(value[2])
-            out[p, 3] += share * math.exp(value[3])
+            out[p, 0] += fraction * math.exp(value[0])
+            out[p, 1] += fraction * math.exp(value[1])
+            out[p, 2] += fraction * math.exp(value[2])
+            out[p, 3] += fraction * math.exp(value[3])
             if aureole.shape[0] > 0:
                 value = _read(aureole, rows, columns, wy, wx)
-                out[p, 0] += share * math.exp(value[0] + (1.0 - f) * phase[q, 0] + f * phase[q + 1, 0])
-                out[p, 1] += share * math.exp(value[1] + (1.0 - f) * phase[q, 1] + f * phase[q + 1, 1])
-                out[p, 2] += share * math.exp(value[2] + (1.0 - f) * phase[q, 2] + f * phase[q + 1, 2])
-                out[p, 3] += share * math.exp(value[3] + (1.0 - f) * phase[q, 3] + f * phase[q + 1, 3])
+                out[p, 0] += fraction * math.exp(value[0] + (1.0 - f) * phase[q, 0] + f * phase[q + 1, 0])
+                out[p, 1] += fraction * math.exp(value[1] + (1.0 - f) * phase[q, 1] + f * phase[q + 1, 1])
+                out[p, 2] += fraction * math.exp(value[2] + (1.0 - f) * phase[q, 2] + f * phase[q + 1, 2])
+                out[p, 3] += fraction * math.exp(value[3] + (1.0 - f) * phase[q, 3] + f * phase[q + 1, 3])
 
 
 @dataclass
@@ -130,8 +130,8 @@ class Painter:
     the sun's azimuth is counted from; NaN is outside the picture.
     """
 
-    tables: Tables
-    sizes: Sizes
+    tables: ViewerTables
+    sizes: ViewerTableSizes
     suns_deg: np.ndarray
     elevation_deg: np.ndarray
     azimuth_deg: np.ndarray
@@ -171,8 +171,8 @@ class Painter:
 
     def _under(self, table: np.ndarray, sun_elevation_deg: float) -> np.ndarray:
         """The table under one sun: cubic between four of its suns, a straight line beyond the ends."""
-        places = np.arcsinh((self.suns_deg - own.SUN_CENTRE_DEG) / own.SUN_WIDTH_DEG)
-        t = math.asinh((sun_elevation_deg - own.SUN_CENTRE_DEG) / own.SUN_WIDTH_DEG)
+        places = np.arcsinh((self.suns_deg - sky_tables.SUN_CENTRE_DEG) / sky_tables.SUN_WIDTH_DEG)
+        t = math.asinh((sun_elevation_deg - sky_tables.SUN_CENTRE_DEG) / sky_tables.SUN_WIDTH_DEG)
         n = places.size
         x = (t - places[0]) / (places[1] - places[0])
         i = min(max(math.floor(x), 0), n - 2)
@@ -189,9 +189,9 @@ class Painter:
         return np.tensordot(weights[used], table[used], axes=1).astype(np.float32)
 
 
-def suns_between(low_deg: float, high_deg: float, sizes: Sizes) -> np.ndarray:
+def suns_between(low_deg: float, high_deg: float, sizes: ViewerTableSizes) -> np.ndarray:
     """The suns of the tables that a film from one elevation to another needs, two on each side where there are."""
-    nodes = own.sun_nodes(sizes.suns)
+    nodes = sky_tables.sun_nodes(sizes.suns)
     first = max(0, int(np.searchsorted(nodes, low_deg, "right")) - 2)
     last = min(nodes.size, int(np.searchsorted(nodes, high_deg)) + 2)
     return nodes[first:last]

@@ -12,18 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from twilight import colour, spectrum
-from twilight.errors import TwilightError
-from twilight.extras import is_installed, missing
-from twilight.io.exr import REC709_CHROMATICITIES
-from twilight.io.whole import whole_file
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.extras import is_installed, missing
+from twilight.base.progress import Progress
+from twilight.base.whole_files import whole_file
+from twilight.io.exr import write_channels
+from twilight.numerics import spectrum
+from twilight.sky import colour
 
 SUFFIXES = (".mp4", ".webp", ".gif", "")
 MP4_QUALITY = 16
-"""Constant rate factor of H.264: noise of one step, the dither, is mostly kept."""
+"""Constant rate factor of H.264: noise of one step, the dither, mostly remains."""
 MP4_COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv")
-WEBP_QUALITY = 92
+WEBP_EFFORT = 60
+"""0 to 100, how hard the lossless coder of WebP tries; pictures are kept as they are.  Lossy WebP, even at its best,
+smooths away the dither and leaves blocks of one grey in dark skies."""
 
 
 def check_output(output: Path, shape: tuple[int, int], frames_per_second: float) -> None:
@@ -56,7 +59,7 @@ def encode(pictures: Sequence[Path], output: Path, frames_per_second: float, pro
             _animated(pictures, temporary, frames_per_second, progress)
 
 
-def _told(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
+def _reporting(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
     from PIL import Image
 
     for i, path in enumerate(pictures):
@@ -68,7 +71,7 @@ def _told(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
 def _mp4(pictures: Sequence[Path], path: Path, frames_per_second: float, progress: Progress) -> None:
     import imageio_ffmpeg
 
-    images = _told(pictures, progress)
+    images = _reporting(pictures, progress)
     first = next(images)
     writer = imageio_ffmpeg.write_frames(
         str(path),
@@ -97,8 +100,8 @@ def _animated(pictures: Sequence[Path], path: Path, frames_per_second: float, pr
     """GIF counts hundredths of a second, WebP thousandths: times are rounded so that the film keeps its length."""
     unit = 10 if path.suffix.lower() == ".gif" else 1
     ends = np.round(np.arange(len(pictures) + 1) * 1000.0 / frames_per_second / unit).astype(int) * unit
-    images = _told(pictures, progress)
-    options: dict[str, Any] = {"quality": WEBP_QUALITY, "method": 2}
+    images = _reporting(pictures, progress)
+    options: dict[str, Any] = {"lossless": True, "quality": WEBP_EFFORT, "method": 2}
     if unit == 10:
         images, options = (_indexed(image) for image in images), {"disposal": 1, "optimize": False}
     next(images).save(path, save_all=True, append_images=images, duration=np.diff(ends).tolist(), loop=0, **options)
@@ -130,17 +133,6 @@ def _folder(pictures: Sequence[Path], output: Path) -> None:
 def write_exr(light: np.ndarray, inside: np.ndarray, path: Path, facts: dict[str, Any]) -> None:
     """Write a picture (H, W, 3 or more) of X, Y, Z [cd m^-2] as linear Rec. 709 in units of 683 cd m^-2, float32, with
     alpha 1 where `inside` (H, W).  facts: attributes of the file's header."""
-    import OpenEXR
-
     rgb = colour.xyz_to_linear_rgb(light[..., :3]) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
-    channels = {name: np.ascontiguousarray(rgb[..., i], np.float32) for i, name in enumerate("RGB")}
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "software": "twilight",
-        "chromaticities": REC709_CHROMATICITIES,
-        "whiteLuminance": float(spectrum.LUMINOUS_EFFICACY_LM_PER_W),
-        **facts,
-    }
-    with whole_file(path) as temporary, OpenEXR.File(header, {**channels, "A": inside.astype(np.float32)}) as file:
-        file.write(str(temporary))
+    channels = {name: rgb[..., i] for i, name in enumerate("RGB")} | {"A": inside}
+    write_channels(path, channels, {"whiteLuminance": float(spectrum.LUMINOUS_EFFICACY_LM_PER_W), **facts})

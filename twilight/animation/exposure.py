@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.colour import auto_exposure_ev100
-from twilight.io.view import DARKEST_SHARE
+from twilight.io.view import DARKEST_FRACTION
+from twilight.sky.colour import HIGHLIGHTS_OVER_MEAN, auto_exposure_ev100
 
-MODES = ("camera", "constant", "eye")
 CAMERA_S = 1.0
 """Seconds of the film, standard deviation, over which a camera's exposure is smoothed."""
 
 
-def meter(light: np.ndarray) -> tuple[float, float]:
+def meter(light: np.ndarray, highlights_over_mean: float = HIGHLIGHTS_OVER_MEAN) -> tuple[float, float]:
     """(exposure value at ISO 100 as `io.view` takes it, log-mean luminance [cd m^-2]) of a picture (H, W, 4) without
     the sun's disc; 0 is left out."""
     seen = light[..., 1][light[..., 1] > 0.0]
     if not seen.size:
         return auto_exposure_ev100(seen), 1e-6
-    lit = seen[seen >= DARKEST_SHARE * np.quantile(seen, 0.995)]
-    return auto_exposure_ev100(lit), float(np.exp(np.log(seen).mean()))
+    lit = seen[seen >= DARKEST_FRACTION * np.quantile(seen, 0.995)]
+    return auto_exposure_ev100(lit, None, highlights_over_mean), float(np.exp(np.log(seen).mean()))
 
 
 def smoothed(metered: np.ndarray, frames_per_second: float) -> np.ndarray:
@@ -27,8 +26,8 @@ def smoothed(metered: np.ndarray, frames_per_second: float) -> np.ndarray:
     lag and a straight line stays one to its ends."""
     values = np.asarray(metered, float)
     sigma = CAMERA_S * frames_per_second
-    reach = min(int(3.0 * sigma), values.size - 1)
-    if reach < 1:
+    radius = min(int(3.0 * sigma), values.size - 1)
+    if radius < 1:
         return values.copy()
-    weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    return np.convolve(np.pad(values, reach, "reflect", reflect_type="odd"), weight / weight.sum(), "valid")
+    weight = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    return np.convolve(np.pad(values, radius, "reflect", reflect_type="odd"), weight / weight.sum(), "valid")

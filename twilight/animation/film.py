@@ -13,47 +13,48 @@ from typing import Any
 
 import numpy as np
 
-from twilight import colour, solvers
-from twilight.animation.disc import Disc
+from twilight import solvers
+from twilight.animation.disc import DiscPainter
 from twilight.animation.draw import Painter, suns_between
 from twilight.animation.encode import check_output, encode, write_exr
 from twilight.animation.exposure import meter, smoothed
 from twilight.animation.night import NightPainter, Nights, nights_of
 from twilight.animation.timeline import Timeline, timeline
+from twilight.base.digest import code_digest
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, part_of, silent
+from twilight.base.reading import stored_arrays
+from twilight.base.whole_files import check_file, check_folder, whole_file
 from twilight.config.scene import Config
-from twilight.config.solver import resolve_solver
 from twilight.config.view import View
-from twilight.digest import code_digest
-from twilight.engine import Problem, problem_of
-from twilight.engine.kept import kept_fields
+from twilight.engine import Problem
 from twilight.engine.night import check_stars
-from twilight.errors import TwilightError
-from twilight.export.values import Source
 from twilight.io.eight_bit import to_bytes
-from twilight.io.journal import open_journal
+from twilight.io.journal import locked
 from twilight.io.provenance import configuration_hash
-from twilight.io.view import burnt_out
-from twilight.io.whole import check_file, check_folder, whole_file
-from twilight.orientation import azimuth_elevation
-from twilight.progress import Progress, part_of, silent
-from twilight.reading import stored_arrays
-from twilight.tone import Shot
-from twilight.tone.eye import Eye, adapt
-from twilight.views import KINDS
-from twilight.window import check_altitudes, lines
-from twilight.window.colours import Channels
-from twilight.window.tables import Sizes, Tables, fill
+from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.projections import PROJECTIONS
+from twilight.scene import resolve
+from twilight.sky.tone import Shot, Tone, tone_of
+from twilight.sky.tone.eye import adapt
+from twilight.studies.export.field_values import FieldSource
+from twilight.viewer import check_altitudes, lines
+from twilight.viewer.colours import Channels
+from twilight.viewer.tables import ViewerTables, ViewerTableSizes, fill
 
 METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
 USUAL_VIEW: dict[str, Any] = {"kind": "perspective", "width": 640, "elevation_deg": 12.0}
 """Where the configuration has no observer.view."""
-SPEED, FRAMES_PER_SECOND = 300.0, 25.0
+SPEED = 300.0
+"""Seconds of the sky in a second of film, unless asked otherwise: five minutes."""
+FRAMES_PER_SECOND = 25.0
+"""Pictures a second, unless asked otherwise."""
 
 
 @dataclass(frozen=True)
-class Look:
-    """How one picture is developed: exposure value at ISO 100, what an eye is adapted to [cd m^-2] (None: no eye)."""
+class FrameExposure:
+    """How one picture is developed: exposure value at ISO 100; what an eye is adapted to [cd m^-2], None: no eye."""
 
     ev100: float
     adapted: float | None
@@ -72,9 +73,9 @@ class Lights:
 
     def __init__(
         self,
-        tables: Tables,
+        tables: ViewerTables,
         nights: Nights | None,
-        sizes: Sizes,
+        sizes: ViewerTableSizes,
         suns_deg: np.ndarray,
         directions: tuple[np.ndarray, np.ndarray],
     ):
@@ -84,16 +85,16 @@ class Lights:
         self.outside = self._sunlight.outside
 
     def light(self, time_s: float, *sun: float) -> np.ndarray:
-        """X, Y, Z and scotopic luminance [cd m^-2], (H, W, 4), without the disc; sun: as `Painter.light`."""
+        """Channels of the film's tone [cd m^-2], (H, W, 4), without the disc; sun: as `Painter.light`."""
         light = self._sunlight.light(*sun)
         return light if self._night is None else light + self._night.light(time_s)
 
 
-class Film:
+class Animation:
     """A film that can be made: all its suns are known and everything is checked, nothing is computed.
 
-    output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `camera`, `eye`, or
-    an exposure value at ISO 100; None: as output.tone_mapping and output.exposure_ev100 have it, else `camera`.
+    output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `metered`, or
+    an exposure value at ISO 100; None: output.exposure_ev100, else `metered`.  output.tone_mapping is the tone.
     speed, from_deg, to_deg: as `timeline`.  Errors: TwilightError for whatever cannot be shown.
     """
 
@@ -107,11 +108,11 @@ class Film:
         exposure: str | float | None = None,
         from_deg: float | None = None,
         to_deg: float | None = None,
-        sizes: Sizes | None = None,
+        sizes: ViewerTableSizes | None = None,
         problem: Problem | None = None,
     ):
         self.config, self.output, self.frames_per_second = config, output, frames_per_second
-        self.sizes = sizes or Sizes()
+        self.sizes = sizes or ViewerTableSizes()
         self.view = config.observer.view or View(**USUAL_VIEW)
         self.exposure = _exposure(config, exposure)
         _check_layers(config)
@@ -124,9 +125,9 @@ class Film:
         )
         self.suns_deg = suns_between(self.line.elevation_deg.min(), self.line.elevation_deg.max(), self.sizes)
         if problem is None:
-            problem = problem_of(config, tuple(float(s) for s in self.suns_deg), kept=kept_fields())
+            problem = Problem(resolve(config), tuple(float(s) for s in self.suns_deg), cached=True)
         self.problem = problem
-        check_altitudes(self.problem, None, config.title)
+        check_altitudes(self.problem.scene, None, config.title)
         if output.suffix:
             check_file(output)
         else:
@@ -136,61 +137,64 @@ class Film:
     def make(self, progress: Progress | None = None) -> Made:
         """Make the film; pictures of an interrupted run are taken as they are.
 
-        What is done is kept in the folder OUTPUT.frames until the film is whole.
+        What is done stays in the folder OUTPUT.frames until the film is whole.
         """
         tell = progress or silent
         self.folder.mkdir(parents=True, exist_ok=True)
         drawn, processor_s = 0, 0.0
-        with open_journal(self.folder / "film.jsonl", "another film") as journal:
+        with locked(self.folder / "lock", "another film"):
             tables, disc, nights = self._tables(part_of(tell, 0.0, 0.4))
             painter = Lights(tables, nights, self.sizes, self.suns_deg, self._directions(self.view))
-            looks = self._looks(tables, nights, part_of(tell, 0.4, 0.1))
-            paths, share = [], part_of(tell, 0.5, 0.4)
-            for i, look in enumerate(looks):
-                facts = self._facts(i, look)
+            exposures_of_frames = self._exposures(tables, nights, part_of(tell, 0.4, 0.1))
+            paths, fraction = [], part_of(tell, 0.5, 0.4)
+            for i, exposure_of_frame in enumerate(exposures_of_frames):
+                facts = self._facts(i, exposure_of_frame)
                 path = self.folder / f"{configuration_hash(facts)[:32]}{'.png' if self.output.suffix else '.exr'}"
                 if not path.is_file():
                     begin = time.process_time()
-                    self._draw(painter, disc, i, look, path, facts)
+                    self._draw(painter, disc, i, exposure_of_frame, path, facts)
                     processor_s += time.process_time() - begin
-                    journal.write({"picture": i, "file": path.name, **facts})
                     drawn += 1
                 paths.append(path)
-                share(f"picture {i + 1} of {len(looks)}", (i + 1) / len(looks))
+                fraction(f"picture {i + 1} of {len(exposures_of_frames)}", (i + 1) / len(exposures_of_frames))
             encode(paths, self.output, self.frames_per_second, part_of(tell, 0.9, 0.1))
         shutil.rmtree(self.folder)
         return Made(drawn, processor_s)
 
-    def _tables(self, progress: Progress) -> tuple[Tables, Disc | None, Nights | None]:
+    def _tables(self, progress: Progress) -> tuple[ViewerTables, DiscPainter | None, Nights | None]:
         """The field's tables, the disc and the nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
-        kept = stored_arrays(path)
-        if kept is None:
+        arrays = stored_arrays(path)
+        if arrays is None:
             solved = self.problem.solve(part_of(progress, 0.0, 0.5, "field"))
-            channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum)
-            source = Source(solved, solved.medium, bool(getattr(self.problem.settings, "refraction", False)))
-            altitude, share = self.problem.altitude_km, part_of(progress, 0.5, 0.5, "tables")
-            made = fill(source, channels, (altitude,), self.sizes, share, self.suns_deg)
-            kept = {"sky": made.sky, "horizon": made.horizon_deg, "haze": made.haze_deg}
+            channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
+            source = FieldSource(solved, solved.medium, bool(getattr(self.problem.scene.settings, "refraction", False)))
+            altitude, fraction = self.problem.scene.altitude_km, part_of(progress, 0.5, 0.5, "tables")
+            made = fill(source, channels, (altitude,), self.sizes, fraction, self.suns_deg)
+            arrays = {"sky": made.sky, "horizon": made.horizon_deg, "haze": made.haze_deg}
             if made.aureole is not None and made.phase is not None:
-                kept |= {"aureole": made.aureole, "phase": made.phase}
+                arrays |= {"aureole": made.aureole, "phase": made.phase}
             if self.config.sun.disc:
                 nodes = lines.sky_elevations(float(made.horizon_deg[0]))
-                kept["lifted"], kept["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
+                arrays["refraction_deg"], arrays["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
             nights = nights_of(self.config, solved.medium, channels, self.line)
             if nights is not None:
-                kept |= nights.arrays()
+                arrays |= nights.arrays()
             with whole_file(path) as temporary:
-                np.savez(temporary, allow_pickle=False, **kept)
-        tables = Tables(kept["sky"], kept.get("aureole"), np.empty(0), kept.get("phase"), kept["horizon"], kept["haze"])
-        disc = Disc(kept["lifted"], kept["beam"], float(kept["horizon"][0])) if "beam" in kept else None
-        return tables, disc, Nights.from_arrays(kept) if "night_time_s" in kept else None
+                np.savez(temporary, allow_pickle=False, **arrays)
+        tables = ViewerTables(
+            arrays["sky"], arrays.get("aureole"), np.empty(0), arrays.get("phase"), arrays["horizon"], arrays["haze"]
+        )
+        disc = None
+        if "beam" in arrays:
+            disc = DiscPainter(arrays["refraction_deg"], arrays["beam"], float(arrays["horizon"][0]))
+        return tables, disc, Nights.from_arrays(arrays) if "night_time_s" in arrays else None
 
     @cached_property
     def _scene(self) -> str:
         """A hash of all that the tables depend on."""
-        name, _, settings = resolve_solver(self.config.solver)
-        medium = self.problem.medium
+        name, _, settings = self.config.chosen_solver
+        medium = self.problem.scene.medium
         content = hashlib.sha256()
         for value in (v for k, v in sorted(vars(medium).items()) if isinstance(v, np.ndarray)):
             content.update(np.ascontiguousarray(value).tobytes())
@@ -202,12 +206,13 @@ class Film:
                 "code": code_digest("twilight.animation.film", solvers.SOLVERS[name]),
                 "medium": content.hexdigest(),
                 "settings": repr(settings),
-                "altitude_km": self.problem.altitude_km,
+                "altitude_km": self.problem.scene.altitude_km,
                 "suns_deg": self.suns_deg.tolist(),
                 "sizes": vars(self.sizes),
                 "solar_spectrum": self.config.solar_spectrum,
                 "disc": self.config.sun.disc,
                 "night": self._night_depends_on,
+                "channels": repr(self._measures),
             }
         )
 
@@ -229,32 +234,35 @@ class Film:
     def _middle_deg(self) -> float:
         return float(self.line.azimuth_deg[0] + self.line.azimuth_deg[-1]) / 2.0
 
-    def _looks(self, tables: Tables, nights: Nights | None, progress: Progress) -> list[Look]:
+    def _exposures(self, tables: ViewerTables, nights: Nights | None, progress: Progress) -> list[FrameExposure]:
         """The exposure of every picture, from small ones of all."""
         n, output = len(self.line), self.config.output
-        if not self.output.suffix or isinstance(self.exposure, float):
-            return [Look(self.exposure if isinstance(self.exposure, float) else 0.0, None)] * n
+        if not self.output.suffix:
+            return [FrameExposure(0.0, None)] * n
+        if isinstance(self.exposure, float) and output.tone_mapping != "eye":
+            return [FrameExposure(self.exposure, None)] * n
         small = _smaller(self.view)
         painter = Lights(tables, nights, self.sizes, self.suns_deg, self._directions(small))
         found = np.empty((n, 2))
         for i in range(n):
-            found[i] = meter(painter.light(float(self.line.time_s[i]), *self._sun(i)))
+            light = painter.light(float(self.line.time_s[i]), *self._sun(i))
+            found[i] = meter(light, self._measures.highlights_over_mean)
             progress(f"metering {i + 1} of {n}", (i + 1) / n)
         metered, mean = found.T
         if self.exposure == "constant":
-            return [Look(float(np.median(metered)), None)] * n
+            return [FrameExposure(float(np.median(metered)), None)] * n
         ev = smoothed(metered, self.frames_per_second)
-        if self.exposure == "camera":
-            return [Look(float(v), None) for v in ev]
+        if output.tone_mapping != "eye":
+            return [FrameExposure(float(v), None) for v in ev]
         fixed = output.eye.adapted_cd_per_m2
         adapted = adapt(self.line.time_s, mean) if fixed is None else np.full(n, fixed)
-        return [Look(float(v), float(a)) for v, a in zip(ev, adapted, strict=True)]
+        return [FrameExposure(float(v), float(a)) for v, a in zip(ev, adapted, strict=True)]
 
     def _sun(self, i: int) -> tuple[float, float, float]:
         line = self.line
         return float(line.elevation_deg[i]), float(line.azimuth_deg[i]), float(line.distance_au[i])
 
-    def _facts(self, i: int, look: Look) -> dict[str, Any]:
+    def _facts(self, i: int, exposure_of_frame: FrameExposure) -> dict[str, Any]:
         """What a picture depends on."""
         elevation, azimuth, distance = self._sun(i)
         return {
@@ -265,41 +273,55 @@ class Film:
             "sun_azimuth_deg": azimuth,
             "distance_au": distance,
             "time_s": float(self.line.time_s[i]),
-            "tone_mapping": self.config.output.tone_mapping,
-            "exposure_ev100": look.ev100,
-            "adapted_cd_per_m2": look.adapted,
-            "acuity": self.config.output.eye.acuity,
+            "tone": repr(self._tone(exposure_of_frame)),
+            "exposure_ev100": exposure_of_frame.ev100,
+            "number": i,
         }
 
-    def _draw(self, painter: Lights, disc: Disc | None, i: int, look: Look, path: Path, facts: dict[str, Any]) -> None:
+    def _draw(
+        self,
+        painter: Lights,
+        disc: DiscPainter | None,
+        i: int,
+        exposure_of_frame: FrameExposure,
+        path: Path,
+        facts: dict[str, Any],
+    ) -> None:
         pixel_deg = _pixel_deg(self.view)
-        light, share = painter.light(float(self.line.time_s[i]), *self._sun(i)), None
+        light = painter.light(float(self.line.time_s[i]), *self._sun(i))
         if disc is not None:
-            more, share = disc.light(*painter.directions, pixel_deg, *self._sun(i))
-            light += more
+            light += disc.light(*painter.directions, pixel_deg, *self._sun(i))
         if path.suffix == ".exr":
             header = {"twilightSunElevationDeg": facts["sun_elevation_deg"], "twilightScene": facts["scene"]}
             write_exr(light, ~painter.outside, path, header)
             return
         from PIL import Image
 
-        pixels = to_bytes(self._developed(light, share, look, pixel_deg))
+        picture, _ = self._tone(exposure_of_frame).develop(light, Shot(exposure_of_frame.ev100, pixel_deg, i))
+        pixels = to_bytes(picture)
         pixels[painter.outside] = 0
         with whole_file(path) as temporary:
             Image.fromarray(pixels).save(temporary, format="PNG", compress_level=1)
 
-    def _developed(self, light: np.ndarray, share: np.ndarray | None, look: Look, pixel_deg: float) -> np.ndarray:
-        if look.adapted is not None:
-            eye = Eye(adapted_cd_per_m2=look.adapted, acuity=self.config.output.eye.acuity)
-            picture, _ = eye.develop(light, Shot(look.ev100, pixel_deg))
-        else:
-            linear = colour.xyz_to_linear_rgb(light[..., :3])
-            picture = colour.tone_map(linear, look.ev100, self.config.output.tone_mapping)
-        return picture if share is None else burnt_out(picture, share, light[..., 1], look.ev100)
+    @cached_property
+    def _measures(self) -> Tone:
+        """The tone whose channels the tables hold: X, Y, Z and scotopic luminance for all but a camera's pictures."""
+        output = self.config.output
+        if output.tone_mapping == "camera" and self.output.suffix:
+            return tone_of("camera", output.colour_observer, {"camera": output.camera.model_dump()})
+        return tone_of("eye", output.colour_observer)
+
+    def _tone(self, exposure_of_frame: FrameExposure) -> Tone:
+        """The tone of one picture."""
+        output = self.config.output
+        settings = {"eye": output.eye.model_dump(), "camera": output.camera.model_dump()}
+        if exposure_of_frame.adapted is not None:
+            settings["eye"]["adapted_cd_per_m2"] = exposure_of_frame.adapted
+        return tone_of(output.tone_mapping, output.colour_observer, settings)
 
 
 def _pixel_deg(view: View) -> float:
-    return (view.field_of_view_deg or KINDS[view.kind].field_deg) / view.width
+    return (view.field_of_view_deg or PROJECTIONS[view.kind].field_deg) / view.width
 
 
 def _smaller(view: View) -> View:
@@ -308,16 +330,18 @@ def _smaller(view: View) -> View:
     if width <= METERED_PIXELS:
         return view
     size = {"width": METERED_PIXELS, "height": max(1, round(METERED_PIXELS * height / width))}
-    return view.model_copy(update=size if KINDS[view.kind].free else {"width": METERED_PIXELS, "height": None})
+    return view.model_copy(update=size if PROJECTIONS[view.kind].free else {"width": METERED_PIXELS, "height": None})
 
 
 def _exposure(config: Config, exposure: str | float | None) -> str | float:
-    eye = config.output.tone_mapping == "eye"
+    output = config.output
     if exposure is None:
-        fixed = config.output.exposure_ev100
-        return "eye" if eye else "camera" if fixed is None else float(fixed)
-    if eye and exposure != "eye":
-        raise TwilightError(f"--exposure: {exposure} is not allowed with output.tone_mapping eye, which sees by itself")
+        return "metered" if output.exposure_ev100 is None else float(output.exposure_ev100)
+    given = exposure if isinstance(exposure, str) else f"{exposure:g}"
+    if output.tone_mapping == "eye":
+        raise TwilightError(f"--exposure: {given} is not allowed with the tone eye, which sees by itself")
+    if output.tone_mapping == "camera" and output.camera.seconds is not None:
+        raise TwilightError(f"--exposure: {given} is not allowed with output.camera.seconds, which says it already")
     return exposure
 
 
@@ -327,8 +351,6 @@ def _check_layers(config: Config) -> None:
     for name, there in (
         ("terrain", config.terrain is not None),
         ("output.polariser_deg", output.polariser_deg is not None),
-        ("output.tone_mapping: camera", output.tone_mapping == "camera"),
-        ("output.colour_observer: cie1931_2deg", output.colour_observer != colour.DEFAULT_OBSERVER),
     ):
         if there:
             raise TwilightError(f"{config.title}: {name} is not drawn in films; leave it out")

@@ -13,10 +13,10 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.engine.night import NightLight, levels_of, night_light, star_sky, without_points
-from twilight.night import Place
-from twilight.night.points import Raster, StarSky
-from twilight.orientation import direction
-from twilight.window.colours import Channels
+from twilight.numerics.orientation import direction
+from twilight.sky.night import Place
+from twilight.sky.night.points import Raster, StarSky
+from twilight.viewer.colours import Channels
 
 STEP_S = 900.0
 """Largest time between two moments: the stars turn by 3.75 deg."""
@@ -48,12 +48,12 @@ class MovingStars:
         }
 
     @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> MovingStars:
+    def from_arrays(cls, cached: dict[str, np.ndarray]) -> MovingStars:
         """What `arrays` gave."""
-        level, latitude, longitude, begin = (float(v) for v in kept["stars_place"])
-        apparent, true = kept["stars_rows"]
-        sky = StarSky(apparent, true, kept["stars_passed"], kept["stars_wavelength_nm"], level)
-        return cls(sky, kept["stars_channels"], Place(latitude, longitude, datetime.fromtimestamp(begin, UTC)))
+        level, latitude, longitude, begin = (float(v) for v in cached["stars_place"])
+        apparent, true = cached["stars_rows"]
+        sky = StarSky(apparent, true, cached["stars_passed"], cached["stars_wavelength_nm"], level)
+        return cls(sky, cached["stars_channels"], Place(latitude, longitude, datetime.fromtimestamp(begin, UTC)))
 
 
 @dataclass(frozen=True)
@@ -81,13 +81,13 @@ class Nights:
         }
 
     @classmethod
-    def from_arrays(cls, kept: dict[str, np.ndarray]) -> Nights:
+    def from_arrays(cls, cached: dict[str, np.ndarray]) -> Nights:
         """What `arrays` gave."""
-        axes = kept["night_elevation_deg"], kept["night_azimuth_deg"]
-        pairs = zip(kept["night_radiance"], kept["night_ground"], strict=True)
+        axes = cached["night_elevation_deg"], cached["night_azimuth_deg"]
+        pairs = zip(cached["night_radiance"], cached["night_ground"], strict=True)
         lights = tuple(NightLight(*axes, r, g) for r, g in pairs)
-        stars = MovingStars.from_arrays(kept) if "stars_place" in kept else None
-        return cls(kept["night_time_s"], kept["night_sun_azimuth_deg"], lights, stars)
+        stars = MovingStars.from_arrays(cached) if "stars_place" in cached else None
+        return cls(cached["night_time_s"], cached["night_sun_azimuth_deg"], lights, stars)
 
 
 def nights_of(config: Config, medium: Medium, channels: Channels, line: Timeline) -> Nights | None:
@@ -149,5 +149,5 @@ class NightPainter:
         k = int(np.clip(np.searchsorted(times, time_s, side="right") - 1, 0, max(times.size - 2, 0)))
         if times.size == 1:
             return self._picture(0)
-        share = float(np.clip((time_s - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
-        return (1.0 - share) * self._picture(k) + share * self._picture(k + 1)
+        fraction = float(np.clip((time_s - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
+        return (1.0 - fraction) * self._picture(k) + fraction * self._picture(k + 1)

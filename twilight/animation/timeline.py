@@ -7,9 +7,9 @@ from datetime import timedelta
 
 import numpy as np
 
+from twilight.base.errors import TwilightError
 from twilight.config.scene import Config
-from twilight.config.sun import SunAt, SunElevation, SunInterval
-from twilight.errors import TwilightError
+from twilight.config.sun import SunAt, SunElevation, SunInterval, SunTimes
 
 SUNSET_DEG = (6.0, -12.0)
 FALL_DEG_PER_S = 15.0 / 3600.0
@@ -46,11 +46,11 @@ def timeline(
     place, else from the sun.  Errors: TwilightError for what makes no film.
     """
     step_s, sun = speed / frames_per_second, config.sun
-    if isinstance(sun, SunAt | SunInterval):
+    if isinstance(sun, SunAt | SunTimes | SunInterval):
         if from_deg is not None or to_deg is not None:
             raise TwilightError("--from, --to: the configuration has a time; sun.start and sun.stop say what is shown")
-        if isinstance(sun, SunAt):
-            raise TwilightError("sun.at is one moment; a film needs sun.start and sun.stop")
+        if not isinstance(sun, SunInterval):
+            raise TwilightError("sun: single moments make no film; it needs sun.start and sun.stop")
         return _over_a_place(config, sun, step_s)
     path = [sun.elevation_deg] if isinstance(sun, SunElevation) else list(sun.elevations_deg)
     if isinstance(sun, SunElevation) or from_deg is not None or to_deg is not None:
@@ -67,7 +67,7 @@ def timeline(
 
 
 def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
-    from twilight.sun.ephemeris import sun_position
+    from twilight.sky.ephemeris import sun_position
 
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
     time = np.arange(_count(stop.timestamp() - start.timestamp(), step_s)) * step_s

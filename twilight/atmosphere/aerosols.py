@@ -3,36 +3,35 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twilight.atmosphere import opac
-from twilight.atmosphere.medium import layer_mean
+from twilight.atmosphere.levels import interpolate_coefficient, vertical_integral
 from twilight.atmosphere.mie import N_ANGLES, LogNormal, particle_optics
-from twilight.errors import TwilightError
-from twilight.phase import TABLE, PhaseFunction
-
-CacheDir = str | os.PathLike | None
+from twilight.base.errors import TwilightError
+from twilight.numerics.phase import TABLE, PhaseFunction
 
 _REFERENCE_NM = 550.0
+"""Wavelength at which optical depths of aerosol are given [nm]."""
 
 
 @dataclass(frozen=True)
 class AerosolRegion:
     """Aerosol between the first and the last of n altitudes, at W wavelengths, with K phase functions.
 
-    extinction_per_km (n, W) goes exponentially between altitudes, single_scattering_albedo (n, W) and share (K, n, W)
-    (of the scattering) linearly.
+    extinction_per_km (n, W): exponential between altitudes
+    single_scattering_albedo (n, W): linear between them
+    phase_fraction (K, n, W): fraction of the scattering that follows each phase function, linear between them
     """
 
     name: str
     altitude_km: np.ndarray
     extinction_per_km: np.ndarray
     single_scattering_albedo: np.ndarray
-    share: np.ndarray
+    phase_fraction: np.ndarray
     phase_functions: tuple[PhaseFunction, ...]
 
     @property
@@ -47,7 +46,7 @@ class AerosolRegion:
         return replace(self, extinction_per_km=self.extinction_per_km * factor)
 
     def henyey_greenstein(self) -> AerosolRegion:
-        """The same with Henyey-Greenstein phase functions of the same asymmetry."""
+        """The region with Henyey-Greenstein phase functions of the same asymmetry."""
         phases = tuple(PhaseFunction.henyey_greenstein(p.asymmetry, p.name) for p in self.phase_functions)
         return replace(self, phase_functions=phases)
 
@@ -65,28 +64,31 @@ class AerosolRegion:
             return None
         inside = self.altitude_km[(self.altitude_km > bottom) & (self.altitude_km < top)]
         z = np.concatenate([[bottom], inside, [top]])
-        extinction, albedo, share = self.at(z)
-        return replace(self, altitude_km=z, extinction_per_km=extinction, single_scattering_albedo=albedo, share=share)
+        extinction, albedo, phase_fraction = self.at(z)
+        return replace(
+            self,
+            altitude_km=z,
+            extinction_per_km=extinction,
+            single_scattering_albedo=albedo,
+            phase_fraction=phase_fraction,
+        )
 
     def at(self, altitude_km: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Extinction (Z, W), albedo (Z, W) and share (K, Z, W) at altitudes inside the region."""
-        from twilight.atmosphere.medium import interpolate_coefficient
-
+        """Extinction (Z, W) [km^-1], albedo (Z, W) and phase fractions (K, Z, W) at altitudes (Z,) [km]."""
         z = np.asarray(altitude_km, dtype=float)
         i = np.clip(np.searchsorted(self.altitude_km, z, side="right") - 1, 0, self.altitude_km.size - 2)
         f = ((z - self.altitude_km[i]) / (self.altitude_km[i + 1] - self.altitude_km[i]))[:, None]
         extinction = interpolate_coefficient(self.extinction_per_km[i], self.extinction_per_km[i + 1], f)
         albedo = self.single_scattering_albedo[i] * (1 - f) + self.single_scattering_albedo[i + 1] * f
-        share = self.share[:, i] * (1 - f) + self.share[:, i + 1] * f
-        return extinction, albedo, share
+        phase_fraction = self.phase_fraction[:, i] * (1 - f) + self.phase_fraction[:, i + 1] * f
+        return extinction, albedo, phase_fraction
 
     def optical_depth(self, top_km: float = math.inf) -> np.ndarray:
         """Vertical optical depth (W,) up to an altitude."""
         part = self.below(top_km)
         if part is None:
             return np.zeros(self.extinction_per_km.shape[1])
-        mean = layer_mean(part.extinction_per_km[:-1], part.extinction_per_km[1:])
-        return np.sum(mean * np.diff(part.altitude_km)[:, None], axis=0)
+        return vertical_integral(part.extinction_per_km, part.altitude_km)
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,6 @@ def mixture_optics(
     wavelength_nm,
     phase_function: str = "mie",
     name: str = "",
-    cache_dir: CacheDir = None,
 ) -> MixtureOptics:
     """External mixture of OPAC components; the phase matrix is the mean weighted with scattering."""
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
@@ -113,7 +114,7 @@ def mixture_optics(
         for component, number in number_density_per_cm3.items()
         if number > 0.0
     ]
-    return mixture_of(particles, wavelength, phase_function, name, cache_dir)
+    return mixture_of(particles, wavelength, phase_function, name)
 
 
 def mixture_of(
@@ -121,7 +122,6 @@ def mixture_of(
     wavelength: np.ndarray,
     phase_function: str = "mie",
     name: str = "",
-    cache_dir: CacheDir = None,
 ) -> MixtureOptics:
     """External mixture of populations: number per cm^3, size distribution, refractive index n - ik (W,) of each."""
     extinction = np.zeros(wavelength.size)
@@ -130,7 +130,7 @@ def mixture_of(
     phase = np.zeros((wavelength.size, N_ANGLES))
     elements = np.zeros((4, wavelength.size, N_ANGLES))
     for number, size, index in particles:
-        optics = particle_optics(size, index, wavelength, cache_dir)
+        optics = particle_optics(size, index, wavelength)
         extinction += number * optics.extinction_per_km
         scattering += number * optics.scattering_per_km
         forward += number * optics.scattering_per_km * optics.asymmetry
@@ -183,23 +183,22 @@ def tropospheric_regions(
     spec: opac.AerosolSpec,
     wavelength_nm,
     stratosphere_bottom_km: float | None = None,
-    cache_dir: CacheDir = None,
     ground_km: float = 0.0,
 ) -> list[AerosolRegion]:
     """Boundary layer, transported dust and free troposphere of a spec above the ground, not scaled to an optical depth.
 
-    stratosphere_bottom_km: where a stratosphere of its own begins; the free troposphere reaches to it.
+    stratosphere_bottom_km: where another stratosphere than OPAC's begins, up to which the free troposphere goes.
     """
 
     def optics(numbers, humidity, name):
-        return mixture_optics(numbers, humidity, wavelength_nm, spec.phase_function, name, cache_dir)
+        return mixture_optics(numbers, humidity, wavelength_nm, spec.phase_function, name)
 
     regions = []
     bl_top, base = spec.boundary_layer_end_km(ground_km), spec.base_km(ground_km)
     if bl_top > ground_km and (spec.own is not None or any(n > 0 for n in spec.number_density_per_cm3.values())):
         height = math.inf if spec.scale_height_km == opac.CONSTANT_SCALE_HEIGHT_KM else spec.scale_height_km
         if spec.own is not None:
-            boundary = spec.own.optics(wavelength_nm, spec.phase_function, "boundary layer", cache_dir)
+            boundary = spec.own.optics(wavelength_nm, spec.phase_function, "boundary layer")
         else:
             boundary = optics(spec.number_density_per_cm3, spec.relative_humidity_percent, "boundary layer")
         regions.append(uniform_region("boundary layer", boundary, ground_km, bl_top, height, base))
@@ -207,7 +206,7 @@ def tropospheric_regions(
     dust = spec.mineral_transported
     if dust is not None and dust.top_km > ground_km:
         dust_bottom = max(dust.bottom_km, ground_km)
-        mineral = optics({"mitr": _dust_number(dust, dust_bottom, cache_dir)}, 0.0, "mineral transported")
+        mineral = optics({"mitr": _dust_number(dust, dust_bottom)}, 0.0, "mineral transported")
         regions.append(uniform_region("mineral transported", mineral, dust_bottom, dust.top_km))
         bottom, top = free_intervals[0]
         free_intervals = [(bottom, min(top, dust.bottom_km)), (max(bottom, dust.top_km), top)]
@@ -227,26 +226,22 @@ def _free_troposphere_top(spec: opac.AerosolSpec, stratosphere_bottom_km: float 
     return spec.free_troposphere_top_km if stratosphere_bottom_km is None else stratosphere_bottom_km
 
 
-def _dust_number(dust: opac.MineralLayer, bottom_km: float, cache_dir: CacheDir) -> float:
+def _dust_number(dust: opac.MineralLayer, bottom_km: float) -> float:
     if dust.number_density_per_cm3 is not None:
         return dust.number_density_per_cm3
     assert dust.optical_depth_550nm is not None
-    one = mixture_optics({"mitr": 1.0}, 0.0, _REFERENCE_NM, cache_dir=cache_dir).extinction_per_km[0]
+    one = mixture_optics({"mitr": 1.0}, 0.0, _REFERENCE_NM).extinction_per_km[0]
     return dust.optical_depth_550nm / (one * (dust.top_km - bottom_km))
 
 
-def opac_stratosphere(
-    spec: opac.AerosolSpec, wavelength_nm, cache_dir: CacheDir = None, ground_km: float = 0.0
-) -> list[AerosolRegion]:
+def opac_stratosphere(spec: opac.AerosolSpec, wavelength_nm, ground_km: float = 0.0) -> list[AerosolRegion]:
     """OPAC's own stratospheric background of a spec, empty where the spec wants none."""
     if not spec.stratosphere:
         return []
     bottom = max(spec.boundary_layer_end_km(ground_km), spec.free_troposphere_top_km)
     if bottom >= opac.STRATOSPHERE_TOP_KM:
         return []
-    optics = mixture_optics(
-        opac.STRATOSPHERE_PER_CM3, 0.0, wavelength_nm, spec.phase_function, "stratosphere", cache_dir
-    )
+    optics = mixture_optics(opac.STRATOSPHERE_PER_CM3, 0.0, wavelength_nm, spec.phase_function, "stratosphere")
     return [uniform_region("stratosphere", optics, bottom, opac.STRATOSPHERE_TOP_KM)]
 
 

@@ -1,4 +1,4 @@
-"""Bands of water vapour and oxygen between 300 and 1000 nm, as sums of exponentials.
+"""Bands of water vapour and oxygen between 300 and 1000 nm as exponential sums (k-distributions).
 
 A band is thousands of lines, and light of 10 nm does not fall exponentially in it.  The source is SPCTRL2 (Bird and
 Riordan 1984, SERI/TR-215-2436; coefficients after Leckner 1978, as shipped by pvlib): of the absorber along a slant
@@ -9,15 +9,15 @@ path that holds m times the vertical column,
 The exponent has a completely monotone derivative, so T is a mixture of exponentials with weights that are not negative
 (Bernstein):
 
-    T(m) = sum_i w_i exp(-k_i m),  sum_i w_i = 1.
+    T(m) = sum_i w_i exp(-k_i m),  sum_i w_i = 1,  radiance = sum_i w_i L_i.
 
-Few terms are enough: within FIT_ERROR of T for m from 0.5 to 12.  Each term is a lane: grey absorption with a vertical
-optical depth k_i, for which a transfer equation is solved as at any other wavelength; the light is the weighted sum.
-Where both gases absorb their terms are multiplied, as SPCTRL2 multiplies their transmissions.
+Few terms are enough: within FIT_ERROR of T for m from 0.5 to 12.  A term is grey absorption with a vertical optical
+depth k_i; its radiance L_i solves a transfer equation as that of any other wavelength.  Where both gases absorb, the
+terms of one are multiplied with those of the other, as SPCTRL2 multiplies their transmissions.
 
-With altitude a lane absorbs as n (p / 1013 hPa)^P (273 K / T)^Q, n the density of the gas: the scaled amounts of
-LOWTRAN 7 (Kneizys et al. 1988), with its exponents; lines are narrower in thin air.  What is scaled so is the share of
-the column that is above the ground, whatever the ground's altitude.
+With altitude a term absorbs as n (p / 1013 hPa)^P (273 K / T)^Q, n the density of the gas: the scaled amounts of
+LOWTRAN 7 (Kneizys et al. 1988), with its exponents; spectral lines are narrower in thin air.  The scaling gives the
+fraction of the column at each altitude above the ground, whatever the ground's altitude.
 
 Between the source's wavelengths `a` goes linearly; next to a wavelength where it is 0 it is 0 from EDGE_NM on.
 SPCTRL2 has no band of oxygen at 629 nm.
@@ -25,30 +25,40 @@ SPCTRL2 has no band of oxygen at 629 nm.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium, layer_mean
+from twilight.atmosphere.grid_medium import GridMedium
+from twilight.atmosphere.levels import layer_mean, vertical_integral
+from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.profiles import AirProfile, load_profile
-from twilight.atmosphere.reference import Reference
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.shipped_data import data_numbers
 
 WATER_VAPOUR, OXYGEN = "water vapour", "oxygen"
 GASES = (WATER_VAPOUR, OXYGEN)
+"""Absorbers whose bands are exponential sums."""
 
 STRENGTH = {WATER_VAPOUR: 0.2385, OXYGEN: 1.41}
+"""s of SPCTRL2's transmission."""
+
 SATURATION = {WATER_VAPOUR: 20.07, OXYGEN: 118.3}
+"""b of SPCTRL2's transmission (118.3 as in NREL's program; the report has 118.93)."""
+
 GROWTH = 0.45
-"""s, b and the exponent of SPCTRL2's transmission (118.3 as in NREL's program; the report has 118.93)."""
+"""Exponent of SPCTRL2's transmission."""
 
 EDGE_NM = 5.0
-"""Half of SPCTRL2's resolution."""
+"""Half of SPCTRL2's resolution [nm]: from so far beside a wavelength of 0 a coefficient is 0."""
 
 STANDARD_HPA = 1013.0
+"""Pressure at which SPCTRL2's coefficients hold [hPa]."""
+
 ICE_POINT_K = 273.15
+"""Temperature to which LOWTRAN's amounts are scaled [K]."""
 
 PRESSURE_SCALING = {
     WATER_VAPOUR: ((0.0, 0.6656, 0.5061), (622.7, 0.6642, 0.2764), (672.8, 0.8088, 0.2816), (765.0, 0.7982, 0.0588),
@@ -58,60 +68,83 @@ PRESSURE_SCALING = {
 """From which wavelength [nm] on, and the exponents P and Q of pressure and temperature: LOWTRAN 7."""
 
 WATER_G_PER_MOLECULE = 18.01528 / 6.02214076e23
+"""Molar mass of water [g mol^-1] over Avogadro's number (SI 2019)."""
 
 FIT_ERROR = 0.008
+"""Error of the exponential sum that is aimed at, of T and relative to it in WELL_FITTED_MASSES (test_bands.py)."""
+
 MOST_TERMS = 5
+"""Terms of the exponential sum at most: enough for FIT_ERROR in all columns of water that there are."""
+
 FITTED_MASSES = np.geomspace(0.02, 40.0, 90)
+"""Air masses m at which the exponential sum is fitted."""
+
 WELL_FITTED_MASSES = (0.5, 12.0)
+"""Range of m in which the error is FIT_ERROR relative to T; 12 is a sun 4 deg above the horizon."""
+
 LARGEST_MASS = 40.0
-"""About what the sun's light crosses of either gas on its longest path."""
+"""Vertical columns that the sun's light crosses of either gas on its longest path, about."""
+
 WEAK = 1e-3
-"""A gas that takes less than this over LARGEST_MASS columns has no terms."""
+"""A gas that absorbs less than this fraction over LARGEST_MASS columns has no terms."""
 
 
 @dataclass(frozen=True)
-class Bands:
-    """Lanes of a medium with L levels, N in all, in the order of their wavelengths.
+class GasBands:
+    """Terms of the exponential sums of a medium with L levels and W wavelengths, N in all, ordered by wavelength.
 
-    place (N,): which of the medium's wavelengths; weight (N,): sums to 1 over the lanes of a wavelength.
-    absorption_per_km (L, N): in addition to the medium's own.
+    Parameters
+    ----------
+    wavelength_index : (N,)
+        Which of the medium's wavelengths a term belongs to; every wavelength has one term at least.
+    weight : (N,)
+        w_i of the terms, not negative, of sum 1 at each wavelength.
+    absorption_per_km : (L, N)
+        Of the term, in addition to the medium's own absorption [km^-1].
     """
 
-    place: np.ndarray
+    wavelength_index: np.ndarray
     weight: np.ndarray
     absorption_per_km: np.ndarray
 
     def __post_init__(self) -> None:
-        sums = np.bincount(self.place, self.weight)
-        if np.any(np.diff(self.place) < 0) or np.any(self.weight < 0) or not np.allclose(sums, 1.0, atol=1e-9):
-            raise TwilightError("bands: the lanes of each wavelength need weights that are not negative and sum to 1")
+        sums = np.bincount(self.wavelength_index, self.weight)
+        if (
+            np.any(np.diff(self.wavelength_index) < 0)
+            or np.any(self.weight < 0)
+            or not np.allclose(sums, 1.0, atol=1e-9)
+        ):
+            raise TwilightError("bands: the terms of each wavelength need weights that are not negative and sum to 1")
 
     @property
-    def lanes(self) -> np.ndarray:
-        """How many lanes each wavelength has, (W,)."""
-        return np.bincount(self.place)
+    def term_counts(self) -> np.ndarray:
+        """How many terms each wavelength has, (W,)."""
+        return np.bincount(self.wavelength_index)
 
-    def select(self, part: slice) -> Bands:
-        """The lanes of some of the wavelengths, which count from 0 again."""
-        inside = (self.place >= part.start) & (self.place < part.stop)
-        return Bands(self.place[inside] - part.start, self.weight[inside], self.absorption_per_km[:, inside])
+    def select(self, part: slice) -> GasBands:
+        """The terms of some of the wavelengths, which count from 0 again."""
+        inside = (self.wavelength_index >= part.start) & (self.wavelength_index < part.stop)
+        return GasBands(
+            self.wavelength_index[inside] - part.start, self.weight[inside], self.absorption_per_km[:, inside]
+        )
 
     def expand(self, medium: Medium) -> Medium:
-        """The medium with a column for each lane instead of each wavelength, and the reference of the air without."""
-        wide = medium.select(self.place)
+        """The medium with a column for each term instead of each wavelength; its grid medium is air without bands."""
+        wide = medium.select(self.wavelength_index)
         wide = replace(wide, absorption_per_km=wide.absorption_per_km + self.absorption_per_km)
-        return wide if medium.reference is None else wide.with_reference(Reference.of(medium.reference))
+        without = medium.at_grid_wavelengths
+        return wide if without is None else replace(wide, grid_medium=GridMedium.of(without))
 
-    def summed(self, values: np.ndarray) -> np.ndarray:
-        """From values of the lanes (..., N) those of the wavelengths (..., W)."""
-        return np.add.reduceat(values * self.weight, np.searchsorted(self.place, np.arange(self.lanes.size)), axis=-1)
+    def sum_terms(self, values: np.ndarray) -> np.ndarray:
+        """Weighted sums (..., W) over the terms of each wavelength, from values of the terms (..., N)."""
+        return np.add.reduceat(
+            values * self.weight, np.searchsorted(self.wavelength_index, np.arange(self.term_counts.size)), axis=-1
+        )
 
 
 @lru_cache(maxsize=1)
 def _source() -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    path = resources.files("twilight") / "data" / "gases" / "spectrl2_bands.csv"
-    with path.open(encoding="utf-8") as file:
-        wavelength, water, mixed = np.loadtxt(file, delimiter=",", skiprows=1, unpack=True)
+    wavelength, water, mixed = data_numbers("gases/spectrl2_bands.csv")[1].T
     return wavelength, {WATER_VAPOUR: water, OXYGEN: mixed}
 
 
@@ -130,6 +163,10 @@ def transmission(gas: str, amount: np.ndarray | float) -> np.ndarray:
     """SPCTRL2's transmission for amounts x = a m W; completely monotone, 1 for 0."""
     x = np.asarray(amount, dtype=float)
     return np.exp(-STRENGTH[gas] * x / (1.0 + SATURATION[gas] * x) ** GROWTH)
+
+
+PLANNED_PER_DECADE = 5
+"""Amounts of a gas in each factor of ten for which a plan fits exponential sums; a fit takes 0.05 processor s."""
 
 
 @lru_cache(maxsize=4096)
@@ -182,41 +219,46 @@ def amounts(gas: str, profile: AirProfile, wavelength_nm: np.ndarray, column_mm:
     return coefficient(gas, wavelength_nm) * 0.1 * column
 
 
-def make_bands(
+def make_gas_bands(
     medium: Medium,
     profile_name: str,
     gases: tuple[str, ...] = GASES,
     water_vapour_mm: float | None = None,
     *,
     layers: bool = False,
-) -> Bands | None:
-    """The lanes of a medium that was built from a profile; None where none of its wavelengths lies in a band.
+    for_plan: bool = False,
+) -> GasBands | None:
+    """The exponential sums of a medium that was built from a profile; None where no wavelength lies in a band.
 
     water_vapour_mm: precipitable water above the ground; None: the profile's own.  layers: the medium is homogeneous
-    between its levels, and takes means.
+    between its levels, and takes means.  for_plan: amounts are rounded to PLANNED_PER_DECADE, so that few sums are
+    fitted; how many terms they have is then about right.
     """
     profile = load_profile(profile_name).above(medium.bottom_km)
     nm = medium.wavelength_nm
     found = {gas: amounts(gas, profile, nm, water_vapour_mm) for gas in gases}
-    place, weight, columns = [], [], []
+    wavelength_index, weight, columns = [], [], []
     shapes: dict[tuple[str, int], np.ndarray] = {}
     for w in range(nm.size):
-        lanes = [(1.0, np.zeros(medium.altitude_km.size))]
+        sums = [(1.0, np.zeros(medium.altitude_km.size))]
         for gas, x in found.items():
             row = int(np.searchsorted([edge for edge, _, _ in PRESSURE_SCALING[gas]], nm[w], side="right")) - 1
-            shares, depths = terms(gas, float(x[w]))
-            if len(shares) == 1 and depths[0] == 0.0:
+            amount = float(x[w])
+            if for_plan and amount > 0.0:
+                amount = 10.0 ** (round(PLANNED_PER_DECADE * math.log10(amount)) / PLANNED_PER_DECADE)
+            weights, depths = terms(gas, amount)
+            if len(weights) == 1 and depths[0] == 0.0:
                 continue
             if (gas, row) not in shapes:
                 _, pressure, temperature = PRESSURE_SCALING[gas][row]
                 shapes[gas, row] = _shape(gas, profile, medium, pressure, temperature, layers)
             shape = shapes[gas, row]
-            lanes = [(q * s, k + d * shape) for q, k in lanes for s, d in zip(shares, depths, strict=True)]
-        place += [w] * len(lanes)
-        weight += [q for q, _ in lanes]
-        columns += [k for _, k in lanes]
+            sums = [(q * s, k + d * shape) for q, k in sums for s, d in zip(weights, depths, strict=True)]
+        wavelength_index += [w] * len(sums)
+        weight += [q for q, _ in sums]
+        columns += [k for _, k in sums]
     absorption = np.stack(columns, axis=1)
-    return Bands(np.array(place), np.array(weight), absorption) if absorption.any() else None
+    return GasBands(np.array(wavelength_index), np.array(weight), absorption) if absorption.any() else None
 
 
 def _shape(
@@ -237,5 +279,4 @@ def _shape(
         at = np.repeat(means, 2)
     else:
         at = np.interp(levels, fine, scaled)
-    thickness = np.diff(levels)
-    return at / float(np.sum(layer_mean(at[:-1], at[1:]) * thickness))
+    return at / float(vertical_integral(at, levels))

@@ -8,19 +8,26 @@ from dataclasses import replace
 import numpy as np
 
 from twilight.atmosphere import aerosols, gases, rayleigh
-from twilight.atmosphere.aerosols import AerosolRegion, CacheDir
+from twilight.atmosphere.aerosols import AerosolRegion
 from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
-from twilight.atmosphere.medium import Medium, layer_mean
+from twilight.atmosphere.levels import vertical_integral
+from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import AerosolSpec
 from twilight.atmosphere.profiles import PROFILE_TOP_KM, WHERE_AND_WHEN, AirProfile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 MIN_TOP_KM = 10.0
+"""Lowest top of the air that is allowed [km]."""
+
 MAX_GROUND_KM = 9.0
+"""Highest ground that is allowed [km]."""
 
 OZONE_TREATMENTS = ("layer", "overhead_filter", "none")
+"""Where ozone absorbs: in its layer, as a filter above the air, nowhere."""
+
 REFRACTION_MODELS = ("ciddor", "haber", "none")
+"""Ciddor 1996, Haber's closed form, n = 1."""
 
 
 def build_medium(
@@ -41,7 +48,6 @@ def build_medium(
     co2_ppm: float = 420.0,
     ground_albedo=0.0,
     name: str = "",
-    cache_dir: CacheDir = None,
 ) -> Medium:
     """The optical medium of a clear atmosphere at W wavelengths (300 to 1000 nm, increasing).
 
@@ -59,7 +65,6 @@ def build_medium(
     refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form
         for dry air), `none`.
     ground_albedo: Lambertian, one number or one per wavelength.
-    cache_dir: folder of the Mie cache, None for the default.
 
     Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `ozone_source` (in
     words), `profile`, `regions` (name, bottom, top) and `aerosol_factor`.  Raises TwilightError on anything that is not
@@ -78,13 +83,13 @@ def build_medium(
     ground_km = float(ground_altitude_km)
     full = load_profile(profile).above(ground_km)
     ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
-    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km), cache_dir)
+    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km))
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
     state = full.at(altitude)
     air = state.air_per_cm3[:, None] * rayleigh.cross_section_cm2(wavelength, co2_ppm) * 1e5
     parts, overhead = _gas_absorption(full, state, wavelength, ozone_treatment, ozone_factor, no2, o4)
-    extinction, scattering, share, phases = _aerosol_levels(regions, altitude, upper_side, wavelength.size)
+    extinction, scattering, phase_fraction, phases = _aerosol_levels(regions, altitude, upper_side, wavelength.size)
     medium = Medium(
         wavelength_nm=wavelength,
         altitude_km=altitude,
@@ -94,7 +99,7 @@ def build_medium(
         aerosol_single_scattering_albedo=np.minimum(
             1.0, np.divide(scattering, extinction, out=np.zeros_like(scattering), where=extinction > 0)
         ),
-        aerosol_share=share,
+        aerosol_phase_fraction=phase_fraction,
         phase_functions=phases,
         refractivity=_refractivity(refraction, state, wavelength, co2_ppm),
         depolarisation=rayleigh.depolarisation(wavelength, co2_ppm),
@@ -102,9 +107,8 @@ def build_medium(
         overhead_absorption_optical_depth=overhead,
         name=name,
     )
-    thickness = np.diff(altitude)[:, None]
     depths = {"air": medium.optical_depth("air")}
-    depths |= {gas: np.sum(layer_mean(a[:-1], a[1:]) * thickness, axis=0) for gas, a in parts.items()}
+    depths |= {gas: vertical_integral(a, altitude) for gas, a in parts.items()}
     for region in regions:
         depths[region.name] = depths.get(region.name, np.zeros(wavelength.size)) + region.optical_depth(top_km)
     if np.any(overhead > 0):
@@ -154,7 +158,6 @@ def _aerosol_regions(
     stratosphere: StratosphereSpec | None,
     wavelength: np.ndarray,
     span_km: tuple[float, float],
-    cache_dir: CacheDir,
 ) -> tuple[list[AerosolRegion], float]:
     """Regions between ground and top, and the factor on the tropospheric ones."""
     ground_km, top_km = span_km
@@ -166,15 +169,15 @@ def _aerosol_regions(
         own_stratosphere_km = None if stratosphere is None else bottom_km
         if aerosol is None:
             return []
-        return aerosols.tropospheric_regions(aerosol, w, own_stratosphere_km, cache_dir, ground_km)
+        return aerosols.tropospheric_regions(aerosol, w, own_stratosphere_km, ground_km)
 
     def stratospheric(w) -> list[AerosolRegion]:
         if stratosphere is not None:
-            cut = [region.above(bottom_km) for region in stratosphere.regions(w, cache_dir)]
+            cut = [region.above(bottom_km) for region in stratosphere.regions(w)]
             found = [region for region in cut if region is not None]
-            plain = aerosol is not None and aerosol.phase_function == "henyey_greenstein"
-            return [region.henyey_greenstein() for region in found] if plain else found
-        return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, cache_dir, ground_km)
+            formula = aerosol is not None and aerosol.phase_function == "henyey_greenstein"
+            return [region.henyey_greenstein() for region in found] if formula else found
+        return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, ground_km)
 
     factor = 1.0
     if aerosol is not None and aerosol.optical_depth_550nm is not None:
@@ -227,7 +230,7 @@ def _gas_absorption(
 def _aerosol_levels(
     regions: list[AerosolRegion], altitude: np.ndarray, upper_side: np.ndarray, n_wavelengths: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple]:
-    """Extinction and scattering (L, W), shares (K, L, W) and the K phase functions of all regions together."""
+    """Extinction and scattering (L, W), phase fractions (K, L, W) and the K phase functions of all regions together."""
     shape = (altitude.size, n_wavelengths)
     extinction, scattering = np.zeros(shape), np.zeros(shape)
     phases: list = []
@@ -237,7 +240,7 @@ def _aerosol_levels(
         above = upper_side & (altitude >= region.bottom_km) & (altitude < region.top_km)
         below = ~upper_side & (altitude > region.bottom_km) & (altitude <= region.top_km)
         inside = above | below
-        ext, albedo, share = region.at(altitude[inside])
+        ext, albedo, phase_fraction = region.at(altitude[inside])
         extinction[inside] += ext
         scattering[inside] += ext * albedo
         for k, phase in enumerate(region.phase_functions):
@@ -245,14 +248,14 @@ def _aerosol_levels(
             if slot == len(phases):
                 phases.append(phase)
                 by_phase.append(np.zeros(shape))
-            by_phase[slot][inside] += share[k] * ext * albedo
+            by_phase[slot][inside] += phase_fraction[k] * ext * albedo
     if not phases:
         return extinction, scattering, np.zeros((0, *shape)), ()
     stacked = np.stack(by_phase)
     total = stacked.sum(axis=0)
-    share = np.divide(stacked, total, out=np.zeros_like(stacked), where=total > 0)
-    share[0] = np.where(total > 0, share[0], 1.0)
-    return extinction, scattering, share, tuple(phases)
+    phase_fraction = np.divide(stacked, total, out=np.zeros_like(stacked), where=total > 0)
+    phase_fraction[0] = np.where(total > 0, phase_fraction[0], 1.0)
+    return extinction, scattering, phase_fraction, tuple(phases)
 
 
 def _refractivity(model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm: float) -> np.ndarray:

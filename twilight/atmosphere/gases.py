@@ -12,20 +12,25 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
+from twilight.atmosphere.levels import vertical_integral
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU, AirProfile
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.shipped_data import data_numbers
 
 OXYGEN_FRACTION = 0.2095
 """Volume of O2 in dry air, constant up to about 85 km; above, pairs of molecules do not matter."""
 
 MIN_WAVELENGTH_NM = 300.0
+"""Where the optical data begin [nm]."""
+
 MAX_WAVELENGTH_NM = 1000.0
+"""Where the optical data end [nm]."""
 
 _TABLES = {"o3": "o3_serdyuchenko2014", "no2": "no2_vandaele1998", "o4": "o2o2_hitran2016"}
+"""File of each gas in data/gases."""
 
 
 def check_wavelengths(wavelength_nm) -> np.ndarray:
@@ -46,10 +51,7 @@ def check_wavelengths(wavelength_nm) -> np.ndarray:
 
 @lru_cache(maxsize=len(_TABLES))
 def _table(gas: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    path = resources.files("twilight") / "data" / "gases" / f"{_TABLES[gas]}.csv"
-    with path.open(encoding="utf-8") as file:
-        names = file.readline().strip().split(",")
-        rows = np.loadtxt(file, delimiter=",")
+    names, rows = data_numbers(f"gases/{_TABLES[gas]}.csv")
     temperature_k = np.array([float(name[1:-1]) for name in names[1:]])
     if gas == "o3":
         first = rows[0, 1:] ** 2 / rows[1, 1:]
@@ -101,11 +103,7 @@ def ozone_factor(profile: AirProfile, column_du: float | None) -> float:
 
 def overhead_ozone_optical_depth(profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
     """Vertical optical depth (W,) of all the ozone of a profile, at the temperatures of its altitudes."""
-    from twilight.atmosphere.medium import layer_mean
-
-    coefficient = absorption_per_km("o3", profile, wavelength_nm, factor)
-    thickness = np.diff(profile.altitude_km)[:, None]
-    return np.sum(layer_mean(coefficient[:-1], coefficient[1:]) * thickness, axis=0)
+    return vertical_integral(absorption_per_km("o3", profile, wavelength_nm, factor), profile.altitude_km)
 
 
 __all__ = [

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 HABER_SCALE_HEIGHT_KM = 8.0
 """Scale height of the air that divides the atmosphere into layers (Haber 2005 sec. 4.1.2)."""
 
 MAX_LAYERS = 2000
+"""Most layers that are allowed."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,9 @@ class EqualAirMass:
         """Boundaries ground = H_0 < ... < H_N = top: H_{i+1} = -8 ln(exp(-H_i/8) - M/8), M the mass of a layer."""
         if not 1 <= self.count <= MAX_LAYERS:
             raise TwilightError(f"layers.count: {self.count} is not possible, allowed is 1 to {MAX_LAYERS}")
-        share = np.arange(self.count + 1) / self.count
+        fraction = np.arange(self.count + 1) / self.count
         depth = (top_km - ground_km) / HABER_SCALE_HEIGHT_KM
-        heights = ground_km - HABER_SCALE_HEIGHT_KM * np.log1p(share * math.expm1(-depth))
+        heights = ground_km - HABER_SCALE_HEIGHT_KM * np.log1p(fraction * math.expm1(-depth))
         heights[0], heights[-1] = ground_km, top_km
         return heights
 
@@ -54,11 +55,11 @@ class Boundaries:
 
 
 def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
-    """The medium with constant coefficients in each layer: the layer's mean, so that every column is kept.
+    """The medium with constant coefficients in each layer: the layer's mean, so that no column changes.
 
-    Extinction and absorption are averaged over altitude, the albedo with the extinction and the shares of the phase
-    functions with the scattering as weight.  Each inner boundary is two levels.  Refractivity has no jumps: it keeps
-    its values at the boundaries and goes smoothly between them.
+    Extinction and absorption are averaged over altitude, the albedo with the extinction as weight and the phase
+    fractions with the scattering.  Each inner boundary is two levels.  Refractivity has no jumps: it keeps its values
+    at the boundaries and goes smoothly between them.
     """
     z = np.asarray(boundaries_km, dtype=float)
     inner = medium.altitude_km[(medium.altitude_km > z[0]) & (medium.altitude_km < z[-1])]
@@ -79,13 +80,13 @@ def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
     extinction = mean(at.aerosol_extinction)
     scattering = mean(at.aerosol_scattering)
     albedo = np.where(extinction > 0, np.minimum(1.0, scattering / np.where(extinction > 0, extinction, 1.0)), 0.0)
-    shares = [
+    fractions = [
         np.where(
             scattering > 0,
-            mean(share * at.aerosol_scattering) / np.where(scattering > 0, scattering, 1.0),
+            mean(fraction * at.aerosol_scattering) / np.where(scattering > 0, scattering, 1.0),
             1.0 if k == 0 else 0.0,
         )
-        for k, share in enumerate(at.aerosol_share)
+        for k, fraction in enumerate(at.aerosol_phase_fraction)
     ]
     doubled = np.repeat(z, 2)[1:-1]
     return replace(
@@ -95,6 +96,6 @@ def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
         absorption_per_km=mean(at.absorption),
         aerosol_extinction_per_km=extinction,
         aerosol_single_scattering_albedo=albedo,
-        aerosol_share=np.stack(shares) if shares else np.zeros((0, doubled.size, medium.n_wavelengths)),
+        aerosol_phase_fraction=np.stack(fractions) if fractions else np.zeros((0, doubled.size, medium.n_wavelengths)),
         refractivity=medium.at(doubled).refractivity,
     )

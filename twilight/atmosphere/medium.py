@@ -1,10 +1,14 @@
 """The optical medium: what every solver gets, and all that it gets.
 
-A medium is a list of levels.  The logarithms of the scattering and the refractivity of air go through them as monotone
-cubics with continuous slopes (:mod:`twilight.atmosphere.smooth`): a bend of the index at a level would focus the
-sunbeam below it.  Other coefficients go exponentially between two levels.  Where one end is 0 all go linearly; single
-scattering albedo and the shares of the phase functions always do.  Two levels at the same altitude are a jump, at which
-a new curve begins unless both hold the same value.  Outside the levels is vacuum above and the ground below.
+A medium is a list of levels.  Between two levels
+
+- ln of the air's scattering coefficient and of its refractivity are monotone cubics with continuous slopes
+  (:mod:`twilight.atmosphere.steffen`): a bend of the index at a level would focus the sunbeam below it;
+- absorption and aerosol extinction go exponentially, linearly where one end is 0 (:mod:`twilight.atmosphere.levels`);
+- the aerosol's single scattering albedo and phase fractions go linearly.
+
+Two levels at the same altitude are a jump, at which a new cubic begins unless both hold the same value.  Above the
+levels is vacuum, below them the ground.
 """
 
 from __future__ import annotations
@@ -15,12 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twilight.atmosphere.reference import Reference
-from twilight.atmosphere.smooth import interpolate_smooth, log_cubics, monotone_cubic
-from twilight.conventions import EARTH_RADIUS_KM
-from twilight.errors import TwilightError
-from twilight.kernels import njit
-from twilight.phase import PhaseFunction
+from twilight.atmosphere.grid_medium import GridMedium
+from twilight.atmosphere.levels import interpolate_coefficient, layer_mean
+from twilight.atmosphere.steffen import interpolate_smooth, log_cubics, monotone_cubic, smooth_mean
+from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.errors import TwilightError
+from twilight.numerics.phase import PhaseFunction
 
 ON_LEVELS = (
     "air_scattering_per_km",
@@ -29,26 +33,54 @@ ON_LEVELS = (
     "aerosol_single_scattering_albedo",
     "refractivity",
 )
-"""What a medium has on levels and at wavelengths, (L, W)."""
+"""Fields of a medium that have a value at every level and wavelength, (L, W)."""
+
 SMALL_JUMP = 1e-3
-"""Relative jump of the refractivity that is taken as a rounding of the table."""
+"""Relative jump of the refractivity at a doubled level up to which it counts as rounding of a table."""
+
+NEGLIGIBLE_PER_KM = 1e-12
+"""Coefficient [km^-1], or refractivity, below which its relative change asks for no finer levels."""
+
+MOST_PARTS = 400
+"""Most levels into which `Medium.refined` divides one layer."""
 
 
 @dataclass(frozen=True)
 class Medium:
-    """Spherically symmetric air, L levels, W wavelengths, K aerosol phase functions.
+    """Spherically symmetric air of L levels at W wavelengths, with K aerosol phase functions.
 
-    altitude_km (L,) not decreasing, first level = ground; an altitude that appears twice is a jump.
-    wavelength_nm (W,)
-    air_scattering_per_km, absorption_per_km (gases), aerosol_extinction_per_km, refractivity (n - 1): (L, W)
-    aerosol_single_scattering_albedo (L, W)
-    aerosol_share (K, L, W): share of the aerosol's scattering that follows phase function k, sums to 1 over k
-    phase_functions: K of them, each at the W wavelengths
-    depolarisation (W,): of the Rayleigh phase function, 0 = 3/(16 pi)(1 + cos^2)
-    ground_albedo (W,): Lambertian; of a water surface that of the light from below it
-    overhead_absorption_optical_depth (W,): a filter on the unscattered sunlight above the top, crossed vertically
-        whatever the sun's direction (Haber 2005 sec. 4.3); 0 unless a preset asks for it
-    water_mean_square_slope: of a ground that is a water surface (:mod:`twilight.water`); 0: the ground is land
+    Parameters
+    ----------
+    wavelength_nm : (W,)
+        In vacuum [nm].
+    altitude_km : (L,)
+        Of the levels [km], not decreasing; the lowest is the ground; an altitude that appears twice is a jump.
+    air_scattering_per_km, absorption_per_km, aerosol_extinction_per_km : (L, W)
+        Coefficients [km^-1]; absorption is that of gases.
+    aerosol_single_scattering_albedo : (L, W)
+        Scattering over extinction of the aerosol.
+    aerosol_phase_fraction : (K, L, W)
+        Fraction of the aerosol's scattering that follows phase function k; sums to 1 over k.
+    phase_functions : K of PhaseFunction
+        Each at the W wavelengths.
+    refractivity : (L, W)
+        n - 1.
+    depolarisation : (W,)
+        Depolarisation factor rho of Rayleigh scattering; 0 gives 3/(16 pi) (1 + cos^2).
+    ground_albedo : (W,)
+        Of Lambertian ground; of a water surface, albedo of the light from below it.
+    overhead_absorption_optical_depth : (W,)
+        Of a filter on the unscattered sunlight above the top, crossed vertically whatever the sun's direction (Haber
+        2005 sec. 4.3); 0 unless a preset asks for it.
+    earth_radius_km
+        Radius of the sphere of altitude 0 [km].
+    water_mean_square_slope
+        Of a ground that is a water surface (:mod:`twilight.atmosphere.water_surface`); 0: the ground is land.
+    name, notes
+        For records and messages.
+    grid_medium
+        The air at fixed wavelengths, by which grids are laid out; None: grids follow this medium's own wavelengths.
+        `dataclasses.replace` keeps it where the optics stay the same and drops it where they change (`GridMedium`).
     """
 
     wavelength_nm: np.ndarray
@@ -57,7 +89,7 @@ class Medium:
     absorption_per_km: np.ndarray
     aerosol_extinction_per_km: np.ndarray
     aerosol_single_scattering_albedo: np.ndarray
-    aerosol_share: np.ndarray
+    aerosol_phase_fraction: np.ndarray
     phase_functions: tuple[PhaseFunction, ...]
     refractivity: np.ndarray
     depolarisation: np.ndarray
@@ -67,8 +99,11 @@ class Medium:
     water_mean_square_slope: float = 0.0
     name: str = ""
     notes: dict = field(default_factory=dict)
+    grid_medium: GridMedium | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
+        if self.grid_medium is not None:
+            object.__setattr__(self, "grid_medium", self.grid_medium.given_to(self._optics))
         z, w = self.altitude_km, self.wavelength_nm
         shape = (z.size, w.size)
         if z.size < 2 or not np.all(np.isfinite(z)) or np.any(np.diff(z) < 0) or z[-1] <= z[0]:
@@ -81,8 +116,10 @@ class Medium:
                 raise TwilightError(f"medium {self.name}: {key} must be finite and not negative")
         if np.any(self.aerosol_single_scattering_albedo > 1):
             raise TwilightError(f"medium {self.name}: aerosol_single_scattering_albedo must be between 0 and 1")
-        if self.aerosol_share.shape != (len(self.phase_functions), *shape):
-            raise TwilightError(f"medium {self.name}: aerosol_share has shape {self.aerosol_share.shape}")
+        if self.aerosol_phase_fraction.shape != (len(self.phase_functions), *shape):
+            raise TwilightError(
+                f"medium {self.name}: aerosol_phase_fraction has shape {self.aerosol_phase_fraction.shape}"
+            )
 
     @property
     def n_wavelengths(self) -> int:
@@ -115,39 +152,36 @@ class Medium:
         return self.air_scattering_per_km + self.absorption_per_km + self.aerosol_extinction_per_km
 
     @property
-    def reference(self) -> Medium | None:
-        """The same air at fixed wavelengths, by which grids are laid out (:mod:`twilight.atmosphere.reference`).
+    def _optics(self) -> tuple[Any, ...]:
+        """All that decides how light goes through the air: what `grid_medium` stands for."""
+        arrays = (getattr(self, key) for key in ON_LEVELS)
+        scale = (self.wavelength_nm, self.altitude_km, self.aerosol_phase_fraction, self.depolarisation)
+        return (*arrays, *scale, self.earth_radius_km, *self.phase_functions)
 
-        None where it is not known.  `dataclasses.replace` drops it, for what it makes is other air.
-        """
-        made: Reference | None = getattr(self, "_reference", None)
-        return None if made is None else made.medium()
-
-    def with_reference(self, reference: Reference | None) -> Medium:
-        """The same medium with that reference; None: with none."""
-        out = replace(self)
-        object.__setattr__(out, "_reference", reference)
-        return out
+    @property
+    def at_grid_wavelengths(self) -> Medium | None:
+        """The same air at fixed wavelengths, by which grids are laid out; None where it is not known."""
+        return None if self.grid_medium is None else self.grid_medium.medium
 
     def select(self, wavelengths: slice | np.ndarray) -> Medium:
-        """The same medium at some of its wavelengths, with its reference."""
+        """The same medium at some of its wavelengths, with the same grid medium."""
         s = wavelengths
         phases = tuple(p.select(s) for p in self.phase_functions)
         cut = {key: getattr(self, key)[:, s] for key in ON_LEVELS}
-        selected = replace(
+        return replace(
             self,
             wavelength_nm=self.wavelength_nm[s],
-            aerosol_share=self.aerosol_share[:, :, s],
+            aerosol_phase_fraction=self.aerosol_phase_fraction[:, :, s],
             phase_functions=phases,
             depolarisation=self.depolarisation[s],
             ground_albedo=self.ground_albedo[s],
             overhead_absorption_optical_depth=self.overhead_absorption_optical_depth[s],
+            grid_medium=self.grid_medium and self.grid_medium.unbound(),
             **cut,
         )
-        return selected.with_reference(getattr(self, "_reference", None))
 
     def at(self, altitude_km) -> Coefficients:
-        """Coefficients at altitudes of any shape; an altitude on a jump takes the value above it, outside is 0."""
+        """Coefficients at altitudes [km] of any shape: on a jump those above it, outside the levels 0."""
         z = np.asarray(altitude_km, dtype=float)
         levels = self.altitude_km
         i = np.clip(np.searchsorted(levels, z, side="right") - 1, 0, levels.size - 2)
@@ -170,19 +204,25 @@ class Medium:
             absorption=exponential(self.absorption_per_km),
             aerosol_extinction=exponential(self.aerosol_extinction_per_km),
             aerosol_albedo=linear(self.aerosol_single_scattering_albedo),
-            aerosol_share=np.stack([linear(s) for s in self.aerosol_share])
-            if len(self.aerosol_share)
+            aerosol_phase_fraction=np.stack([linear(s) for s in self.aerosol_phase_fraction])
+            if len(self.aerosol_phase_fraction)
             else np.zeros((0, *f.shape[:-1], self.n_wavelengths)),
             refractivity=smooth(self.refractivity),
         )
 
     def refined(self, max_thickness_km: float = 0.25, tolerance: float = 1e-4, like: Medium | None = None) -> Medium:
-        """The same medium with levels inserted until linear interpolation of every coefficient is good to `tolerance`.
+        """The same medium with levels inserted, so that kernels may interpolate linearly between them.
 
-        Kernels interpolate linearly on the refined levels, which costs no exponential per step.  For a coefficient that
-        falls by q = ln(a/b) over a level, linear interpolation is off by q^2/8 at most.
+        Of a coefficient that falls by q = ln(a/b) over a layer, linear interpolation is off by q^2/8 at most.
 
-        like: the same levels at other wavelengths, whose coefficients say how many are inserted.
+        Parameters
+        ----------
+        max_thickness_km
+            Largest distance of two levels [km] near the ground; higher up 2 % of the height above it.
+        tolerance
+            Largest relative error of a coefficient between two levels.
+        like
+            The same levels at other wavelengths, whose coefficients say how many are inserted; None: this medium's.
         """
         z = self.altitude_km
         whose = like or self
@@ -197,14 +237,14 @@ class Medium:
             ):
                 lo, hi = a[:-1], a[1:]
                 q = np.where((lo > 0) & (hi > 0), np.abs(np.log(hi / np.where(lo > 0, lo, 1))), 0.0)
-                q = np.where(np.maximum(lo, hi) > 1e-12, q, 0.0)
+                q = np.where(np.maximum(lo, hi) > NEGLIGIBLE_PER_KM, q, 0.0)
                 steps = np.maximum(steps, np.nanmax(q, axis=1))
         for i, (a, b) in enumerate(pairwise(z)):
             if b <= a:
                 new.append(np.array([b]))
                 continue
             n = int(np.ceil(max(steps[i] / np.sqrt(8 * tolerance), (b - a) / max(max_thickness_km, 0.02 * (a - z[0])))))
-            new.append(np.linspace(a, b, max(1, min(n, 400)) + 1)[1:])
+            new.append(np.linspace(a, b, max(1, min(n, MOST_PARTS)) + 1)[1:])
         return self._on_levels(new)
 
     def _on_levels(self, pieces: list[np.ndarray]) -> Medium:
@@ -227,22 +267,30 @@ class Medium:
                 rows.setdefault(key, []).append(interpolate_smooth(a[lo], a[hi], cubics[:, lo], f))
             a = self.aerosol_single_scattering_albedo
             rows.setdefault("aerosol_single_scattering_albedo", []).append(a[lo] * (1 - f) + a[hi] * f)
-            for k, s in enumerate(self.aerosol_share):
-                rows.setdefault(f"share{k}", []).append(s[lo] * (1 - f) + s[hi] * f)
+            for k, s in enumerate(self.aerosol_phase_fraction):
+                rows.setdefault(f"phase{k}", []).append(s[lo] * (1 - f) + s[hi] * f)
         made: dict[str, Any] = {key: np.concatenate(value) for key, value in rows.items()}
         levels = np.concatenate(pieces)
         n_phase = len(self.phase_functions)
-        share = (
-            np.stack([made.pop(f"share{k}") for k in range(n_phase)])
+        phase_fraction = (
+            np.stack([made.pop(f"phase{k}") for k in range(n_phase)])
             if n_phase
             else np.zeros((0, levels.size, self.n_wavelengths))
         )
-        return replace(self, altitude_km=levels, aerosol_share=share, **made)
+        return replace(self, altitude_km=levels, aerosol_phase_fraction=phase_fraction, **made)
 
     def optical_depth(self, part: str = "total") -> np.ndarray:
-        """Vertical optical depth (W,) of `air`, `absorption`, `aerosol` or `total`; exact for the levels' rule.
+        """Vertical optical depth (W,) of one part of the air.
 
-        For that of air to 1e-9 by Gauss-Legendre quadrature.
+        Parameters
+        ----------
+        part
+            `air`, `absorption`, `aerosol`, or `total`.
+
+        Returns
+        -------
+        (W,)
+            Exact for the rules between levels; of air to 1e-9, by Gauss-Legendre quadrature.
         """
         parts: dict[str, tuple[np.ndarray, ...]] = {
             "air": (self.air_scattering_per_km,),
@@ -259,46 +307,18 @@ class Medium:
             total = total + (mean * dz).sum(axis=0)
         return total
 
-    def arrays(self) -> MediumArrays:
-        """The same as plain contiguous arrays for kernels."""
-        c = np.ascontiguousarray
-        n_phase = len(self.phase_functions)
-        width = max((p.log_table.shape[1] for p in self.phase_functions), default=1)
-        tables = np.zeros((n_phase, self.n_wavelengths, width))
-        ratios = np.zeros((n_phase, 4, self.n_wavelengths, width))
-        for k, p in enumerate(self.phase_functions):
-            if p.log_table.shape[1] not in (1, width):
-                raise ValueError("phase tables of one medium must have the same number of nodes")
-            tables[k, :, : p.log_table.shape[1]] = p.log_table
-            ratios[k, :, :, : p.log_table.shape[1]] = p.ratios
-        kinds = np.array([p.kind for p in self.phase_functions], dtype=np.int64)
-        g = np.array([p.asymmetry for p in self.phase_functions]).reshape(n_phase, self.n_wavelengths)
-        return MediumArrays(
-            c(self.altitude_km, dtype=float),
-            c(self.air_scattering_per_km, dtype=float),
-            c(self.absorption_per_km, dtype=float),
-            c(self.aerosol_extinction_per_km, dtype=float),
-            c(self.aerosol_single_scattering_albedo, dtype=float),
-            c(self.aerosol_share, dtype=float),
-            c(self.refractivity, dtype=float),
-            kinds,
-            g,
-            tables,
-            ratios,
-            c(self.depolarisation, dtype=float),
-            c(self.ground_albedo, dtype=float),
-            float(self.earth_radius_km),
-        )
-
 
 class Coefficients(NamedTuple):
-    """Local coefficients, each with the shape of the altitudes plus (W,); aerosol_share has K in front."""
+    """Coefficients [km^-1], albedo, phase fractions and refractivity at altitudes.
+
+    Each has the shape of the altitudes plus (W,); aerosol_phase_fraction has K in front.
+    """
 
     air_scattering: np.ndarray
     absorption: np.ndarray
     aerosol_extinction: np.ndarray
     aerosol_albedo: np.ndarray
-    aerosol_share: np.ndarray
+    aerosol_phase_fraction: np.ndarray
     refractivity: np.ndarray
 
     @property
@@ -310,57 +330,12 @@ class Coefficients(NamedTuple):
         return self.air_scattering + self.absorption + self.aerosol_extinction
 
 
-class MediumArrays(NamedTuple):
-    """A medium as arrays for njit kernels; same meaning and shapes as in :class:`Medium`.
-
-    phase_kind (K,), phase_asymmetry (K, W), phase_log_table (K, W, N), phase_ratios (K, 4, W, N): of the K phase
-    functions, as in :class:`PhaseFunction`.
-    """
-
-    altitude_km: np.ndarray
-    air_scattering: np.ndarray
-    absorption: np.ndarray
-    aerosol_extinction: np.ndarray
-    aerosol_albedo: np.ndarray
-    aerosol_share: np.ndarray
-    refractivity: np.ndarray
-    phase_kind: np.ndarray
-    phase_asymmetry: np.ndarray
-    phase_log_table: np.ndarray
-    phase_ratios: np.ndarray
-    depolarisation: np.ndarray
-    ground_albedo: np.ndarray
-    earth_radius_km: float
-
-
-def interpolate_coefficient(lower, upper, fraction):
-    """lower^(1-f) upper^f, or linear where one end is 0 (the rule of what is not air)."""
-    positive = (lower > 0) & (upper > 0)
-    lo = np.where(positive, lower, 1.0)
-    hi = np.where(positive, upper, 1.0)
-    return np.where(positive, lo * (hi / lo) ** fraction, lower * (1 - fraction) + upper * fraction)
-
-
-def smooth_mean(altitude_km: np.ndarray, coefficient: np.ndarray, exponential_mean: np.ndarray) -> np.ndarray:
-    """Mean (L - 1, W) over each layer under the rule of `log_cubics`, from that under the exponential one.
-
-    What quadrature adds is the small difference of the two, so that exponential air is exact.
-    """
-    lower, upper = coefficient[:-1], coefficient[1:]
-    piece = log_cubics(altitude_km, coefficient)
-    x, weight = np.polynomial.legendre.leggauss(8)
-    mean = np.array(exponential_mean)
-    for f, g in zip(0.5 * (x + 1.0), 0.5 * weight, strict=True):
-        mean += g * (interpolate_smooth(lower, upper, piece, f) - interpolate_coefficient(lower, upper, f))
-    return mean
-
-
 def with_joined_refractivity(medium: Medium) -> Medium:
-    """The medium with an index without jumps, by which light is bent.
+    """The medium with a refractive index without jumps, by which light is bent.
 
     At a jump all rays close to the horizontal would be reflected or focused, which is a property of layers and not of
-    air. An index that jumps is replaced by the smooth curve through its means at the middles of the layers; below the
-    lowest of them it falls as between the lowest two.
+    air.  An index that jumps is replaced by the smooth curve through its means at the middles of the layers; below the
+    lowest middle ln(n - 1) goes on with the slope between the lowest two.
     """
     z, n = medium.altitude_km, medium.refractivity
     thick = np.diff(z) > 0
@@ -379,30 +354,3 @@ def with_joined_refractivity(medium: Medium) -> Medium:
     x, y = np.concatenate([z[:1], middle, z[-1:]]), np.concatenate([[lowest], value, [top]])
     smooth = [np.exp(monotone_cubic(levels, x, column)) * (column.max() > np.log(1e-200)) for column in y.T]
     return replace(medium, refractivity=np.stack(smooth, axis=1)[place])
-
-
-def layer_mean(lower, upper):
-    """Mean of a coefficient over a layer under the same rule: (a - b)/ln(a/b), careful when a is close to b."""
-    positive = (lower > 0) & (upper > 0)
-    lo = np.where(positive, lower, 1.0)
-    q = np.log(np.where(positive, upper, 1.0) / lo)
-    small = np.abs(q) < 1e-6
-    mean = lo * np.where(small, 1.0 + 0.5 * q, np.expm1(q) / np.where(small, 1.0, q))
-    return np.where(positive, mean, 0.5 * (lower + upper))
-
-
-@njit(inner=True, cache=True)
-def level_below(altitude_km, z):
-    """Index i with altitude_km[i] <= z < altitude_km[i+1], clipped to [0, L-2]; of two equal levels the upper one.
-
-    altitude_km (L,): ascending; z [km].
-    """
-    lo = 0
-    hi = altitude_km.size - 1
-    while hi - lo > 1:
-        mid = (lo + hi) // 2
-        if altitude_km[mid] <= z:
-            lo = mid
-        else:
-            hi = mid
-    return lo

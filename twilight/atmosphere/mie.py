@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -21,8 +20,8 @@ from importlib import metadata
 import numpy as np
 
 from twilight.atmosphere import shipped_optics
-from twilight.atmosphere.optics_cache import ArrayCache
-from twilight.phase import TABLE, PhaseFunction, table_angles_rad
+from twilight.base import cache
+from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
 
 METHOD_VERSION = 2
 """Part of every cache key; to be raised with any change of this file that moves a number."""
@@ -40,10 +39,16 @@ _NEGLIGIBLE = 1e-6
 """Radii that carry less than this part of the largest r^2 n(r) min(1, x) are left out."""
 
 _NODES_PER_PANEL = 4
+"""Gauss-Legendre nodes of a panel in ln r."""
+
 _PANELS_ABSORBING = ((1.0, 0.40), (10.0, 0.10), (math.inf, 0.05))
+"""Size parameters, and the width of the panels in ln r up to each: optics are smooth below 1 and ripple above."""
+
 _PANELS_CLEAR = ((1.0, 0.40), (10.0, 0.10), (math.inf, 0.02))
-"""Width of the Gauss-Legendre panels in ln r up to a size parameter: smooth below 1, ripple above.  Particles that
-hardly absorb have resonances, which only a fine grid averages out: extinction is then good to about 1e-3."""
+"""The panels for particles that hardly absorb: only a fine grid averages out their resonances.
+
+Extinction is then good to about 1e-3.
+"""
 
 _CLEAR_BELOW = 1e-3
 """Imaginary part of the index below which a particle counts as not absorbing."""
@@ -99,8 +104,8 @@ def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[
         2001,
     )
     importance = 2 * u - 0.5 * ((u - ln_median) / ln_sigma) ** 2 + np.minimum(0.0, u + math.log(wavenumber))
-    kept = u[importance >= importance.max() + math.log(_NEGLIGIBLE)]
-    lower, last = float(kept[0]), float(kept[-1])
+    included = u[importance >= importance.max() + math.log(_NEGLIGIBLE)]
+    lower, last = float(included[0]), float(included[-1])
     x, w = np.polynomial.legendre.leggauss(_NODES_PER_PANEL)
     nodes, weights = [], []
     for up_to, width in panels:
@@ -192,16 +197,13 @@ def compute_optics(
     return np.concatenate([head, log_phase, ratios.ravel()])
 
 
-def particle_optics(
-    size: LogNormal, index: Sequence[complex] | np.ndarray, wavelength_nm, cache_dir: str | os.PathLike | None = None
-) -> ParticleOptics:
+def particle_optics(size: LogNormal, index: Sequence[complex] | np.ndarray, wavelength_nm) -> ParticleOptics:
     """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air."""
     wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
-    cache = ArrayCache(cache_dir, ROW)
     keys = [cache_key(size, m, w, installed_miepython()) for m, w in zip(indices, wavelengths, strict=True)]
     found = [
-        cache.load(key) if shipped is None else shipped
+        cache.read_array(cache.OPTICS, key, (ROW,)) if shipped is None else shipped
         for key, shipped in zip(keys, _shipped(size, indices, wavelengths), strict=True)
     ]
     missing = [i for i, row in enumerate(found) if row is None]
@@ -212,7 +214,7 @@ def particle_optics(
     for i, row in enumerate(found):
         if row is None:
             row = compute_optics(size, indices[i], wavelengths[i], mie_coefficients)
-            cache.store(keys[i], row)
+            cache.store_array(cache.OPTICS, keys[i], row)
         table[i] = row
     p11, p12, p33, p34 = table[:, 3:].reshape(-1, 4, N_ANGLES).transpose(1, 0, 2)
     return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], p11, np.stack([p12, np.ones_like(p12), p33, p34]))
@@ -255,7 +257,7 @@ def _seconds(size: LogNormal, index: complex, wavelength_nm: float) -> float:
 
 
 def _mie_coefficients(seconds: float) -> Callable:
-    """The function (m, x) -> (a_n, b_n): miepython's compiled kernel where there is much to do, else its plain one.
+    """The function (m, x) -> (a_n, b_n): of miepython, compiled where there is much to do, else in numpy.
 
     Both give the same numbers to rounding.  miepython itself chooses once, at import, by an environment variable;
     here the choice depends on the work, because loading the compiled kernels takes longer than a small job.

@@ -5,21 +5,21 @@ Source: Hess, Koepke & Schult 1998, Bull. Amer. Meteor. Soc. 79, 831 (OPAC 3.1).
 
 from __future__ import annotations
 
-import csv
 import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 from typing import Any, Protocol
 
 import numpy as np
 
 from twilight.atmosphere.mie import LogNormal
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.shipped_data import data_rows
 
 MAX_HUMIDITY_PERCENT = 99.0
+"""Highest relative humidity that OPAC tabulates [%]."""
 
 FREE_TROPOSPHERE_PER_CM3 = {"waso": 438.0, "inso": 1.24e-3, "soot": 292.0}
 FREE_TROPOSPHERE_HUMIDITY_PERCENT = 50.0
@@ -28,17 +28,22 @@ its components to that extinction at 60 wavelengths, 0.25 to 40 um, which fits a
 (worst 0.5 % over 0.25 to 1 um)."""
 
 FREE_TROPOSPHERE_TOP_KM = 12.0
+"""Top of OPAC's free troposphere [km]."""
+
 FREE_TROPOSPHERE_SCALE_HEIGHT_KM = 8.0
+"""Scale height of OPAC's free troposphere [km]."""
 
 STRATOSPHERE_PER_CM3 = {"suso": 3.0}
 """Sulphuric acid (75 %), constant with altitude: reproduces OPAC's tabulated extinction to 0.3 % over 0.25 to 1 um."""
 
 STRATOSPHERE_TOP_KM = 35.0
+"""Top of OPAC's stratospheric aerosol [km]."""
 
 CONSTANT_SCALE_HEIGHT_KM = 99.0
 """OPAC's mark for a layer that does not change with altitude."""
 
 BASES = ("ground", "sea_level")
+"""From where heights of the boundary layer count."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ class MineralLayer:
 class BoundaryOptics(Protocol):
     """Optics of particles that are not OPAC's."""
 
-    def optics(self, wavelength_nm, phase_function: str, name: str, cache_dir: Any = None) -> Any:
+    def optics(self, wavelength_nm, phase_function: str, name: str) -> Any:
         """A MixtureOptics at the wavelengths, at the base of the boundary layer."""
 
 
@@ -91,7 +96,7 @@ class AerosolSpec:
     optical_depth_550nm: if given, the whole tropospheric aerosol (boundary layer, dust, free troposphere) is scaled by
         one factor until the column of all aerosol up to the medium's top has this optical depth at 550 nm.
     phase_function: `mie`, or `henyey_greenstein` with the asymmetry from Mie.
-    own: what the boundary layer holds in place of OPAC's components (see ``twilight.atmosphere.own``).
+    own: what the boundary layer holds in place of OPAC's components (see ``twilight.atmosphere.own_aerosol``).
     """
 
     number_density_per_cm3: Mapping[str, float]
@@ -143,11 +148,6 @@ def _check(key: str, value: float, lowest: float, highest: float) -> None:
         raise TwilightError(f"{key}: {value} is not possible, allowed is {lowest:g} to {highest:g}")
 
 
-def _rows(name: str) -> list[dict[str, str]]:
-    path = resources.files("twilight") / "data" / "opac" / name
-    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-
-
 @dataclass(frozen=True)
 class _HumidityClass:
     humidity_percent: float
@@ -159,11 +159,11 @@ class _HumidityClass:
 @lru_cache(maxsize=1)
 def _database() -> dict[str, list[_HumidityClass]]:
     indices: dict[tuple[str, str], list[tuple[float, complex]]] = {}
-    for row in _rows("refractive_indices.csv"):
+    for row in data_rows("opac/refractive_indices.csv"):
         value = complex(float(row["n_real"]), -abs(float(row["n_imag"])))
         indices.setdefault((row["component"], row["rh_percent"]), []).append((float(row["wavelength_um"]), value))
     database: dict[str, list[_HumidityClass]] = {}
-    for row in _rows("size_distributions.csv"):
+    for row in data_rows("opac/size_distributions.csv"):
         size = LogNormal(*(float(row[key]) for key in ("rmod_um", "sigma_g", "rmin_um", "rmax_um")))
         spectrum = sorted(indices[row["component"], row["rh_percent"]], key=lambda pair: pair[0])
         database.setdefault(row["component"], []).append(
@@ -224,8 +224,8 @@ def particles(
     """Size distribution and refractive index n - ik (W,) of a component at a humidity and wavelengths [nm].
 
     Between OPAC's humidity classes the swelling is interpolated, not the optics (``swollen_radius``), and the index
-    goes linearly with the volume share of the dry substance, (r_dry/r)^3, as OPAC mixes it with water.  In wavelength
-    the index is linear.
+    goes linearly with the volume fraction of the dry substance, (r_dry/r)^3, as OPAC mixes it with water; in wavelength
+    it is linear.
 
     Error between the classes: doing without one class of 70 to 98 % moves its extinction by 2.4 % at most (400 to
     800 nm, all components), without the one of 50 % by 7.3 %; both bound the error from above.
@@ -253,13 +253,13 @@ def particles(
     )
     dry_radius = classes[0].size.median_radius_um
     dry_share = np.array([(dry_radius / c.size.median_radius_um) ** 3 for c in classes])
-    share = (dry_radius / size.median_radius_um) ** 3
+    fraction = (dry_radius / size.median_radius_um) ** 3
     table = np.stack([index_of(c) for c in classes])
     order = np.argsort(dry_share)
     index = np.array(
         [
-            np.interp(share, dry_share[order], column.real[order])
-            + 1j * np.interp(share, dry_share[order], column.imag[order])
+            np.interp(fraction, dry_share[order], column.real[order])
+            + 1j * np.interp(fraction, dry_share[order], column.imag[order])
             for column in table.T
         ]
     )
@@ -269,13 +269,13 @@ def particles(
 @lru_cache(maxsize=1)
 def _types() -> dict[str, dict]:
     types: dict[str, dict] = {}
-    for row in _rows("aerosol_layers.csv"):
+    for row in data_rows("opac/aerosol_layers.csv"):
         types[row["type"]] = {
             "boundary_layer_top_km": float(row["boundary_layer_top_km"]),
             "scale_height_km": float(row["boundary_layer_scale_height_km"]),
             "number_density_per_cm3": {},
         }
-    for row in _rows("aerosol_types.csv"):
+    for row in data_rows("opac/aerosol_types.csv"):
         types[row["type"]]["number_density_per_cm3"][row["component"]] = float(row["number_density_cm3"])
     return types
 

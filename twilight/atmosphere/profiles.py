@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
-from twilight.atmosphere.smooth import monotone_cubic
-from twilight.errors import TwilightError
+from twilight.atmosphere.levels import layer_mean
+from twilight.atmosphere.steffen import monotone_cubic
+from twilight.base.errors import TwilightError
+from twilight.base.shipped_data import data_numbers
 
 PROFILES = (
     "tropical",
@@ -22,6 +23,7 @@ PROFILES = (
     "subarctic_winter",
     "us_standard",
 )
+"""Names of the profiles."""
 
 WHERE_AND_WHEN = {
     "tropical": "15 N, mean of the year",
@@ -34,6 +36,7 @@ WHERE_AND_WHEN = {
 """What each profile stands for (Anderson et al. 1986)."""
 
 PROFILE_TOP_KM = 120.0
+"""Altitude at which the profiles end [km]."""
 
 BOLTZMANN_J_PER_K = 1.380649e-23
 """Exact (SI 2019)."""
@@ -47,7 +50,7 @@ class AirProfile:
     """State of the air at Z altitudes; all arrays have shape (Z,).
 
     Between two altitudes temperature and the logarithms of pressure and of the densities of air and water vapour are
-    monotone cubics with continuous slopes (:mod:`twilight.atmosphere.smooth`); ozone and nitrogen dioxide go
+    monotone cubics with continuous slopes (:mod:`twilight.atmosphere.steffen`); ozone and nitrogen dioxide go
     exponentially.
     """
 
@@ -104,8 +107,6 @@ class AirProfile:
 
     def column_per_cm2(self, density_per_cm3: np.ndarray) -> float:
         """Vertical column [cm^-2] of one of the densities, exact for the exponential between altitudes."""
-        from twilight.atmosphere.medium import layer_mean
-
         thickness_cm = np.diff(self.altitude_km) * 1e5
         return float(np.sum(layer_mean(density_per_cm3[:-1], density_per_cm3[1:]) * thickness_cm))
 
@@ -124,10 +125,7 @@ def profile_name(name: str) -> str:
 
 @lru_cache(maxsize=len(PROFILES))
 def _load(name: str) -> AirProfile:
-    path = resources.files("twilight") / "data" / "atmosphere" / f"afgl_{name}.csv"
-    with path.open(encoding="utf-8") as file:
-        columns = np.loadtxt(file, delimiter=",", skiprows=1, unpack=True)
-    return AirProfile(name, *columns)
+    return AirProfile(name, *data_numbers(f"atmosphere/afgl_{name}.csv")[1].T)
 
 
 def load_profile(name: str) -> AirProfile:

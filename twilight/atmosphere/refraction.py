@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
-_GAS_CONSTANT = 8.314510  # J mol^-1 K^-1, the value Ciddor's densities are built on (Ciddor 1996, appendix A)
-_MOLAR_MASS_WATER = 0.018015  # kg mol^-1
+_GAS_CONSTANT = 8.314510
+"""J mol^-1 K^-1, the value on which Ciddor's densities rest (Ciddor 1996, appendix A)."""
+
+_MOLAR_MASS_WATER = 0.018015
+"""kg mol^-1 (Ciddor 1996, appendix A)."""
+
 _ZERO_CELSIUS = 273.15
+"""K."""
 
 
 def _compressibility(temperature_k, pressure_pa, water_fraction):
@@ -19,12 +24,6 @@ def _compressibility(temperature_k, pressure_pa, water_fraction):
     first = 1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2
     first = first + (5.707e-6 - 2.051e-8 * t) * x + (1.9898e-4 - 2.376e-6 * t) * x**2
     return 1.0 - per_t * first + per_t**2 * (1.83e-11 - 0.765e-8 * x**2)
-
-
-def saturation_vapour_pressure_hpa(temperature_k):
-    """Saturation vapour pressure of water [hPa] over liquid water, Ciddor 1996 (Davis 1992)."""
-    t = np.asarray(temperature_k, dtype=float)
-    return 0.01 * np.exp(1.2378847e-5 * t**2 - 1.9121316e-2 * t + 33.93711047 - 6.3431645e3 / t)
 
 
 def ciddor_refractivity(
@@ -83,8 +82,8 @@ def haber_refractivity(wavelength_nm, altitude_km, relative_humidity=0.0) -> np.
     hPa) and of pure water vapour at 13.33 hPa.
 
     wavelength_nm [nm], altitude_km [km], relative_humidity w: 0 (dry) to 1 (saturated).  Arrays broadcast.
-    The formula mixes the two at equal weight of n - 1, so a saturated air refracts like vapour at 13 hPa: kept because
-    it is Haber's; :func:`ciddor_refractivity` is the physical one.
+    The formula mixes n - 1 of both, so that saturated air refracts like vapour at 13 hPa.  It is here as Haber has it;
+    :func:`ciddor_refractivity` is physical.
     """
     wavelength = np.asarray(wavelength_nm, dtype=float)
     w = np.asarray(relative_humidity, dtype=float)

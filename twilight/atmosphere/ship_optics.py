@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,10 @@ import numpy as np
 from twilight.atmosphere import mie, opac, shipped_optics
 from twilight.atmosphere.mie import LogNormal
 from twilight.atmosphere.stratosphere import SAGE_RADII_UM, droplets
+from twilight.base.shipped_data import data_file
 
 HUMIDITY_PERCENT = 80.0
+"""Relative humidity at which the ten types ship [%]: the default of a climate."""
 
 
 def populations() -> list[tuple[str, float]]:
@@ -43,4 +44,4 @@ def write(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(Path(str(resources.files("twilight") / "data" / "opac" / shipped_optics.FILE_NAME)))
+    write(Path(str(data_file(f"opac/{shipped_optics.FILE_NAME}"))))

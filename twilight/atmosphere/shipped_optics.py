@@ -11,18 +11,21 @@ import hashlib
 import io
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
+from twilight.base.shipped_data import data_file
+
 FILE_NAME = "mie_ten_types.npz"
+"""The file in data/opac."""
 
 WAVELENGTHS_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0, 450.0, 500.0, 550.0, 600.0, 650.0)
 """The default wavelengths of a render, then those of `twilight describe` that are not among them."""
 
 
 RATIO_SCALE = 32767.0
+"""Ratios of matrix elements are stored as multiples of one over this."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,8 @@ def _digest(version: str, keys: list[str], *arrays: np.ndarray) -> str:
 @lru_cache(maxsize=1)
 def load() -> ShippedOptics:
     """The shipped rows; none where the file is absent or does not match its hash (then they are computed)."""
-    path = resources.files("twilight") / "data" / "opac" / FILE_NAME
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+        with np.load(io.BytesIO(data_file(f"opac/{FILE_NAME}").read_bytes()), allow_pickle=False) as file:
             version, digest = str(file["miepython"]), str(file["digest"])
             keys = [str(key) for key in file["key"]]
             head, log_phase, ratios = (file[key] for key in ("head", "log_phase", "ratios"))

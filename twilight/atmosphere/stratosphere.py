@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
 from twilight.atmosphere import opac
-from twilight.atmosphere.aerosols import AerosolRegion, CacheDir, table_phase_function
+from twilight.atmosphere.aerosols import AerosolRegion, table_phase_function
 from twilight.atmosphere.mie import LogNormal, particle_optics
 from twilight.atmosphere.profiles import PROFILE_TOP_KM
-from twilight.errors import TwilightError
-from twilight.phase import PhaseFunction
+from twilight.base.errors import TwilightError
+from twilight.base.shipped_data import data_rows
+from twilight.numerics.phase import PhaseFunction
 
 LOWTRAN_KINDS = {
     "background": ("bast", "background_stratospheric"),
@@ -25,6 +24,7 @@ LOWTRAN_KINDS = {
 """Loading -> column of the extinction table, spectral optics that LOWTRAN 7 pairs with it by default."""
 
 SEASONS = {"fall_winter": "fw", "spring_summer": "ss"}
+"""Season -> letters of its columns in LOWTRAN's tables."""
 
 UPPER_ATMOSPHERES = {
     ("background", "normal"): "upnatm",
@@ -34,10 +34,12 @@ UPPER_ATMOSPHERES = {
 }
 """Above 30 km: the column that continues the stratosphere below it, each starts at its extinction at 30 km."""
 
-LOWTRAN_UPPER_KM = 30.0
-
 SAGE_WAVELENGTH_NM = np.array([384.0, 448.0, 520.0, 601.0, 676.0, 756.0, 869.0, 1021.0, 1543.0])
+"""Channels of SAGE III/ISS [nm]."""
+
 SAGE_MODE_WIDTH = 1.6
+"""Geometric standard deviation of the droplets' radii that the retrieval assumes."""
+
 SAGE_RADII_UM = np.geomspace(0.045, 0.225, 6)
 """Median radii at which the droplets' optics are computed; all retrieved ones lie between."""
 
@@ -85,12 +87,12 @@ class StratosphereSpec:
         table = _lowtran_extinction()
         return table["z_km"], table[column]
 
-    def regions(self, wavelength_nm, cache_dir: CacheDir = None) -> list[AerosolRegion]:
+    def regions(self, wavelength_nm) -> list[AerosolRegion]:
         """The aerosol at W wavelengths [nm]."""
         wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
         if self.kind in LOWTRAN_KINDS:
             return self._lowtran_regions(wavelength)
-        return [_sage_region(self.kind, wavelength, cache_dir)]
+        return [_sage_region(self.kind, wavelength)]
 
     def _lowtran_regions(self, wavelength: np.ndarray) -> list[AerosolRegion]:
         z, extinction = self._lowtran_stratosphere()
@@ -111,14 +113,9 @@ def _check_choice(key: str, value: str, allowed: tuple[str, ...]) -> None:
         raise TwilightError(f"stratosphere.{key}: `{value}` is not known; allowed are {', '.join(allowed)}")
 
 
-def _rows(name: str) -> list[dict[str, str]]:
-    path = resources.files("twilight") / "data" / "stratosphere" / name
-    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-
-
 @lru_cache(maxsize=1)
 def _lowtran_extinction() -> dict[str, np.ndarray]:
-    rows = _rows("lowtran_extinction_550nm.csv")
+    rows = data_rows("stratosphere/lowtran_extinction_550nm.csv")
     return {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
 
 
@@ -126,7 +123,7 @@ def _lowtran_extinction() -> dict[str, np.ndarray]:
 def _lowtran_optics() -> dict[str, np.ndarray]:
     """Kind -> rows of wavelength [nm], extinction and absorption relative to extinction at 550 nm, asymmetry."""
     kinds: dict[str, list[list[float]]] = {}
-    for row in _rows("lowtran_optics.csv"):
+    for row in data_rows("stratosphere/lowtran_optics.csv"):
         numbers = [float(row["wavelength_um"]) * 1e3] + [float(row[k]) for k in ("ext_norm", "abs_norm", "asymmetry_g")]
         kinds.setdefault(row["kind"], []).append(numbers)
     return {kind: np.array(rows) for kind, rows in kinds.items()}
@@ -158,7 +155,7 @@ def _lowtran_region(
 def _sage() -> dict[str, np.ndarray]:
     """Scenario -> rows of altitude [km], median radius [nm], extinction [km^-1] at the nine wavelengths."""
     scenarios: dict[str, list[list[float]]] = {}
-    for row in _rows("sage3iss_profiles.csv"):
+    for row in data_rows("stratosphere/sage3iss_profiles.csv"):
         numbers = [float(value) for key, value in row.items() if key != "scenario"]
         scenarios.setdefault(row["scenario"], []).append(numbers)
     return {name: np.array(rows) for name, rows in scenarios.items()}
@@ -166,7 +163,9 @@ def _sage() -> dict[str, np.ndarray]:
 
 @lru_cache(maxsize=1)
 def _sage_upper_scale_heights() -> dict[str, float]:
-    return {row["scenario"]: float(row["upper_scale_height_km"]) for row in _rows("sage3iss_scenarios.csv")}
+    return {
+        row["scenario"]: float(row["upper_scale_height_km"]) for row in data_rows("stratosphere/sage3iss_scenarios.csv")
+    }
 
 
 def sage_scenarios() -> tuple[str, ...]:
@@ -204,7 +203,7 @@ def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> n
     return out
 
 
-def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> AerosolRegion:
+def _sage_region(scenario: str, wavelength: np.ndarray) -> AerosolRegion:
     """A measured profile; above it the extinction falls with the scenario's scale height.
 
     Droplets of 75 % sulphuric acid (OPAC's index), log-normal with mode width 1.6 and the retrieved median radius.
@@ -225,9 +224,11 @@ def _sage_region(scenario: str, wavelength: np.ndarray, cache_dir: CacheDir) -> 
     phases, albedos = [], []
     _, index = opac.particles("suso", 0.0, wavelength)
     for radius in SAGE_RADII_UM[used]:
-        optics = particle_optics(droplets(float(radius)), index, wavelength, cache_dir)
+        optics = particle_optics(droplets(float(radius)), index, wavelength)
         phases.append(table_phase_function(np.exp(optics.log_phase), optics.ratios, f"sulphate {1e3 * radius:.0f} nm"))
         albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
-    share = np.repeat(weight[:, :, None], wavelength.size, axis=2)
+    phase_fraction = np.repeat(weight[:, :, None], wavelength.size, axis=2)
     albedo = np.einsum("kn,kw->nw", weight, np.stack(albedos))
-    return AerosolRegion(f"stratosphere ({scenario})", z, extinction, np.minimum(1.0, albedo), share, tuple(phases))
+    return AerosolRegion(
+        f"stratosphere ({scenario})", z, extinction, np.minimum(1.0, albedo), phase_fraction, tuple(phases)
+    )

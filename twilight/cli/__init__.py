@@ -1,4 +1,7 @@
-"""The command line; `main` is the `twilight` command."""
+"""The command line; `main` is the `twilight` command.
+
+Commands import what they call inside functions: help, names and refusals come without the half second that numba takes.
+"""
 
 from __future__ import annotations
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import option, scene_names, settings_of, within
 from twilight.cli.terminal import progress_bar
-from twilight.errors import TwilightError
 
 
 def animate(
@@ -34,7 +34,10 @@ def animate(
     speed: Annotated[float, option("X", "Seconds of the sky in a second of the film; 1: real time.")] = 300.0,
     frames_per_second: Annotated[float, option("N", "Pictures in a second of the film.")] = 25.0,
     exposure: Annotated[
-        str | None, option("constant|camera|eye|EV", "One for all, a smoothed meter, an eye that adapts, or a number.")
+        str | None, option("constant|metered|EV", "One for all, a meter smoothed over 1 s of film, or a number.")
+    ] = None,
+    tone: Annotated[
+        str | None, option("NAME", "How light becomes a picture: photographic, filmic, gamma, eye or camera.")
     ] = None,
     projection: Annotated[str | None, option("NAME", "Projection, as observer.view.kind.")] = None,
     width: Annotated[int | None, option("PIXELS", "Width of the pictures.")] = None,
@@ -56,12 +59,13 @@ def animate(
         "observer.view.height": (height, "--height"),
         "solver.quality": (quality, "--quality"),
         "sun.disc": (disc or None, "--disc"),
+        "output.tone_mapping": (tone, "--tone"),
     }
     for key, (value, name) in given.items():
         if value is not None:
             chosen[key], names[key] = value, name
     how: str | float | None = exposure
-    if exposure is not None and exposure not in ("constant", "camera", "eye"):
+    if exposure is not None and exposure not in ("constant", "metered"):
         how = _exposure_value(exposure)
 
     from twilight.config import load_series
@@ -71,9 +75,9 @@ def animate(
     if len(cases) > 1:
         raise TwilightError(f"{scene}: vary makes {len(cases)} scenes of it; a film shows one")
 
-    from twilight.animation.film import Film
+    from twilight.animation.film import Animation
 
-    film = Film(
+    film = Animation(
         cases[0].config,
         output,
         speed=speed,
@@ -116,7 +120,7 @@ def _exposure_value(text: str) -> float:
         value = float(text)
     except ValueError:
         raise TwilightError(
-            f"--exposure: {text} is not known, choose constant, camera, eye or an exposure value such as 8"
+            f"--exposure: {text} is not known, choose constant, metered or an exposure value such as 8"
         ) from None
     within(value, "--exposure", -60.0, 60.0)
     return value

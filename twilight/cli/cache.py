@@ -1,4 +1,4 @@
-"""`twilight cache`: what is kept on disk between runs."""
+"""`twilight cache`: what is cached on disk between runs."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ import typer
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all kept fields, skies and models.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all that is cached.")] = False,
 ) -> None:
-    """Show or clear the fields kept on disk: a scene that was solved before is looked at at once.
+    """Show or clear the cache: a scene that was solved before is shown at once.
 
     So are the skies that `twilight validate estimate` has computed, and fitted models of the solver compact.
 
-    The folder is TWILIGHT_CACHE_DIR, the limit TWILIGHT_CACHE_GB [2]; 0 keeps no fields.
+    The folder is TWILIGHT_CACHE_DIR, the limit of fields, skies and models TWILIGHT_CACHE_GB [2]; 0 caches none.
     """
-    from twilight.engine.kept import KeptFields, fields_folder, kept_fields
+    from twilight.base import cache as caches
+    from twilight.cli.terminal import print_table
 
-    kept = kept_fields()
-    shown = kept or KeptFields(fields_folder(), 0.0)
-    files = shown.files()
+    limit, files = caches.limit_bytes(), list(caches.cached_files())
     if clear:
-        shown.clear()
-    size = sum(file.size_bytes for file in files) / 1e9
-    limit = f"the limit is {kept.limit_bytes / 1e9:g} GB" if kept else "no more are kept (TWILIGHT_CACHE_GB is 0)"
-    count = sum(file.is_field for file in files)
-    models = sum(file.is_model for file in files)
-    fields = f"{count} field{'' if count == 1 else 's'}"
-    if count + models < len(files):
-        fields += f" and skies of {len(files) - count - models} climates"
-    if models:
-        fields += f" and {models} compact model{'' if models == 1 else 's'}"
-    fields += f" of {size:.3g} GB"
-    print(f"{'removed ' if clear else ''}{fields} in {shown.folder}; {limit}")
+        caches.clear()
+    rows = []
+    for kind in caches.KINDS:
+        sizes = [file.size_bytes for file in files if file.kind is kind]
+        if sizes:
+            rows.append([kind.label, f"{len(sizes)}", f"{sum(sizes) / 1e6:.3g}"])
+    if rows:
+        print_table(["removed" if clear else "cached", "files", "size [MB]"], rows, right=(1, 2))
+    else:
+        print("nothing is cached")
+    print(
+        f"in {caches.cache_folder()}; "
+        + (f"the limit is {limit / 1e9:g} GB" if limit else f"no fields are cached ({caches.LIMIT_VARIABLE} is 0)")
+    )

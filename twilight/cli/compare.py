@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import file_stem, numbers, option, settings_of, within
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.errors import TwilightError
 
 
 def compare(
@@ -27,7 +27,7 @@ def compare(
         option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them."),
     ] = None,
     reference_stderr: Annotated[
-        float, option("SHARE", "Relative standard error of the radiances that montecarlo makes.")
+        float, option("FRACTION", "Relative standard error of the radiances that montecarlo makes.")
     ] = 0.003,
     directions: Annotated[int, option("N", "Directions of the texture in which montecarlo makes them.")] = 48,
     time_limit: Annotated[
@@ -74,13 +74,18 @@ def _compare(
     repeats: int,
     folder: Path,
 ) -> None:
-    from twilight.compare import comparison, figure, report
-    from twilight.compare.bench import Bench
-    from twilight.compare.directions import stratified_directions, sun_elevations
-    from twilight.compare.referee import Referee, read_references, some_suns, write_references
+    from twilight.base.progress import part_of
+    from twilight.base.whole_files import check_folder
     from twilight.engine import check_size
-    from twilight.io.whole import check_folder
-    from twilight.progress import part_of
+    from twilight.studies.compare import comparison, figure, report
+    from twilight.studies.compare.bench import Bench
+    from twilight.studies.compare.directions import stratified_directions, sun_elevations
+    from twilight.studies.compare.reference_solution import (
+        ReferenceSolver,
+        read_references,
+        some_suns,
+        write_references,
+    )
 
     rungs = comparison.ladder(wanted)
     check_size(config)
@@ -90,15 +95,15 @@ def _compare(
     references = None if stored is None else some_suns(stored, suns, str(reference))
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    rows: list[comparison.Row] = []
+    rows: list[comparison.ComparisonRow] = []
     made = 0.0
     with progress_bar() as progress:
         if references is None:
             made = 0.3
-            referee = Referee(config, folder / "rows", reference_stderr, time_limit_s)
+            reference_solver = ReferenceSolver(config, folder / "rows", reference_stderr, time_limit_s)
             grid = stratified_directions(config.texture.shape, directions)
-            references = referee.references(suns or [], grid, part_of(progress, 0.0, made))
-            write_references(folder / "referee.csv", references)
+            references = reference_solver.references(suns or [], grid, part_of(progress, 0.0, made))
+            write_references(folder / "reference.csv", references)
         bench = Bench(folder / "rows", time_limit_s)
         steps = comparison.compare(
             config,
@@ -127,10 +132,10 @@ def _ablate(
     repeats: int,
     folder: Path,
 ) -> None:
-    from twilight.compare import ablations, report
-    from twilight.compare.bench import Bench
-    from twilight.compare.directions import sun_elevations
-    from twilight.io.whole import check_folder
+    from twilight.base.whole_files import check_folder, write_csv
+    from twilight.studies.compare import ablations
+    from twilight.studies.compare.bench import Bench
+    from twilight.studies.compare.directions import sun_elevations
 
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -146,7 +151,7 @@ def _ablate(
         )
         for found in steps:
             rows += found
-            report.write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
+            write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
     print_table(list(ablations.PRINTED), ablations.printed(rows), right=tuple(range(1, len(ablations.PRINTED))))
     for name, reason in dict.fromkeys((row.name, row.reason) for row in rows if row.reason):
         print(f"{name}: {reason}")

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import option
 from twilight.cli.terminal import progress_bar, sentences
-from twilight.errors import TwilightError
 
 RGB_NM = (680.0, 550.0, 440.0)
 """Wavelengths of red, green and blue (Bruneton and Neyret 2008 sec. 2.1, and his code of 2017)."""
@@ -21,8 +21,8 @@ TAKRAM_KM = (6360.0, 6420.0)
 def tables(
     climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.")],
     layout: Annotated[
-        Literal["twilight", "bruneton2017", "takram", "calcmysky"],
-        option("NAME", "twilight, bruneton2017, takram or calcmysky."),
+        Literal["twilight", "bruneton2017", "takram"],
+        option("NAME", "twilight, bruneton2017 or takram."),
     ] = "twilight",
     output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-LAYOUT.")] = None,
     solver: Annotated[Literal["zones", "tables"], option("NAME", "Whose field fills them: zones or tables.")] = "zones",
@@ -43,8 +43,8 @@ def tables(
     ] = None,
 ) -> None:
     """Write the sky of a climate, for every sun, as tables that a graphics card reads."""
-    if layout in ("twilight", "calcmysky") and (half or scale is not None):
-        raise TwilightError(f"--half and --scale: are for bruneton2017 and takram; {layout} is float32")
+    if layout == "twilight" and (half or scale is not None):
+        raise TwilightError("--half and --scale: are for bruneton2017 and takram; twilight is float32")
     for name, asked in (("--single-mie", single_mie), ("--higher-order", higher_order), ("--exr", exr)):
         if asked and layout != "takram":
             raise TwilightError(f"{name}: is for takram, {layout} has no such file")
@@ -54,29 +54,26 @@ def tables(
 
     from twilight import __version__
     from twilight.config import load_climate
-    from twilight.config.solver import resolve_solver
+    from twilight.config.solver import choose_solver
     from twilight.config.validate import Origins
-    from twilight.export import bruneton, calcmysky, own
-    from twilight.export.folder import check_new, write_folder
-    from twilight.export.values import Source
+    from twilight.numerics.spectrum import solar_spectrum
     from twilight.scene.medium import climate_medium
     from twilight.solvers import load
-    from twilight.spectrum import solar_at_visible, solar_spectrum
+    from twilight.studies.export import bruneton, sky_tables
+    from twilight.studies.export.field_values import FieldSource
+    from twilight.studies.export.folder import check_new, write_folder
 
     model = load_climate(climate)
     folder = output or Path("out") / f"{model.name}-{layout}"
     check_new(folder)
-    nm = calcmysky.WAVELENGTHS_NM if layout == "calcmysky" else RGB_NM[::-1]
-    medium = climate_medium(model, np.array(nm))
-    if layout == "calcmysky":
-        calcmysky.check(medium)
+    medium = climate_medium(model, np.array(RGB_NM[::-1]))
     if medium.has_water:
         raise TwilightError(f"{climate}: ground.kind is water; the tables of real-time renderers know land alone")
-    _, _, settings = resolve_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
+    _, _, settings = choose_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
     facts: dict[str, Any] = {
         "program": f"twilight {__version__}",
         "climate": model.name,
-        "wavelength_nm": list(nm[::-1]),
+        "wavelength_nm": list(RGB_NM),
         "solver": solver,
         "quality": quality,
         "refraction": solver == "zones" and medium.has_refraction,
@@ -84,19 +81,17 @@ def tables(
     solar = np.interp(medium.wavelength_nm, *solar_spectrum())
     begin = time.process_time()
     with progress_bar() as bar:
-        field = load(solver).prepare(medium, settings, progress=lambda doing, share: bar(doing, 0.2 * share))
+        field = load(solver).prepare(medium, settings, progress=lambda doing, fraction: bar(doing, 0.2 * fraction))
         solved = time.process_time()
-        source = Source(field, medium, facts["refraction"])
+        source = FieldSource(field, medium, facts["refraction"])
 
-        def tell(doing: str, share: float) -> None:
-            bar(doing, 0.2 + 0.8 * share)
+        def tell(doing: str, fraction: float) -> None:
+            bar(doing, 0.2 + 0.8 * fraction)
 
         if layout == "twilight":
             facts["solar_irradiance"] = solar[::-1].tolist()
-            altitudes = own.altitudes_of(medium.bottom_km, medium.top_km)
-            files = own.fill(source, own.Sizes(altitude_km=altitudes), facts, tell).files()
-        elif layout == "calcmysky":
-            files = calcmysky.fill(source, solar, solar_at_visible(), facts=facts, progress=tell)
+            altitudes = sky_tables.altitudes_of(medium.bottom_km, medium.top_km)
+            files = sky_tables.fill(source, sky_tables.SkyTableSizes(altitude_km=altitudes), facts, tell).files()
         else:
             r = medium.earth_radius_km
             radii = TAKRAM_KM if layout == "takram" else (r + medium.bottom_km, r + medium.top_km)

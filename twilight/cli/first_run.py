@@ -28,13 +28,16 @@ def compiles_first(package: str) -> bool:
 
 def say_that_it_compiles(solver: str) -> None:
     """One sentence on stderr where a solver has to be compiled; a part of it then begins in a second process."""
-    from twilight import ahead, solvers
+    from twilight import solvers
+    from twilight.cli import terminal
+    from twilight.jit import precompile
 
     able = solvers.load(solver).CAPABILITIES
     if compiles_first(solvers.SOLVERS[solver]):
+        terminal.compiling = True
         print(f"twilight: {SENTENCE}", file=sys.stderr)
-        if able.ahead:
-            ahead.start(able.ahead)
+        if able.precompile_module:
+            precompile.start(able.precompile_module)
 
 
 def own_models(cases: Sequence[Any]) -> list[Any]:
@@ -42,7 +45,7 @@ def own_models(cases: Sequence[Any]) -> list[Any]:
     if not any(case.config.solver.get("name") == "compact" for case in cases):
         return list(cases)
     from twilight.cli.terminal import progress_bar
-    from twilight.fit.compact.own import with_own_model
+    from twilight.studies.fit.compact.own import with_own_model
 
     def say(sentence: str) -> None:
         print(f"twilight: {sentence}", file=sys.stderr)

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.fit_compact import compact
 from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar, sentences
-from twilight.errors import TwilightError
 
 TURBIDITIES = (2.0, 3.0, 4.0, 5.0, 6.0)
 SUNS = 12
@@ -72,14 +72,13 @@ def _chosen(
 def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, output: Path | None) -> None:
     import numpy as np
 
+    from twilight.base.progress import part_of
     from twilight.config import load_series
-    from twilight.config.solver import resolve_solver
-    from twilight.fit.document import write_set
-    from twilight.fit.errors import error_of
-    from twilight.fit.perez import fit_set
-    from twilight.fit.truth import compute_truth
-    from twilight.progress import part_of
     from twilight.solvers.analytic.coefficients import load_coefficients
+    from twilight.studies.fit.document import write_set
+    from twilight.studies.fit.errors import error_of
+    from twilight.studies.fit.perez import fit_set
+    from twilight.studies.fit.truth import compute_truth
 
     cases = load_series(scene, chosen, names)
     if len(cases) > 1:
@@ -87,18 +86,18 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
     config = cases[0].config
     name = config.title if haze == "climate" else f"{config.title}-{haze}"
     path = _path(output, name)
-    solver, quality, _ = resolve_solver(config.solver)
+    solver, quality, _ = config.chosen_solver
     suns = [float(z) for z in np.linspace(0.0, 90.0 - LOWEST_SUN_DEG, SUNS)]
     with progress_bar() as bar:
-        share = len(TURBIDITIES) / (len(TURBIDITIES) + len(HELD_OUT_TURBIDITIES))
-        truth = compute_truth(config, TURBIDITIES, suns, DIRECTIONS, haze, part_of(bar, 0.0, 0.9 * share))
+        fraction = len(TURBIDITIES) / (len(TURBIDITIES) + len(HELD_OUT_TURBIDITIES))
+        truth = compute_truth(config, TURBIDITIES, suns, DIRECTIONS, haze, part_of(bar, 0.0, 0.9 * fraction))
         held_out = compute_truth(
             config,
             HELD_OUT_TURBIDITIES,
             HELD_OUT_SUN_ZENITH_DEG,
             DIRECTIONS,
             haze,
-            part_of(bar, 0.9 * share, 0.9 * (1.0 - share), "held out:"),
+            part_of(bar, 0.9 * fraction, 0.9 * (1.0 - fraction), "held out:"),
         )
         bar("least squares", 0.9)
         made = fit_set(truth.skies, name, f"twilight fit perez, {solver} ({quality}), haze: {haze}")
@@ -145,9 +144,9 @@ def _error_cells(error: Any) -> list[str]:
 
 
 def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output: Path | None) -> None:
-    from twilight.fit.document import write_set
-    from twilight.fit.perez import fit_sky, single_set
-    from twilight.fit.truth import from_sky
+    from twilight.studies.fit.document import write_set
+    from twilight.studies.fit.perez import fit_sky, single_set
+    from twilight.studies.fit.truth import from_sky
 
     rows = []
     written = []
@@ -183,9 +182,10 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
             raise TwilightError(f"{names[next(iter(chosen))]}: {scene} is a computed sky and takes no settings")
         yield Path(scene).resolve().parent.name + "_" + Path(scene).stem, read_sky(scene)
         return
+    from twilight.base.progress import part_of
     from twilight.config import load_series
     from twilight.engine import frames
-    from twilight.progress import part_of
+    from twilight.scene import resolve
     from twilight.scene.suns import count_suns
 
     cases = load_series(scene, chosen, names)
@@ -194,14 +194,14 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
     with progress_bar() as bar:
         for case in cases:
             tell = part_of(bar, done / total, count_suns(case.config) / total, case.name)
-            for frame in frames(case.config, tell):
+            for frame in frames(resolve(case.config), tell):
                 yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
             done += count_suns(case.config)
 
 
 def _path(output: Path | None, name: str) -> Path:
     """Where the coefficients go; the folder is checked before anything is computed."""
-    from twilight.io.whole import check_file
+    from twilight.base.whole_files import check_file
 
     path = output or Path("out") / f"perez_{name}.yaml"
     check_file(path)

@@ -7,11 +7,21 @@ from typing import Annotated, Any
 
 import typer
 
-from twilight.cli.options import option, settings_of
+from twilight.base.errors import TwilightError
+from twilight.cli.options import numbers, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.errors import TwilightError
 
-FITTED_KEYS = ("sun", "wavelengths", "texture", "output", "observer", "night", "vary", "solar_spectrum", "leave_out")
+FITTED_KEYS = (
+    "sun",
+    "wavelengths",
+    "texture",
+    "output",
+    "observer",
+    "night",
+    "vary",
+    "solar_spectrum",
+    "omit_negligible",
+)
 FITTED_CLIMATE_KEYS = ("aerosol.optical_depth_550nm", "ground.albedo")
 
 
@@ -28,13 +38,13 @@ def compact(
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
 ) -> None:
     """Fit a compact spectral sky: every sun to -18 deg, direction, 380 to 740 nm, aerosol load, albedo and ozone."""
+    from twilight.base.whole_files import check_file
     from twilight.config import load_series
-    from twilight.fit.compact.build import fit_compact, seconds_per_value, write_model
-    from twilight.io.whole import check_file
+    from twilight.studies.fit.compact.build import fit_compact, seconds_per_value, write_model
 
     if output is not None and output.suffix != ".npz":
         raise TwilightError(f"--output: {output} must end in .npz")
-    depths = None if optical_depths is None else _numbers(optical_depths)
+    depths = None if optical_depths is None else numbers(optical_depths, "--optical-depths", 0.0, 100.0)
     chosen, names = _chosen(quality, settings)
     cases = load_series(climate, chosen, names)
     if len(cases) > 1:
@@ -64,17 +74,8 @@ def _three(error: Any) -> tuple[float, float, float]:
     return error.median, error.p95, error.largest
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2f} %"
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise TwilightError(
-            f"--optical-depths: {text} must be numbers with commas between, e.g. 0.02,0.1,0.3,1"
-        ) from None
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.2f} %"
 
 
 def _chosen(quality: str | None, settings: list[str] | None) -> tuple[dict[str, Any], dict[str, str]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 
 def option(metavar: str, help: str, *names: str) -> Any:
@@ -62,13 +62,12 @@ def file_stem(text: str, otherwise: str) -> str:
 def check_polarised(config: Any) -> None:
     """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
     from twilight import solvers
-    from twilight.config.solver import resolve_solver
-    from twilight.formats import WHERE_POLARISED
+    from twilight.base.formats import WHERE_POLARISED
 
     wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
     if config.output.polariser_deg is not None:
         wanted.append("output.polariser_deg")
-    name, quality, settings = resolve_solver(config.solver)
+    name, quality, settings = config.chosen_solver
     if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
         able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
         raise TwilightError(
@@ -91,4 +90,4 @@ def numbers(text: str, option: str, low: float, high: float) -> list[float]:
 def within(value: float, option: str, low: float, high: float) -> None:
     """TwilightError for a value of an option that is not between the two."""
     if not low <= value <= high:
-        raise TwilightError(f"{option}: {value:g} is not allowed; it must be from {low:g} to {high:g}")
+        raise TwilightError(f"{option}: {value:.10g} is not allowed; it must be from {low:g} to {high:g}")

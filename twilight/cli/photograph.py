@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import option
-from twilight.errors import TwilightError
 
 Image = Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")]
 CameraFile = Annotated[
@@ -52,8 +52,8 @@ def open_photograph(
     resolution_deg: float,
 ) -> Any:
     """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
-    from twilight.camera import read_camera
-    from twilight.validate.photographs.photograph import read_photograph
+    from twilight.studies.camera import read_camera
+    from twilight.studies.validate.photographs.photograph import read_photograph
 
     if sun_azimuth_deg is not None and not -360.0 <= sun_azimuth_deg <= 360.0:
         raise TwilightError(f"--sun-azimuth: {sun_azimuth_deg:g} must be from -360 to 360 deg")

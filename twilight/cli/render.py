@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import check_polarised, numbers, option, scene_names, settings_of, solver_names
-from twilight.cli.terminal import print_table
-from twilight.errors import TwilightError
-from twilight.views import KINDS
+from twilight.cli.terminal import print_table, time_of
+from twilight.numerics.projections import PROJECTIONS
 
 
 def render(
@@ -25,7 +25,14 @@ def render(
     sun_elevation: Annotated[
         str | None, option("DEG,...", "True elevation of the sun; several with commas between them: -4,-5.")
     ] = None,
-    at: Annotated[str | None, option("TIME", "Date and time, e.g. 2003-12-08T16:30; needs a place.")] = None,
+    at: Annotated[
+        str | None,
+        option(
+            "TIME",
+            "Date and time, e.g. 2003-12-08T16:30, or '2026-06-21 civil dusk', 'sunset', 'dusk -4'; or a date beside "
+            "--sun-elevation.  Needs a place; see `twilight times`.",
+        ),
+    ] = None,
     latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
     longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
     time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
@@ -41,8 +48,8 @@ def render(
         float | None, option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01, where a solver can.")
     ] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
-    target: Annotated[
-        str | None, option("NAME", "Whose sky.rgb.exr: openexr, mitsuba, blender, pbrt or radiance.")
+    renderer: Annotated[
+        str | None, option("NAME", "Whose axes sky.rgb.exr has: openexr, mitsuba, blender, pbrt or radiance.")
     ] = None,
     exposure: Annotated[
         str | None,
@@ -55,7 +62,7 @@ def render(
     only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
     projection: Annotated[
         str | None,
-        option("KIND", f"A picture with the ground in it, sky.view.png: {', '.join(KINDS)}."),
+        option("KIND", f"A picture with the ground in it, sky.view.png: {', '.join(PROJECTIONS)}."),
     ] = None,
     size: Annotated[
         str | None,
@@ -90,15 +97,13 @@ def render(
     choose("observer.altitude_km", altitude_km, "--altitude-km")
     choose("solver.name", solver, "--solver")
     choose("solver.quality", quality, "--quality")
-    choose("output.target", target, "--target")
+    choose("output.renderer", renderer, "--renderer")
     choose(*_exposure(exposure), "--exposure")
     choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
     if projection is not None:
         if only is not None and "view" not in chosen["output.files"]:
             raise TwilightError(f"--projection: its picture is the file `view`, which --only {only} leaves out")
         choose("observer.view", _view(projection, size), "--projection" if size is None else "--projection, --size")
-    elif size is not None:
-        raise TwilightError("--size: is the size of the picture of --projection; give both")
     choose("output.polariser_deg", polariser, "--polariser")
     choose("output.tone_mapping", tone, "--tone")
     if disc:
@@ -107,6 +112,11 @@ def render(
     set_here, called = settings_of(settings)
     chosen.update(set_here)
     names.update(called)
+    if size is not None and projection is None:
+        if any(case.config.observer.view is None for case in load_series(scene, chosen, names)):
+            raise TwilightError("--size: is the size of the picture of --projection; give both")
+        for key, value in zip(("width", "height"), _size(size), strict=True):
+            chosen[f"observer.view.{key}"], names[f"observer.view.{key}"] = value, "--size"
     for target_key, share in (("target_error", target_error), ("target_stderr", target_stderr)):
         if share is not None:
             target_option = f"--{target_key.replace('_', '-')}"
@@ -118,7 +128,6 @@ def render(
         return
     from twilight.cli.first_run import own_models, say_that_it_compiles
     from twilight.cli.render_files import check_cases, render_files
-    from twilight.config.solver import resolve_solver
     from twilight.config.sun import SunElevation
 
     for case in cases:
@@ -131,7 +140,7 @@ def render(
             file=sys.stderr,
         )
     cases = own_models(cases)
-    for name in sorted({resolve_solver(case.config.solver)[0] for case in cases}):
+    for name in sorted({case.config.chosen_solver.name for case in cases}):
         say_that_it_compiles(name)
     render_files(cases, scene, chosen, output, overwrite)
 
@@ -162,15 +171,18 @@ def _view(projection: str, size: str | None) -> dict[str, Any]:
     """`observer.view` for --projection and --size, towards the sun."""
     view: dict[str, Any] = {"kind": projection, "width": USUAL_WIDTH.get(projection, SQUARE)}
     if size is not None:
-        found = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", size)
-        if found is None:
-            raise TwilightError(f"--size: {size} must be WIDTHxHEIGHT or WIDTH in pixels, e.g. 1920x1080")
-        view["width"] = int(found[1])
-        if found[2]:
-            view["height"] = int(found[2])
+        view["width"], view["height"] = _size(size)
     if projection == "perspective":
         view["elevation_deg"] = PERSPECTIVE_UP_DEG
     return view
+
+
+def _size(size: str) -> tuple[int, int | None]:
+    """Width and height [pixel] of --size; None: the height that the projection has at that width."""
+    found = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", size)
+    if found is None:
+        raise TwilightError(f"--size: {size} must be WIDTHxHEIGHT or WIDTH in pixels, e.g. 1920x1080")
+    return int(found[1]), int(found[2]) if found[2] else None
 
 
 def _check_target(cases: list[Any], option: str, capability: str) -> None:
@@ -185,6 +197,10 @@ def _check_target(cases: list[Any], option: str, capability: str) -> None:
         )
 
 
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}(\s+(dawn|dusk))?")
+"""A date, on which `--sun-elevation` names a moment of the evening or of the morning."""
+
+
 def _sun(
     elevation: str | None, at: str | None, latitude: float | None, longitude: float | None, zone: str | None
 ) -> tuple[dict[str, Any] | None, str]:
@@ -192,9 +208,15 @@ def _sun(
     place = {"latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
     given = {key: value for key, value in place.items() if value is not None}
     if elevation is not None:
-        if at is not None or given:
-            raise TwilightError("--sun-elevation: takes the place of --at, --latitude, --longitude and --time-zone")
         suns = numbers(elevation, "--sun-elevation", -90.0, 90.0)
+        if at is not None and _DATE.fullmatch(at.strip()) and len(suns) == 1:
+            side = "" if at.strip()[-1].isalpha() else " dusk"
+            return _sun(None, f"{at.strip()}{side} {suns[0]:.10g}", latitude, longitude, zone)
+        if at is not None or given:
+            raise TwilightError(
+                "--sun-elevation: takes the place of --at, --latitude, --longitude and --time-zone, but for one "
+                "elevation on a date: --at 2026-06-21, or '2026-06-21 dawn'"
+            )
         return ({"elevation_deg": suns[0]} if len(suns) == 1 else {"elevations_deg": suns}), "--sun-elevation"
     if at is None and not given:
         return None, ""
@@ -204,40 +226,34 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
-    from twilight.fit.compact.own import needs_fit, waiting
-    from twilight.scene.plan import make_plan, not_computed
+    from twilight.scene import resolve
+    from twilight.scene.plan import not_computed
+    from twilight.studies.fit.compact.own import needs_fit, waiting
 
-    rows = []
+    rows, sizes = [], []
     for case in cases:
-        plan = make_plan(case.config)
-        name = case.name or case.config.title
-        left_out = (*plan.left_out, *not_computed(case.config))
-        rows += [[name, item.part, item.reason, item.effect] for item in left_out]
-        if not left_out:
+        scene, name = resolve(case.config, for_plan=True), case.name or case.config.title
+        omitted = (*scene.omissions, *not_computed(case.config))
+        rows += [[name, item.part, item.reason, item.effect] for item in omitted]
+        if not omitted:
             rows.append([name, "nothing", "all that this program knows is computed", ""])
+        sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
         print(sentence)
     columns = ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]
-    print_table(columns, [_size_row(case) for case in cases], right=tuple(range(1, len(columns))))
+    print_table(columns, sizes, right=tuple(range(1, len(columns))))
 
 
-def _size_row(case: Any) -> list[str]:
-    """What a scene takes; of a solver that does not say what its field does, that of the arrays alone."""
-    from twilight.engine.memory import takes_in_full
+def _sizes(scene: Any) -> list[str]:
+    """What a scene costs; of a solver that does not say what its field costs, the cost of the arrays alone."""
+    from twilight.engine.memory import full_cost
 
-    sizes = takes_in_full(case.config)
-    blocks = f"{sizes.blocks} of {min(sizes.at_once, sizes.wavelengths)}"
+    sizes = full_cost(scene)
+    blocks = f"{sizes.blocks} of {min(sizes.max_wavelengths, sizes.wavelengths)}"
     numbers = [f"{sizes.sky_bytes / 1e9:.3g}", f"{sizes.view_bytes / 1e9:.3g}" if sizes.view_bytes else "none"]
     in_full = ["-", "-", "-"]
     if sizes.field_bytes is not None and sizes.total_bytes is not None and sizes.cpu_s is not None:
-        in_full = [f"{sizes.field_bytes / 1e9:.2g}", f"{sizes.total_bytes / 1e9:.2g}", _time(sizes.cpu_s)]
-    name = case.name or case.config.title
-    return [name, str(sizes.suns), str(sizes.wavelengths), blocks, *numbers, *in_full]
-
-
-def _time(seconds: float) -> str:
-    if seconds < 100.0:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60.0:.2g} min" if seconds < 6000.0 else f"{seconds / 3600.0:.2g} h"
+        in_full = [f"{sizes.field_bytes / 1e9:.2g}", f"{sizes.total_bytes / 1e9:.2g}", time_of(sizes.cpu_s)]
+    return [str(sizes.suns), str(sizes.wavelengths), blocks, *numbers, *in_full]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twilight.base.errors import TwilightError
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.errors import TwilightError
 
 LONGEST_NAME = 120
 """Characters of a folder that is named after its settings."""
@@ -47,8 +47,8 @@ def render_files(
     cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
 ) -> None:
     """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
+    from twilight.base.whole_files import check_folder
     from twilight.io.folder import JOURNAL, open_folder
-    from twilight.io.whole import check_folder
 
     asked, wanted = _asked(cases)
     root = output or _default_folder(cases, scene, settings, asked)
@@ -103,10 +103,9 @@ def _asked(cases: Sequence[Any]) -> tuple[list[_Asked], dict[str, Any]]:
 def _code(cases: Sequence[Any]) -> str:
     """A digest of what the skies and their files are made by."""
     from twilight import solvers
-    from twilight.config.solver import resolve_solver
-    from twilight.digest import code_digest
+    from twilight.base.digest import code_digest
 
-    names = sorted({resolve_solver(case.config.solver)[0] for case in cases})
+    names = sorted({case.config.chosen_solver.name for case in cases})
     return code_digest("twilight.engine.frames", "twilight.io.outputs", *(solvers.SOLVERS[name] for name in names))
 
 
@@ -124,9 +123,10 @@ def _compute(
     cases: Sequence[Any], asked: Sequence[_Asked], wanted: Mapping[str, Any], folder: Any, progress: Any
 ) -> dict[str, dict[str, Any]]:
     """The figures of all skies by subfolder, computed and written where they are not there."""
+    from twilight.base.progress import part_of
     from twilight.engine import frames
     from twilight.io.series import figures
-    from twilight.progress import part_of
+    from twilight.scene import resolve
 
     rows = dict(folder.there)
     missing = [one for one in asked if one.folder not in rows]
@@ -136,7 +136,7 @@ def _compute(
         if not of_case:
             continue
         report = part_of(progress, done / len(missing), len(of_case) / len(missing), case.name)
-        for frame in frames(case.config, report, wanted=of_case.keys()):
+        for frame in frames(resolve(case.config), report, wanted=of_case.keys()):
             one = of_case[frame.name]
             folder.begin(one.folder, wanted[one.folder])
             files = _write(frame, case.config, folder.root / one.folder)
@@ -161,7 +161,7 @@ def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None,
         disc=o.disc,
         tone_settings={name: getattr(o, name).model_dump() for name in ("eye", "camera")},
         views=o.views,
-        target=o.target,
+        renderer=o.renderer,
         width=config.texture.latlong_width or o.width,
         spectral_width=o.spectral_width,
         exposure="auto" if given is None else given,
@@ -198,9 +198,9 @@ def _once(
     asked: Sequence[_Asked], labels: Mapping[str, Any], folder: Any, progress: Any
 ) -> tuple[list[str], list[str]]:
     """The files that a series has once; sentences about those that it cannot have."""
+    from twilight.api.plotting import contact_sheet
     from twilight.io.folder import FRAMES
     from twilight.io.series import number_files, write_dataset, write_table
-    from twilight.plotting import contact_sheet
 
     progress("the series", 1.0)
     root = folder.root

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import climate_names, option, settings_of, solver_names
 from twilight.cli.terminal import print_table
-from twilight.errors import TwilightError
 
 DESCRIBED_NM = (300.0, 350.0, 400.0, 450.0, 550.0, 650.0, 800.0, 1000.0)
 """Wavelengths of the optical depths that `describe` prints, over the whole range; 550 nm is the one of the profile."""
@@ -48,10 +48,10 @@ def solvers(
         str | None, typer.Argument(metavar="NAME", help="Explain this solver's options.", autocompletion=solver_names)
     ] = None,
 ) -> None:
-    """List the solvers, their qualities and their options with the values at quality `standard`; or explain one."""
+    """List the solvers, their qualities and first options with the values at quality `standard`; or explain one."""
     from dataclasses import asdict
 
-    from twilight.config.solver import explain_options
+    from twilight.config.solver import explain_options, option_names
     from twilight.config.validate import unknown
     from twilight.solvers import DEFAULT, SOLVERS, load
 
@@ -61,18 +61,20 @@ def solvers(
             qualities = load(one).QUALITIES
             title = f"{one} (default)" if one == DEFAULT else one
             rows.append([title, "quality", ", ".join(qualities)])
-            rows += [[one, key, str(value)] for key, value in asdict(qualities["standard"]).items()]
+            values = asdict(qualities["standard"])
+            rows += [[one, key, str(values[key])] for key in option_names(type(qualities["standard"]))[0]]
         print_table(["solver", "option", "value"], rows)
+        print("solver.OPTION sets an option; `twilight solvers NAME` explains one solver's, those for experts too")
         return
     if name not in SOLVERS:
         raise TwilightError(f"solvers: {name} {unknown(name, SOLVERS, 'solver')}")
     qualities = load(name).QUALITIES
     presets = {quality: asdict(settings) for quality, settings in qualities.items()}
     why = explain_options(type(qualities["standard"]))
-    rows = [
-        [key, *(_shown(preset[key]) for preset in presets.values()), why.get(key, "")] for key in presets["standard"]
-    ]
-    print_table(["option", *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
+    for title, keys in zip(("option", "solver.expert"), option_names(type(qualities["standard"])), strict=True):
+        rows = [[key, *(_shown(preset[key]) for preset in presets.values()), why.get(key, "")] for key in keys]
+        if rows:
+            print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
 
 
 def _shown(value: Any) -> str:
@@ -103,9 +105,9 @@ def describe(
     ] = None,
 ) -> None:
     """Print a climate's optical depths, scale heights and refraction, and draw its profile."""
+    from twilight.api.plotting import profile_figure
+    from twilight.base.whole_files import check_file
     from twilight.config import load_climate
-    from twilight.io.whole import check_file
-    from twilight.plotting import profile_figure
     from twilight.scene.describe import facts, optical_depths
     from twilight.scene.medium import climate_medium
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import config_names, file_stem, option, settings_of
-from twilight.cli.terminal import print_table, progress_bar
-from twilight.errors import TwilightError
+from twilight.cli.terminal import print_table, progress_bar, time_of
 
 LISTED_SCENES = 5
 """Scenes of each reason that are named; all are in the dataset's journal."""
@@ -36,12 +36,12 @@ def sweep(
     plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
-    from twilight.batch.cluster import BATCH_SYSTEMS, Place, check_installed
-    from twilight.batch.sweep import Sweep
+    from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes
     from twilight.config.slips import warn_of_slips
     from twilight.config.validate import unknown
-    from twilight.io.whole import check_folder
+    from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
+    from twilight.studies.sweep.sweep import Sweep
 
     for name, value in (("--workers", workers), ("--threads", threads)):
         if value is not None and not 1 <= value <= 10_000:
@@ -52,7 +52,7 @@ def sweep(
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
     if output is not None and output.suffix != ".zarr":
         raise TwilightError(f"--output: {output} must end in .zarr")
-    place = Place(scheduler, batch_system, workers, threads)
+    place = Resources(scheduler, batch_system, workers, threads)
     check_installed(place)
     chosen, names = settings_of(settings)
     series = load_axes(scene, chosen, names, ("configs",))
@@ -69,9 +69,9 @@ def sweep(
 
 
 def _run(made: Any, path: Path, place: Any) -> None:
-    from twilight.batch.cluster import connect
-    from twilight.batch.run import failures, run_sweep
-    from twilight.batch.store import open_store
+    from twilight.studies.sweep.resources import connect
+    from twilight.studies.sweep.run import failures, run_sweep
+    from twilight.studies.sweep.store import open_store
 
     with open_store(path, made) as store, progress_bar() as bar:
         had = len(store.done)
@@ -82,9 +82,9 @@ def _run(made: Any, path: Path, place: Any) -> None:
             with connect(place) as client:
                 outcome = run_sweep(client, store, threads=place.threads, progress=bar)
         else:
-            from twilight.batch.run import Outcome
+            from twilight.studies.sweep.run import SweepOutcome
 
-            outcome = Outcome()
+            outcome = SweepOutcome()
         found = list(failures(store, outcome))
     if found:
         rows = [[str(len(scenes)), _some(made, scenes), reason] for reason, scenes in found]
@@ -107,7 +107,7 @@ def _some(made: Any, scenes: list[tuple[int, ...]]) -> str:
 
 
 def _print_plan(made: Any, path: Path) -> None:
-    from twilight.batch.store import finished_tasks
+    from twilight.studies.sweep.store import finished_tasks
 
     there = finished_tasks(path, made)
     rows = [[d.name, f"{d.size:,}", "shared field" if d.serves else "own field"] for d in made.dimensions]
@@ -118,7 +118,7 @@ def _print_plan(made: Any, path: Path) -> None:
     if there:
         print(f"{len(there):,} of {len(made.tasks):,} tasks are there already")
         if missing:
-            hours = sum(there) / len(there) * missing / 3600.0
-            print(f"the rest takes some {hours:.2g} hours of processor time, as those did")
+            seconds = sum(there) / len(there) * missing
+            print(f"the rest takes some {time_of(seconds)} of processor time, as those did")
     else:
         print("how long it takes is not known before a task is finished; interrupt the sweep and ask again")

@@ -14,8 +14,8 @@ from typing import Any
 
 import typer
 
-from twilight.errors import TwilightError, TwilightWarning
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.progress import Progress
 
 LINE_EVERY_S = 15.0
 
@@ -125,9 +125,15 @@ def _time_left_column() -> Any:
     return TimeLeft()
 
 
+compiling = False
+"""Whether this run compiles kernels: the time that its first half takes says nothing of the second."""
+
+
 def time_left(share: float, elapsed_s: float) -> str:
-    """`0:01:05 left` where `share` of the work took `elapsed_s`; nothing can be said before a tenth is done:
-    setting up and, the first time, compiling take long and say nothing of the rest."""
+    """`0:01:05 left` where `share` of the work took `elapsed_s`; nothing can be said before a tenth is done, which is
+    set-up, nor before 0.6 of it in a run that compiles."""
+    if compiling and share < 0.6:
+        return "compiling, time left not known"
     if share < 0.1:
         return "-:--:-- left"
     seconds = round(elapsed_s * (1.0 - share) / share)
@@ -151,3 +157,10 @@ def print_table(columns: list[str], rows: list[list[str]], *, right: tuple[int, 
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     Console().print(table)
+
+
+def time_of(seconds: float) -> str:
+    """A time in the unit that reads best: 12 s, 3.4 min, 5 h."""
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.2g} min" if seconds < 6000.0 else f"{seconds / 3600.0:.2g} h"

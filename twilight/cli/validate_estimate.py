@@ -8,6 +8,7 @@ from typing import Annotated, Any, get_args
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import file_stem, option, settings_of
 from twilight.cli.photograph import (
     Azimuth,
@@ -26,7 +27,6 @@ from twilight.cli.photograph import (
 )
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.cli.validate_photo import _azimuth
-from twilight.errors import TwilightError
 
 SUN_STEP_DEG = 1.0
 MOST_SUNS = 25
@@ -47,7 +47,7 @@ def estimate(
     ] = "humidity,ozone,albedo",
     library: Annotated[
         Path | None,
-        option("DIR", "Folder where the fitted skies are kept, for other photographs of the same sun."),
+        option("DIR", "Folder where the fitted skies are cached, for other photographs of the same sun."),
     ] = None,
     white_balance: WhiteBalance = False,
     no_colour: Annotated[bool, typer.Option("--no-colour", help="Use the luminance only.")] = False,
@@ -66,11 +66,11 @@ def estimate(
     Emulates the skies of each aerosol type from a few computed ones, fits them to the photograph, computes the sky of
     the best fit and compares it.  Writes estimate.json, climate.yaml and what `twilight validate photo` writes.  Says
     what the photograph cannot tell, and how far emulated skies are off, which its uncertainties hold.  What a type was
-    emulated from is kept for the next photograph under a sun some degrees from this one's (`twilight cache`).
+    emulated from is cached for the next photograph under a sun some degrees from this one's (`twilight cache`).
     Interrupted (Ctrl-C), it fits the types that are there.
     """
+    from twilight.base.whole_files import check_folder
     from twilight.config import load_series
-    from twilight.io.whole import check_folder
 
     chosen_types, design = _wanted(types, parameters)
     chosen, names = settings_of(settings)
@@ -99,7 +99,7 @@ def estimate(
 def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
     from twilight.config.aerosol import AerosolType
     from twilight.config.validate import unknown
-    from twilight.validate.photographs.library import OTHERS, Design
+    from twilight.studies.validate.photographs.library import OTHERS, Design
 
     known = get_args(AerosolType)
     chosen = [name.strip() for name in types.split(",") if name.strip()]
@@ -122,8 +122,8 @@ def _suns(config: Any) -> list[float]:
 
     import numpy as np
 
-    from twilight.config.sun import SunElevation, SunElevations, SunInterval
-    from twilight.sun.ephemeris import sun_position
+    from twilight.config.sun import SunAt, SunElevation, SunElevations
+    from twilight.sky.ephemeris import sun_position
 
     sun = config.sun
     if isinstance(sun, SunElevation):
@@ -136,7 +136,7 @@ def _suns(config: Any) -> list[float]:
                 f"sun: {low:g} to {high:g} deg is too far apart; at most {MOST_SUNS - 1} deg are searched"
             )
         return [float(s) for s in np.linspace(low, high, max(count, 3))] if high > low else [low]
-    if isinstance(sun, SunInterval):
+    if not isinstance(sun, SunAt):
         raise TwilightError(
             "sun: a photograph has one time; give sun.at, an elevation, or elevations to search between"
         )
@@ -155,17 +155,28 @@ def _estimate(
     options: dict[str, bool],
     folder: Path,
 ) -> None:
+    from twilight.base.progress import part_of
     from twilight.cli.validate_photo import _compare
-    from twilight.colour import sky_to_xyz
     from twilight.engine import run
-    from twilight.progress import part_of
-    from twilight.validate.photographs.estimate import estimate as fit
-    from twilight.validate.photographs.estimate import facts, sentences
-    from twilight.validate.photographs.library import make_library
-    from twilight.validate.photographs.photo import OBSERVER
-    from twilight.validate.photographs.report import write_json
+    from twilight.scene import resolve
+    from twilight.sky.colour import sky_to_xyz
+    from twilight.studies.validate.photographs.estimate import estimate as fit
+    from twilight.studies.validate.photographs.estimate import facts, sentences
+    from twilight.studies.validate.photographs.library import make_library
+    from twilight.studies.validate.photographs.photo import OBSERVER
+    from twilight.studies.validate.photographs.report import write_json
 
     suns = _suns(config)
+    remarks: list[str] = []
+    if len(suns) > 1 and sun_azimuth is None and (disc := photograph.sun.true_elevation_deg) is not None:
+        if suns[0] <= disc <= suns[-1]:
+            suns = [round(float(disc), 2)]
+            remarks.append(f"sun: {suns[0]:.2f} deg by its disc in the photograph")
+        else:
+            remarks.append(
+                f"sun: its disc in the photograph stands at {disc:.2f} deg, outside of the {suns[0]:g} to {suns[-1]:g} "
+                "deg that are searched"
+            )
     with progress_bar() as bar:
         libraries = []
         try:
@@ -190,13 +201,13 @@ def _estimate(
         seen = photograph.seen(azimuth, float(0.5 * (middle[0] + middle[-1])))
 
         def compute(name: str, values: Any) -> Any:
-            scene = _scene(config, design, values, name, photograph.cell_deg)
-            return sky_to_xyz(run(scene, plain_sun=True), observer=OBSERVER)
+            scene = _scene(config, design, values, name, photograph.cell_deg, suns)
+            return sky_to_xyz(run(resolve(scene), numpy_only_sun=True), observer=OBSERVER)
 
         made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
     unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []
     best = made[0]
-    final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg)
+    final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg, suns)
     _write_climate(folder / "climate.yaml", final.climate)
     write_json(
         folder / "estimate.json",
@@ -212,7 +223,7 @@ def _estimate(
                 for library in libraries
             },
             "estimates": facts(made),
-            "remarks": [*sentences(made), *unseen],
+            "remarks": [*remarks, *sentences(made), *unseen],
         },
     )
     rows = [
@@ -232,7 +243,7 @@ def _estimate(
         right=(1, 2),
     )
     print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
-    for line in [*sentences(made), *unseen]:
+    for line in [*remarks, *sentences(made), *unseen]:
         print(line)
     luminance = max(one.luminance_error for one in libraries)
     chromaticity = max(one.chromaticity_error for one in libraries)
@@ -246,13 +257,16 @@ def _estimate(
         raise typer.Exit(130)
 
 
-def _scene(config: Any, design: Any, values: Any, aerosol_type: str, cell_deg: float) -> Any:
-    """The configuration of one climate of the design, and of its sun where that is a parameter."""
-    from twilight.validate.photographs.library import SUN, climate_settings, with_settings
+def _scene(config: Any, design: Any, values: Any, aerosol_type: str, cell_deg: float, suns: list[float]) -> Any:
+    """The configuration of one climate of the design, and of its sun where that is a parameter or the disc's."""
+    from twilight.config.sun import SunElevations
+    from twilight.studies.validate.photographs.library import SUN, climate_settings, with_settings
 
     settings = climate_settings(design, values, aerosol_type) | {"texture": {"resolution_deg": cell_deg}}
     if SUN in values:
         settings["sun"] = {"elevation_deg": values[SUN]}
+    elif isinstance(config.sun, SunElevations):
+        settings["sun"] = {"elevation_deg": suns[0]}
     return with_settings(config, settings)
 
 
@@ -261,7 +275,7 @@ def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None
     from types import SimpleNamespace
 
     from twilight.config.sun import SunAt
-    from twilight.sun.ephemeris import sun_position
+    from twilight.sky.ephemeris import sun_position
 
     known = None
     if isinstance(config.sun, SunAt):
@@ -274,7 +288,7 @@ def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None
 def _write_climate(path: Path, climate: Any) -> None:
     import yaml
 
-    from twilight.io.whole import whole_file
+    from twilight.base.whole_files import whole_file
 
     data = climate.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     data = {"version": 1, **data}

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import check_polarised, file_stem, option, settings_of
 from twilight.cli.photograph import (
     Azimuth,
@@ -24,7 +25,9 @@ from twilight.cli.photograph import (
     open_photograph,
 )
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.errors import TwilightError
+
+DISC_AWAY_DEG = 0.5
+"""A disc so far [deg] from the scene's sun is worth a sentence; on coarse panoramas it is found to some 0.3 deg."""
 
 
 def photo(
@@ -51,8 +54,8 @@ def photo(
     Writes comparison.png, figures.json, profiles.csv and comparison.h5; with several suns also suns.csv, and the files
     are those of the sun that fits best.
     """
+    from twilight.base.whole_files import check_folder
     from twilight.config import load_series
-    from twilight.io.whole import check_folder
 
     chosen, names = settings_of(settings)
     photograph = open_photograph(
@@ -83,19 +86,26 @@ def photo(
 def _compare(
     image: Path, photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
 ) -> None:
+    from twilight.base.progress import part_of
     from twilight.engine import frames
-    from twilight.progress import part_of
+    from twilight.scene import resolve
     from twilight.scene.suns import count_suns
-    from twilight.validate.photographs import photo as comparing
-    from twilight.validate.photographs.figure import summary, write_figure
-    from twilight.validate.photographs.report import write_dataset, write_json, write_profiles, write_suns
+    from twilight.studies.validate.photographs import photo as comparing
+    from twilight.studies.validate.photographs.figure import summary, write_figure
+    from twilight.studies.validate.photographs.report import (
+        write_dataset,
+        write_json,
+        write_profiles,
+        write_suns,
+    )
 
     best: Any = None
     rows = []
     note = ""
+    config, disc = _with_disc(config, photograph, sun_azimuth)
     with progress_bar() as bar:
         bar("looking at the photograph", 0.0)
-        for frame in frames(config, part_of(bar, 0.0, 0.9), plain_sun=count_suns(config) == 1):
+        for frame in frames(resolve(config), part_of(bar, 0.0, 0.9), numpy_only_sun=count_suns(config) == 1):
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)
@@ -108,7 +118,8 @@ def _compare(
             residuals = comparing.residual_vector(seen.sky, found.simulated, white_balance=white_balance)
             misfit = float(residuals @ residuals)
             rows.append((frame.name, sky.sun_elevation_deg, misfit, found.figures))
-            if best is None or misfit < best[0]:
+            of_disc = disc is not None and sky.sun_elevation_deg == disc
+            if best is None or of_disc or (misfit < best[0] and best[1].sun_elevation_deg != disc):
                 best = (misfit, sky, seen, found, azimuth)
         bar("drawing", 0.92)
         _, sky, seen, found, azimuth = best
@@ -133,14 +144,58 @@ def _compare(
         columns = ["sun", "misfit", "luminance rms", "solar meridian", "u'v'"]
         table = [[name, f"{misfit:.4g}", *_cells(figures)] for name, _, misfit, figures in rows]
         print_table(columns, table, right=(1, 2, 3, 4))
-        print(f"best: sun {sky.sun_elevation_deg:+.2f} deg")
+        print(_chosen(rows, sky.sun_elevation_deg, disc))
+    elif _disc_differs(photograph, sun_azimuth, sky):
+        print(_disc_differs(photograph, sun_azimuth, sky))
     print(note)
-    for cause, share in seen.mask.taken.items():
-        print(f"masked, {cause}: {100 * share:.1f} % of the sky")
+    for cause, fraction in seen.mask.taken.items():
+        print(f"masked, {cause}: {100 * fraction:.1f} % of the sky")
     for line in summary(found.figures):
         print(line)
     names = "comparison.png, figures.json, profiles.csv, comparison.h5" + (", suns.csv" if len(rows) > 1 else "")
     print(f"wrote {names} to {folder}/")
+
+
+def _with_disc(config: Any, photograph: Any, sun_azimuth: float | None) -> tuple[Any, float | None]:
+    """The configuration with the sun that the photograph shows among those to try, and its true elevation [deg].
+
+    None, and the configuration as it is, where it has one sun, the disc is not seen, or it is not asked for.
+    """
+    from twilight.config.sun import SunElevations
+
+    if not isinstance(config.sun, SunElevations) or sun_azimuth is not None:
+        return config, None
+    found = photograph.sun.true_elevation_deg
+    if found is None:
+        return config, None
+    disc = round(float(found), 2)
+    suns = tuple(sorted({*config.sun.elevations_deg, disc}))
+    return config.model_copy(update={"sun": config.sun.model_copy(update={"elevations_deg": suns})}), disc
+
+
+def _chosen(rows: list[Any], taken: float, disc: float | None) -> str:
+    """Which of several suns is compared, why, and what speaks against it."""
+    ordered = sorted(rows, key=lambda row: row[2])
+    closest = ordered[0][1]
+    if disc is not None:
+        line = f"sun {taken:+.2f} deg, by its disc in the photograph"
+        return line if closest == taken else f"{line}; the sky alone fits best with {closest:+.2f} deg"
+    line = f"best: sun {taken:+.2f} deg"
+    elevations = [row[1] for row in rows]
+    if taken in (min(elevations), max(elevations)):
+        side = "lowest" if taken == min(elevations) else "highest"
+        line += f", the {side} of those tried: the true one may lie beyond"
+    return line
+
+
+def _disc_differs(photograph: Any, sun_azimuth: float | None, sky: Any) -> str:
+    """A sentence where the disc in the photograph stands elsewhere than the scene's only sun, else an empty one."""
+    disc = None if sun_azimuth is not None else photograph.sun.true_elevation_deg
+    if disc is None or abs(disc - sky.sun_elevation_deg) < DISC_AWAY_DEG:
+        return ""
+    return (
+        f"the sun's disc in the photograph stands at {disc:+.2f} deg, the scene's sun at {sky.sun_elevation_deg:+.2f}"
+    )
 
 
 def _cells(figures: dict[str, Any]) -> list[str]:
@@ -181,8 +236,13 @@ def response(
     output: Annotated[Path | None, option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
 ) -> None:
     """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
-    from twilight.camera.image import read_samples, write_exr
-    from twilight.camera.response import load_response, merge_bracket, recover_response, write_response
+    from twilight.studies.camera.image import read_samples, write_exr
+    from twilight.studies.camera.response import (
+        load_response,
+        merge_bracket,
+        recover_response,
+        write_response,
+    )
 
     if curve is not None and (merge is None or output is not None):
         raise TwilightError("--curve: is for --merge, and takes no --output, for there is nothing to recover")

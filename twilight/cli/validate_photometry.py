@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.errors import TwilightError
 
 DEFAULT_CLIMATES = ("continental-average", "continental-clean")
 
@@ -28,11 +28,11 @@ def photometry(
     Writes points.csv, levels.csv and photometry.png: level and slope apart, for measured sites differ by a factor 1.5
     to 2. With the night sky; --set night=null leaves it out.
     """
+    from twilight.base.progress import part_of
+    from twilight.base.whole_files import check_folder
     from twilight.config import load
-    from twilight.io.whole import check_folder
-    from twilight.progress import part_of
-    from twilight.validate.measured import photometry as work
-    from twilight.validate.measured import report
+    from twilight.studies.validate.measured import photometry as work
+    from twilight.studies.validate.measured import report
 
     chosen: dict[str, Any] = {
         "night": {},
@@ -50,7 +50,7 @@ def photometry(
         raise TwilightError(f"validate photometry: the climates must have different names, not {', '.join(titles)}")
     check_folder(output)
     output.mkdir(parents=True, exist_ok=True)
-    points: list[work.Point] = []
+    points: list[work.PhotometricPoint] = []
     air: list[str] = []
     with progress_bar() as progress:
         for i, config in enumerate(configs):

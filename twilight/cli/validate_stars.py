@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import option
 from twilight.cli.terminal import print_table
-from twilight.errors import TwilightError
 
 FIRST_DIGITAL_YEAR = 2000.0
 
@@ -38,14 +38,14 @@ def stars(
     stars, and the elevation and roll of the guess say where the zenith is: its right ascension and declination are
     the local sidereal time and the latitude.
     """
-    from twilight.camera import Camera, read_camera, write_camera
-    from twilight.camera.image import read_image
-    from twilight.camera.response import load_response
-    from twilight.io.whole import check_file
-    from twilight.validate.stars.calibrate import calibrate
-    from twilight.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR
-    from twilight.validate.stars.picture import draw
-    from twilight.validate.stars.refraction import pressure_at_hpa
+    from twilight.base.whole_files import check_file
+    from twilight.studies.camera import CameraModel, read_camera, write_camera
+    from twilight.studies.camera.image import read_image
+    from twilight.studies.camera.response import load_response
+    from twilight.studies.validate.stars.calibrate import calibrate
+    from twilight.studies.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR
+    from twilight.studies.validate.stars.picture import draw
+    from twilight.studies.validate.stars.refraction import pressure_at_hpa
 
     limits = (
         ("--altitude", altitude, -0.5, 9.0, "km"),
@@ -90,7 +90,7 @@ def stars(
     dating = _dated(made) if planets else None
     solved = made.camera
     if dating is not None:
-        solved = Camera.model_validate({**solved.model_dump(), "calibration": {**made.facts(), **_facts(dating)}})
+        solved = CameraModel.model_validate({**solved.model_dump(), "calibration": {**made.facts(), **_facts(dating)}})
     write_camera(target, solved)
     if picture is not None:
         draw(light, made, picture)
@@ -103,10 +103,10 @@ def stars(
 def _place_and_time(
     latitude: float | None, longitude: float | None, at: str | None, time_zone: str | None, altitude_km: float
 ) -> tuple[Any, Any]:
-    """(Place, moment), or (None, None) where nothing is given."""
+    """(StarSite, moment), or (None, None) where nothing is given."""
     from twilight.config.sun import SunAt
     from twilight.config.validate import Origins, validate
-    from twilight.validate.stars.coordinates import Place
+    from twilight.studies.validate.stars.coordinates import StarSite
 
     given = {"--latitude": latitude, "--longitude": longitude, "--at": at}
     missing = [name for name, value in given.items() if value is None]
@@ -121,14 +121,14 @@ def _place_and_time(
         data["time_zone"] = time_zone
     names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
     where = validate(SunAt, data, Origins({(): "--at", **{(key,): name for key, name in names.items()}}))
-    return Place(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
+    return StarSite(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
 
 
 def _dated(made: Any) -> Any:
     """The date by planets, from the first digital cameras to now."""
     from datetime import UTC, datetime
 
-    from twilight.validate.stars.planets import date_by_planets
+    from twilight.studies.validate.stars.planets import date_by_planets
 
     return date_by_planets(made, FIRST_DIGITAL_YEAR, datetime.now(UTC).year + 1.0)
 
@@ -161,7 +161,7 @@ def _report(made: Any) -> None:
         ["azimuth, elevation, roll", f"{o.azimuth_deg:.3f}, {o.elevation_deg:.3f}, {o.roll_deg:.3f} deg"],
         ["their standard error", f"{made.pointing_error_arcmin:.2f}'"],
     ]
-    if camera.projection != "latitude_longitude":
+    if camera.projection != "latlong":
         x, y = camera.principal_point_px
         relative = 100.0 * fit.standard_errors[3] if "focal_length" in fit.free else None
         error = "not solved" if relative is None else f"+- {relative:.2g} %"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,9 +10,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twilight.base.errors import TwilightError
 from twilight.cli.options import file_stem, numbers, option, scene_names, settings_of
 from twilight.cli.terminal import progress_bar
-from twilight.errors import TwilightError
 
 
 def view(
@@ -48,23 +49,23 @@ def view(
     scenes = [scene] if beside is None else [scene, beside]
     found = [_scene(one, chosen, names) for one in scenes]
     title = [
-        problem.title or problem.medium.name or file_stem(Path(one).stem, "sky")
+        problem.scene.title or problem.scene.medium.name or file_stem(Path(one).stem, "sky")
         for one, (problem, _) in zip(scenes, found, strict=True)
     ]
     path = output or Path("out") / f"{'-'.join(file_stem(name, 'sky') for name in title)}.html"
 
-    from twilight.io.whole import check_file
-    from twilight.window import check_altitudes, ground_to_orbit, view_fields
+    from twilight.base.whole_files import check_file
+    from twilight.viewer import check_altitudes, ground_to_orbit, view_fields
 
-    first = found[0][0]
+    first = found[0][0].scene
     if altitudes is None and first.capabilities.every_observer:
         altitudes = list(ground_to_orbit(first.medium))
     for name, (problem, _) in zip(title, found, strict=True):
-        check_altitudes(problem, altitudes, name)
+        check_altitudes(problem.scene, altitudes, name)
     check_file(path)
     config = found[0][1]
     with progress_bar() as bar:
-        from twilight.progress import part_of
+        from twilight.base.progress import part_of
 
         solved = []
         for k, (problem, _) in enumerate(found):
@@ -72,7 +73,7 @@ def view(
         page = view_fields(
             solved,
             names=title,
-            scenes=scenes,
+            scenes=[_render_words(one, quality, settings) for one, case in zip(scenes, found, strict=True) if case[1]],
             altitudes_km=altitudes,
             start={} if config is None else _start(config),
             progress=part_of(bar, 0.4, 0.6, "tables"),
@@ -83,12 +84,22 @@ def view(
     print(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB, every sun from +90 to -18 deg; open it in a browser")
 
 
+def _render_words(scene: str, quality: str | None, settings: list[str] | None) -> str:
+    """What `twilight render` is given for the same scene, for a shell."""
+    words = [scene]
+    if quality is not None:
+        words += ["--quality", quality]
+    for setting in settings or []:
+        words += ["--set", setting]
+    return shlex.join(words)
+
+
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The problem of a scene, and its configuration where it has one."""
     from twilight.cli.first_run import say_that_it_compiles
     from twilight.config import load_series
-    from twilight.config.solver import resolve_solver
-    from twilight.engine import Problem, problem_of
+    from twilight.engine import Problem
+    from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):
         cases = load_series(scene, chosen, names)
@@ -96,8 +107,8 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
             raise TwilightError(
                 f"{scene}: vary makes {len(cases)} scenes of it; a page shows one, or two with --beside"
             )
-        say_that_it_compiles(resolve_solver(cases[0].config.solver)[0])
-        return problem_of(cases[0].config), cases[0].config
+        say_that_it_compiles(cases[0].config.chosen_solver.name)
+        return Problem(resolve(cases[0].config)), cases[0].config
     if chosen:
         raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")
     from twilight.solvers import zones
@@ -108,7 +119,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
         QUALITIES=zones.QUALITIES,
         prepare=lambda medium, settings, **options: field,
     )
-    return Problem(field.medium, solver, field.settings, field.medium.bottom_km, title=Path(scene).stem), None
+    return Problem(Scene(field.medium, None, solver, field.settings, title=Path(scene).stem)), None
 
 
 def _start(config: Any) -> dict[str, Any]:
@@ -117,6 +128,8 @@ def _start(config: Any) -> dict[str, Any]:
     from twilight.scene.suns import suns_of
 
     start: dict[str, Any] = {"altitude": config.observer.altitude_km}
+    if config.output.tone_mapping == "eye":
+        start["tone"] = "eye"
     if config.output.exposure_ev100 is not None:
         start |= {"exposure": "manual", "ev": config.output.exposure_ev100}
     if "sun" not in config.model_fields_set:

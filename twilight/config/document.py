@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 MAX_BYTES = 1_000_000
 """A climate or a configuration is a page of text; anything longer is a mistake."""

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from os.path import isdir, isfile
 from pathlib import Path
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 
 def shipped(kind: str) -> dict[str, Path]:

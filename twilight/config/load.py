@@ -11,15 +11,15 @@ from os.path import isfile
 from pathlib import Path
 from typing import Any
 
+from twilight.base.errors import TwilightError
 from twilight.config.climate import Climate, climate_files
 from twilight.config.document import parse_yaml, read_yaml
 from twilight.config.library import find, shipped
 from twilight.config.scene import Config
 from twilight.config.slips import warn_of_slips
-from twilight.config.solver import resolve_solver
+from twilight.config.solver import choose_solver
 from twilight.config.validate import Origins, unknown, validate
 from twilight.config.vary import Axis, axes_of
-from twilight.errors import TwilightError
 
 MAX_CASES = 1000
 
@@ -92,7 +92,7 @@ class _Draft:
                 where, shown = origins.describe(("climate", *place, name))
                 raise TwilightError(f"{where}: {'.'.join(shown)}: there is no file {section[name]}")
         if solver:
-            resolve_solver(config.solver, origins)
+            choose_solver(config.solver, origins)
         return config
 
 

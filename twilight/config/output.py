@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, model_validator
 
+from twilight.base.formats import FORMATS, check_names
 from twilight.config.base import Flag, Integer, Number, Section, key
-from twilight.formats import FORMATS, check_names
 
 
 def _files(value: tuple[str, ...] | None) -> tuple[str, ...] | None:
@@ -41,7 +41,7 @@ class Output(Section):
 
     files: Annotated[tuple[str, ...] | None, AfterValidator(_files)] = key(
         None,
-        f"which files are written: {', '.join(FORMATS)}; unset: all, polarisation where the light is polarised",
+        f"which files are written: {', '.join(FORMATS.own)}; unset: all, polarisation where the light is polarised",
     )
     polariser_deg: Number | None = key(
         None,
@@ -51,7 +51,7 @@ class Output(Section):
         ge=-180.0,
         le=180.0,
     )
-    target: Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"] = key(
+    renderer: Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"] = key(
         "openexr", "whose environment map sky.rgb.exr is"
     )
     disc: Flag = key(False, "whether the sun's disc is in the environment maps; it needs sun.disc")

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
 from twilight.config.output import Output
+from twilight.config.solver import ChosenSolver, choose_solver
 from twilight.config.sun import Sun, SunElevation
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
@@ -144,7 +145,10 @@ class Config(Section):
     )
     description: str = key("", "one line about it", max_length=1000)
     climate: Climate = Field(description="name of a climate, path of its file, or the climate itself")
-    sun: Sun = key(SunElevation, "elevation_deg | elevations_deg | at and place | start, stop, step_minutes and place")
+    sun: Sun = key(
+        SunElevation,
+        "elevation_deg | elevations_deg | at and place | times and place | start, stop, step_minutes and place",
+    )
     observer: Observer = key(Observer, "where the eye is")
     wavelengths: Wavelengths | None = key(
         None, "where the radiance is computed; unset: 8 from 380 to 720 nm, or those of a tabulated medium"
@@ -155,7 +159,7 @@ class Config(Section):
     terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
-    leave_out: Flag = key(True, "leave out what cannot matter (see --plan)")
+    omit_negligible: Flag = key(True, "leave out what cannot matter (see --plan)")
     vary: dict[str, Any] = key(
         dict,
         "series: dotted keys with lists, e.g. {aerosol.relative_humidity_percent: [50, 80, 95]}, or with ranges {from, "
@@ -184,6 +188,11 @@ class Config(Section):
         if "disc" in (self.output.files or ()) and not self.sun.disc:
             raise ValueError("output.files: disc needs the sun's disc: set sun.disc to true")
         return self
+
+    @property
+    def chosen_solver(self) -> ChosenSolver:
+        """The solver with its settings; TwilightError where the section names what does not exist."""
+        return choose_solver(self.solver)
 
     @property
     def title(self) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 
+from twilight.base.errors import TwilightWarning
 from twilight.config.scene import Config
-from twilight.errors import TwilightWarning
 
 LOWEST_OZONE_DU = 70.0
 """NASA Ozone Watch has 73 DU as the lowest column measured (30 September 1994)."""

@@ -5,17 +5,35 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.config.validate import Origins, allowed, unknown
-from twilight.errors import TwilightError
 
 
-def resolve_solver(section: Mapping[str, Any], origins: Origins | None = None) -> tuple[str, str, Any]:
-    """(solver, quality, settings): the preset of that quality with the section's other keys on top.
+class ChosenSolver(NamedTuple):
+    """A solver's name, the name of a preset of its, and that preset with options replaced."""
+
+    name: str
+    quality: str
+    settings: Any
+
+
+def option_names(settings: type) -> tuple[list[str], list[str]]:
+    """(options that stand right under `solver`, options under `solver.expert`), of a solver's class of settings.
+
+    The former are those that the class lists in `COMMON`, in that order; without such a list all are.
+    """
+    known = [f.name for f in fields(settings)]
+    common = list(getattr(settings, "COMMON", known))
+    return common, [name for name in known if name not in common]
+
+
+def choose_solver(section: Mapping[str, Any], origins: Origins | None = None) -> ChosenSolver:
+    """The solver that a section names, and the preset of its quality with the section's other keys on top.
 
     origins: where the section was read, for errors.
     Errors: TwilightError for a solver, quality or option that does not exist, or a value out of range.
@@ -24,25 +42,46 @@ def resolve_solver(section: Mapping[str, Any], origins: Origins | None = None) -
     options = dict(section)
     name = options.pop("name", solvers.DEFAULT)
     if not isinstance(name, str) or name not in solvers.SOLVERS:
-        raise _error(origins, "name", f"{name} {unknown(str(name), solvers.SOLVERS, 'solver')}")
+        raise _error(origins, ("name",), f"{name} {unknown(str(name), solvers.SOLVERS, 'solver')}")
     qualities = solvers.load(name).QUALITIES
     quality = options.pop("quality", "standard")
     if not isinstance(quality, str) or quality not in qualities:
-        raise _error(origins, "quality", f"{quality} {unknown(str(quality), qualities, f'quality of {name}')}")
+        raise _error(origins, ("quality",), f"{quality} {unknown(str(quality), qualities, f'quality of {name}')}")
     preset = qualities[quality]
+    common, expert = option_names(type(preset))
+    given = options.pop("expert", {}) if expert else {}
+    if not isinstance(given, Mapping):
+        raise _error(origins, ("expert",), f"solver.expert must be a mapping of options of {name}, got {given!r}")
+    for key in options:
+        if key in expert:
+            raise _error(origins, (key,), f"solver.{key} is an option for experts: write solver.expert.{key}")
+        if key not in common:
+            allowed_here = [*common, "name", "quality", *(["expert"] if expert else [])]
+            raise _error(origins, (key,), f"solver.{key} {unknown(key, allowed_here, f'key of {name}')}")
+    for key in given:
+        if key in common:
+            raise _error(origins, ("expert", key), f"solver.expert.{key} stands among the first: write solver.{key}")
+        if key not in expert:
+            raise _error(origins, ("expert", key), f"solver.expert.{key} {unknown(key, expert, f'key of {name}')}")
     hints = get_type_hints(type(preset), include_extras=True)
-    known = [f.name for f in fields(preset)]
-    for key, value in options.items():
-        if key not in known:
-            raise _error(origins, key, f"solver.{key} {unknown(key, [*known, 'name', 'quality'], f'key of {name}')}")
+    chosen: dict[str, Any] = {}
+    for path, value in [
+        *(((key,), v) for key, v in options.items()),
+        *((("expert", key), v) for key, v in given.items()),
+    ]:
+        key = path[-1]
         try:
-            options[key] = TypeAdapter(hints[key]).validate_python(value, strict=not isinstance(value, list))
+            chosen[key] = TypeAdapter(hints[key]).validate_python(value, strict=not isinstance(value, list))
         except ValidationError:
-            raise _error(origins, key, f"solver.{key} must be {allowed(hints[key])}, got {value!r}") from None
+            text = f"solver.{'.'.join(path)} must be {allowed(hints[key])}, got {value!r}"
+            raise _error(origins, path, text) from None
     try:
-        return name, quality, replace(preset, **options)
+        return ChosenSolver(name, quality, replace(preset, **chosen))
     except TwilightError as error:
-        raise _error(origins, next(iter(options), "name"), str(error)) from None
+        # solvers call their options solver.NAME
+        text = re.sub(r"\bsolver\.(\w+)", lambda m: f"solver.expert.{m[1]}" if m[1] in expert else m[0], str(error))
+        first = next(iter(chosen), "name")
+        raise _error(origins, ("expert", first) if first in expert else (first,), text) from None
 
 
 def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -50,11 +89,14 @@ def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
 
     What a solver reads from a file is named by the file's name and the SHA-256 of its content (its `recorded`).
     """
-    name, quality, settings = resolve_solver(section)
+    name, quality, settings = choose_solver(section)
     solver: Any = solvers.load(name)
     if solver.CAPABILITIES.reads_files:
         settings = solver.recorded(settings)
-    return {"name": name, "quality": quality, **asdict(settings)}
+    common, expert = option_names(type(settings))
+    values = asdict(settings)
+    made = {"name": name, "quality": quality, **{key: values[key] for key in common}}
+    return made | ({"expert": {key: values[key] for key in expert}} if expert else {})
 
 
 def explain_options(settings: type) -> dict[str, str]:
@@ -83,5 +125,5 @@ def explain_options(settings: type) -> dict[str, str]:
     }
 
 
-def _error(origins: Origins, key: str, text: str) -> TwilightError:
-    return TwilightError(f"{origins.describe(('solver', key))[0]}: {text}")
+def _error(origins: Origins, path: tuple[str, ...], text: str) -> TwilightError:
+    return TwilightError(f"{origins.describe(('solver', *path))[0]}: {text}")

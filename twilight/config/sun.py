@@ -1,16 +1,29 @@
-"""The sections `sun:` of a configuration, in its four forms: an elevation, several, a time and place, an interval."""
+"""The section `sun:` of a configuration in its five forms: elevation, several, a place at a time, at times, over an
+interval."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+import itertools
+import re
+from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from twilight.base.errors import TwilightError
 from twilight.config.base import Flag, Number, Section, key
 
 
 def _moment(value: Any) -> Any:
+    """The end of a day (24:00) and a leap second (:60) are the moments that follow them, as ISO 8601 has them."""
+    if isinstance(value, str) and (found := _CARRIED.fullmatch(value.strip())) is not None:
+        date, hour, minute, second, rest = found.groups(default="")
+        try:
+            moment = datetime.fromisoformat(date)
+            moment += timedelta(hours=int(hour), minutes=int(minute), seconds=int(second or 0))
+        except (ValueError, OverflowError):
+            raise ValueError(f"holds a date that the calendar does not have: {value}") from None
+        return moment.isoformat() + rest
     if not isinstance(value, str | datetime) or (isinstance(value, str) and ":" not in value):
         raise ValueError("must be a date and time such as 2003-12-08T16:00 or 2003-12-08T16:00:00+01:00")
     return value
@@ -25,6 +38,20 @@ def _zone(value: str | None) -> str | None:
         ZoneInfo(value)
     except (KeyError, ValueError, OSError):
         raise ValueError(f"must be a time zone such as Europe/Berlin or UTC, got {value!r}") from None
+    return value
+
+
+_CARRIED = re.compile(
+    r"(\d{4}-\d{2}-\d{2})[T ](24(?=:00(?::00)?(?:\D|$))|[01]\d(?=:..:60)|2[0-3](?=:..:60)):([0-5]\d)(?::(00|60))?"
+    r"(?:\.0+)?(Z|[+-]\d{2}:?\d{2})?"
+)
+"""A time at the end of a day or in a leap second."""
+
+
+def _longitude(value: Any) -> Any:
+    """A longitude of up to two turns as the same one from -180 to 180 deg."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and 180.0 < abs(value) <= 720.0 and value != 360:
+        return value if 180.0 < value <= 360.0 else (value + 180.0) % 360.0 - 180.0
     return value
 
 
@@ -59,7 +86,7 @@ class _Place(Section):
     latitude_deg: Annotated[Number, Field(ge=-90.0, le=90.0)] = Field(
         description="geographic latitude, north positive", json_schema_extra={"unit": "deg"}
     )
-    longitude_deg: Annotated[Number, Field(ge=-180.0, le=360.0)] = Field(
+    longitude_deg: Annotated[Number, Field(ge=-180.0, le=360.0), BeforeValidator(_longitude)] = Field(
         description="geographic longitude, east positive", json_schema_extra={"unit": "deg"}
     )
     time_zone: Zone = key(None, "for times without an offset, e.g. Europe/Berlin")
@@ -88,7 +115,25 @@ class _Place(Section):
 class SunAt(_Place):
     """The sun over a place at a time."""
 
-    at: Moment = Field(description="date and time, e.g. 2003-12-08T16:30")
+    at: Moment = Field(
+        description="date and time, e.g. 2003-12-08T16:30, or a twilight, e.g. 2003-12-08 civil dusk, or dusk -4"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _twilight(cls, value: Any) -> Any:
+        """A twilight's name becomes its moment at the place."""
+        if not isinstance(value, dict) or not isinstance(value.get("at"), str) or ":" in value["at"]:
+            return value
+        if not all(isinstance(value.get(name), int | float) for name in ("latitude_deg", "longitude_deg")):
+            return value
+        from twilight.sky.twilight_times import time_of  # pvlib is heavy
+
+        place = float(value["latitude_deg"]), float(_longitude(value["longitude_deg"]))
+        try:
+            return {**value, "at": time_of(value["at"], *place, value.get("time_zone")).isoformat()}
+        except TwilightError as error:
+            raise ValueError(str(error)) from None
 
     @model_validator(mode="after")
     def _check(self) -> SunAt:
@@ -114,10 +159,27 @@ class SunInterval(_Place):
         return self
 
 
+class SunTimes(_Place):
+    """The sun over a place at several times, one frame each."""
+
+    times: tuple[Moment, ...] = key(
+        ..., "dates and times in their order, one frame each, at any distance from each other", min_length=1,
+        max_length=10000,
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _check(self) -> SunTimes:
+        self._needs_zone(*self.times)
+        if any(self.aware(b) <= self.aware(a) for a, b in itertools.pairwise(self.times)):
+            raise ValueError("times must be in their order, each once")
+        return self
+
+
 SUN_KEYS = {
     "elevation_deg": "<elevation>",
     "elevations_deg": "<elevations>",
     "at": "<at>",
+    "times": "<times>",
     "start": "<interval>",
     "stop": "<interval>",
     "step_minutes": "<interval>",
@@ -125,12 +187,13 @@ SUN_KEYS = {
     "longitude_deg": "<at>",
     "time_zone": "<at>",
 }
-"""The first of these keys that a `sun:` section holds tells which of its four forms it is."""
+"""The first of these keys that a `sun:` section holds tells which of its five forms it is."""
 
 _SUN_FORMS: dict[type, str] = {
     SunElevation: "<elevation>",
     SunElevations: "<elevations>",
     SunAt: "<at>",
+    SunTimes: "<times>",
     SunInterval: "<interval>",
 }
 
@@ -157,6 +220,7 @@ Sun = Annotated[
     Annotated[SunElevation, Tag("<elevation>")]
     | Annotated[SunElevations, Tag("<elevations>")]
     | Annotated[SunAt, Tag("<at>")]
+    | Annotated[SunTimes, Tag("<times>")]
     | Annotated[SunInterval, Tag("<interval>")],
     Discriminator(sun_form),
     BeforeValidator(_one_form),

@@ -18,7 +18,8 @@ class Terrain(Section):
         "ridges",
         "ridges (mountains by a formula), ridge (one long crest), peak (a single cone), jacksboro (hills of Tennessee, "
         "30 x 32 km, 245 to 1068 m above sea level, the north far), or the path of a .npy or GeoTIFF file with "
-        "altitudes above sea level in metres, rows from the far side to the near one",
+        "altitudes above sea level in metres, rows from the far side to the near one; a GeoTIFF with coordinates lies "
+        "where it is if the sun has a time and a place, which is the observer's",
         min_length=1,
         max_length=1000,
     )
@@ -29,7 +30,7 @@ class Terrain(Section):
     base_km: Number = key(0.0, "altitude of the lowest ground, for formulas", unit="km", ge=-1.0, le=10.0)
     height_km: Number = key(2.0, "of the highest point above it, for formulas", unit="km", gt=0.0, le=100.0)
     seed: Integer = key(1, "of ridges", unit="1", ge=0, le=2**31)
-    ahead_km: Number = key(
+    distance_km: Number = key(
         0.0, "distance of the square's middle from the observer, along its azimuth", unit="km", ge=-3000.0, le=3000.0
     )
     azimuth_deg: Number = key(

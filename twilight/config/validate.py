@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, Tag, ValidationError
 from pydantic.fields import FieldInfo
 
+from twilight.base.errors import TwilightError
 from twilight.config.document import dotted
-from twilight.errors import TwilightError
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
@@ -132,7 +132,7 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     if kind == "value_error":
         text = str(error["ctx"]["error"])
         owner = _section(model, error["loc"])
-        begins_with_a_key = owner is not None and text.split()[0].split(".")[0] in owner.model_fields
+        begins_with_a_key = owner is not None and text.split()[0].split(".")[0].rstrip(":") in owner.model_fields
         return f"{name}{'.' if begins_with_a_key else ' '}{text}" if shown else text
     if kind.endswith(("too_short", "too_long")):
         limits = {k: v for k, v in error["ctx"].items() if k in ("min_length", "max_length")}

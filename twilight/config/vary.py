@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twilight.base.errors import TwilightError
 from twilight.config.validate import unknown
-from twilight.errors import TwilightError
 
 LIST = "list"
 LATIN_HYPERCUBE = "latin_hypercube"

@@ -7,16 +7,16 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from twilight.base.errors import TwilightError
 from twilight.config.base import Integer, Number, Section, key
-from twilight.errors import TwilightError
-from twilight.views import KINDS, kind_of, shape_of, view_rays
+from twilight.numerics.projections import PROJECTIONS, projection_of, shape_of, view_rays
 
 
 def _known(name: str) -> str:
     try:
-        kind_of(name)
+        projection_of(name)
     except TwilightError:
-        raise ValueError(f"must be one of {', '.join(KINDS)}; got {name}") from None
+        raise ValueError(f"must be one of {', '.join(PROJECTIONS)}; got {name}") from None
     return name
 
 
@@ -24,7 +24,7 @@ class View(Section):
     """A picture from the observer's place in any direction, the ground and space included."""
 
     kind: Annotated[str, AfterValidator(_known)] = Field(
-        description=f"projection: {', '.join(KINDS)} (perspective is a pinhole camera, latlong the whole sphere)"
+        description=f"projection: {', '.join(PROJECTIONS)} (perspective is a pinhole camera, latlong the whole sphere)"
     )
     width: Integer = key(1024, "of the picture", unit="pixel", ge=4, le=16384)
     height: Integer | None = key(None, "of the picture; unset: as the kind has it", unit="pixel", ge=1, le=16384)

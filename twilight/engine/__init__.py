@@ -1,9 +1,10 @@
 """The one way from a scene to light: `solve` for any question, `frames` and `run` for whole skies with their record."""
 
 from twilight.engine.answer import Answer
+from twilight.engine.block import Block
 from twilight.engine.frames import Frame, frames, run
 from twilight.engine.memory import check_size
-from twilight.engine.solve import Block, Problem, Solved, problem_of, solve
+from twilight.engine.solve import Problem, Solved, solve
 from twilight.engine.sunbeam import Direct, Sunbeam
 
 __all__ = [
@@ -16,7 +17,6 @@ __all__ = [
     "Sunbeam",
     "check_size",
     "frames",
-    "problem_of",
     "run",
     "solve",
 ]

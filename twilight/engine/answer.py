@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from twilight.atmosphere.bands import Bands
+from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.engine.sunbeam import Direct
-from twilight.sky import Sky
+from twilight.sky.sky import Sky
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Answer:
 
     radiance: shape of the directions plus (W,), and its standard error where there is one.
     polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
-        field has them (signs: `twilight.conventions`), and their standard error.
+        field has them (signs: `twilight.base.conventions`), and their standard error.
     """
 
     radiance: np.ndarray
@@ -29,7 +29,7 @@ class Answer:
     polarisation_error: np.ndarray | None = None
 
 
-def joined(answers: Sequence[Answer]) -> Answer:
+def join_wavelengths(answers: Sequence[Answer]) -> Answer:
     """One answer for all wavelengths from those of all blocks."""
     if len(answers) == 1:
         return answers[0]
@@ -38,14 +38,14 @@ def joined(answers: Sequence[Answer]) -> Answer:
     return Answer(*whole)
 
 
-def stacked(answers: Sequence[Answer]) -> Answer:
+def join_rows(answers: Sequence[Answer]) -> Answer:
     """One answer for all rows of a texture from those of some."""
     parts = zip(*(vars(answer).values() for answer in answers), strict=True)
     whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=0) for part in parts]
     return Answer(*whole)
 
 
-def of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
+def answer_of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
     """The answer that holds Stokes parameters (..., 3, W)."""
     found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
     if error is None:
@@ -53,12 +53,12 @@ def of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
     return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
 
 
-def summed(answer: Answer, bands: Bands) -> Answer:
-    """The answer for wavelengths from that for their lanes."""
-    return Answer(*(None if part is None else bands.summed(part) for part in vars(answer).values()))  # type: ignore[arg-type]
+def sum_terms(answer: Answer, bands: GasBands) -> Answer:
+    """The answer for wavelengths from that for the terms of their exponential sums."""
+    return Answer(*(None if part is None else bands.sum_terms(part) for part in vars(answer).values()))  # type: ignore[arg-type]
 
 
-def sky_of(
+def make_sky(
     medium: Medium,
     grid: tuple[np.ndarray, np.ndarray],
     answer: Answer,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.config.scene import Config
-from twilight.engine.solve import Problem
-from twilight.grids import texture_centres
-from twilight.transport.apparent import horizon_dip_deg
+from twilight.numerics.grids import texture_centres
+from twilight.scene.scene import Scene
+from twilight.transport.refracted_sight import horizon_dip_deg
 
 HIGH_FROM_KM = 0.1
 """Above the ground: from lower down the horizon dips by 0.3 deg at most, and the sky ends at 0 deg."""
@@ -15,17 +14,17 @@ _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 5
 """Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
 
 
-def texture_rows(config: Config, problem: Problem) -> np.ndarray:
+def texture_rows(scene: Scene) -> np.ndarray:
     """Elevations [deg] of the texture's rows: those of the sky, and from high up more, to the horizon and the nadir.
 
     The latter where the solver serves every observer; they bracket the horizon, whose dip is that of the refracted
     ray that touches the ground.
     """
-    rows, _ = texture_centres(config.texture.shape)
-    above_ground_km = config.observer.altitude_km - problem.medium.bottom_km
-    if above_ground_km <= HIGH_FROM_KM or not problem.capabilities.every_observer:
+    rows, _ = texture_centres(scene.configuration.texture.shape)
+    above_ground_km = scene.altitude_km - scene.medium.bottom_km
+    if above_ground_km <= HIGH_FROM_KM or not scene.capabilities.every_observer:
         return rows
-    dip = horizon_dip_deg(problem.medium, config.observer.altitude_km)
+    dip = horizon_dip_deg(scene.medium, scene.altitude_km)
     upper = np.concatenate([-dip + _NEAR_HORIZON_DEG, [0.0]])
     upper = upper[(upper <= 0.0) & (upper < rows[0] - 1e-6)]
     lower = np.append(-dip - _NEAR_HORIZON_DEG, -90.0)

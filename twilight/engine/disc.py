@@ -1,4 +1,4 @@
-"""The sun's disc for an observer: the rows of `twilight.disc.Disc` from the refracted paths of a medium."""
+"""The sun's disc for an observer: the rows of `twilight.sky.disc.Disc` from the refracted paths of a medium."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.disc import SOLAR_RADIUS_DEG, Disc
-from twilight.transport.apparent import Sights
+from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc
+from twilight.transport.refracted_sight import ApparentRays
 
 if TYPE_CHECKING:
-    from twilight.atmosphere.bands import Bands
+    from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
 
 ROW_DEG = 1.0 / 1200.0
 """Distance of rows: 3 arc seconds, a tenth of what the eye resolves."""
 _SEARCH_DEG = 0.01
+"""Distance of the elevations among which the disc's upper and lower edge are sought [deg]."""
 _LIFTED_DEG = 5.0
 """No air of a climate lifts the sun by more."""
 
@@ -25,14 +26,14 @@ def make_disc(
     sun_elevation_deg: float,
     altitude_km: float,
     distance_au: float = 1.0,
-    bands: Bands | None = None,
+    bands: GasBands | None = None,
 ) -> Disc:
     """The disc of a sun at a true elevation [deg], seen from an altitude [km], at the wavelengths of a medium.
 
     bands: of gases, which take from its light too.  All images count: where layers of air bend several lines of sight
     to one point of the disc it is seen several times.
     """
-    sights = Sights(medium)
+    sights = ApparentRays(medium)
     radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
     low, high = sun_elevation_deg - radius - 0.1, min(90.0, sun_elevation_deg + radius + _LIFTED_DEG)
     scan = np.arange(max(low, -90.0), high + _SEARCH_DEG, _SEARCH_DEG)
@@ -50,8 +51,10 @@ def make_disc(
     if bands is None:
         true, passed = sights.follow(altitude_km, rows, np.arange(medium.n_wavelengths))
     else:
-        true, passed = Sights(bands.expand(medium)).follow(altitude_km, rows, np.arange(bands.place.size))
-        true, passed = true[:, np.unique(bands.place, return_index=True)[1]], bands.summed(passed)
+        true, passed = ApparentRays(bands.expand(medium)).follow(
+            altitude_km, rows, np.arange(bands.wavelength_index.size)
+        )
+        true, passed = true[:, np.unique(bands.wavelength_index, return_index=True)[1]], bands.sum_terms(passed)
     if not hits.any():
         passed[:] = 0.0
     return Disc(medium.wavelength_nm, rows, true, passed, float(sun_elevation_deg), radius)

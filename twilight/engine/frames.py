@@ -11,28 +11,37 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.config.scene import Config
-from twilight.config.solver import resolve_solver
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.progress import Meter, Progress, silent
 from twilight.config.sun import SunAt
-from twilight.engine.answer import Answer, joined, sky_of
+from twilight.engine.answer import Answer, join_wavelengths, make_sky
+from twilight.engine.block import Block
 from twilight.engine.directions import texture_rows
 from twilight.engine.disc import make_disc
-from twilight.engine.kept import kept_fields
 from twilight.engine.memory import check_size
-from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
-from twilight.engine.solve import Block, Problem, problem_of
+from twilight.engine.night import (
+    NightLight,
+    check_stars,
+    levels_of,
+    night_light,
+    place_of,
+    star_sky,
+    without_points,
+)
+from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import Look, check_view, landscape, see, together, with_night, with_sun
-from twilight.errors import TwilightError, TwilightWarning
-from twilight.grids import latlong_grid, texture_centres
+from twilight.engine.view import ViewRadiance, check_view, landscape, see, together, with_night, with_sun
 from twilight.io.provenance import configuration_hash
-from twilight.io.rendered import Seen, Sight
-from twilight.progress import Meter, Progress, silent
+from twilight.io.rendered import ViewPixels, ViewSource
+from twilight.numerics.grids import latlong_grid, texture_centres
+from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.record import resolved_configuration
-from twilight.scene.suns import SunPosition, count_suns, suns_of
-from twilight.sky import Sky
-from twilight.spectrum import solar_irradiance
-from twilight.transport.apparent import horizon_dip_deg
+from twilight.scene.scene import Scene
+from twilight.scene.suns import SceneSun
+from twilight.sky.night import night_radiance
+from twilight.sky.sky import Sky
+from twilight.terrain.heights import Standpoint
+from twilight.transport.refracted_sight import horizon_dip_deg
 
 
 @dataclass(frozen=True)
@@ -43,50 +52,65 @@ class Frame:
     name: str
     sky: Sky
     panorama: Sky | None = None
-    view: Sight | None = None
+    view: ViewSource | None = None
 
 
-def run(config: Config, progress: Progress | None = None, *, plain_sun: bool = False) -> Sky:
-    """The sky of a configuration with one sun; plain_sun: as of `Problem`.
+def run(scene: Scene, progress: Progress | None = None, *, numpy_only_sun: bool = False) -> Sky:
+    """The sky of a scene with one sun; numpy_only_sun: as of `Problem`.
 
-    Errors: TwilightError for a configuration with several suns (`frames` gives them one by one), and for whatever in
-    the configuration cannot be computed.
+    Errors: TwilightError for a scene with several suns (`frames` gives them one by one), and for whatever in it cannot
+    be computed.
     """
-    count = count_suns(config)
+    count = len(scene.suns)
     if count > 1:
         raise TwilightError(f"sun: the configuration has {count} suns; frames gives them one by one")
-    return next(iter(frames(config, progress, plain_sun=plain_sun))).sky
+    return next(iter(frames(scene, progress, numpy_only_sun=numpy_only_sun))).sky
 
 
 def frames(
-    config: Config,
+    scene: Scene,
     progress: Progress | None = None,
     *,
     wanted: Collection[str] | None = None,
     keep: bool = True,
-    plain_sun: bool = False,
+    numpy_only_sun: bool = False,
 ) -> Iterator[Frame]:
-    """The skies of a configuration, one for each sun; what does not depend on the sun is computed once for all.
+    """The skies of a scene, one for each sun; what does not depend on the sun is computed once for all.
 
-    wanted: names of the suns that are (`scene.suns.suns_of`); None: all.  keep: whether fields are taken from disk and
-    left there, where the user keeps any.  plain_sun: as of `Problem`.  Warns (TwilightWarning) of a black sky.
     As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
+
+    Parameters
+    ----------
+    scene
+        A scene that was resolved from a configuration.
+    progress
+        Is told what is done.
+    wanted
+        Names of the suns whose skies are computed; None: all.
+    keep
+        Whether fields are taken from the user's cache and left there.
+    numpy_only_sun
+        As of `Problem`.
+
+    Warns
+    -----
+    TwilightWarning
+        Of a black sky.
     """
-    tell = progress or silent
+    tell, config = progress or silent, scene.configuration
     tell("setting up", 0.0)
     check_size(config)
     check_stars(config)
-    started = time.perf_counter()
-    suns = [sun for sun in suns_of(config) if wanted is None or sun.name in wanted]
+    suns = [sun for sun in scene.suns if wanted is None or sun.name in wanted]
     if not suns:
         return
     # ground far away has another sun than the observer
-    asked = None if config.terrain is not None else [sun.elevation_deg for sun in suns]
-    problem = replace(problem_of(config, asked, kept=kept_fields() if keep else None), plain_sun=plain_sun)
-    if config.observer.view is not None:
-        check_view(config.observer.view, problem.capabilities, config.title)
-    set_up_s = time.perf_counter() - started
-    found = [_Found() for _ in suns]
+    known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
+    problem = Problem(scene, known, keep, numpy_only_sun)
+    if scene.observer.view is not None:
+        check_view(scene.observer.view, scene.capabilities, scene.title)
+    set_up_s = 0.0
+    found = [_SunResult() for _ in suns]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
     for b in range(len(problem.slices)):
         begin = time.perf_counter()
@@ -94,24 +118,24 @@ def frames(
         block = problem.block(b, meter)
         set_up_s += time.perf_counter() - begin
         for s, sun in enumerate(suns):
-            meter.looking(b, s)
-            found[s].take(block, sun, config)
+            meter.evaluating(b, s)
+            found[s].take(block, sun)
             if b == len(problem.slices) - 1:
-                frame = _frame(config, problem, sun, found[s], set_up_s)
-                _warn_of_black(config, frame.sky)
+                frame = _frame(scene, sun, found[s], set_up_s)
+                _warn_of_black(scene, frame.sky)
                 yield frame
-                found[s] = _Found()
+                found[s] = _SunResult()
         del block
     tell("done", 1.0)
 
 
-def _warn_of_black(config: Config, sky: Sky) -> None:
-    if sky.normalised_radiance.any() or config.observer.view is not None:
+def _warn_of_black(scene: Scene, sky: Sky) -> None:
+    if sky.normalised_radiance.any() or scene.observer.view is not None:
         return
+    config = scene.configuration
     top_km = config.climate.atmosphere.top_km
-    if config.climate.medium is None and config.observer.altitude_km >= top_km:
-        altitude_km = config.observer.altitude_km
-        why = f"an observer at {altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
+    if config.climate.medium is None and scene.altitude_km >= top_km:
+        why = f"an observer at {scene.altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
         ask = "take a lower observer.altitude_km"
     elif config.night is None:
         why = f"no sunlight reaches it with the sun at {sky.sun_elevation_deg:g} deg"
@@ -122,7 +146,7 @@ def _warn_of_black(config: Config, sky: Sky) -> None:
 
 
 class _Phases(Meter):
-    """A sequence's phases: each block of wavelengths is solved, then looked at under every sun."""
+    """A sequence's phases: each block of wavelengths is solved, then evaluated under every sun."""
 
     def __init__(self, tell: Progress, blocks: int, suns: list[str]):
         super().__init__(tell)
@@ -132,34 +156,44 @@ class _Phases(Meter):
     def solving(self, block: int) -> None:
         self.phase("all suns" if len(self.suns) > 1 else "", block * (1 + len(self.suns)) * self.share, self.share)
 
-    def looking(self, block: int, sun: int) -> None:
+    def evaluating(self, block: int, sun: int) -> None:
         start = (block * (1 + len(self.suns)) + 1 + sun) * self.share
         self.phase(self.suns[sun] if len(self.suns) > 1 else "", start, self.share)
 
 
+def _standpoint(sun: SceneSun) -> Standpoint | None:
+    """Where the observer of a sun with a time and a place stands; None for a sun of an elevation alone."""
+    if sun.azimuth_deg is None or not isinstance(sun.section, SunAt):
+        return None
+    return Standpoint(sun.section.latitude_deg, sun.section.longitude_deg, sun.azimuth_deg)
+
+
 @dataclass
-class _Found:
+class _SunResult:
     """What the blocks give for one sun: on the texture, in the panorama's own directions, of the sun itself."""
 
     texture: list[Answer] = field(default_factory=list)
     panorama: list[Answer] = field(default_factory=list)
-    view: list[Look] = field(default_factory=list)
-    landscape: list[Seen] = field(default_factory=list)
+    view: list[ViewRadiance] = field(default_factory=list)
+    landscape: list[ViewPixels] = field(default_factory=list)
     direct: list[Direct] = field(default_factory=list)
     seconds: float = 0.0
     convergence: dict[str, Any] = field(default_factory=dict)
     facts: dict[str, float] = field(default_factory=dict)
     from_disk: bool = True
 
-    def take(self, block: Block, sun: SunPosition, config: Config) -> None:
-        begin = time.perf_counter()
-        self.texture.append(block.texture(sun.elevation_deg, *_grid(config, block.problem)))
-        if config.observer.view is not None:
-            seen = see(block, config.observer.view, sun.elevation_deg)
+    def take(self, block: Block, sun: SceneSun) -> None:
+        """Evaluate a block under the sun."""
+        begin, config = time.perf_counter(), block.scene.configuration
+        self.texture.append(block.texture(sun.elevation_deg, *_grid(block.scene)))
+        if block.scene.observer.view is not None:
+            seen = see(block, block.scene.observer.view, sun.elevation_deg)
             if config.terrain is None:
                 self.view.append(seen)
             else:
-                self.landscape.append(landscape(block, seen.whole(), config.terrain, sun.elevation_deg))
+                self.landscape.append(
+                    landscape(block, seen.whole(), config.terrain, sun.elevation_deg, _standpoint(sun))
+                )
         if config.texture.latlong_width is not None:
             grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
             self.panorama.append(block.texture(sun.elevation_deg, *grid))
@@ -174,7 +208,8 @@ class _Found:
         self.seconds += time.perf_counter() - begin
 
 
-def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, set_up_s: float) -> Frame:
+def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
+    config = scene.configuration
     direct = Direct(np.concatenate([one.irradiance for one in found.direct]), found.direct[-1].bending_deg)
     place = sun.section if isinstance(sun.section, SunAt) else None
     about: dict[str, Any] = {
@@ -184,57 +219,51 @@ def _frame(config: Config, problem: Problem, sun: SunPosition, found: _Found, se
         "longitude_deg": place.longitude_deg if place else None,
         "time": sun.time,
         "solar_spectrum": config.solar_spectrum,
-        "disc": make_disc(
-            problem.medium, sun.elevation_deg, config.observer.altitude_km, sun.distance_au, problem.bands
-        )
+        "disc": make_disc(scene.medium, sun.elevation_deg, scene.altitude_km, sun.distance_au, scene.bands)
         if config.sun.disc
         else None,
-        "provenance": _provenance(config, problem, sun, found, set_up_s),
+        "provenance": _provenance(scene, sun, found, set_up_s),
     }
 
     def sky(answers: list[Answer], grid: tuple[np.ndarray, np.ndarray]) -> Sky:
-        return sky_of(
-            problem.medium,
+        return make_sky(
+            scene.medium,
             grid,
-            joined(answers),
+            join_wavelengths(answers),
             direct,
             sun.elevation_deg,
-            config.observer.altitude_km,
-            night_radiance=_night(config, problem, sun, *grid)
-            if grid[0][0] >= 0.0
-            else _night_above(config, problem, sun, *grid),
+            scene.altitude_km,
+            night_radiance=_night(scene, sun, *grid) if grid[0][0] >= 0.0 else _night_above(scene, sun, *grid),
             **about,
         )
 
     width = config.texture.latlong_width
     panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
-    night = _night_of_view(config, problem, sun)
-    view: Sight | None = replace(together(found.view, direct), night=night) if found.view else None
+    night = _night_of_view(scene, sun)
+    view: ViewSource | None = replace(together(found.view, direct), night=night) if found.view else None
     if found.landscape:
         radiance = np.concatenate([one.radiance for one in found.landscape], axis=-1)
         seen = replace(found.landscape[0], radiance=radiance)
         view = with_sun(seen if night is None else with_night(seen, night), direct, sun.elevation_deg)
-    return Frame(sun.name, sky(found.texture, _grid(config, problem)), panorama, view)
+    return Frame(sun.name, sky(found.texture, _grid(scene)), panorama, view)
 
 
-def _grid(config: Config, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    return texture_rows(config, problem), texture_centres(config.texture.shape)[1]
+def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    return texture_rows(scene), texture_centres(scene.configuration.texture.shape)[1]
 
 
-def _night_above(
-    config: Config, problem: Problem, sun: SunPosition, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
-) -> np.ndarray | None:
+def _night_above(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
     """The night of rows that go below the horizontal: as at 0 deg down to the horizon, nothing below it."""
-    above = _night(config, problem, sun, np.maximum(elevation_deg, 0.0), azimuth_deg)
+    above = _night(scene, sun, np.maximum(elevation_deg, 0.0), azimuth_deg)
     if above is not None:
-        above[elevation_deg < -horizon_dip_deg(problem.medium, config.observer.altitude_km)] = 0.0
+        above[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
     return above
 
 
-def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Found, set_up_s: float) -> dict[str, Any]:
+def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> dict[str, Any]:
     """What made a sky, as JSON values."""
-    configuration = resolved_configuration(config, sun.section)
-    solver, quality, _ = resolve_solver(config.solver)
+    configuration = resolved_configuration(scene.configuration, sun.section)
+    solver, quality, _ = scene.configuration.chosen_solver
     record: dict[str, Any] = {
         "version": __version__,
         "configuration": configuration,
@@ -243,7 +272,7 @@ def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Foun
         "set_up_time_s": set_up_s,
         "solver": solver,
         "quality": quality,
-        "left_out": [item.part for item in problem.left_out],
+        "left_out": [item.part for item in scene.omissions],
     }
     if found.from_disk:
         record["field_from_disk"] = True  # its run time leaves out solving it
@@ -254,35 +283,34 @@ def _provenance(config: Config, problem: Problem, sun: SunPosition, found: _Foun
     return record
 
 
-def _night(
-    config: Config, problem: Problem, sun: SunPosition, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
-) -> np.ndarray | None:
+def _night(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
     """Radiance of the night sky (E, A, W) where the configuration asks for it."""
+    config = scene.configuration
     if config.night is None:
         return None
-    from twilight.night import night_radiance
 
     return night_radiance(
-        problem.medium,
+        scene.medium,
         elevation_deg,
         azimuth_deg,
         levels_of(config.night),
         sun_elevation_deg=sun.elevation_deg,
         sun_azimuth_deg=sun.azimuth_deg,
         place=place_of(sun),
-        observer_altitude_km=config.observer.altitude_km,
+        observer_altitude_km=scene.altitude_km,
     )
 
 
-def _night_of_view(config: Config, problem: Problem, sun: SunPosition) -> NightLight | None:
+def _night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
     """The night in a view, over the sun's irradiance above the air [sr^-1]."""
-    if config.night is None or config.observer.view is None:
+    config = scene.configuration
+    if config.night is None or scene.observer.view is None:
         return None
-    place, altitude = place_of(sun), config.observer.altitude_km
-    points = None if place is None else star_sky(config.night, problem.medium, altitude)
+    place, altitude = place_of(sun), scene.altitude_km
+    points = None if place is None else star_sky(config.night, scene.medium, altitude)
     levels = levels_of(config.night)
     made = night_light(
-        problem.medium,
+        scene.medium,
         levels if points is None else without_points(levels),
         altitude,
         sun_elevation_deg=sun.elevation_deg,
@@ -291,4 +319,4 @@ def _night_of_view(config: Config, problem: Problem, sun: SunPosition) -> NightL
     )
     if points is not None and place is not None:
         made = replace(made, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
-    return made.over(solar_irradiance(problem.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))
+    return made.over(solar_irradiance(scene.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))

@@ -8,18 +8,23 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Night
-from twilight.config.sun import SunAt, SunInterval
-from twilight.errors import TwilightError
-from twilight.night import NightLevels, Place, night_radiance
-from twilight.night.points import Raster, StarPoints, StarSky, share_of_starlight
-from twilight.orientation import azimuth_elevation, direction
-from twilight.scene.suns import SunPosition
-from twilight.transport.apparent import horizon_dip_deg
+from twilight.config.sun import SunAt, SunInterval, SunTimes
+from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.scene.suns import SceneSun
+from twilight.sky.night import NightLevels, Place, night_radiance
+from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction
+from twilight.transport.refracted_sight import horizon_dip_deg
 
-ROWS, COLUMN_DEG = 46, 3.0
-"""Elevations from the horizon to the zenith, closer towards the horizon; azimuths all round."""
-MEAN_ROWS_DEG, MEAN_COLUMNS_DEG = np.arange(3.0, 90.0, 6.0), np.arange(0.0, 360.0, 30.0)
+ROWS = 46
+"""Elevations from the horizon to the zenith, closer towards the horizon."""
+COLUMN_DEG = 3.0
+"""Distance of azimuths [deg]."""
+MEAN_ROWS_DEG = np.arange(3.0, 90.0, 6.0)
+"""Elevations of the directions [deg] whose light stands for what falls on the ground."""
+MEAN_COLUMNS_DEG = np.arange(0.0, 360.0, 30.0)
+"""Azimuths of these directions [deg]."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,7 @@ def levels_of(night: Night) -> NightLevels:
 
 def check_stars(config: Config) -> None:
     """TwilightError for stars without a place and a time."""
-    if config.night is not None and config.night.stars and not isinstance(config.sun, (SunAt, SunInterval)):
+    if config.night is not None and config.night.stars and not isinstance(config.sun, SunAt | SunTimes | SunInterval):
         raise TwilightError(
             f"{config.title}: night.stars needs a place and a time (sun.at, latitude_deg, longitude_deg); leave it out"
         )
@@ -94,10 +99,10 @@ def star_sky(night: Night, medium: Medium, altitude_km: float) -> StarSky | None
 
 def without_points(levels: NightLevels) -> NightLevels:
     """The glow of all stars without those that are points."""
-    return replace(levels, starlight=levels.starlight * (1.0 - share_of_starlight()))
+    return replace(levels, starlight=levels.starlight * (1.0 - resolved_starlight_fraction()))
 
 
-def place_of(sun: SunPosition) -> Place | None:
+def place_of(sun: SceneSun) -> Place | None:
     """Where and when the observer stands, where a scene says it."""
     at = sun.section
     return Place(at.latitude_deg, at.longitude_deg, sun.time) if isinstance(at, SunAt) and sun.time else None

@@ -29,8 +29,8 @@ class Sunbeam:
     DARK_BELOW_HORIZON_DEG = 2.0
     """Refraction lifts the sun by 1.2 deg at most at the horizon, down and up again (Haber 2005 sec. 4.4: below 2)."""
 
-    def __init__(self, medium: Medium, plain: bool = False):
-        self.medium, self._plain = medium, plain
+    def __init__(self, medium: Medium, numpy_only: bool = False):
+        self.medium, self._numpy_only = medium, numpy_only
         self._made: Beam | None = None
         self._ground: GroundSun | None = None
 
@@ -41,7 +41,7 @@ class Sunbeam:
         out = np.zeros(self.medium.n_wavelengths)
         if sun_elevation_deg < -dip_deg - self.DARK_BELOW_HORIZON_DEG:
             return Direct(out, 0.0)
-        if self._plain and altitude_km <= ground_km:
+        if self._numpy_only and altitude_km <= ground_km:
             if self._ground is None:
                 self._ground = GroundSun(self.medium)
             return Direct(*self._ground.at(sun_elevation_deg))

@@ -3,7 +3,7 @@
 A view is computed on rows and columns of directions that are as fine as its pixels where the light changes fast (at the
 horizon, which refraction moves, about the sun, along the ground by geocentric angle) and coarser elsewhere, and read
 from there by the logarithm, linearly.  The light is its own mirror image about the sun's vertical.  The pixels are made
-by rows when they are asked for (`Look.rows`), so that a picture of any size takes the memory of some of them.
+by rows when they are asked for (`ViewRadiance.rows`), so that a picture of any size takes the memory of some of them.
 """
 
 from __future__ import annotations
@@ -13,36 +13,42 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.errors import TwilightError
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
-from twilight.conventions import EARTH_RADIUS_KM
+from twilight.engine.block import Block
 from twilight.engine.night import NightLight
-from twilight.engine.solve import Block, Solved
+from twilight.engine.solve import Solved
 from twilight.engine.sunbeam import Direct
-from twilight.errors import TwilightError
-from twilight.io.rendered import Seen
-from twilight.orientation import azimuth_elevation, direction
+from twilight.io.rendered import ViewPixels
+from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.solvers.base import Capabilities
-from twilight.terrain.heights import heights_of
-from twilight.terrain.scene import DEGREE, Place, add_terrain
+from twilight.terrain.aerial_perspective import DEGREE
+from twilight.terrain.heights import Standpoint, heights_of
+from twilight.terrain.scene import Viewpoint, add_terrain
 from twilight.transport.beam import prepare_beam
 from twilight.transport.scaling import delta_scaled
 
-SUN_RADIUS_DEG = 0.2666
-GROWTH, LARGEST_STEP_DEG = 0.06, 2.0
-"""Steps grow by this share of the distance from where they are finest, to at most this."""
+GROWTH = 0.06
+"""Growth of the steps between nodes per distance from where the nodes are finest."""
+LARGEST_STEP_DEG = 2.0
+"""Largest step between nodes [deg]."""
 COARSEST_DEG = 0.5
-"""Elevations at the horizon are no farther apart, however coarse the pixels are."""
+"""Largest distance of elevations at the horizon [deg], however coarse the pixels are."""
 HORIZON_BAND_DEG = (-0.15, 0.6)
-"""About the horizon of straight lines: where refraction may move it; steps there are a pixel."""
+"""Elevations from the horizon of straight lines [deg] to which refraction may move it; steps there are a pixel."""
 GROUND_STEP_DEG = 0.5
-"""Of the geocentric angle along the ground: 0.5 deg of solar zenith angle."""
+"""Step of the geocentric angle along the ground [deg], by which the solar zenith angle changes there."""
 AUREOLE_STEP_DEG = 0.2
+"""Smallest step about the sun [deg], which the light of the aureole needs."""
 DARK = 1e-30
 """Radiance [sr^-1] that stands for none where logarithms are interpolated."""
 PIXELS_AT_ONCE = 1 << 18
+"""Pixels whose directions are held at once."""
 PITCH_ROWS = 64
-"""Of a picture, where the angle between its pixels is measured."""
+"""Rows of a picture in which the angle between its pixels is measured."""
 
 
 def grown(centre: float, finest: float, low: float, high: float, largest: float = LARGEST_STEP_DEG) -> np.ndarray:
@@ -107,7 +113,7 @@ def most_nodes(view: View, altitude_km: float) -> int:
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewRadiance:
     """What a view shows, on nodes; its pixels are made when they are asked for.
 
     elevation_deg (E,), azimuth_deg (A,): the nodes, azimuths from the sun within 0..180; radiance (E, A, W):
@@ -134,7 +140,7 @@ class Look:
         """(height, width) [pixels]."""
         return self.view.shape
 
-    def rows(self, first: int, stop: int) -> Seen:
+    def rows(self, first: int, stop: int) -> ViewPixels:
         """Some rows of the picture, with the sun's disc where `direct` is known."""
         rays = self.view.rays((first, stop))
         azimuth, elevation = azimuth_elevation(rays)
@@ -142,12 +148,12 @@ class Look:
         folded = np.minimum(azimuth, 360.0 - azimuth)[inside]
         picture = np.full((*elevation.shape, self.radiance.shape[-1]), np.nan, np.float32)
         picture[inside] = interpolate(self.elevation_deg, self.azimuth_deg, self.radiance, elevation[inside], folded)
-        seen = Seen(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
+        seen = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
         if self.night is not None:
             seen = with_night(seen, self.night)
         return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
 
-    def whole(self) -> Seen:
+    def whole(self) -> ViewPixels:
         """The picture."""
         return self.rows(0, self.shape[0])
 
@@ -161,12 +167,12 @@ def check_view(view: View, able: Capabilities, title: str) -> None:
         )
 
 
-def see(block: Block, view: View, sun_elevation_deg: float) -> Look:
+def see(block: Block, view: View, sun_elevation_deg: float) -> ViewRadiance:
     """What a block of wavelengths shows in a view, without the sun's disc."""
     (low, high), (left, right) = _extent(view)
     pitch = pixel_pitch_deg(view)
     medium = block.medium
-    above_ground = block.problem.altitude_km - medium.bottom_km
+    above_ground = block.scene.altitude_km - medium.bottom_km
     radius = medium.earth_radius_km + medium.bottom_km
     e = elevation_nodes(low, high, min(pitch, COARSEST_DEG), above_ground, radius, sun_elevation_deg)
     a = azimuth_nodes(left, right, pitch, above_ground)
@@ -175,15 +181,15 @@ def see(block: Block, view: View, sun_elevation_deg: float) -> Look:
         block.answer(sun_elevation_deg, *np.meshgrid(e[k : k + rows], a, indexing="ij")).radiance
         for k in range(0, e.size, rows)
     ]
-    return Look(view, e, a, parts[0] if len(parts) == 1 else np.concatenate(parts), pitch, sun_elevation_deg)
+    return ViewRadiance(view, e, a, parts[0] if len(parts) == 1 else np.concatenate(parts), pitch, sun_elevation_deg)
 
 
-def look(solved: Solved, view: View, sun_elevation_deg: float) -> Look:
+def look(solved: Solved, view: View, sun_elevation_deg: float) -> ViewRadiance:
     """What a solved field shows in a view, with the sun's disc: `twilight.io.view.picture` paints it."""
     return together([see(block, view, sun_elevation_deg) for block in solved.blocks], solved.direct(sun_elevation_deg))
 
 
-def together(looks: Sequence[Look], direct: Direct) -> Look:
+def together(looks: Sequence[ViewRadiance], direct: Direct) -> ViewRadiance:
     """The same view at the wavelengths of all blocks, and the sun's disc in it."""
     return replace(looks[0], radiance=np.concatenate([one.radiance for one in looks], axis=-1), direct=direct)
 
@@ -210,16 +216,26 @@ def check_terrain(block: Block) -> None:
         raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
 
 
-def landscape(block: Block, seen: Seen, terrain: Terrain, sun_elevation_deg: float) -> Seen:
-    """What a block of wavelengths shows of a view with terrain in it."""
+def landscape(
+    block: Block,
+    seen: ViewPixels,
+    terrain: Terrain,
+    sun_elevation_deg: float,
+    standpoint: Standpoint | None = None,
+) -> ViewPixels:
+    """What a block of wavelengths shows of a view with terrain in it.
+
+    standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
+    """
     check_terrain(block)
-    medium, altitude = block.medium, block.problem.altitude_km
-    place = Place(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
-    beam = prepare_beam(delta_scaled(medium, DEGREE).medium)
-    heights = heights_of(terrain)
+    medium, altitude = block.medium, block.scene.altitude_km
+    place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
+    scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
+    beam = prepare_beam(scaled.medium)
+    heights = heights_of(terrain, standpoint=standpoint)
     rays = seen.rays.astype(float)
     made = add_terrain(seen.radiance, rays, heights, block.field, medium, beam, place, terrain.albedo, terrain.shadows)
-    return Seen(seen.kind, seen.rays, made.radiance, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
+    return ViewPixels(seen.kind, seen.rays, made.radiance, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
 
 
 def interpolate(e: np.ndarray, a: np.ndarray, values: np.ndarray, elevation: np.ndarray, azimuth: np.ndarray):
@@ -237,13 +253,13 @@ def interpolate(e: np.ndarray, a: np.ndarray, values: np.ndarray, elevation: np.
     return out
 
 
-def with_night(seen: Seen, night: NightLight) -> Seen:
+def with_night(seen: ViewPixels, night: NightLight) -> ViewPixels:
     """The view with the night's light behind and in the air; terrain in it is lit as the ground is."""
     lit = night.seen_by(seen.rays.astype(float), seen.pitch_deg, seen.hidden)
     return replace(seen, radiance=(seen.radiance + lit).astype(np.float32))
 
 
-def with_sun(seen: Seen, direct: Direct, sun_elevation_deg: float) -> Seen:
+def with_sun(seen: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
     """The view with the sun's disc where its light arrives: everywhere as bright as its mean, its edge one pixel wide.
 
     direct: at the observer; the disc stands where refraction lifts its centre to, and is round.
@@ -252,9 +268,9 @@ def with_sun(seen: Seen, direct: Direct, sun_elevation_deg: float) -> Seen:
         return seen
     sun = direction(0.0, sun_elevation_deg + direct.bending_deg)
     off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(seen.rays - sun, axis=-1))))
-    share = np.clip((SUN_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
+    share = np.clip((SOLAR_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
     if seen.hidden is not None:
         share = np.where(seen.hidden, 0.0, share)
-    solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SUN_RADIUS_DEG)))
+    solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
     disc = np.nan_to_num(share)[..., None] * (direct.irradiance / solid_angle)
     return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=np.nan_to_num(share))

@@ -1,26 +1,20 @@
-"""The sun's disc in pictures and environment maps, and ``sun.png``, its close-up."""
+"""The sun's disc in pictures and environment maps."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from twilight import colour
-from twilight.disc import Disc
-from twilight.io.environment import ground_factor, pixel_of, pixel_solid_angle
-from twilight.io.rendered import Options, Rendered
-from twilight.sky import Sky
-from twilight.tone import Film, Light, Shot, film_of
+from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.io.environment import pixel_of, pixel_solid_angle
+from twilight.sky import colour
+from twilight.sky.disc import Disc
+from twilight.sky.sky import Sky
+from twilight.sky.tone import Light, Tone
 
 COLOUR_STEP_NM = 10.0
 """Every wavelength has an edge of the disc of its own: colours need more of them than the sky."""
 _NODES = 24
 """Points of a row, from limb to limb, whose light is given to the pixels of a map."""
-
-CLOSE_UP_DEG = 0.8
-"""Field of ``sun.png``, from side to side."""
-CLOSE_UP_PIXELS = 400
 
 
 def _fine(disc: Disc) -> Disc:
@@ -35,22 +29,22 @@ def _xyz(sky: Sky, disc: Disc, factor: np.ndarray, observer: str) -> np.ndarray:
     return colour.factor_to_xyz(factor, disc.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
 
 
-def add_to_map_xyz(sky: Sky, picture: np.ndarray, target: str, width: int, observer: str) -> None:
+def add_to_map_xyz(sky: Sky, picture: np.ndarray, renderer: str, width: int, observer: str) -> None:
     """Add the light of the disc to an environment map (height, width, 3) of XYZ [cd m^-2]."""
     if sky.disc is None:
         return
     disc = _fine(sky.disc)
     elevation, azimuth, light = _pieces(disc)
     if light.size:
-        _give(sky, picture, target, width, elevation, azimuth, _xyz(sky, disc, light, observer))
+        _give(sky, picture, renderer, width, elevation, azimuth, _xyz(sky, disc, light, observer))
 
 
-def add_to_map_factor(sky: Sky, picture: np.ndarray, target: str, width: int) -> None:
+def add_to_map_factor(sky: Sky, picture: np.ndarray, renderer: str, width: int) -> None:
     """Add the light of the disc to an environment map (height, width, W) of radiance over F0 [sr^-1]."""
     if sky.disc is not None:
         elevation, azimuth, light = _pieces(sky.disc)
         if light.size:
-            _give(sky, picture, target, width, elevation, azimuth, light)
+            _give(sky, picture, renderer, width, elevation, azimuth, light)
 
 
 def _pieces(disc: Disc) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -78,15 +72,15 @@ def _pieces(disc: Disc) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _give(
     sky: Sky,
     picture: np.ndarray,
-    target: str,
+    renderer: str,
     width: int,
     elevation: np.ndarray,
     azimuth: np.ndarray,
     light: np.ndarray,
 ) -> None:
     """Give light (N, K) to the pixels that it comes from, as radiance: the map keeps its sum."""
-    row, column = pixel_of(target, width, elevation, azimuth + (sky.sun_azimuth_deg or 0.0))
-    np.add.at(picture, (row, column), light / pixel_solid_angle(target, width)[row, column, None])
+    row, column = pixel_of(renderer, width, elevation, azimuth + (sky.sun_azimuth_deg or 0.0))
+    np.add.at(picture, (row, column), light / pixel_solid_angle(renderer, width)[row, column, None])
 
 
 def add_to_picture(
@@ -94,10 +88,10 @@ def add_to_picture(
     picture: np.ndarray,
     elevation_deg: np.ndarray,
     azimuth_deg: np.ndarray,
-    film: Film,
+    tone: Tone,
     points: int = 8,
 ) -> None:
-    """Add the disc to a picture (height, width, K) of a film's channels, whose pixels look in directions from the sun.
+    """Add the disc to a picture (height, width, K) of a tone's channels, whose pixels look in directions from the sun.
 
     elevation_deg, azimuth_deg: broadcast to (height, width).  Each pixel holds the mean of points x points.
     """
@@ -121,7 +115,7 @@ def add_to_picture(
     for start in range(0, e.shape[0], 512):
         part = slice(start, start + 512)
         light = disc.radiance(e[part], a[part]).mean(axis=(1, 2))
-        picture[where[0][part], where[1][part]] += film.see(light, disc.wavelength_nm, light_of(sky))
+        picture[where[0][part], where[1][part]] += tone.see(light, disc.wavelength_nm, light_of(sky))
 
 
 def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,51 +130,6 @@ def light_of(sky: Sky) -> Light:
     return Light(sky.solar_spectrum, sky.distance_au)
 
 
-def close_up(sky: Sky, film: Film) -> tuple[np.ndarray, float]:
-    """A film's channels of a square of 0.8 deg around the disc (pixels, pixels, K), and its middle's elevation [deg].
-
-    The sky is that of the disc's surroundings, and below the horizon the ground; without a disc in sight the square
-    stands on the horizon.
-    """
-    assert sky.disc is not None
-    lower, upper = sky.disc.edges_deg()
-    middle = 0.5 * (lower + upper) if np.isfinite(lower) else 0.5 * CLOSE_UP_DEG
-    offset = ((np.arange(CLOSE_UP_PIXELS) + 0.5) / CLOSE_UP_PIXELS - 0.5) * CLOSE_UP_DEG
-    elevation = (middle - offset)[:, None]
-    azimuth = offset[None, :] / np.cos(np.radians(middle))
-    seen = film.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
-    lowest = max(float(sky.elevation_edges_deg[0]), -dip_deg(sky))
-    picture = sky.smooth(seen, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
-    picture[elevation[:, 0] < -dip_deg(sky)] = film.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
-    add_to_picture(sky, picture, elevation, azimuth, film, points=2)
-    return picture, float(middle)
-
-
 def dip_deg(sky: Sky) -> float:
     """Dip of the horizon [deg] of a smooth Earth without refraction."""
-    from twilight.conventions import EARTH_RADIUS_KM
-
     return float(np.degrees(np.arccos(EARTH_RADIUS_KM / (EARTH_RADIUS_KM + max(sky.observer_altitude_km, 0.0)))))
-
-
-def write_picture(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
-    """``sun.png``: the disc alone fills the picture, exposed for itself."""
-    from twilight.errors import TwilightError
-    from twilight.io.picture import save_png
-
-    sky = rendered.seen
-    if sky.disc is None:
-        raise TwilightError("output.files: disc needs sun.disc: true")
-    film = film_of(options.tone_mapping, options.observer, options.tone_settings)
-    picture, middle = close_up(sky, film)
-    luminance = picture[..., 1]
-    bright = luminance[luminance > 0.02 * luminance.max()]
-    key = float(np.exp(np.log(bright).mean())) if bright.size else 1e-6
-    ev100 = float(np.log2(key / (3.0 * colour.GREY_LUMINANCE_AT_EV100_0)))
-    display, _ = film.develop(picture, Shot(ev100, CLOSE_UP_DEG / CLOSE_UP_PIXELS))
-    facts = {
-        "field_deg": f"{CLOSE_UP_DEG:g}",
-        "middle_elevation_deg": f"{middle:.6g}",
-        "exposure_ev100": f"{ev100:.6g}",
-    }
-    return [save_png(display, folder / "sun.png", sky, facts)]

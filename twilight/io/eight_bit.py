@@ -18,7 +18,7 @@ def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
     mean and not in every pixel; it is fixed: equal skies give equal files.  NaN is black.  first_row: of the
     whole picture, where this is a part of it.
     """
-    noise = _noise(picture.shape, first_row) if picture.size > KEPT_VALUES else _kept_noise(picture.shape, first_row)
+    noise = _noise(picture.shape, first_row) if picture.size > KEPT_VALUES else _cached_noise(picture.shape, first_row)
     return np.clip(np.floor(np.nan_to_num(picture) * 255.0 + noise), 0, 255).astype(np.uint8)
 
 
@@ -31,7 +31,7 @@ def _noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def _kept_noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
+def _cached_noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
     """The pictures of a film have one pattern."""
     noise = _noise(shape, first_row)
     noise.flags.writeable = False

@@ -1,4 +1,4 @@
-"""Where the pixels of an environment map look, for every renderer that is a target, and what they see.
+"""Where the pixels of an environment map look, for every renderer that is a renderer, and what they see.
 
 All maps hold directions of the world: azimuth clockwise from north.  With u, v in 0..1 from the picture's upper left:
 
@@ -22,29 +22,29 @@ from typing import Literal
 
 import numpy as np
 
-from twilight.errors import TwilightError
-from twilight.sky import Sky
+from twilight.base.errors import TwilightError
+from twilight.sky.sky import Sky
 
 Target = Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"]
-TARGETS: tuple[str, ...] = ("openexr", "mitsuba", "blender", "radiance", "pbrt")
+RENDERERS: tuple[str, ...] = ("openexr", "mitsuba", "blender", "radiance", "pbrt")
 
 _LATLONG = {"openexr": (0.0, 360.0), "mitsuba": (0.0, 360.0), "blender": (90.0, 360.0), "radiance": (90.0, -360.0)}
 """Azimuth in the middle of the picture [deg] and its change over the picture's width [deg]."""
 
 
-def environment_directions(target: str, width: int) -> tuple[np.ndarray, np.ndarray]:
+def environment_directions(renderer: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Elevation and azimuth (clockwise from north) of every pixel centre [deg], which broadcast to (height, width').
 
     Latitude-longitude: (height, 1) and (1, width), half as high; ``pbrt``: squares with sides of width / 2.
-    Raises TwilightError for an unknown target or a width that is not a positive multiple of 4.
+    Raises TwilightError for an unknown renderer or a width that is not a positive multiple of 4.
     """
-    if target not in TARGETS:
-        raise TwilightError(f"target: '{target}' is not known, choose one of {', '.join(TARGETS)}")
+    if renderer not in RENDERERS:
+        raise TwilightError(f"renderer: '{renderer}' is not known, choose one of {', '.join(RENDERERS)}")
     if width < 4 or width % 4:
         raise TwilightError(f"width: {width} must be a positive multiple of 4")
-    if target == "pbrt":
+    if renderer == "pbrt":
         return _octahedral_directions(width // 2)
-    middle, turn = _LATLONG[target]
+    middle, turn = _LATLONG[renderer]
     azimuth = np.mod(middle + turn * ((np.arange(width) + 0.5) / width - 0.5), 360.0)
     elevation = 90.0 - 360.0 * (np.arange(width // 2) + 0.5) / width
     return elevation[:, None], azimuth[None, :]
@@ -72,12 +72,12 @@ def _octahedral_directions(side: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pixel_of(
-    target: str, width: int, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
+    renderer: str, width: int, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of the pixel that a direction of the world falls into, for arrays of one shape."""
-    if target == "pbrt":
+    if renderer == "pbrt":
         return _octahedral_pixel(width // 2, elevation_deg, azimuth_deg)
-    middle, turn = _LATLONG[target]
+    middle, turn = _LATLONG[renderer]
     across = np.mod((np.asarray(azimuth_deg) - middle) / turn + 0.5, 1.0)
     column = np.minimum((across * width).astype(int), width - 1)
     row = np.clip(((90.0 - np.asarray(elevation_deg)) / 360.0 * width).astype(int), 0, width // 2 - 1)
@@ -99,9 +99,9 @@ def _octahedral_pixel(side: int, elevation_deg: np.ndarray, azimuth_deg: np.ndar
     return row, column
 
 
-def pixel_solid_angle(target: str, width: int) -> np.ndarray:
+def pixel_solid_angle(renderer: str, width: int) -> np.ndarray:
     """Solid angle of every pixel [sr], (height, width'); they sum to 4 pi."""
-    if target == "pbrt":
+    if renderer == "pbrt":
         return np.full((width // 2, width // 2), 16.0 * np.pi / width**2)
     edge = np.sin(np.radians(90.0 - 360.0 * np.arange(width // 2 + 1) / width))
     return np.repeat((edge[:-1] - edge[1:])[:, None] * 2.0 * np.pi / width, width, axis=1)
@@ -117,17 +117,17 @@ def ground_factor(sky: Sky) -> np.ndarray:
     return sky.ground_albedo / np.pi * sky.irradiance_factor(direct=sky.direct_irradiance is not None)
 
 
-def environment(sky: Sky, values: np.ndarray, ground: np.ndarray, target: str, width: int) -> np.ndarray:
+def environment(sky: Sky, values: np.ndarray, ground: np.ndarray, renderer: str, width: int) -> np.ndarray:
     """Values (E, A, K) on the sky's grid and (K,) for the ground as an environment map, (height, width', K).
 
     The sky is interpolated by ``Sky.smooth``; a grid of the picture's own directions (``sky.latlong_grid``) comes
     through unchanged.  Everything below the sky's lower edge is ground.
     """
-    elevation, azimuth = environment_directions(target, width)
+    elevation, azimuth = environment_directions(renderer, width)
     azimuth = azimuth - (sky.sun_azimuth_deg or 0.0)
     above = elevation >= sky.elevation_edges_deg[0]
     picture = np.empty((*np.broadcast_shapes(elevation.shape, azimuth.shape), values.shape[2]), dtype=values.dtype)
-    if target == "pbrt":
+    if renderer == "pbrt":
         picture[above] = sky.smooth(values, elevation[above], azimuth[above])
         picture[~above] = ground
     else:

@@ -11,9 +11,9 @@ from twilight.io.rgbe import write_hdr
 
 def write_rgb(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.rgb.exr``, and ``sky.rgb.hdr`` for Radiance, whose tools read no EXR."""
-    size = {"target": options.target, "width": options.width, "observer": options.observer, "disc": options.disc}
+    size = {"renderer": options.renderer, "width": options.width, "observer": options.observer, "disc": options.disc}
     written = [write_rgb_exr(rendered.seen, folder / "sky.rgb.exr", **size)]  # type: ignore[arg-type]
-    if options.target == "radiance":
+    if options.renderer == "radiance":
         written.append(write_hdr(rendered.seen, folder / "sky.rgb.hdr", **size))  # type: ignore[arg-type]
     return written
 
@@ -25,7 +25,7 @@ def write_spectral(rendered: Rendered, folder: Path, options: Options) -> list[P
         write_spectral_exr(
             rendered.fine,
             path,
-            target=options.target,
+            renderer=options.renderer,
             width=options.spectral_width,
             observer=options.observer,
             disc=options.disc,

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from twilight import colour, spectrum
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.reading import check_expansion, first_line
+from twilight.base.whole_files import whole_file
 from twilight.io.disc import add_to_map_factor, add_to_map_xyz
 from twilight.io.environment import environment, environment_directions, ground_factor
 from twilight.io.facts import header_of
 from twilight.io.provenance import PREFIX, provenance_fields
-from twilight.io.whole import whole_file
-from twilight.reading import check_expansion, first_line
-from twilight.sky import Sky
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.sky import Sky
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white (ITU-R BT.709)."""
@@ -39,8 +40,8 @@ class LatLong:
         return float(self.attributes.get("whiteLuminance", 1.0))
 
 
-def _header(sky: Sky, target: str, observer: str, disc: bool = False) -> dict[str, Any]:
-    import OpenEXR
+def _header(sky: Sky, renderer: str, observer: str, disc: bool = False) -> dict[str, Any]:
+    import OpenEXR  # start-up
 
     header: dict[str, Any] = {
         "compression": OpenEXR.ZIP_COMPRESSION,
@@ -48,7 +49,7 @@ def _header(sky: Sky, target: str, observer: str, disc: bool = False) -> dict[st
         "software": "twilight",
         "chromaticities": REC709_CHROMATICITIES,
         "whiteLuminance": float(spectrum.LUMINOUS_EFFICACY_LM_PER_W),
-        f"{PREFIX}Target": target,
+        f"{PREFIX}Renderer": renderer,
         f"{PREFIX}Colour": colour.colour_note(sky, observer),
         f"{PREFIX}SunElevationDeg": float(sky.sun_elevation_deg),
         f"{PREFIX}SunAzimuthDeg": float(sky.sun_azimuth_deg or 0.0),
@@ -57,7 +58,7 @@ def _header(sky: Sky, target: str, observer: str, disc: bool = False) -> dict[st
         f"{PREFIX}SolarSpectrum": sky.solar_spectrum,
         f"{PREFIX}SunDisc": "in the map" if disc and sky.disc is not None else "not in the map",
     } | header_of(sky)
-    if target != "pbrt":
+    if renderer != "pbrt":
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
     if sky.time is not None:
         header["capDate"] = sky.time.strftime("%Y:%m:%d %H:%M:%S")
@@ -70,9 +71,20 @@ def _header(sky: Sky, target: str, observer: str, disc: bool = False) -> dict[st
     return header
 
 
-def _write(path: str | Path, header: dict[str, Any], channels: dict[str, np.ndarray]) -> Path:
-    import OpenEXR
+def write_channels(path: str | Path, channels: dict[str, np.ndarray], attributes: dict[str, Any] | None = None) -> Path:
+    """Write planes (H, W) as a float32 EXR, whole or not at all; values beyond float32 are clipped.
 
+    Red, green and blue are linear Rec. 709.  Errors: TwilightError.
+    """
+    import OpenEXR  # start-up
+
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "software": "twilight",
+        "chromaticities": REC709_CHROMATICITIES,
+        **(attributes or {}),
+    }
     largest = float(np.finfo(np.float32).max)
     planes = {k: np.ascontiguousarray(np.clip(v, -largest, largest), dtype=np.float32) for k, v in channels.items()}
     with whole_file(path) as temporary, OpenEXR.File(header, planes) as file:
@@ -80,26 +92,26 @@ def _write(path: str | Path, header: dict[str, Any], channels: dict[str, np.ndar
     return Path(path)
 
 
-def environment_rgb(sky: Sky, target: str, width: int, observer: str, *, disc: bool = False) -> np.ndarray:
+def environment_rgb(sky: Sky, renderer: str, width: int, observer: str, *, disc: bool = False) -> np.ndarray:
     """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3).
 
-    Colours outside the gamut keep their negative values for the target ``openexr``; for a renderer they are moved into
-    it (``colour.into_gamut``): negative light makes Mitsuba warn at every sample.
+    Colours outside the gamut keep their negative values with ``openexr``; for a renderer they are moved into it
+    (``colour.into_gamut``): negative light makes Mitsuba warn at every sample.
     """
     xyz = colour.sky_to_xyz(sky, observer=observer)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
-    picture = environment(sky, xyz, ground, target, width)
+    picture = environment(sky, xyz, ground, renderer, width)
     if disc:
-        add_to_map_xyz(sky, picture, target, width, observer)
+        add_to_map_xyz(sky, picture, renderer, width, observer)
     rgb = colour.xyz_to_linear_rgb(picture) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
-    return rgb if target == "openexr" else colour.into_gamut(rgb)
+    return rgb if renderer == "openexr" else colour.into_gamut(rgb)
 
 
 def write_rgb_exr(
     sky: Sky,
     path: str | Path,
     *,
-    target: str = "openexr",
+    renderer: str = "openexr",
     width: int = 1024,
     observer: str = colour.DEFAULT_OBSERVER,
     disc: bool = False,
@@ -107,20 +119,21 @@ def write_rgb_exr(
     """Write the environment map as linear Rec. 709 (D65), float32, channels R, G, B and nothing else.
 
     1 stands for 683 cd m^-2 (header ``whiteLuminance``), so that the values are radiances weighted with V(lambda),
-    W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values for the target ``openexr``
-    and are moved into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).
+    W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values with ``openexr`` and
+    are moved into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).
     Orientation and width: ``io.environment``.  The lower hemisphere is the Lambertian ground.  ``disc``: whether the
     sun's disc (``Sky.disc``) is in it, its light in the pixels that it comes from.  Raises TwilightError for an unknown
-    target.
+    renderer.
     """
-    rgb = environment_rgb(sky, target, width, observer, disc=disc)
-    return _write(path, _header(sky, target, observer, disc), {name: rgb[..., i] for i, name in enumerate("RGB")})
+    rgb = environment_rgb(sky, renderer, width, observer, disc=disc)
+    planes = {name: rgb[..., i] for i, name in enumerate("RGB")}
+    return write_channels(path, planes, _header(sky, renderer, observer, disc))
 
 
 def write_picture_exr(planes: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
     """Write a picture of a sky that is no environment map: red, green, blue (linear Rec. 709 in the units of
     `write_rgb_exr`) and alpha, (4, H, W) float32, which is clipped in place to what that holds."""
-    import OpenEXR
+    import OpenEXR  # start-up
 
     header = {name: value for name, value in _header(sky, "openexr", observer).items() if name != "envmap"}
     largest = float(np.finfo(np.float32).max)
@@ -134,7 +147,7 @@ def write_spectral_exr(
     sky: Sky,
     path: str | Path,
     *,
-    target: str = "openexr",
+    renderer: str = "openexr",
     width: int = 256,
     observer: str = colour.DEFAULT_OBSERVER,
     disc: bool = False,
@@ -146,21 +159,21 @@ def write_spectral_exr(
     one string only; ``twilightRadianceUnits`` states the unit, ``twilightWavelengthBoundsNm`` the bins.
     """
     sun = sky.solar_irradiance
-    spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), target, width).astype(float)
+    spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), renderer, width).astype(float)
     if disc:
-        add_to_map_factor(sky, spectra, target, width)
+        add_to_map_factor(sky, spectra, renderer, width)
     spectra *= sun
-    rgb = environment_rgb(sky, target, width, observer, disc=disc)
+    rgb = environment_rgb(sky, renderer, width, observer, disc=disc)
     channels = {name: rgb[..., i] for i, name in enumerate("RGB")}
     for i, wavelength in enumerate(sky.wavelength_nm):
         channels[_channel("S0", wavelength)] = spectra[..., i]
     if len(channels) != 3 + sky.wavelength_nm.size:
         raise TwilightError(f"{path}: wavelengths closer than 1e-6 nm cannot be told apart in a spectral EXR")
     if sky.polarisation is not None:
-        for name, values in zip(("S1", "S2"), _stokes(sky, spectra, target, width), strict=True):
+        for name, values in zip(("S1", "S2"), _stokes(sky, spectra, renderer, width), strict=True):
             for i, wavelength in enumerate(sky.wavelength_nm):
                 channels[_channel(name, wavelength)] = values[..., i]
-    header = _header(sky, target, observer) | {
+    header = _header(sky, renderer, observer) | {
         "spectralLayoutVersion": "1.0",
         "emissiveUnits": "W.m^-2.sr^-1",
         f"{PREFIX}RadianceUnits": "W.m^-2.sr^-1.nm^-1",
@@ -175,7 +188,7 @@ def write_spectral_exr(
             "S1 = Q, S2 = U: plane through the line of sight and the vertical of the sky (not of the picture); S1 > 0: "
             "light vibrates in it; S2 > 0: seen along the line of sight the vibration leans clockwise from the vertical"
         )
-    return _write(path, header, channels)
+    return write_channels(path, channels, header)
 
 
 def _channel(component: str, wavelength_nm: float) -> str:
@@ -183,19 +196,19 @@ def _channel(component: str, wavelength_nm: float) -> str:
     return f"{component}.{f'{wavelength_nm:.6f}'.replace('.', ',')}nm"
 
 
-def _stokes(sky: Sky, spectra: np.ndarray, target: str, width: int) -> tuple[np.ndarray, np.ndarray]:
+def _stokes(sky: Sky, spectra: np.ndarray, renderer: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Q and U of an environment map whose I is `spectra` (height, width', W); the ground is unpolarised."""
-    elevation, azimuth = environment_directions(target, width)
+    elevation, azimuth = environment_directions(renderer, width)
     elevation, azimuth = np.broadcast_arrays(elevation, azimuth - (sky.sun_azimuth_deg or 0.0))
     above = elevation >= sky.elevation_edges_deg[0]
     q, u = np.zeros_like(spectra), np.zeros_like(spectra)
-    share = sky.sample_polarised_share(elevation[above], azimuth[above])
+    share = sky.sample_fractional_stokes(elevation[above], azimuth[above])
     q[above], u[above] = share[..., 0, :] * spectra[above], share[..., 1, :] * spectra[above]
     return q, u
 
 
 def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    import OpenEXR
+    import OpenEXR  # start-up
 
     path = Path(path)
     check_expansion(path, sum(_part_bytes(path, header) for header in _headers(path)))
@@ -218,7 +231,7 @@ def exr_size(path: str | Path) -> tuple[int, int]:
 
 def _headers(path: Path) -> list[dict[str, Any]]:
     """The header of every part, without the pixels."""
-    import OpenEXR
+    import OpenEXR  # start-up
 
     if not isfile(path):
         raise TwilightError(f"{path}: no such file")
@@ -236,7 +249,7 @@ def _size(header: dict[str, Any]) -> tuple[int, int]:
 
 def _part_bytes(path: Path, header: dict[str, Any]) -> float:
     """Bytes of the pixels that a part's header describes, at half precision."""
-    import OpenEXR
+    import OpenEXR  # start-up
 
     if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
         raise TwilightError(f"{path}: has samples at several depths, which are not read")

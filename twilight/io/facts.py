@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from twilight.sky import Sky
+from twilight.sky.sky import Sky
 
 
 class Fact(NamedTuple):

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twilight.errors import TwilightError
-from twilight.formats import OF_A_SKY
+from twilight.base.errors import TwilightError
+from twilight.base.formats import file_names
 from twilight.io.journal import Journal, open_journal, read_journal
+from twilight.io.netcdf import read_sky
 from twilight.io.provenance import differences
 
 JOURNAL = "skies.jsonl"
@@ -122,7 +123,7 @@ def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) ->
 
 def files_of_a_sky(folder: Path) -> list[Path]:
     """The files in a folder that have the names of a sky's, sorted."""
-    return sorted(folder / name for name in OF_A_SKY if (folder / name).is_file())
+    return sorted(folder / name for name in file_names() if (folder / name).is_file())
 
 
 def numbered_files(folder: Path) -> list[Path]:
@@ -190,7 +191,7 @@ def _left(root: Path, name: str, line: Mapping[str, Any]) -> list[Path]:
 
 def _parts(folder: Path) -> list[Path]:
     """What a killed process was writing of a sky's files (`whole_file`)."""
-    return [part for part in folder.glob(".*.part*") if any(part.name.startswith(f".{name}.") for name in OF_A_SKY)]
+    return [part for part in folder.glob(".*.part*") if any(part.name.startswith(f".{name}.") for name in file_names())]
 
 
 def _clear(root: Path) -> None:
@@ -221,8 +222,6 @@ def _leave_nothing(root: Path) -> None:
 
 def _configuration(path: Path) -> dict[str, Any] | None:
     """The configuration inside a sky's file, None where there is none."""
-    from twilight.io.netcdf import read_sky
-
     try:
         return read_sky(path).provenance.get("configuration")
     except TwilightError:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 
 class Journal:
@@ -31,8 +31,7 @@ def open_journal(path: Path, what: str) -> Iterator[Journal]:
 
     what: who may be writing it already, e.g. `another sweep`.  Errors: TwilightError where that is so; OSError.
     """
-    with open(path, "a", encoding="utf-8") as file:
-        _lock(file, path.parent, what)
+    with locked(path, what) as file:
         content = path.read_bytes()
         if content and not content.endswith(b"\n"):
             file.write("\n")
@@ -51,13 +50,18 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
                 yield entry
 
 
-def _lock(file: IO[str], folder: Path, what: str) -> None:
-    """One writer at a time; where the system has no such locks (Windows) this is left to the user."""
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        raise TwilightError(f"{folder}: {what} is writing it") from None
+@contextmanager
+def locked(path: Path, what: str) -> Iterator[IO[str]]:
+    """A file to add text to, by this process alone; where the system has no locks (Windows) this is left to the user.
+
+    what: who may hold it, e.g. `another film`.  Errors: TwilightError where that is so; OSError.
+    """
+    with open(path, "a", encoding="utf-8") as file:
+        with suppress(ImportError):
+            import fcntl
+
+            try:
+                fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise TwilightError(f"{path.parent}: {what} is writing it") from None
+        yield file

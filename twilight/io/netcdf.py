@@ -1,11 +1,12 @@
 """``sky.h5``: a Sky as HDF5 that is netCDF-4 with CF attributes, read through xarray.
 
-It is written through h5netcdf alone, as xarray would: importing xarray takes longer than the rest of a small render.
+It is written through h5netcdf alone, as xarray would: importing xarray takes 0.4 s of processor time, a third of a
+picture whose field is cached.
 """
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import UTC, datetime
 from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,16 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5py
 import numpy as np
 
-from twilight.conventions import STOKES_REFERENCE
-from twilight.disc import Disc
-from twilight.errors import TwilightError
+from twilight.base.conventions import STOKES_REFERENCE
+from twilight.base.errors import TwilightError
+from twilight.base.reading import check_expansion, first_line
+from twilight.base.whole_files import whole_content
 from twilight.io.facts import coordinates_of, fields_from
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
-from twilight.io.whole import whole_file
-from twilight.reading import check_expansion, first_line
-from twilight.sky import Sky
-from twilight.spectrum import wavelength_bounds
+from twilight.numerics.spectrum import wavelength_bounds
+from twilight.sky.disc import Disc
+from twilight.sky.sky import Sky
 
 if TYPE_CHECKING:
     import xarray
@@ -44,10 +45,17 @@ class _Contents(NamedTuple):
 
 
 def sky_to_dataset(sky: Sky) -> xarray.Dataset:
-    """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``."""
-    import xarray
+    """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``; its time as numpy's datetime64."""
+    import xarray  # start-up
 
-    return xarray.Dataset(*_contents(sky))
+    made = xarray.Dataset(*_contents(sky))
+    if sky.time is not None:
+        attributes = dict(made["time"].attrs)
+        encoding = {name: attributes.pop(name) for name in ("units", "calendar")} | {"dtype": "float64"}
+        time = xarray.Variable((), np.datetime64(sky.time.astimezone(UTC).replace(tzinfo=None), "us"), attributes)
+        made = made.assign_coords(time=time)
+        made["time"].encoding = encoding
+    return made
 
 
 def _contents(sky: Sky) -> _Contents:
@@ -245,10 +253,13 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
     """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path."""
     import h5netcdf
 
+    if not hasattr(h5netcdf.File, "_closed"):
+        # an interrupt within its constructor leaves an object without it, whose __del__ then prints a traceback
+        h5netcdf.File._closed = True
     contents = _contents(sky)
     # xarray takes what this attribute names for coordinates
     scalars = " ".join(sorted(name for name, (dims, *_) in contents.coordinates.items() if not dims))
-    with whole_file(path) as temporary, h5netcdf.File(temporary, "w") as file:
+    with whole_content(path) as content, h5netcdf.File(content, "w") as file:
         for name, (dims, values, *about) in (contents.coordinates | contents.variables).items():
             dims = (dims,) if isinstance(dims, str) else tuple(dims)
             values = np.asarray(values)
@@ -305,7 +316,7 @@ def read_sky(path: str | Path) -> Sky:
 
 
 def _load(path: Path) -> xarray.Dataset:
-    import xarray
+    import xarray  # start-up
 
     with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
         check_expansion(path, sum(variable.nbytes for variable in opened.variables.values()))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from twilight.errors import TwilightError
-from twilight.formats import FORMATS, OF_A_SKY, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names
+from twilight.base.errors import TwilightError
+from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names, file_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
-from twilight.io.rendered import Options, Rendered, Sight
-from twilight.sky import Sky
+from twilight.io.rendered import Options, Rendered, ViewSource
+from twilight.sky.sky import Sky
 
 
 def write_outputs(
@@ -20,14 +19,15 @@ def write_outputs(
     folder: str | Path,
     *,
     panorama: Sky | None = None,
-    view: Sight | None = None,
+    view: ViewSource | None = None,
     files: Sequence[str] | None = None,
     views: Sequence[str] = (DEFAULT_VIEW,),
     **options: Any,
 ) -> list[Path]:
     """Write files of a sky into ``folder`` (made if it is not there) and return their paths.
 
-    ``files``: names of ``twilight.formats.FORMATS``; None: all of them, without the pictures of the polarisation, of
+    ``files``: names of ``twilight.base.formats.FORMATS``; None: all of them, without the pictures of the
+    polarisation, of
     the disc and of a view where there is none; with ``view`` (what ``engine.view`` saw) those of a view alone.
     ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR
     pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5`` always holds
@@ -36,7 +36,7 @@ def write_outputs(
     """
     folder = Path(folder)
     try:
-        chosen = check_names(tuple(FORMATS if files is None else files))
+        chosen = check_names(tuple(FORMATS.own if files is None else files))
     except ValueError as error:
         raise TwilightError(f"files: {error}") from None
     if files is None and view is not None:
@@ -53,17 +53,14 @@ def write_outputs(
     for name in views:
         view_directions(name, DEFAULT_WIDTH.get(name, 4))
     for size in (o.width, o.spectral_width):
-        environment_directions(o.target, size)
+        environment_directions(o.renderer, size)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TwilightError(f"{folder}: the folder cannot be made ({error.strerror or error})") from error
     rendered = Rendered(sky, sky if panorama is None else panorama, o.polariser_deg, view)
-    written = [path for name in chosen for path in _writer(name)(rendered, folder, o)]
-    assert all(path.name in OF_A_SKY for path in written)
+    written = [path for name in chosen for path in FORMATS.load(name)(rendered, folder, o)]
+    for path in written:
+        if path.name not in file_names():
+            raise TwilightError(f"{path}: is a file that none of the formats {', '.join(chosen)} declares")
     return written
-
-
-def _writer(name: str) -> Any:
-    module, _, function = FORMATS[name].partition(":")
-    return getattr(import_module(module), function)

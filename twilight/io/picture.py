@@ -9,17 +9,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twilight import colour
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.whole_files import whole_file
 from twilight.io.disc import add_to_picture, dip_deg, light_of
 from twilight.io.eight_bit import to_bytes
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
-from twilight.io.whole import whole_file
-from twilight.sky import Sky
-from twilight.tone import NAMES, Film, Shot, film_of
-from twilight.tone.eye import cone_share
+from twilight.sky import colour
+from twilight.sky.sky import Sky
+from twilight.sky.tone import NAMES, Shot, Tone, tone_of
+from twilight.sky.tone.eye import adaptation_coefficient
 
 View = Literal["wide", "panorama", "fisheye"]
 VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
@@ -93,24 +93,24 @@ def render_view(
 ) -> tuple[np.ndarray, float]:
     """Display values 0..1 (height, width, 3) and the EV100 used; outside the circle of a fisheye NaN.
 
-    What ``develop_view`` does with the film ``tone.film_of(tone_mapping, observer)``.
+    What ``develop_view`` does with the tone ``tone.tone_of(tone_mapping, observer)``.
     """
     check_options(exposure, tone_mapping, observer)
-    display, ev100, _ = develop_view(sky, film_of(tone_mapping, observer), view=view, width=width, exposure=exposure)
+    display, ev100, _ = develop_view(sky, tone_of(tone_mapping, observer), view=view, width=width, exposure=exposure)
     return display, ev100
 
 
 def develop_view(
     sky: Sky,
-    film: Film,
+    tone: Tone,
     *,
     view: str = DEFAULT_VIEW,
     width: int | None = None,
     exposure: float | Literal["auto"] = "auto",
 ) -> tuple[np.ndarray, float, dict[str, float | str]]:
-    """Display values 0..1 (height, width, 3), the EV100 of the meter, and what the film set or found.
+    """Display values 0..1 (height, width, 3), the EV100 of the meter, and what the tone set or found.
 
-    What the film sees of the sky's grid is interpolated smoothly (``Sky.smooth``), then developed.  ``auto``
+    What the tone sees of the sky's grid is interpolated smoothly (``Sky.smooth``), then developed.  ``auto``
     exposes the wide picture for the part of the sky that it shows, the others for the whole sky
     (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground.  Seen from
     high up, where the sky's rows go below the horizontal, it shows the horizon that dips and the ground through the
@@ -122,22 +122,23 @@ def develop_view(
         elevation = np.maximum(elevation - max(0.0, dip_deg(sky) - WIDE_DIP_DEG), -90.0)
     elif view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
         elevation = elevation[elevation[:, 0] > 0.0]
-    seen = film.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
+    seen = tone.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
     picture = sky.smooth(seen, np.maximum(elevation, lower), azimuth)
     if exposure != "auto":
         ev100 = float(exposure)
     elif view == "wide":
-        ev100 = colour.auto_exposure_ev100(picture[elevation[:, 0] > min(lower, 0.0), :, 1]) + WIDE_EXPOSURE_STEPS
+        shown = picture[elevation[:, 0] > min(lower, 0.0), :, 1]
+        ev100 = colour.auto_exposure_ev100(shown, None, tone.highlights_over_mean) + WIDE_EXPOSURE_STEPS
     else:
         weight = np.broadcast_to(sky.solid_angle_sr()[:, None], seen.shape[:2])
-        ev100 = colour.auto_exposure_ev100(seen[..., 1], weight)
+        ev100 = colour.auto_exposure_ev100(seen[..., 1], weight, tone.highlights_over_mean)
     if view == "wide":
-        picture[elevation[:, 0] <= lower] = film.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
-    add_to_picture(sky, picture, elevation, azimuth, film)
+        picture[elevation[:, 0] <= lower] = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
+    add_to_picture(sky, picture, elevation, azimuth, tone)
     pixel_deg = float(np.abs(np.diff(elevation[:, elevation.shape[1] // 2])).max(initial=0.0))
     if view == "fisheye":
         picture[elevation < 0] = 0.0
-    display, facts = film.develop(picture, Shot(ev100, pixel_deg))
+    display, facts = tone.develop(picture, Shot(ev100, pixel_deg))
     if view == "fisheye":
         display[elevation < 0] = np.nan
     return display, ev100, facts
@@ -153,7 +154,7 @@ def label_of(sky: Sky) -> str:
 
 def _write_label(pixels: np.ndarray, text: str) -> np.ndarray:
     """The picture with a line of text in its lower left corner, light on dark or dark on light."""
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw, ImageFont  # start-up
 
     size = max(10, pixels.shape[1] // 80)
     image = Image.fromarray(pixels)
@@ -180,13 +181,13 @@ def write_png(
 
     ``exposure`` is an exposure value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step = a
     factor 2, or ``auto``; the value used is in the text chunk ``exposure_ev100``, so that the other pictures of a
-    sequence can be given the same.  Tone mapping and its settings: ``twilight.tone``, and what a film set or
+    sequence can be given the same.  Tone mapping and its settings: ``twilight.sky.tone``, and what a tone set or
     found is in the text chunks.  ``label`` writes sun, climate and zenith
     luminance into the lower left corner (``label_of``).  Raises TwilightError for unknown options.
     """
     check_options(exposure, tone_mapping, observer)
-    film = film_of(tone_mapping, observer, tone_settings)
-    picture, ev100, found = develop_view(sky, film, view=view, width=width, exposure=exposure)
+    tone = tone_of(tone_mapping, observer, tone_settings)
+    picture, ev100, found = develop_view(sky, tone, view=view, width=width, exposure=exposure)
     facts = {
         "view": view,
         "exposure_ev100": f"{ev100:.6g}",
@@ -213,8 +214,8 @@ def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str
 
 def save_pixels(pixels: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str]) -> Path:
     """Write 8 bit sRGB (height, width, 3), or 4 with alpha, as PNG, whole or not at all; facts as of `save_png`."""
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
+    from PIL import Image  # start-up
+    from PIL.PngImagePlugin import PngInfo  # start-up
 
     info = PngInfo()
     info.add(b"sRGB", b"\x00")
@@ -255,14 +256,14 @@ def write_pictures(rendered: Rendered, folder: Path, options: Options) -> list[P
 def write_luminances(sky: Sky, path: Path, options: Options) -> Path:
     """The luminances behind a picture as JSON, whole or not at all: photopic, scotopic and mesopic (CIE 191:2010)
     [cd m^-2] at the zenith and at 10 deg towards the sun, across and opposite, and what the tone set or found."""
-    film = film_of(options.tone_mapping, options.observer, options.tone_settings)
-    _, ev100, found = develop_view(sky, film, view=options.views[0], width=400, exposure=options.exposure)
-    eye = film_of("eye", options.observer)
+    tone = tone_of(options.tone_mapping, options.observer, options.tone_settings)
+    _, ev100, found = develop_view(sky, tone, view=options.views[0], width=400, exposure=options.exposure)
+    eye = tone_of("eye", options.observer)
     seen = eye.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
     where = {"zenith": (90.0, 0.0), "sun": (10.0, 0.0), "right": (10.0, 90.0), "opposite": (10.0, 180.0)}
     elevation, azimuth = np.array(list(where.values())).T
     photopic, scotopic = np.moveaxis(sky.smooth(seen, elevation, azimuth)[..., [1, 3]], -1, 0)
-    _, mesopic = cone_share(photopic, scotopic)
+    _, mesopic = adaptation_coefficient(photopic, scotopic)
     facts: dict[str, Any] = {
         "tone": options.tone_mapping,
         "exposure_ev100": ev100,

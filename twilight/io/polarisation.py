@@ -6,15 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
+from twilight.base.whole_files import whole_file
 from twilight.io.picture import view_directions
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
-from twilight.io.whole import whole_file
-from twilight.sky import Sky
+from twilight.sky.sky import Sky
 
 WIDTH = 400
 """Pixels of the whole sky; beside it BAR_WIDTH of the scale, its numbers, and MARGIN around."""
-BAR_WIDTH, NUMBERS_WIDTH, MARGIN, TITLE_HEIGHT, FONT_SIZE = 14, 40, 12, 24, 13
+BAR_WIDTH = 14
+"""Width of the colour bars [pixel]."""
+NUMBERS_WIDTH = 40
+"""Width of the numbers beside the bars [pixel]."""
+MARGIN = 12
+"""Between the parts of the picture [pixel]."""
+TITLE_HEIGHT = 24
+"""Height of the titles [pixel]."""
+FONT_SIZE = 13
+"""Of titles and numbers [pixel]."""
 WAVELENGTH_NM = 550.0
 VIRIDIS = (
     "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
@@ -37,7 +46,7 @@ def polarisation_maps(sky: Sky, width: int = WIDTH) -> tuple[np.ndarray, np.ndar
     elevation, azimuth = view_directions("fisheye", width)
     w = int(np.argmin(np.abs(sky.wavelength_nm - WAVELENGTH_NM)))
     above = elevation >= 0.0
-    q, u = np.moveaxis(sky.sample_polarised_share(elevation[above], azimuth[above])[..., w], -1, 0)
+    q, u = np.moveaxis(sky.sample_fractional_stokes(elevation[above], azimuth[above])[..., w], -1, 0)
     degree, angle = np.full(above.shape, np.nan), np.full(above.shape, np.nan)
     degree[above], angle[above] = np.hypot(q, u), 0.5 * np.degrees(np.arctan2(u, q))
     return degree, angle, float(sky.wavelength_nm[w])
@@ -48,8 +57,8 @@ def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
 
     Whole or not at all.  Errors: TwilightError for a sky without Stokes parameters.
     """
-    from PIL import Image, ImageDraw, ImageFont
-    from PIL.PngImagePlugin import PngInfo
+    from PIL import Image, ImageDraw, ImageFont  # start-up
+    from PIL.PngImagePlugin import PngInfo  # start-up
 
     degree, angle, wavelength = polarisation_maps(sky)
     shown = (

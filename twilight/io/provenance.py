@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 PREFIX = "twilight"
 """Names of our own attributes in image files start with this."""

@@ -9,22 +9,23 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from twilight import colour
-from twilight.sky import Sky
+from twilight.sky import colour
+from twilight.sky.sky import Sky
 
 
 @dataclass(frozen=True)
 class Options:
     """How files look.
 
-    views: of the pictures (``io.picture``); target, width, spectral_width: of the environment maps
+    views: of the pictures (``io.picture``); renderer, width, spectral_width: of the environment maps
     (``io.environment``); exposure, tone_mapping, observer: of the pictures and colours; polariser_deg: axis of a
     polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none; disc:
-    whether the sun's disc is in the environment maps; tone_settings: of the tones `eye` and `camera` (`twilight.tone`).
+    whether the sun's disc is in the environment maps; tone_settings: of the tones `eye` and `camera`
+    (`twilight.sky.tone`).
     """
 
     views: tuple[str, ...]
-    target: str = "openexr"
+    renderer: str = "openexr"
     width: int = 1024
     spectral_width: int = 256
     exposure: float | Literal["auto"] = "auto"
@@ -36,8 +37,8 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A picture in a projection of `twilight.views`.
+class ViewPixels:
+    """A picture in a projection of `twilight.numerics.projections`.
 
     kind: of the projection; rays (H, W, 3): directions of the pixels, to the right of the sun, to the sun's azimuth,
     up; radiance (H, W, K): sun-normalised [sr^-1], NaN outside the view; pitch_deg: angle between pixels;
@@ -57,15 +58,15 @@ class Seen:
         """(H, W) [pixels]."""
         return self.rays.shape[0], self.rays.shape[1]
 
-    def rows(self, first: int, stop: int) -> Seen:
+    def rows(self, first: int, stop: int) -> ViewPixels:
         """Some rows of the picture."""
         return self._at(np.s_[first:stop])
 
-    def columns(self, step: int) -> Seen:
+    def columns(self, step: int) -> ViewPixels:
         """Every step-th column."""
         return self._at(np.s_[:, ::step])
 
-    def _at(self, here: Any) -> Seen:
+    def _at(self, here: Any) -> ViewPixels:
         return replace(
             self,
             rays=self.rays[here],
@@ -75,7 +76,7 @@ class Seen:
         )
 
 
-class Sight(Protocol):
+class ViewSource(Protocol):
     """A picture that gives its rows when it is asked for them, so that a large one need not be held: a `Seen` or what
     `engine.view` looked at."""
 
@@ -88,7 +89,7 @@ class Sight(Protocol):
     @property
     def shape(self) -> tuple[int, int]: ...
 
-    def rows(self, first: int, stop: int) -> Seen: ...
+    def rows(self, first: int, stop: int) -> ViewPixels: ...
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Rendered:
     sky: Sky
     fine: Sky
     polariser_deg: float | None = None
-    view: Sight | None = None
+    view: ViewSource | None = None
 
     @cached_property
     def seen(self) -> Sky:

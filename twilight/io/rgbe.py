@@ -1,4 +1,4 @@
-"""``sky.rgb.hdr``: an environment map as a Radiance picture, for the target ``radiance``."""
+"""``sky.rgb.hdr``: an environment map as a Radiance picture, for the renderer ``radiance``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight import colour, spectrum
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.whole_files import whole_file
 from twilight.io.exr import REC709_CHROMATICITIES, environment_rgb
 from twilight.io.provenance import provenance_fields
-from twilight.io.whole import whole_file
-from twilight.sky import Sky
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.sky import Sky
 
 RADIANCE_EFFICACY_LM_PER_W = 179.0
 """Luminous efficacy that Radiance's tools multiply with (Ward, Shakespeare: Rendering with Radiance)."""
@@ -20,7 +21,7 @@ RADIANCE_EFFICACY_LM_PER_W = 179.0
 def to_rgbe(rgb: np.ndarray) -> np.ndarray:
     """Four bytes per pixel (..., 4): mantissas of red, green, blue, and the exponent of the largest plus 128.
 
-    Values must not be negative; they are kept to 1/256 of the largest channel, between 1e-38 and 1e38.
+    Values must not be negative; they are stored to 1/256 of the largest channel, between 1e-38 and 1e38.
     """
     largest = rgb.max(axis=-1)
     _, exponent = np.frexp(largest)
@@ -49,7 +50,7 @@ def write_hdr(
     sky: Sky,
     path: str | Path,
     *,
-    target: str = "radiance",
+    renderer: str = "radiance",
     width: int = 1024,
     observer: str = colour.DEFAULT_OBSERVER,
     disc: bool = False,
@@ -62,7 +63,7 @@ def write_hdr(
     """
     if not 8 <= width < 32768:
         raise TwilightError(f"width: {width} must be between 8 and 32767 for a Radiance picture")
-    rgb = environment_rgb(sky, target, width, observer, disc=disc)
+    rgb = environment_rgb(sky, renderer, width, observer, disc=disc)
     rgb = colour.into_gamut(rgb) * (spectrum.LUMINOUS_EFFICACY_LM_PER_W / RADIANCE_EFFICACY_LM_PER_W)
     height = rgb.shape[0]
     fields = {name: str(value).replace("\n", " ") for name, value in provenance_fields(sky.provenance).items()}

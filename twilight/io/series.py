@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.base.reading import MEMORY_SHARE, memory_bytes
+from twilight.base.whole_files import whole_file, write_csv
 from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.netcdf import read_sky, sky_to_dataset
-from twilight.io.whole import whole_file
-from twilight.reading import MEMORY_SHARE, memory_bytes
-from twilight.sky import Sky
+from twilight.sky.sky import Sky
+
+if TYPE_CHECKING:
+    import xarray
 
 COLUMNS = (
     "scene",
@@ -69,11 +71,7 @@ def figures(sky: Sky) -> dict[str, Any]:
 
 def write_table(rows: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Write `series.csv`, whole or not at all: one row for each sky, by name, with the columns of `COLUMNS`."""
-    with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for name, row in rows.items():
-            writer.writerow([name, *(_cell(row.get(column)) for column in COLUMNS[1:])])
+    write_csv(path, COLUMNS, ([name, *(_cell(row.get(key)) for key in COLUMNS[1:])] for name, row in rows.items()))
 
 
 def _cell(value: Any) -> str:
@@ -85,33 +83,66 @@ def write_dataset(files: Mapping[str, Path], path: Path) -> str:
 
     Returns why it is not written, empty where it is: skies on different grids, or more than the memory should hold.
     """
-    import xarray
+    import xarray  # start-up
 
     total = sum(file.stat().st_size for file in files.values())
-    parts = []
+    parts: list[xarray.Dataset] = []
     for file in files.values():
-        full = sky_to_dataset(read_sky(file))
-        names = [name for name in (*_EACH, *_WHERE, *_ONCE) if name in full.variables]
-        parts.append(full[names].reset_coords([name for name in _WHERE if name in full.coords]))
+        parts.append(_of_a_series(sky_to_dataset(read_sky(file))))
         if parts[0].nbytes * len(files) * 3 > MEMORY_SHARE * memory_bytes():
             return f"the skies ({total / 1e9:.3g} GB compressed) are more than fits into the memory"
         if not _same_grid(parts[0], parts[-1]):
             return "the skies have different wavelengths or directions"
-    several = [name for name in (*_EACH, *_WHERE) if all(name in part.variables for part in parts)]
-    scene = xarray.DataArray(list(files), dims="scene", name="scene")
-    made = xarray.concat(
-        [part[several] for part in parts], scene, coords="minimal", compat="override", join="override", data_vars="all"
-    )
-    made = made.set_coords([name for name in _WHERE if name in made.variables])
-    for name in _ONCE:
-        made[name] = parts[0][name]
-    made.attrs = {**full.attrs, "title": f"{len(parts)} skies"}
-    for name in ("configuration", "configuration_hash", "provenance", "run_time_s", "time_iso8601"):
-        made.attrs.pop(name, None)
+    made = _concatenated(parts, xarray.DataArray(list(files), dims="scene", name="scene"))
     encoding = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _EACH if name in made.variables}
     with whole_file(path) as temporary:
         made.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
     return ""
+
+
+def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
+    """Skies as one dataset, along `time` (UTC) where all of them know theirs, else along `sun_elevation` [deg].
+
+    Errors: TwilightError for skies on different grids.
+    """
+    import xarray  # start-up
+
+    parts = [_of_a_series(sky_to_dataset(sky)) for sky in skies]
+    if not parts:
+        raise TwilightError("to_xarray: the series holds no skies")
+    if not all(_same_grid(parts[0], part) for part in parts):
+        raise TwilightError("to_xarray: the skies of the series have different wavelengths or directions")
+    if all("time" in part for part in parts):
+        along = xarray.concat([part["time"] for part in parts], "time")
+        parts = [part.drop_vars("time") for part in parts]
+    else:
+        suns = [float(part["solar_elevation_angle"]) for part in parts]
+        attributes = {"long_name": "true elevation of the sun", "units": "degree"}
+        along = xarray.DataArray(suns, dims="sun_elevation", name="sun_elevation", attrs=attributes)
+    return _concatenated(parts, along)
+
+
+def _of_a_series(full: xarray.Dataset) -> xarray.Dataset:
+    """What a series holds of one sky's dataset."""
+    names = [name for name in (*_EACH, *_WHERE, *_ONCE) if name in full.variables]
+    return full[names].reset_coords([name for name in _WHERE if name in full.coords])
+
+
+def _concatenated(parts: Sequence[xarray.Dataset], along: xarray.DataArray) -> xarray.Dataset:
+    """Datasets of single skies along a new dimension, with what all of them know."""
+    import xarray  # start-up
+
+    several = [name for name in (*_EACH, *_WHERE) if all(name in part.variables for part in parts)]
+    made = xarray.concat(
+        [part[several] for part in parts], along, coords="minimal", compat="override", join="override", data_vars="all"
+    )
+    made = made.set_coords([name for name in _WHERE if name in made.variables])
+    for name in _ONCE:
+        made[name] = parts[0][name]
+    made.attrs = {**parts[-1].attrs, "title": f"{len(parts)} skies"}
+    for name in ("configuration", "configuration_hash", "provenance", "run_time_s", "time_iso8601"):
+        made.attrs.pop(name, None)
+    return made
 
 
 def _same_grid(a: Any, b: Any) -> bool:

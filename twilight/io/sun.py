@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from twilight import colour, spectrum
-from twilight.disc import SOLAR_RADIUS_DEG
+from twilight.base.whole_files import whole_file
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
-from twilight.io.whole import whole_file
-from twilight.sky import Sky
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.sky import Sky
 
 
 def sun_irradiance_factor(sky: Sky) -> np.ndarray | None:

@@ -9,16 +9,15 @@ from typing import Literal
 
 import numpy as np
 
-from twilight import colour, spectrum
 from twilight.io.eight_bit import to_bytes
 from twilight.io.exr import write_picture_exr
 from twilight.io.picture import save_pixels
-from twilight.io.rendered import Options, Rendered, Seen, Sight
-from twilight.tone import Film, Light, Plain, Shot, film_of
+from twilight.io.rendered import Options, Rendered, ViewPixels, ViewSource
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.tone import Light, Plain, Shot, Tone, tone_of
 
-WHITE_FROM = 50.0
-"""Exposed luminance (1: white) from which the sun's disc is shown white."""
-DARKEST_SHARE = 1e-3
+DARKEST_FRACTION = 1e-3
 """Pixels darker than this share of the brightest 0.5 % count as space and not for the exposure."""
 PIXELS_AT_ONCE = 1 << 18
 METERED_PIXELS = 1 << 21
@@ -26,16 +25,16 @@ METERED_PIXELS = 1 << 21
 
 
 @dataclass(frozen=True)
-class Picture:
+class ViewPicture:
     """pixels (H, W, 3): 8 bit sRGB, 4 with alpha where some lie outside the view; ev100: exposure value at ISO 100;
-    facts: what the film set or found."""
+    facts: what the tone set or found."""
 
     pixels: np.ndarray
     ev100: float
     facts: dict[str, float | str]
 
 
-def _parts(seen: Sight) -> Iterator[tuple[slice, Seen]]:
+def _parts(seen: ViewSource) -> Iterator[tuple[slice, ViewPixels]]:
     """The picture by rows, as many as are worked on at once."""
     height, width = seen.shape
     step = max(1, PIXELS_AT_ONCE // width)
@@ -44,7 +43,7 @@ def _parts(seen: Sight) -> Iterator[tuple[slice, Seen]]:
         yield slice(first, stop), seen.rows(first, stop)
 
 
-def _metered(seen: Sight) -> Iterator[Seen]:
+def _metered(seen: ViewSource) -> Iterator[ViewPixels]:
     """The picture, or evenly spaced pixels of a large one."""
     height, width = seen.shape
     step = int(np.ceil(np.sqrt(height * width / METERED_PIXELS)))
@@ -56,81 +55,70 @@ def _metered(seen: Sight) -> Iterator[Seen]:
         yield seen.rows(row, row + 1).columns(step)
 
 
-def view_exposure_ev100(luminance: np.ndarray) -> float:
+def view_exposure_ev100(luminance: np.ndarray, highlights_over_mean: float = colour.HIGHLIGHTS_OVER_MEAN) -> float:
     """The exposure value of ``exposure="auto"`` for a view, of the luminances [cd m^-2] of pixels without the disc."""
     light = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if light.size:
-        light = light[light >= DARKEST_SHARE * np.quantile(light, 0.995)]
-    return colour.auto_exposure_ev100(light)
+        light = light[light >= DARKEST_FRACTION * np.quantile(light, 0.995)]
+    return colour.auto_exposure_ev100(light, None, highlights_over_mean)
 
 
 def picture(
-    seen: Sight,
+    seen: ViewSource,
     wavelength_nm: np.ndarray,
     light: Light,
-    film: Film,
+    tone: Tone,
     exposure: float | Literal["auto"] = "auto",
-) -> Picture:
-    """Paint a view: as a film shows it at an exposure value, or at that of its own light without the sun's disc.
+) -> ViewPicture:
+    """Paint a view: as a tone shows it at an exposure value, or at that of its own light without the sun's disc.
 
-    A film that changes pixel by pixel (`tone.Plain`) is developed by rows, in the memory of the 8 bit picture; others
+    A tone that changes pixel by pixel (`tone.Plain`) is developed by rows, in the memory of the 8 bit picture; others
     need the whole one.
     """
 
-    def channels_of(part: Seen) -> np.ndarray:
-        return film.see(np.nan_to_num(part.radiance), wavelength_nm, light)
+    def channels_of(part: ViewPixels) -> np.ndarray:
+        return tone.see(np.nan_to_num(part.radiance), wavelength_nm, light)
 
-    ev100 = _meter(seen, channels_of) if exposure == "auto" else float(exposure)
+    ev100 = _meter(seen, channels_of, tone) if exposure == "auto" else float(exposure)
     height, width = seen.shape
     pixels = np.empty((height, width, 4), np.uint8)
     facts: dict[str, float | str] = {}
     shot = Shot(ev100, seen.pitch_deg)
-    if isinstance(film, Plain):
+    if isinstance(tone, Plain):
         for rows, part in _parts(seen):
-            channels = channels_of(part)
-            display, facts = film.develop(channels, shot)
-            pixels[rows] = _eight_bit(display, part, channels[..., 1], ev100, rows.start)
+            display, facts = tone.develop(channels_of(part), shot)
+            pixels[rows] = _eight_bit(display, part, rows.start)
     else:
         whole = seen.rows(0, height)
-        channels = channels_of(whole)
-        display, facts = film.develop(channels, shot)
-        pixels[:] = _eight_bit(display, whole, channels[..., 1], ev100, 0)
+        display, facts = tone.develop(channels_of(whole), shot)
+        pixels[:] = _eight_bit(display, whole, 0)
     opaque = bool((pixels[..., 3] == 255).all())
-    return Picture(np.ascontiguousarray(pixels[..., :3]) if opaque else pixels, ev100, facts)
+    return ViewPicture(np.ascontiguousarray(pixels[..., :3]) if opaque else pixels, ev100, facts)
 
 
-def _meter(seen: Sight, channels_of: Callable[[Seen], np.ndarray]) -> float:
+def _meter(seen: ViewSource, channels_of: Callable[[ViewPixels], np.ndarray], tone: Tone) -> float:
     found = []
     for part in _metered(seen):
         keep = np.isfinite(part.radiance[..., 0])
         if part.sun is not None:
             keep &= part.sun == 0.0
         found.append(channels_of(part)[..., 1][keep])
-    return view_exposure_ev100(np.concatenate(found))
+    return view_exposure_ev100(np.concatenate(found), tone.highlights_over_mean)
 
 
-def _eight_bit(display: np.ndarray, part: Seen, luminance: np.ndarray, ev100: float, first_row: int) -> np.ndarray:
+def _eight_bit(display: np.ndarray, part: ViewPixels, first_row: int) -> np.ndarray:
     """Rows of a picture as 8 bits with alpha, 0 outside the view."""
-    if part.sun is not None:
-        display = burnt_out(display, part.sun, luminance, ev100)
     alpha = np.where(np.isfinite(part.radiance[..., 0]), 255, 0).astype(np.uint8)
     display = np.where(alpha[..., None] > 0, display, np.nan)
     return np.dstack([to_bytes(display, first_row), alpha])
-
-
-def burnt_out(display: np.ndarray, share: np.ndarray, luminance: np.ndarray, ev100: float) -> np.ndarray:
-    """The picture with a white sun where its disc is far brighter than white: tone curves keep its colour for ever."""
-    exposed = float(colour.expose(np.ones(1), ev100)[0]) * luminance / np.maximum(share, 1e-6)
-    white = np.where(exposed >= WHITE_FROM, share, 0.0)
-    return display + white[..., None] * (1.0 - display)
 
 
 def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.view.png``, tone mapped, and ``sky.view.exr``, linear Rec. 709 in cd/m^2 (alpha 0 outside the view)."""
     seen = rendered.view
     assert seen is not None
-    sky, film = rendered.sky, film_of(options.tone_mapping, options.observer, options.tone_settings)
-    made = picture(seen, sky.wavelength_nm, Light(sky.solar_spectrum, sky.distance_au), film, options.exposure)
+    sky, tone = rendered.sky, tone_of(options.tone_mapping, options.observer, options.tone_settings)
+    made = picture(seen, sky.wavelength_nm, Light(sky.solar_spectrum, sky.distance_au), tone, options.exposure)
     facts = {"view": seen.kind, "exposure_ev100": f"{made.ev100:.6g}", "tone_mapping": options.tone_mapping}
     facts.update({name: value if isinstance(value, str) else f"{value:.6g}" for name, value in made.facts.items()})
     png = save_pixels(made.pixels, folder / "sky.view.png", sky, facts)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.transport.ray_profile import ray_profile
+from twilight.transport.rays import OUTSIDE, sun_ray
 
 
 def optical_depths(medium: Medium) -> list[tuple[str, np.ndarray]]:
@@ -31,9 +33,6 @@ def scale_height_km(medium: Medium, part: str) -> float:
 
 def horizontal_refraction_arcmin(medium: Medium) -> np.ndarray:
     """Bending [arcmin], (W,), of a ray that reaches an observer on the ground horizontally; nan where it is trapped."""
-    from twilight.transport.ray_profile import ray_profile
-    from twilight.transport.rays import OUTSIDE, sun_ray
-
     profile = ray_profile(medium)
     bending = np.full(medium.n_wavelengths, np.nan)
     for w in range(medium.n_wavelengths):

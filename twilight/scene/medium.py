@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from twilight.atmosphere import bands, own_aerosol
+from twilight.atmosphere.bands import GasBands, water_column_mm
+from twilight.atmosphere.build import build_medium
+from twilight.atmosphere.grid_medium import GridMedium, fixed_wavelengths
+from twilight.atmosphere.layers import Boundaries, EqualAirMass
+from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium_table import medium_from_table
+from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
+from twilight.atmosphere.own_aerosol import OwnAerosol
+from twilight.atmosphere.profiles import WHERE_AND_WHEN, load_profile
+from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
+from twilight.atmosphere.stratosphere import StratosphereSpec, measured_kind
+from twilight.atmosphere.water_surface import mean_square_slope
+from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
 from twilight.config.scene import Config, Wavelengths
-from twilight.errors import TwilightError
-
-if TYPE_CHECKING:
-    from twilight.atmosphere.bands import Bands
-    from twilight.atmosphere.medium import Medium
-    from twilight.atmosphere.opac import AerosolSpec
-    from twilight.atmosphere.own import OwnAerosol
-    from twilight.atmosphere.stratosphere import StratosphereSpec
-
 
 USUAL_WIND_M_S = 5.0
 """Wind over water where the climate gives none."""
@@ -36,29 +43,36 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     """The optical medium of a climate at the given wavelengths [nm].
 
     wavelength_nm may be None for a tabulated medium only, and then means the table's wavelengths.  All but a tabulated
-    medium know their air at fixed wavelengths, by which solvers lay out their grids (`Medium.reference`).
+    medium know their air at fixed wavelengths, by which solvers lay out their grids (`Medium.grid_medium`).
     Errors: TwilightError for what the data do not cover, and for a table that is not what its SHA-256 says.
     """
     if climate.medium is not None:
         return _with_ground(_tabulated(climate, climate.medium, wavelength_nm), climate.ground)
     assert wavelength_nm is not None
-    from functools import partial
-
-    from twilight.atmosphere.reference import Reference, fixed_wavelengths
 
     medium = _with_ground(_built(climate, wavelength_nm), climate.ground)
-    return medium.with_reference(Reference(partial(_built, climate), fixed_wavelengths(medium.wavelength_nm)))
+    grid_medium = GridMedium.built_by(partial(_built, climate), fixed_wavelengths(medium.wavelength_nm))
+    return replace(medium, grid_medium=grid_medium)
+
+
+def planning_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
+    """About the medium of a climate, within a second at any number of wavelengths, to say what a solution costs.
+
+    The air of every wavelength is that of the nearest one whose aerosol optics come with the program.
+    Errors: as `climate_medium`.
+    """
+    shipped = np.sort(WAVELENGTHS_NM)
+
+    def nearest(wanted_nm: np.ndarray) -> Medium:
+        place, back = np.unique(np.abs(wanted_nm[:, None] - shipped).argmin(axis=1), return_inverse=True)
+        return replace(_built(climate, shipped[place]).select(back), wavelength_nm=wanted_nm)
+
+    medium = _with_ground(nearest(np.asarray(wavelength_nm, dtype=float)), climate.ground)
+    return replace(medium, grid_medium=GridMedium.built_by(nearest, fixed_wavelengths(medium.wavelength_nm)))
 
 
 def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     """The air of a climate that is no table, over black ground."""
-    from dataclasses import replace
-
-    from twilight.atmosphere.bands import water_column_mm
-    from twilight.atmosphere.build import build_medium
-    from twilight.atmosphere.layers import Boundaries, EqualAirMass
-    from twilight.atmosphere.profiles import WHERE_AND_WHEN, load_profile
-
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
         layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
@@ -90,30 +104,28 @@ def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     return replace(medium, notes={**medium.notes, **water})
 
 
-def climate_bands(climate: Climate, medium: Medium) -> Bands | None:
-    """The bands of water vapour and oxygen in a medium of the climate; None where it has none at its wavelengths."""
-    from twilight.atmosphere import bands
+def climate_gas_bands(climate: Climate, medium: Medium, for_plan: bool = False) -> GasBands | None:
+    """The bands of water vapour and oxygen in a medium of the climate; None where it has none at its wavelengths.
 
+    for_plan: about as many terms as they have, at once.
+    """
     if climate.medium is not None:
         return None
     column_mm = climate.gases.water_vapour.column_mm
     wanted = {bands.WATER_VAPOUR: column_mm != 0.0, bands.OXYGEN: climate.gases.oxygen}
     layers = climate.atmosphere.layers
-    return bands.make_bands(
+    return bands.make_gas_bands(
         medium,
         climate.atmosphere.profile,
         tuple(gas for gas, absorbs in wanted.items() if absorbs),
         column_mm,
         layers=layers.equal_air_mass is not None or layers.boundaries_km is not None,
+        for_plan=for_plan,
     )
 
 
 def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
     """The aerosol in OPAC's terms; heights that the climate leaves unset are the type's own."""
-    from dataclasses import replace
-
-    from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
-
     if aerosol.modes or aerosol.angstrom is not None or aerosol.table is not None:
         spec = AerosolSpec({}, own=_own_aerosol(aerosol))
     elif aerosol.type is not None:
@@ -136,29 +148,27 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
 
 
 def _own_aerosol(aerosol: Aerosol) -> OwnAerosol:
-    from twilight.atmosphere import own
-
     if aerosol.angstrom is not None:
-        return own.Angstrom(**aerosol.angstrom.model_dump())
+        return own_aerosol.AngstromLaw(**aerosol.angstrom.model_dump())
     if aerosol.table is not None:
         table = aerosol.table
         check_sha256(table.file, table.sha256, "aerosol.table.sha256")
         if table.phase_function is not None:
             check_sha256(table.phase_function, table.phase_function_sha256, "aerosol.table.phase_function_sha256")
-        return own.OpticsTable(table.file, table.phase_function)
+        return own_aerosol.OpticsFile(table.file, table.phase_function)
     modes = []
     for mode in aerosol.modes:
         index = mode.refractive_index
         values = tuple(complex(n, -k) for n, k in zip(index.real, index.imaginary, strict=True))
         amounts = (mode.number_density_per_cm3, mode.median_radius_um, mode.sigma)
-        modes.append(own.Mode(*amounts, index.wavelength_nm, values, mode.min_radius_um, mode.max_radius_um))
-    return own.Modes(tuple(modes))
+        modes.append(
+            own_aerosol.SizeMode(*amounts, index.wavelength_nm, values, mode.min_radius_um, mode.max_radius_um)
+        )
+    return own_aerosol.SizeModes(tuple(modes))
 
 
 def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
     """The stratospheric aerosol of the climate; None where there is none, or OPAC's own."""
-    from twilight.atmosphere.stratosphere import StratosphereSpec, measured_kind
-
     if climate.stratosphere is not None:
         return StratosphereSpec(**climate.stratosphere.model_dump())
     aerosol = climate.aerosol
@@ -196,8 +206,6 @@ def name_by_content(climate: dict[str, Any]) -> None:
 
 
 def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarray | None) -> Medium:
-    from twilight.atmosphere.table import medium_from_table
-
     check_sha256(table.table, table.sha256, "medium.sha256")
     if table.phase_function is not None:
         check_sha256(table.phase_function, table.phase_function_sha256, "medium.phase_function_sha256")
@@ -214,10 +222,6 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
 
 def _with_ground(medium: Medium, ground: Ground) -> Medium:
     """The medium over the climate's land or water."""
-    from dataclasses import replace
-
-    from twilight.water import mean_square_slope
-
     slope = 0.0
     if ground.kind == "water":
         slope = mean_square_slope(USUAL_WIND_M_S if ground.wind_speed_m_s is None else ground.wind_speed_m_s)

@@ -7,20 +7,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twilight import solvers
+from twilight.atmosphere import bands, gases
+from twilight.atmosphere.profiles import load_profile
+from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.config.climate import Climate, Gases
 from twilight.config.scene import PLACED_NM, Config
+from twilight.numerics.spectrum import VISIBLE_NM, colour_matching_functions
 from twilight.scene.medium import climate_medium, wavelengths_of
 
 GAS_TOLERANCE = 1e-3
 """A gas is left out where its optical depth along the longest straight path through the air, once in and once out, is
-below this; the radiance then moves by less than this share."""
-
-
-BANDS_LUMINANCE, BANDS_RADIANCE = 3e-3, 3e-3
-"""Bands of a gas are left out of the placed wavelengths, which stand for luminance and colour, where they move
-luminance by less than the first; of other wavelengths where they move the radiance of none by more than the second."""
-LOW_SUN_MASS, LONGEST_MASS = 10.0, 40.0
-"""Vertical columns that light crosses on its way: of a low sun, and about the most of any."""
+below this; the radiance then moves by a smaller fraction."""
+BANDS_LUMINANCE = 3e-3
+"""Bands of a gas are omitted at the placed wavelengths, which stand for luminance and colour, where they change the
+luminance by a smaller fraction."""
+BANDS_RADIANCE = 3e-3
+"""Bands of a gas are omitted at other wavelengths where they change no radiance by a larger fraction."""
+LOW_SUN_MASS = 10.0
+"""Vertical columns that the light of a low sun crosses (relative air mass)."""
+LONGEST_MASS = 40.0
+"""Vertical columns that light crosses on the longest way, along the horizon (relative air mass)."""
 WITHOUT_DATA_NM = (627.0, 632.0)
 """The band of oxygen at 629 nm, which the source of the others leaves out."""
 SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directions (docs/accuracy.md)"
@@ -28,7 +35,7 @@ SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directio
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class Omission:
     """A part that is not computed: why, and by how much the radiance moves at most because of it."""
 
     part: str
@@ -41,57 +48,54 @@ class Plan:
     """The climate as it will be computed, and what was left out of the one that was asked for."""
 
     climate: Climate
-    left_out: tuple[LeftOut, ...]
+    omissions: tuple[Omission, ...]
 
 
 def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
-    """What this scene needs; everything the configuration asks for when `leave_out` is false.
+    """What this scene needs; everything the configuration asks for when `omit_negligible` is false.
 
     wavelength_nm (W,): in place of the scene's own.
     """
     climate = config.climate
-    if not config.leave_out:
+    if not config.omit_negligible:
         return Plan(climate, ())
-    left_out: list[LeftOut] = []
+    omissions: list[Omission] = []
     own = wavelength_nm is None
     if wavelength_nm is None:
         wavelength_nm = wavelengths_of(config)
     if climate.medium is None:
         assert wavelength_nm is not None
-        climate = _without_empty_aerosol(climate, left_out)
-        climate = _without_weak_gases(climate, wavelength_nm, left_out)
-        climate = _without_weak_bands(climate, wavelength_nm, left_out)
+        climate = _without_empty_aerosol(climate, omissions)
+        climate = _without_weak_gases(climate, wavelength_nm, omissions)
+        climate = _without_weak_bands(climate, wavelength_nm, omissions)
         aerosol = climate.aerosol is not None or climate.stratosphere is not None
         bends = climate.refraction.model != "none"
     else:
         medium = climate_medium(climate, wavelength_nm)
         aerosol, bends = medium.has_aerosol, medium.has_refraction
     if own and wavelength_nm is not None and (config.wavelengths is None or config.wavelengths.placed):
-        left_out.append(
-            LeftOut(
+        omissions.append(
+            Omission(
                 "other wavelengths",
                 f"{wavelength_nm.size} that are placed between the bands of the gases stand for the visible",
                 "luminance below 0.7 %, CIEDE2000 below 0.8 at 95 % of directions",
             )
         )
-    if not aerosol and not any(item.part == "aerosol" for item in left_out):
-        left_out.append(LeftOut("aerosol", "the climate has none: no Mie theory, no phase tables", "none"))
+    if not aerosol and not any(item.part == "aerosol" for item in omissions):
+        omissions.append(Omission("aerosol", "the climate has none: no Mie theory, no phase tables", "none"))
     if not bends:
-        left_out.append(LeftOut("refraction", "the refractive index is 1: rays and sunbeam are straight", "none"))
-    return Plan(climate, tuple(left_out))
+        omissions.append(Omission("refraction", "the refractive index is 1: rays and sunbeam are straight", "none"))
+    return Plan(climate, tuple(omissions))
 
 
-def not_computed(config: Config) -> tuple[LeftOut, ...]:
+def not_computed(config: Config) -> tuple[Omission, ...]:
     """What matters in this scene and is not computed all the same: polarisation, and bands that the air lacks."""
-    from twilight import solvers
-    from twilight.config.solver import resolve_solver
-
     found = []
-    name, quality, settings = resolve_solver(config.solver)
+    name, quality, settings = config.chosen_solver
     if not solvers.load(name).CAPABILITIES.stokes:
-        found.append(LeftOut("polarisation", f"{name} computes radiance alone", "no Q, no U"))
+        found.append(Omission("polarisation", f"{name} computes radiance alone", "no Q, no U"))
     elif not settings.polarisation:
-        found.append(LeftOut("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
+        found.append(Omission("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
     wavelength_nm = wavelengths_of(config)
     if config.climate.medium is None and wavelength_nm is not None:
         low, high = WITHOUT_DATA_NM
@@ -99,17 +103,13 @@ def not_computed(config: Config) -> tuple[LeftOut, ...]:
         if inside and config.climate.gases.oxygen:
             shown = ", ".join(f"{w:g}" for w in inside)
             found.append(
-                LeftOut("oxygen at 629 nm", f"SPCTRL2 has no data for this band, which holds {shown} nm", "not known")
+                Omission("oxygen at 629 nm", f"SPCTRL2 has no data for this band, which holds {shown} nm", "not known")
             )
     return tuple(found)
 
 
-def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, left_out: list[LeftOut]) -> Climate:
+def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, omissions: list[Omission]) -> Climate:
     """Bands in which no wavelength lies, or that do not matter for the luminance of a few placed wavelengths."""
-    from twilight.atmosphere import bands
-    from twilight.atmosphere.profiles import load_profile
-    from twilight.spectrum import VISIBLE_NM, colour_matching_functions
-
     placed = tuple(wavelength_nm) == PLACED_NM
     eye = colour_matching_functions("cie1931_2deg")[:, 1]
     eye = eye / eye.sum()
@@ -142,12 +142,12 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, left_out: l
             whole = f"luminance by {100 * float(np.sum(eye * everywhere)):.1f} %"
             effect = f"over {LOW_SUN_MASS:g} vertical columns: {', '.join([whole, *inside])}"
         if why:
-            left_out.append(LeftOut(f"bands of {gas}", why, effect))
+            omissions.append(Omission(f"bands of {gas}", why, effect))
             climate = climate.model_copy(update={"gases": climate.gases.model_copy(update=changes[gas])})
     return climate
 
 
-def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate:
+def _without_empty_aerosol(climate: Climate, omissions: list[Omission]) -> Climate:
     """Aerosol that is there in name only would still be put through Mie theory."""
     aerosol = climate.aerosol
     if aerosol is None:
@@ -155,15 +155,15 @@ def _without_empty_aerosol(climate: Climate, left_out: list[LeftOut]) -> Climate
     background = aerosol.free_troposphere or aerosol.mineral_transported is not None
     own_stratosphere = climate.stratosphere is None and aerosol.stratosphere != "none"
     if aerosol.optical_depth_550nm == 0.0 and climate.stratosphere is None:
-        left_out.append(LeftOut("aerosol", "aerosol.optical_depth_550nm is 0: no Mie theory", "none"))
+        omissions.append(Omission("aerosol", "aerosol.optical_depth_550nm is 0: no Mie theory", "none"))
         return climate.model_copy(update={"aerosol": None})
     if aerosol.components and not any(aerosol.components.values()) and not background and not own_stratosphere:
-        left_out.append(LeftOut("aerosol", "all aerosol.components are 0: no Mie theory", "none"))
+        omissions.append(Omission("aerosol", "all aerosol.components are 0: no Mie theory", "none"))
         return climate.model_copy(update={"aerosol": None})
     return climate
 
 
-def _without_weak_gases(climate: Climate, wavelength_nm: np.ndarray, left_out: list[LeftOut]) -> Climate:
+def _without_weak_gases(climate: Climate, wavelength_nm: np.ndarray, omissions: list[Omission]) -> Climate:
     weak = list(_weak_gases(climate, wavelength_nm))
     if not weak:
         return climate
@@ -175,7 +175,7 @@ def _without_weak_gases(climate: Climate, wavelength_nm: np.ndarray, left_out: l
             else f"{wavelength_nm[0]:g} nm"
         )
         reason = f"optical depth along the limb, in and out, is at most {depth:.1e} at {span}"
-        left_out.append(LeftOut(gas, reason, f"below {GAS_TOLERANCE:g}" if depth > 0 else "none"))
+        omissions.append(Omission(gas, reason, f"below {GAS_TOLERANCE:g}" if depth > 0 else "none"))
         if gas == "ozone":
             gases = gases.model_copy(update={"ozone": gases.ozone.model_copy(update={"treatment": "none"})})
         else:
@@ -185,9 +185,6 @@ def _without_weak_gases(climate: Climate, wavelength_nm: np.ndarray, left_out: l
 
 def _weak_gases(climate: Climate, wavelength_nm: np.ndarray) -> Iterator[tuple[str, float]]:
     """Gases whose absorption cannot be seen at these wavelengths, with twice their largest limb optical depth."""
-    from twilight.atmosphere import gases
-    from twilight.atmosphere.profiles import load_profile
-
     full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
     profile = full.at(full.altitude_km[full.altitude_km <= climate.atmosphere.top_km])
     ozone = climate.gases.ozone
@@ -205,8 +202,6 @@ def _weak_gases(climate: Climate, wavelength_nm: np.ndarray) -> Iterator[tuple[s
 
 def _limb_optical_depth(altitude_km: np.ndarray, coefficient_per_km: np.ndarray) -> float:
     """Largest optical depth of a straight path that grazes the sphere at any of the altitudes, from space to space."""
-    from twilight.conventions import EARTH_RADIUS_KM
-
     radius = EARTH_RADIUS_KM + altitude_km
     largest = np.max(coefficient_per_km, axis=1)
     depth = 0.0

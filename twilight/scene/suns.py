@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from twilight.config.scene import Config
-from twilight.config.sun import SunAt, SunElevation, SunElevations, SunInterval
+from twilight.config.sun import SunAt, SunElevation, SunElevations, SunInterval, SunTimes
+from twilight.sky.ephemeris import sun_position
 
 
 @dataclass(frozen=True)
-class SunPosition:
+class SceneSun:
     """One sun of a sequence, and the section of a configuration that asks for this sun alone.
 
     elevation_deg: true; azimuth_deg: clockwise from north, None where there is no place; name: for a folder.
@@ -30,41 +31,40 @@ def count_suns(config: Config) -> int:
     sun = config.sun
     if isinstance(sun, SunElevations):
         return len(sun.elevations_deg)
-    if isinstance(sun, SunInterval):
+    if isinstance(sun, SunInterval | SunTimes):
         return len(_moments(sun))
     return 1
 
 
-def suns_of(config: Config) -> Iterator[SunPosition]:
+def suns_of(config: Config) -> Iterator[SceneSun]:
     """The positions of the sun of a configuration, one by one."""
     sun = config.sun
     if isinstance(sun, SunElevation):
-        yield SunPosition(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
+        yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
             one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SunPosition(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+            yield SceneSun(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
     else:
-        from twilight.sun.ephemeris import sun_position
-
         for moment in _moments(sun):
             place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
             one_at = SunAt(at=moment, **place)
             at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
-            name = moment.strftime("%Y-%m-%dT%H%M%S" if moment.second else "%Y-%m-%dT%H%M")
-            yield SunPosition(
-                name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment
-            )
+            finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
+            name = moment.strftime(f"%Y-%m-%dT{finest}")
+            yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)
 
 
 def _elevation_name(elevation_deg: float) -> str:
     return f"sun{elevation_deg:+06.2f}"
 
 
-def _moments(sun: SunAt | SunInterval) -> list[datetime]:
+def _moments(sun: SunAt | SunTimes | SunInterval) -> list[datetime]:
     """The times with their offsets; a daylight-saving change within an interval does not disturb the steps."""
     if isinstance(sun, SunAt):
         return [sun.aware(sun.at)]
+    if isinstance(sun, SunTimes):
+        return [sun.aware(moment) for moment in sun.times]
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
     step = timedelta(minutes=sun.step_minutes)
     count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + 1e-9) + 1

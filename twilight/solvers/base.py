@@ -24,41 +24,46 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress
 
 
 @dataclass(frozen=True)
-class Takes:
-    """What a field will take: bytes of all its wavelengths together and of each, processor seconds of a wavelength and
-    of a wavelength in a direction; `together` wavelengths take as much as one.
+class Cost:
+    """Memory and processor time of a field.
 
-    band_bytes: more of all together, band_cpu: times the seconds of a wavelength, where they are lanes of a gas's band.
+    fixed_bytes: of the field, whatever its wavelengths
+    bytes_per_wavelength, cpu_s_per_wavelength: of each wavelength; of each block of `block_size` wavelengths, begun or
+        full, they count block_size times
+    cpu_s_per_direction: of a wavelength in one direction, when the field is evaluated
+    block_size: wavelengths that are computed as one
+    band_bytes: added to fixed_bytes where the wavelengths are terms of a gas's exponential sum
+    band_cpu_factor: of cpu_s_per_wavelength where they are such terms
     """
 
     fixed_bytes: float
     bytes_per_wavelength: float
     cpu_s_per_wavelength: float
-    cpu_s_per_look: float
-    together: int = 1
+    cpu_s_per_direction: float
+    block_size: int = 1
     band_bytes: float = 0.0
-    band_cpu: float = 1.0
+    band_cpu_factor: float = 1.0
 
     def n_bytes(self, wavelengths: int, in_band: bool = False) -> float:
-        """Of a field of so many wavelengths, or lanes of a band."""
+        """Bytes of a field of so many wavelengths; in_band: or so many terms of an exponential sum."""
         fixed = self.fixed_bytes + (self.band_bytes if in_band else 0.0)
-        return fixed + self.bytes_per_wavelength * self.together * -(-wavelengths // self.together)
+        return fixed + self.bytes_per_wavelength * self.block_size * -(-wavelengths // self.block_size)
 
-    def at_once(self, most: int, n_bytes: float, in_band: bool = False) -> int:
-        """The most wavelengths of a field that takes no more than so many bytes: up to `most`, at least `together`."""
+    def max_wavelengths(self, most: int, n_bytes: float, in_band: bool = False) -> int:
+        """The most wavelengths of a field of at most n_bytes bytes: up to `most`, at least `block_size`."""
         fixed = self.fixed_bytes + (self.band_bytes if in_band else 0.0)
-        room = (n_bytes - fixed) / (self.bytes_per_wavelength * self.together)
-        return max(self.together, min(most, self.together * int(max(room, 0.0))))
+        room = (n_bytes - fixed) / (self.bytes_per_wavelength * self.block_size)
+        return max(self.block_size, min(most, self.block_size * int(max(room, 0.0))))
 
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a solver declares; the defaults are those of the least that can be asked of one.
+    """What a solver can do beyond the least that is asked of one, which the defaults describe.
 
     takes_suns: `prepare` also takes `sun_elevations_deg`, all the suns that will be asked for (None: any), and computes
         only what they need
@@ -66,22 +71,23 @@ class Capabilities:
     every_observer: `Field.radiance` also takes `observer_altitude_km`: one field serves every altitude
     below_horizon: it has a sky for a sun below the horizon
     looks_down: directions may be below the horizon
-    standard_error: its answer is an estimate; the field is a `StochasticField`
+    standard_error: radiances are estimates; the field is a `StochasticField`
     stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
     water: it takes a medium whose ground is a water surface (`Medium.has_water`)
     finite_segments: the field is a `SegmentField`
-    target_error: the settings have `target_error`, a share that the systematic error is refined to
+    target_error: the settings have `target_error`, the relative systematic error that the field is refined to
     target_stderr: the settings have `target_stderr`, a relative standard error that samples are added for
-    field_file: the settings have `field_file`, where the field of one block of wavelengths is kept
+    field_file: the settings have `field_file`, where the field of one block of wavelengths is stored
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
-    ahead: name of a module that, run by itself, compiles what a look at a field needs (`twilight.ahead`)
-    plain: nothing of it is compiled; the engine then takes the sun's light at the ground from numpy alone too
-    alike: keys of the wavelengths of a medium under settings; those with different keys share no block, for one would
-        move the other; None: none moves another
+    precompile_module: name of a module that, run by itself, compiles the kernels that evaluate a field
+        (`twilight.jit.precompile`)
+    numpy_only: the solver has no compiled kernel; the engine then takes the sun's light at the ground from numpy alone
+    spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
+        solved in one block, where each would move the other's radiance; None: no wavelength moves another
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
-    takes: what a field of a medium will take under settings, suns (None: any) and the altitude of an observer; None:
-        not known
+    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
+        known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -99,11 +105,11 @@ class Capabilities:
     field_file: bool = False
     reads_files: bool = False
     wavelengths_at_once: int = 32
-    ahead: str = ""
-    plain: bool = False
-    alike: Callable[[Medium, Any], Sequence[Hashable]] | None = None
+    precompile_module: str = ""
+    numpy_only: bool = False
+    spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     formula: bool = False
-    takes: Callable[[Medium, Any, Sequence[float] | None, float], Takes] | None = None
+    cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
     package: str = ""
 
     @property
@@ -120,11 +126,12 @@ ALL_WAVELENGTHS = 2000
 class Convergence:
     """How well a field was solved.
 
-    events: scattering events followed; residual: largest share of the light that may be missing or wrong because no
-    more were; error: how far two qualities differ at 95 % of the directions, where a target was asked for.
+    orders: orders of scattering that were followed; residual: largest fraction of the light that may be missing or
+    wrong because no more were followed; error: how far two qualities differ at 95 % of the directions, where a target
+    was asked for.
     """
 
-    events: int
+    orders: int
     residual: float
     error: float | None = None
 
@@ -149,11 +156,26 @@ class Field(Protocol):
         """Whether it was prepared with polarisation; it is then a `PolarisedField`."""
 
     def radiance(self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
-        """Sun-normalised radiance [sr^-1], shape of the (broadcast) directions plus (W,).
+        """Sun-normalised radiance.
 
-        sun_elevation_deg: true elevation; elevation_deg, azimuth_deg: of the line of sight, azimuth from the sun.  The
-        sky is its own mirror image about the sun's vertical.  TwilightError for a sun or direction that it cannot do.
-        A solver that serves `every_observer` takes also `observer_altitude_km` (None: as prepared).
+        Parameters
+        ----------
+        sun_elevation_deg
+            True elevation of the sun's centre [deg].
+        elevation_deg, azimuth_deg
+            Of the lines of sight [deg], azimuth from the sun; they are broadcast.  The sky is its own mirror image
+            about the sun's vertical.  A solver that serves `every_observer` takes `observer_altitude_km` too (None: as
+            prepared).
+
+        Returns
+        -------
+        array
+            [sr^-1], shape of the directions plus (W,).
+
+        Raises
+        ------
+        TwilightError
+            For a sun or a direction that the solver cannot do.
         """
 
 
@@ -202,13 +224,23 @@ class PolarisedField(Field, Protocol):
     """A field that knows the linear polarisation of its light."""
 
     def stokes(self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
-        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W).
+        """Sun-normalised Stokes parameters I, Q, U, with the signs of `twilight.base.conventions`.
 
-        The signs are those of `twilight.conventions`.  I is what `radiance` gives.  A solver that serves
-        `every_observer` takes also `observer_altitude_km`.  TwilightError for a field without polarisation.
+        Parameters
+        ----------
+        sun_elevation_deg, elevation_deg, azimuth_deg
+            As of `Field.radiance`.
 
-        A field whose answers are estimates has `stokes_with_error` too: `stokes` and `standard_error`, both of this
-        shape.
+        Returns
+        -------
+        array
+            [sr^-1], shape of the directions plus (3, W); I is what `radiance` gives.  A field whose answers are
+            estimates has `stokes_with_error` too: `stokes` and `standard_error`, both of this shape.
+
+        Raises
+        ------
+        TwilightError
+            For a field without polarisation.
         """
 
 
@@ -218,14 +250,25 @@ class SegmentField(Field, Protocol):
     def inscatter(
         self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike, distance_km: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(sun-normalised radiance [sr^-1] scattered in, transmittance) of the air up to a distance, directions plus
-        (W,) each: an object there is seen as the first plus the second times its own radiance.
+        """Light scattered in between the observer and a distance, and the transmittance of that air.
 
-        Beyond the end of a line in the air, at the ground or in space, it is what the air of all of it brings.  A
-        solver that serves `every_observer` takes also `observer_altitude_km`.  One that scales forward peaks takes
-        `peak_passes`: light that aerosol throws into its narrow forward peak then counts as passed and not as
-        scattered, in both, as fits objects that are wider than the peak (degrees).  A field whose answers are estimates
-        has `inscatter_with_error` too, an `Estimate` in the place of the radiance.
+        An object of radiance L at that distance is seen as radiance + transmittance x L.  Beyond the end of a line, at
+        the ground or in space, both are those of the whole line.
+
+        Parameters
+        ----------
+        sun_elevation_deg, elevation_deg, azimuth_deg
+            As of `Field.radiance`.  A solver that scales forward peaks takes `peak_passes` too: light that aerosol
+            scatters into its narrow forward peak then counts as passed, in both results, as fits objects wider than the
+            peak (degrees).
+        distance_km
+            Length of the segments [km], broadcast with the directions.
+
+        Returns
+        -------
+        radiance, transmittance : arrays
+            [sr^-1] and 1, shape of the directions plus (W,).  A field whose answers are estimates has
+            `inscatter_with_error` too, an `Estimate` in the place of the radiance.
         """
 
 
@@ -248,8 +291,23 @@ class Solver(Protocol):
         observer_altitude_km: float = 0.0,
         progress: Progress | None = None,
     ) -> Field:
-        """What does not depend on the sun and the direction.
+        """Make what does not depend on the sun and the direction.
 
-        settings: one of QUALITIES, perhaps with options replaced; None: `standard`.  A solver that `takes_suns` also
-        takes `sun_elevations_deg`.  Errors: TwilightError for what it cannot do, in one sentence.
+        Parameters
+        ----------
+        medium
+            Coefficients of air, aerosol and gases at W wavelengths, and the ground.
+        settings
+            One of QUALITIES, perhaps with options replaced; None: `standard`.
+        observer_altitude_km
+            Altitude of the observer [km].
+        progress
+            Called as progress(doing, fraction) now and then.
+
+        A solver that `takes_suns` also takes `sun_elevations_deg`: all the suns that will be asked for, None for any.
+
+        Raises
+        ------
+        TwilightError
+            For what the solver cannot do, in one sentence.
         """

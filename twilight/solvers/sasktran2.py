@@ -1,7 +1,7 @@
 """sasktran2 (University of Saskatchewan) as a solver: the same coefficients, phase functions, ground and geometry.
 
-It is here to be compared with.  It does not refract: its beam would not spread, which is worse than straight light.
-What it takes to have it right in twilight, each found by comparison with the Monte-Carlo referee:
+It is here to be compared with.  Its refraction is off: a refracted beam that does not spread is worse than straight
+light.  What makes it right in twilight, each found by comparison with the Monte-Carlo reference solution:
 
 - Single and multiple scattering are computed by two engines and added.  Single scattering is exact in its phase
   function, but takes the sunlight to be linear in each layer: it needs layers of 20 m at the ground.  Multiple
@@ -19,17 +19,20 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.extras import missing
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.extras import missing
+from twilight.base.progress import Progress
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 from twilight.transport.matrix_moments import matrix_moments
 
 JUMP_KM = 1e-3
+"""Thickness of the layer that stands for a jump of a coefficient [km]."""
+
 CAPABILITIES = Capabilities(looks_down=False, stokes=True, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
@@ -41,7 +44,7 @@ class Sasktran2Settings:
     single_step_km, single_growth: layers for single scattering: thickness at the ground, growth with altitude
     multiple_step_km, multiple_growth: the same for multiple scattering; growth 0: evenly spaced, and sunlight from the
         table
-    source_step_km, source_growth: the same for the points where the diffuse source is kept
+    source_step_km, source_growth: the same for the points where the diffuse source is computed
     zenith_step_deg: between the solar zenith angles of the source, near 90 deg (they are even in the cosine and
         cover the lines of sight)
     incoming, outgoing: directions at a source point (orders of Lebedev's rules: 110, 302, 770)
@@ -51,6 +54,15 @@ class Sasktran2Settings:
     threads: that it uses; 0: all there are
     polarisation: three Stokes parameters, at several times the cost
     """
+
+    COMMON: ClassVar[tuple[str, ...]] = (
+        "polarisation",
+        "zenith_step_deg",
+        "incoming",
+        "outgoing",
+        "streams",
+        "threads",
+    )
 
     single_step_km: float = 0.02
     single_growth: float = 0.05
@@ -129,7 +141,7 @@ class Field(BareField):
 
         Errors: TwilightError for directions below the horizontal and for what sasktran2 itself refuses.
         """
-        return self._look(sun_elevation_deg, elevation_deg, azimuth_deg)[..., 0, :]
+        return self._evaluate(sun_elevation_deg, elevation_deg, azimuth_deg)[..., 0, :]
 
     @property
     def polarised(self) -> bool:
@@ -137,15 +149,16 @@ class Field(BareField):
         return self.settings.polarisation
 
     def stokes(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
-        """Sun-normalised I, Q, U [sr^-1], shape of the directions plus (3, W), in the signs of `twilight.conventions`.
+        """Sun-normalised I, Q, U [sr^-1], shape of the directions plus (3, W), in the signs of
+        `twilight.base.conventions`.
 
         Errors: as `radiance`, and TwilightError where solver.polarisation is false.
         """
         if not self.settings.polarisation:
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
-        return self._look(sun_elevation_deg, elevation_deg, azimuth_deg)
+        return self._evaluate(sun_elevation_deg, elevation_deg, azimuth_deg)
 
-    def _look(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+    def _evaluate(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         if np.any(elevation < 0.0):
             raise TwilightError("the sasktran2 solver looks up only: elevations must not be below 0 deg")
@@ -195,18 +208,18 @@ def optics(
     the mean of both sides, which keeps the column; elsewhere both sides are the same.
     """
     each = 4 if polarised else 1
-    share = 2.0 * np.arange(n_moments)[:, None] + 1.0
+    factor = 2.0 * np.arange(n_moments)[:, None] + 1.0
     species = np.zeros((1 + len(medium.phase_functions), each * n_moments, medium.n_wavelengths))
     species[0, 0] = 1.0
     species[0, 2 * each] = (1.0 - medium.depolarisation) / (2.0 + medium.depolarisation)
     for k, phase in enumerate(medium.phase_functions):
-        species[1 + k, ::each] = share * phase.legendre_moments(n_moments - 1).T
+        species[1 + k, ::each] = factor * phase.legendre_moments(n_moments - 1).T
     if polarised:
         whole = np.zeros((len(medium.phase_functions), medium.n_wavelengths))
         matrix = matrix_moments(medium, whole, n_moments - 1)
         # sasktran2 counts P12 with the other sign
         for k, part in ((1, matrix.even), (2, matrix.odd), (3, -matrix.b)):
-            species[:, k::4] = share * part
+            species[:, k::4] = factor * part
     air, aerosols = species[0], species[1:]
     shape = (altitude_km.size, medium.n_wavelengths)
     extinction, scattering, moments = np.zeros(shape), np.zeros(shape), np.zeros((each * n_moments, *shape))
@@ -216,7 +229,7 @@ def optics(
         extinction = extinction + 0.5 * at.extinction
         scattering = scattering + 0.5 * (at.air_scattering + at.aerosol_scattering)
         moments = moments + 0.5 * at.air_scattering * air[:, None, :]
-        for part, aerosol in zip(at.aerosol_share, aerosols, strict=True):
+        for part, aerosol in zip(at.aerosol_phase_fraction, aerosols, strict=True):
             moments = moments + 0.5 * at.aerosol_scattering * part * aerosol[:, None, :]
     return extinction / 1000.0, scattering / extinction, moments / scattering
 
@@ -225,8 +238,8 @@ def _zenith_count(medium: Medium, step_deg: float, rays: list[np.ndarray]) -> in
     """Solar zenith angles that are a step apart where the sun is at the horizon, over all lines of sight."""
     sun, elevation, azimuth = (np.radians(a) for a in rays)
     ratio = (medium.earth_radius_km + medium.bottom_km) / (medium.earth_radius_km + medium.top_km)
-    reach = np.arccos(ratio * np.cos(elevation)) - elevation  # from the observer to where a line of sight leaves
-    cosine = np.sin(sun) * np.cos(reach) + np.cos(sun) * np.sin(reach) * np.cos(azimuth)
+    arc_rad = np.arccos(ratio * np.cos(elevation)) - elevation  # from the observer to where a line of sight leaves
+    cosine = np.sin(sun) * np.cos(arc_rad) + np.cos(sun) * np.sin(arc_rad) * np.cos(azimuth)
     span = max(cosine.max(), np.sin(sun).max()) - min(cosine.min(), np.sin(sun).min())
     return 1 + max(1, round(span / np.radians(step_deg)))
 

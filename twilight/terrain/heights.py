@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.errors import TwilightError
+from twilight.base.extras import missing
+from twilight.base.reading import check_npy
 from twilight.config.terrain import Terrain
-from twilight.errors import TwilightError
-from twilight.extras import missing
-from twilight.reading import check_npy
 
 MOST_POINTS = 4096
 SHIPPED = {"jacksboro": (30.1, 31.8)}
@@ -35,12 +35,37 @@ class Heights(NamedTuple):
     highest_km: float
 
 
-def heights_of(terrain: Terrain, folder: Path | None = None) -> Heights:
+class Standpoint(NamedTuple):
+    """Where the observer stands [deg, north and east positive] and the sun's azimuth, clockwise from north [deg]."""
+
+    latitude_deg: float
+    longitude_deg: float
+    sun_azimuth_deg: float
+
+
+class HeightRaster(NamedTuple):
+    """A file of altitudes [m], the northern or far side first.
+
+    size_km: extent (x, y) where the file knows it; column, row: of the observer, counted from the first pixel's centre,
+    and grid_north_deg: azimuth of the columns' direction there, where file and observer have a place.
+    """
+
+    metres: np.ndarray
+    size_km: tuple[float, float] | None = None
+    column: float | None = None
+    row: float = 0.0
+    grid_north_deg: float = 0.0
+
+
+def heights_of(terrain: Terrain, folder: Path | None = None, standpoint: Standpoint | None = None) -> Heights:
     """The heights that a configuration names; paths count from `folder`.
 
-    Errors: TwilightError for a file that cannot be read or holds something else.
+    standpoint: of an observer whose place and sun are known; a GeoTIFF with coordinates then lies where it is, its
+    north to the north.  Otherwise the observer stands in its middle and its far side lies towards the sun.
+    Errors: TwilightError for a file that cannot be read, holds something else or lies elsewhere.
     """
     size_x = size_y = terrain.size_km
+    raster: HeightRaster | None = None
     if terrain.heights in _FORMULAS:
         u = (np.arange(terrain.count) + 0.5) / terrain.count - 0.5
         x, y = np.meshgrid(u, u)
@@ -52,19 +77,28 @@ def heights_of(terrain: Terrain, folder: Path | None = None) -> Heights:
         size_x, size_y = SHIPPED[terrain.heights]
     else:
         path = Path(terrain.heights) if folder is None else folder / terrain.heights
-        metres, own = _read(path)
-        if own is not None:
-            size_x, size_y = own
+        raster = _read(path, standpoint)
+        if raster.size_km is not None:
+            size_x, size_y = raster.size_km
         else:
-            size_y = size_x * metres.shape[0] / metres.shape[1]
-        altitude = metres[::-1] / 1000.0
+            size_y = size_x * raster.metres.shape[0] / raster.metres.shape[1]
+        altitude = raster.metres[::-1] / 1000.0
     turn = np.radians(terrain.azimuth_deg)
     rows, columns = altitude.shape
     step_x, step_y = size_x / columns, size_y / rows
+    low_x, low_y = -0.5 * size_x + 0.5 * step_x, terrain.distance_km - 0.5 * size_y + 0.5 * step_y
+    if standpoint is not None and raster is not None and raster.column is not None:
+        if terrain.model_fields_set & {"distance_km", "azimuth_deg"}:
+            raise TwilightError(
+                f"terrain: {terrain.heights} has coordinates, and the observer a place; leave out distance_km and "
+                "azimuth_deg"
+            )
+        low_x, low_y = -raster.column * step_x, -(rows - 1 - raster.row) * step_y
+        turn = -np.radians(standpoint.sun_azimuth_deg - raster.grid_north_deg)
     return Heights(
         np.ascontiguousarray(altitude, dtype=np.float32),
-        -0.5 * size_x + 0.5 * step_x,
-        terrain.ahead_km - 0.5 * size_y + 0.5 * step_y,
+        low_x,
+        low_y,
         step_x,
         step_y,
         float(np.cos(turn)),
@@ -73,11 +107,11 @@ def heights_of(terrain: Terrain, folder: Path | None = None) -> Heights:
     )
 
 
-def _read(path: Path) -> tuple[np.ndarray, tuple[float, float] | None]:
-    """Altitudes [m], (rows, columns), the far side first, and the size (x, y) [km] where the file knows it."""
+def _read(path: Path, standpoint: Standpoint | None) -> HeightRaster:
+    """A .npy or GeoTIFF file; TwilightError where it is neither, or does not hold the observer's place."""
     if not path.is_file():
         raise TwilightError(f"terrain.heights: there is no file {path}")
-    size = None
+    about = HeightRaster(np.empty((0, 0)))
     if path.suffix.lower() == ".npy":
         try:
             check_npy(path)
@@ -93,7 +127,9 @@ def _read(path: Path) -> tuple[np.ndarray, tuple[float, float] | None]:
             with rasterio.open(path) as file:
                 _check_shape(path, file.shape)
                 values = file.read(1, masked=True).filled(np.nan)
-                size = _size_km(file)
+                about = about._replace(size_km=_size_km(file))
+                if standpoint is not None and file.crs is not None:
+                    about = _stand_on(about, file, path, standpoint)
         except rasterio.errors.RasterioError as error:
             raise TwilightError(f"{path}: cannot be read as GeoTIFF ({error})") from None
     _check_shape(path, values.shape)
@@ -102,12 +138,34 @@ def _read(path: Path) -> tuple[np.ndarray, tuple[float, float] | None]:
     values = np.asarray(values, dtype=float)
     if not np.isfinite(values).all() or values.min() < -1000.0 or values.max() > 100000.0:
         raise TwilightError(f"{path}: altitudes must be numbers from -1000 to 100000 m without gaps")
-    return values, size
+    return about._replace(metres=values)
 
 
 def _check_shape(path: Path, shape: tuple[int, ...]) -> None:
     if len(shape) != 2 or min(shape) < 2 or max(shape) > MOST_POINTS:
         raise TwilightError(f"{path}: must hold 2 x 2 to {MOST_POINTS} x {MOST_POINTS} altitudes, has {shape}")
+
+
+def _stand_on(raster: HeightRaster, file, path: Path, standpoint: Standpoint) -> HeightRaster:
+    """The raster with the observer's column and row and the direction of its columns there."""
+    from rasterio.warp import transform
+
+    step_deg = 0.01
+    latitudes = [standpoint.latitude_deg, standpoint.latitude_deg + step_deg]
+    longitude = (standpoint.longitude_deg + 180.0) % 360.0 - 180.0
+    x, y = transform("EPSG:4326", file.crs, [longitude, longitude], latitudes)
+    inverse = ~file.transform
+    column = inverse.a * x[0] + inverse.b * y[0] + inverse.c
+    row = inverse.d * x[0] + inverse.e * y[0] + inverse.f
+    rows, columns = file.shape
+    if not (0.0 <= column <= columns and 0.0 <= row <= rows):
+        raise TwilightError(
+            f"{path}: the observer at latitude {standpoint.latitude_deg:g}, longitude {standpoint.longitude_deg:g} "
+            "stands outside of it"
+        )
+    # how far the grid's north, up its columns, is turned clockwise from true north
+    north = -np.degrees(np.arctan2(x[1] - x[0], y[1] - y[0]))
+    return raster._replace(column=column - 0.5, row=row - 0.5, grid_north_deg=float(north))
 
 
 def _size_km(file) -> tuple[float, float]:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.transport.beam import beam_at
 
 SHADOW_STEP = 0.5
@@ -142,7 +142,7 @@ def slopes(field, x, y, step_km):
     return (a - b) / (2.0 * step_km), (c - d) / (2.0 * step_km)
 
 
-class Air(NamedTuple):
+class TerrainAir(NamedTuple):
     """What lines of sight need of the air, at altitudes step_km apart from bottom_km on.
 
     extinction (Z, W), scattering (S, Z, W) [km^-1]: of air and each aerosol, forward peaks counted as passed.
@@ -154,7 +154,7 @@ class Air(NamedTuple):
     scattering: np.ndarray
 
 
-class Shadow(NamedTuple):
+class ShadowGrid(NamedTuple):
     """`shadow_over` on a grid: altitude_km (N, M) at rows low_y_km + i step_km, columns low_x_km + j step_km."""
 
     altitude_km: np.ndarray
@@ -166,61 +166,76 @@ class Shadow(NamedTuple):
 
 @njit(cache=True, inline="always")
 def shadow_at(shadow, x, y):
-    """The shadow's altitude [km] over a place, bilinear; none beyond its grid.  shadow: `Shadow`."""
+    """The shadow's altitude [km] over a place, bilinear; none beyond its grid.  shadow: `ShadowGrid`."""
     u, v = (x - shadow.low_x_km) / shadow.step_km, (y - shadow.low_y_km) / shadow.step_km
     return bilinear(shadow.altitude_km, u, v)
 
 
-@njit(cache=True, nogil=True)
-def dark_parts(
-    shadow, air, beam, radius_km, start_km, to_sun, elevation, azimuth, end_km, phase, steps, lost, length, begin, end
-):
-    """Sunlight scattered once that the shadowed parts of lines (D,) would send, lost (D, W) [sr^-1], and their length.
+@njit(inner=True, cache=True, nogil=True)
+def dark_fractions(shadow, radius_km, start_km, sine, cosine, right, ahead, ds, fraction):
+    """The fraction of every step of a line that lies in shadow, into fraction (N,); returns the dark length [km].
 
-    shadow: `Shadow`; air: `Air`; beam: `Beam`; radius_km: the Earth's; start_km: altitude of the observer
-    to_sun (2,): sine and cosine of the sun's true elevation at the observer; elevation, azimuth [rad], end_km [km]:
-    of the lines; phase (D, S, W) [sr^-1]; steps: parts of each line; within one the edge of the shadow is found by
-    linear interpolation.  length (D,) [km].
+    The edge of the shadow is found by linear interpolation within a step of ds [km].  shadow: `ShadowGrid`; sine,
+    cosine: of the line's elevation; right, ahead: sine and cosine of its azimuth.
     """
-    n_w = lost.shape[1]
-    light, depth, depth_here = np.empty(n_w), np.empty(n_w), np.empty(n_w)
+    z, along = place_on(start_km, radius_km, sine, cosine, 0.0)
+    above = z - shadow_at(shadow, 0.0, 0.0)
+    length = 0.0
+    for n in range(fraction.size):
+        z, along = place_on(start_km, radius_km, sine, cosine, (n + 1) * ds)
+        after = z - shadow_at(shadow, along * right, along * ahead)
+        fraction[n] = 0.0
+        if above < 0.0 and after < 0.0:
+            fraction[n] = 1.0
+        elif above < 0.0:
+            fraction[n] = above / (above - after)
+        elif after < 0.0:
+            fraction[n] = after / (after - above)
+        above = after
+        length += fraction[n] * ds
+    return length
+
+
+@njit(cache=True, nogil=True)
+def sunlight_on_lines(
+    shadow, air, beam, radius_km, start_km, to_sun, elevation, azimuth, end_km, steps, every, whole, dark, length,
+    begin, end
+):  # fmt: skip
+    """Sunlight that each species would scatter once towards the eye along lines, without its phase function.
+
+        whole = sum over steps of ds sigma_s E exp(-depth),      dark: the same over the parts that lie in shadow.
+
+    whole, dark (D, S, W) [1]: filled for lines with a shadow on them, for all where `every` is set; length (D,) [km]:
+    of the dark parts; shadow: `ShadowGrid`; air: `TerrainAir`; beam: `Beam`; radius_km: the Earth's; start_km: altitude
+    of the observer; to_sun (2,): sine and cosine of the sun's true elevation at the observer; elevation, azimuth [rad],
+    end_km [km]: of the lines; steps: parts of each line; begin, end: of the lines.
+    """
+    n_w = whole.shape[2]
+    light, depth = np.empty(n_w), np.empty(n_w)
+    fraction = np.empty(steps)
     for d in range(begin, end):
         sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
         right, ahead = math.sin(azimuth[d]), math.cos(azimuth[d])
-        depth[:] = 0.0
         ds = end_km[d] / steps
-        z, along = place_on(start_km, radius_km, sine, cosine, 0.0)
-        above = z - shadow_at(shadow, 0.0, 0.0)
+        length[d] = dark_fractions(shadow, radius_km, start_km, sine, cosine, right, ahead, ds, fraction)
+        if length[d] == 0.0 and not every:
+            continue
+        depth[:] = 0.0
         for n in range(steps):
-            z, along = place_on(start_km, radius_km, sine, cosine, (n + 1) * ds)
-            after = z - shadow_at(shadow, along * right, along * ahead)
-            share = 0.0
-            if above < 0.0 and after < 0.0:
-                share = 1.0
-            elif above < 0.0:
-                share = above / (above - after)
-            elif after < 0.0:
-                share = after / (after - above)
-            above = after
             z, along = place_on(start_km, radius_km, sine, cosine, (n + 0.5) * ds)
             u = (z - air.bottom_km) / air.step_km
             k = min(max(int(u), 0), air.extinction.shape[0] - 2)
             f = min(1.0, max(0.0, u - k))
+            psi = along / radius_km
+            beam_at(beam, z, math.cos(psi) * to_sun[0] + math.sin(psi) * to_sun[1] * ahead, light)
             for w in range(n_w):
-                depth_here[w] = ds * ((1 - f) * air.extinction[k, w] + f * air.extinction[k + 1, w])
-            if share > 0.0:
-                length[d] += share * ds
-                psi = along / radius_km
-                cos_sun = math.cos(psi) * to_sun[0] + math.sin(psi) * to_sun[1] * ahead
-                beam_at(beam, z, cos_sun, light)
-                for w in range(n_w):
-                    source = 0.0
-                    for s in range(phase.shape[1]):
-                        here = (1 - f) * air.scattering[s, k, w] + f * air.scattering[s, k + 1, w]
-                        source += phase[d, s, w] * here
-                    lost[d, w] += share * ds * source * light[w] * math.exp(-depth[w] - 0.5 * depth_here[w])
-            for w in range(n_w):
-                depth[w] += depth_here[w]
+                here = ds * ((1 - f) * air.extinction[k, w] + f * air.extinction[k + 1, w])
+                arriving = ds * light[w] * math.exp(-depth[w] - 0.5 * here)
+                for s in range(whole.shape[1]):
+                    scattered = arriving * ((1 - f) * air.scattering[s, k, w] + f * air.scattering[s, k + 1, w])
+                    whole[d, s, w] += scattered
+                    dark[d, s, w] += fraction[n] * scattered
+                depth[w] += here
 
 
 @njit(cache=True, nogil=True)

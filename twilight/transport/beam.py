@@ -17,6 +17,9 @@ Dispersion: a point and a true direction of the sun belong to a different ray at
 for the most refracted wavelength, the reference; the table of limb rays is entered with each wavelength's own lowest
 point, found from a tabulated shift that is proportional to the difference of the refractivities.
 
+What jumps or bends strongly at an edge of a layer is in neither table but added in closed form, at every wavelength's
+own ray: :mod:`twilight.transport.beam_edges`.
+
 What the table leaves out: several images of the sun (mirages; d chi/d i is kept above 0.05), the gap in direction that
 a duct makes (bridged), and dispersion of the ground's edge for rays from above (0.01 deg in the lowest metre).
 
@@ -32,9 +35,9 @@ from itertools import pairwise
 import numpy as np
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.transport import beam_edges, beam_tables
 from twilight.transport import beam_lookup as lookup
-from twilight.transport import beam_tables
 from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground, lit_at
 from twilight.transport.beam_pack import Segments, Tables, pack
 from twilight.transport.ray_profile import (
@@ -59,8 +62,9 @@ _LIMB_PATH_KM = 600.0
 """Optical depth of the limb is about extinction x 600 km (sqrt(2 pi R H))."""
 
 
-def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarray:
-    """Altitudes [km] where tables must end: jumps and strong bends of the extinction, the rest evenly cut."""
+def _segments(medium: Medium, max_breaks: int, sharp_km: np.ndarray) -> np.ndarray:
+    """Altitudes [km] where tables must end: jumps and strong bends of the extinction, `sharp_km` among them, the rest
+    evenly cut."""
     z = medium.altitude_km
     k = medium.extinction_per_km + 1e-30
     lower, upper = k[:-1], k[1:]
@@ -80,7 +84,8 @@ def _segments(medium: Medium, profile: RayProfile, max_breaks: int) -> np.ndarra
             3.0 * jump * math.sqrt(2.0 * medium.earth_radius_km * step) / 30.0 + 2.5 * slope_jump * 0.01
         )
     strong = sorted((zz for zz, b in bends.items() if b > 1e-3), key=lambda zz: -bends[zz])[:max_breaks]
-    edges = [float(z[0]), *sorted(strong), float(z[-1])]
+    strong += [float(e) for e in sharp_km if z[0] < e < z[-1]]
+    edges = [float(z[0]), *sorted(set(strong)), float(z[-1])]
     cut = [edges[0]]
     for b in edges[1:]:
         while True:
@@ -185,10 +190,12 @@ def prepare_beam(
         layout = ray_profile(with_joined_refractivity(laid_out_for), refraction=refraction)
         coefficient = np.concatenate([profile.coefficient, layout.coefficient])
         profile = layout._replace(coefficient=coefficient)
-    edges = _segments(laid_out_for or medium, layout, max_breaks)
-    size, start, altitudes = _nodes(edges, layout, altitude_nodes_per_scale, 6, 64)
-    ground = np.array([refractivity_at(profile, w, edges[0]) for w in range(profile.coefficient.shape[0])])
+    ground = np.array([refractivity_at(profile, w, medium.bottom_km) for w in range(profile.coefficient.shape[0])])
     reference, other = int(np.argmax(ground)), int(np.argmin(ground))
+    sharp = beam_edges.make_edges(profile, layout, reference, n_w, max_breaks)
+    n_sharp, of_sharp = sharp.record.shape[0], sharp.flat()
+    edges = _segments(laid_out_for or medium, max_breaks, sharp.altitude_km)
+    size, start, altitudes = _nodes(edges, layout, altitude_nodes_per_scale, 6, 64)
     limb_edges, limb_x = _limb_edges(edges, profile, reference)
     limb_size, limb_start, lowest = _nodes(limb_edges, layout, limb_nodes_per_scale, 8, 128, 0.7 if refraction else 0.0)
     lowest = _uniform_in_invariant(lowest, limb_edges, limb_x, limb_size, limb_start, profile, reference)
@@ -229,7 +236,17 @@ def prepare_beam(
     log_up = np.empty((altitudes.size, cosine_nodes + 1, n_w))
     up_bending, beta = np.empty(log_up.shape[:2]), np.empty(log_up.shape[:2])
     beam_tables.up_table(
-        profile, reference, altitudes, cosines, scale, spreading and refraction, log_up, up_bending, beta
+        profile,
+        reference,
+        altitudes,
+        cosines,
+        scale,
+        spreading and refraction,
+        of_sharp,
+        n_sharp,
+        log_up,
+        up_bending,
+        beta,
     )
     t = (
         np.arange(distance_nodes + 1)
@@ -255,6 +272,8 @@ def prepare_beam(
         slope,
         spreading and refraction,
         far,
+        of_sharp,
+        n_sharp,
         log_down,
     )
     return pack(
@@ -278,5 +297,6 @@ def prepare_beam(
             dispersion=1.0 - scale,
             log_up=log_up,
             log_down=log_down,
+            edges=sharp,
         )
     )

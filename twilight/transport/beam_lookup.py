@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
+from twilight.transport.beam_edges import dispersion_lag, edge_depth
 
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
@@ -27,6 +28,8 @@ NEAR_KM = 300.0
 MAX_DISTANCE_KM = 5.0e4
 LARGEST_LOG = 0.2
 """Bound on log(E/F0): cubic interpolation overshoots next to layers of very large optical depth."""
+TOUCHING = 1.0 - 1e-12
+"""A ray whose invariant is this part of the ground's touches it and is lit: 6 micrometres, which rounding decides."""
 
 # places in Beam.layout
 (
@@ -53,8 +56,11 @@ LARGEST_LOG = 0.2
     AT_SEGMENT_HASH,
     AT_LIMB_HASH,
     N_HASH,
+    N_EDGE,
+    AT_EDGE,
+    AT_EDGE_COEFFICIENT,
     N_INDEX,
-) = range(24)
+) = range(27)
 
 # places in Beam.pool
 RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, EDGE, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(10)
@@ -138,7 +144,7 @@ def _cubic(pool, at, w0, w1, w2, w3):
 def _ray(pool, index, z, c):
     """The ray of the reference wavelength at a point inside the air.
 
-    Returns (lit, bending, invariant p, u = n r cos i, first altitude node, position behind it).
+    Returns (lit, bending, d bending/d i, invariant p, u = n r cos i, first altitude node, position behind it).
     """
     jz, fz = _locate(
         pool, index, z, pool[GROUND], pool[SEGMENT_BINS], index[AT_SEGMENT], index[N_SEGMENT], index[AT_SEGMENT_HASH]
@@ -146,10 +152,10 @@ def _ray(pool, index, z, c):
     r = pool[RADIUS] + z
     s = math.sqrt((1.0 - c) * (1.0 + c))
     p_ground = pool[P_GROUND]
-    bending = 0.0
+    bending = slope = 0.0
     p = r * s
     u = r * c
-    lit = c >= 0.0 or p >= p_ground
+    lit = c >= 0.0 or p >= p_ground * TOUCHING
     if index[REFRACTING] == 1:
         w0, w1, w2, w3 = _weights(fz)
         k = index[AT_ALTITUDE] + 2 * jz
@@ -201,8 +207,8 @@ def _ray(pool, index, z, c):
             cb = math.cos(bending)
             p = x * abs(s * cb - c * sb)
             u = x * (c * cb + s * sb)
-            lit = u >= 0.0 or p >= p_ground * (1.0 - 1e-13)
-    return lit, bending, p, u, jz, fz
+            lit = u >= 0.0 or p >= p_ground * TOUCHING
+    return lit, bending, slope, p, u, jz, fz
 
 
 @njit(inner=True, cache=True)
@@ -257,16 +263,17 @@ def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
 
 @njit(cache=True, inline="always")
 def _place(pool, index, altitude_km, cos_sun_zenith):
-    """(lit, bending, p, u, first altitude node, position behind it); altitude node -1 above the top of the air."""
+    """What `_ray` returns; altitude node -1 above the top of the air."""
     c = min(1.0, max(-1.0, cos_sun_zenith))
     z = max(altitude_km, pool[GROUND])
     if z > pool[TOP]:
         lit, bending, p, u = _ray_from_space(pool, index, z, c)
+        slope = 0.0
         jz = -1
         fz = 0.0
     else:
-        lit, bending, p, u, jz, fz = _ray(pool, index, z, c)
-    return lit, bending, p, u, jz, fz
+        lit, bending, slope, p, u, jz, fz = _ray(pool, index, z, c)
+    return lit, bending, slope, p, u, jz, fz
 
 
 @njit(cache=True, inline="always")
@@ -303,6 +310,14 @@ def _place_down(pool, index, p, u):
     return d, fd, shift
 
 
+@njit(cache=True, inline="always")
+def _of_edges(pool, index, w, z, xx, u):
+    """Optical depth at edges of layers of a wavelength's own ray, of n r cos i = `u` [km], to a point of (n r)^2 = `xx`
+    [km^2]."""
+    c = index[AT_EDGE_COEFFICIENT] + w
+    return edge_depth(pool, index[N_EDGE], index[AT_EDGE], c, index[N_W], z, xx, u)
+
+
 @njit(inner=True, cache=True)
 def lit_at(beam, altitude_km, cos_sun_zenith):
     """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
@@ -322,7 +337,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     pool = beam.pool
     index = beam.layout
     n_w = index[N_W]
-    lit, bending, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
+    lit, bending, slope, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
     if not lit:
         for w in range(n_w):
             out[w] = 0.0
@@ -338,8 +353,12 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
         row = (index[N_COSINE] + 1) * n_w
         for w in range(n_w):
             out[w] += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    xx = p * p + u * u
     if u >= 0.0:
         for w in range(n_w):
+            if jz >= 0:
+                own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
+                out[w] -= _of_edges(pool, index, w, altitude_km, xx, own_u)
             out[w] = math.exp(min(out[w], LARGEST_LOG))
         return bending
     d, fd, shift = _place_down(pool, index, p, u)
@@ -351,15 +370,18 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     limit = LARGEST_LOG - math.log(factor)
     for w in range(n_w):
         dispersion = pool[index[AT_DISPERSION] + w]
+        own = p
         if dispersion > 0.0:
             own = p + dispersion * shift
-            if own < pool[P_GROUND]:
+            if own < pool[P_GROUND] * TOUCHING:
                 out[w] = 0.0
                 continue
             ky, fy = _limb_node(pool, index, own)
             w0, w1, w2, w3 = _weights(fy)
         k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
         value = out[w] + _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+        own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
+        value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
         out[w] = factor * math.exp(min(value, limit))
     return bending
 
@@ -383,7 +405,7 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     pool = beam.pool
     index = beam.layout
     n_w = index[N_W]
-    lit, bending, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
+    lit, bending, slope, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
     if not lit:
         return 0.0, bending
     value = -pool[index[AT_OVERHEAD] + w]
@@ -394,11 +416,15 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
         sign = 1.0 if u >= 0.0 else -1.0
         row = (index[N_COSINE] + 1) * n_w
         value += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    xx = p * p + u * u
     if u >= 0.0:
+        if jz >= 0:
+            own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
+            value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
         return math.exp(min(value, LARGEST_LOG)), bending
     d, fd, shift = _place_down(pool, index, p, u)
     own = p + pool[index[AT_DISPERSION] + w] * shift
-    if own < pool[P_GROUND] * (1.0 - 1e-13):
+    if own < pool[P_GROUND] * TOUCHING:
         return 0.0, bending
     v0, v1, v2, v3 = _weights(fd)
     ky, fy = _limb_node(pool, index, own)
@@ -406,5 +432,7 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     row = index[N_DISTANCE] + 1
     k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
     value += _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
+    value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
     factor = 1.0 / (1.0 - u / pool[FAR])
     return factor * math.exp(min(value, LARGEST_LOG - math.log(factor))), bending

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.transport import beam_lookup as lookup
+from twilight.transport.beam_edges import Edges
 from twilight.transport.beam_lookup import Beam
 
 _HASH = 1024
@@ -52,6 +53,7 @@ class Tables(NamedTuple):
     shift_km (Y, D + 1): of the lowest point, per dispersion; dispersion (W,): 1 - (n - 1)/(n - 1 at the reference).
     overhead (W,): optical depth above the top; log_up (J, C + 1, W): log of the irradiance over F0 of rays from above;
     log_down (W, Y, D + 1): log of the irradiance of a limb ray and of its mirror image, with log(1 + u/far_km).
+    edges: what is sharp at edges of layers, and missing in log_up and log_down.
     """
 
     radius_km: float
@@ -73,6 +75,7 @@ class Tables(NamedTuple):
     dispersion: np.ndarray
     log_up: np.ndarray
     log_down: np.ndarray
+    edges: Edges
 
 
 def pack(t: Tables) -> Beam:
@@ -88,6 +91,7 @@ def pack(t: Tables) -> Beam:
         lookup.N_GUESS: t.guess.shape[1] - 1,
         lookup.N_LIMB_NODE: t.limb_bending.size,
         lookup.N_HASH: _HASH,
+        lookup.N_EDGE: t.edges.record.shape[0],
         # the hashes stand behind the index itself
         lookup.AT_SEGMENT_HASH: lookup.N_INDEX,
         lookup.AT_LIMB_HASH: lookup.N_INDEX + _HASH + 1,
@@ -115,6 +119,8 @@ def pack(t: Tables) -> Beam:
         lookup.AT_DISPERSION: t.dispersion,
         lookup.AT_UP: t.log_up,
         lookup.AT_DOWN: t.log_down,
+        lookup.AT_EDGE: t.edges.record,
+        lookup.AT_EDGE_COEFFICIENT: t.edges.coefficient,
     }
     index = np.zeros(lookup.N_INDEX, dtype=np.int64)
     for place, size in sizes.items():

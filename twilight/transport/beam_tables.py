@@ -8,7 +8,7 @@ apparent zenith angle of the sun; widening: d(chi)/d(apparent); spreading: wheth
 (W,): refractivity over the reference's; altitudes (J,) [km]; cosines (C,): apparent; distances (D,) [km]: u of the
 reference ray; lowest_km (Y,): lowest points of rays, invariant (Y,) [km]: their n r there, slope (Y,) [km^-1]:
 derivative of the whole bending by it; edge_chi (J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the
-shadow's edge.
+shadow's edge; edges: of `beam_edges.Edges.flat`, and n_edges: how many pieces it holds.
 """
 
 from __future__ import annotations
@@ -17,17 +17,10 @@ import math
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
+from twilight.transport.beam_edges import N_EDGE_RECORD, edge_depth
 from twilight.transport.ray_profile import refractivity_at
-from twilight.transport.rays import (
-    FAR_KM,
-    OUTSIDE,
-    TRAPPED,
-    altitude_along,
-    lowest_point,
-    outward,
-    sun_ray,
-)
+from twilight.transport.rays import FAR_KM, OUTSIDE, TRAPPED, altitude_along, lowest_point, outward, sun_ray
 
 _SMALLEST_WIDENING = 0.05
 """Bound on d(true zenith angle)/d(apparent): below it rays cross (a mirage), which the table does not follow."""
@@ -115,37 +108,37 @@ def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
     r^2 sin(chi) d chi cos(i), with p = n r sin i.  chi is the true zenith angle of the sun, `apparent` a guess of the
     apparent one, improved by a Newton step with `widening` = d(chi)/d(i).  Where the ray comes from a little below the
     horizontal, because another wavelength sees the sun there exactly, T is continued linearly from above: what lies
-    below is not part of this table.  Returns also whether the ray is free.
+    below is not part of this table.  Returns also the apparent zenith angle, and whether the ray is free.
     """
     n = 1.0 + refractivity_at(profile, w, altitude_km)
     x = (profile.radius_km + altitude_km) * n
     bending, tau, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), FAR_KM)
     if not ok:
-        return 0.0, False
+        return 0.0, apparent, False
     residual = min(0.5 * math.pi, apparent) + bending - chi
     if apparent <= 0.5 * math.pi:
         apparent = max(0.0, apparent - residual / widening)
     u = x * math.cos(apparent)
     _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), FAR_KM)
     if not ok:
-        return 0.0, False
+        return 0.0, apparent, False
     if u < 0.0:
         _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, FAR_KM)
         if not ok:
-            return 0.0, False
+            return 0.0, apparent, False
         tau = 2.0 * level - tau
     if not spreading:
-        return -tau, True
+        return -tau, apparent, True
     ratio = math.sin(apparent) / math.sin(chi) if math.sin(chi) > 1e-7 else 1.0 / widening
-    return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening))), True
+    return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening))), apparent, True
 
 
 @njit(inner=True, cache=True)
-def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, first):
+def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, own_u, first):
     """`log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
 
-    out (W,): filled; first: index in the profile of the first wavelength of `scale` and `out`.  Returns (bending, d
-    bending/d i, free) at the reference.
+    out (W,): filled; own_u (W,) [km]: filled, n r cos i of each wavelength's own ray; first: index in the profile of
+    the first wavelength of `scale` and `out`.  Returns (bending, d bending/d i, free) at the reference.
     """
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, reference, altitude_km))
     apparent = math.atan2(math.sqrt(max(0.0, (x - u_km) * (x + u_km))), u_km)
@@ -157,29 +150,48 @@ def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spre
     for w in range(scale.size):
         beta_w = beta * scale[w]
         guess = apparent + bending * (1.0 - scale[w])
-        out[w], ok_w = log_irradiance(profile, first + w, altitude_km, chi, guess, 1.0 + beta_w, spreading)
+        out[w], own, ok_w = log_irradiance(profile, first + w, altitude_km, chi, guess, 1.0 + beta_w, spreading)
+        own_u[w] = x * math.cos(own)
         if not ok_w:
             out[w] = np.nan
     return bending, beta, True
 
 
+@njit(inner=True, cache=True)
+def _edges_from_above(edges, n_edges, first, n_w, altitude_km, xx, u_km):
+    """`edge_depth` as `log_irradiance` sees it: for a ray from below the horizontal continued linearly from above.
+
+    first: place of the first coefficient of the wavelength; n_w: their number; xx [km^2]: (n r)^2 at the point.
+    """
+    depth = edge_depth(edges, n_edges, 0, first, n_w, altitude_km, xx, abs(u_km))
+    if u_km < 0.0:
+        depth = 2.0 * edge_depth(edges, n_edges, 0, first, n_w, altitude_km, xx, 0.0) - depth
+    return depth
+
+
 @njit(cache=True)
-def up_table(profile, reference, altitudes, cosines, scale, spreading, log_up, bending, beta):
+def up_table(profile, reference, altitudes, cosines, scale, spreading, edges, n_edges, log_up, bending, beta):
     """Tables over altitudes and apparent cosines of rays from above.
 
-    log_up (J, C, W): log irradiance, filled; bending (J, C) [rad], beta (J, C): bending and its derivative by the
-    apparent zenith angle at the reference, filled.
+    log_up (J, C, W): log irradiance without what `edges` take, filled; bending (J, C) [rad], beta (J, C): bending and
+    its derivative by the apparent zenith angle at the reference, filled.
     """
     n_c = cosines.size
+    own_u = np.empty(scale.size)
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
             bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], _FIRST
+                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], own_u, _FIRST
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
                     log_up[j, m, w] = log_up[j, m + 1, w]
+                elif n_edges > 0:
+                    first = N_EDGE_RECORD * n_edges + w
+                    log_up[j, m, w] += _edges_from_above(
+                        edges, n_edges, first, scale.size, altitudes[j], x * x, own_u[w]
+                    )
             if not ok and m < n_c - 1:
                 bending[j, m] = bending[j, m + 1]
                 beta[j, m] = beta[j, m + 1]
@@ -230,13 +242,16 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
 
 
 @njit(cache=True)
-def down_table(profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, log_down):
-    """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below.
+def down_table(
+    profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, edges, n_edges, log_down
+):  # fmt: skip
+    """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below,
+    both without what `edges` take.
 
     lowest_km (Y,): of a wavelength's own rays; shift (Y, D) [km]: of `shift_table`; slope (W, Y) [km^-1]: here of every
     wavelength; far [km]; log_down: filled.
     """
-    mirror = np.empty(1)
+    mirror, mirror_u = np.empty(1), np.empty(1)
     for w in range(scale.size):
         for m in range(lowest_km.size):
             half, half_tau, _, _, free = outward(profile, w, lowest_km[m], 0.0, FAR_KM)
@@ -262,12 +277,20 @@ def down_table(profile, reference, lowest_km, invariant, distances, scale, shift
                 apparent = math.atan2(p_own, -u_own)
                 chi = apparent + 2.0 * half - up
                 # the mirrored ray as the table of rays from above holds it
-                _, beta, _ = log_irradiance_from_above(profile, reference, z, u, scale[w : w + 1], spreading, mirror, w)
+                _, beta, _ = log_irradiance_from_above(
+                    profile, reference, z, u, scale[w : w + 1], spreading, mirror, mirror_u, w
+                )
                 value = up_tau - 2.0 * half_tau
                 widening = max(_SMALLEST_WIDENING, 1.0 + beta * scale[w] - slope[w, m] * u_own)
                 if spreading:
                     n = 1.0 + refractivity_at(profile, w, z)
                     value += math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
+                if n_edges > 0:
+                    xx = p * p + u * u
+                    own_u = -math.sqrt(max(0.0, u * u + (p - invariant[m]) * (p + invariant[m])))
+                    first = N_EDGE_RECORD * n_edges + w
+                    value += _edges_from_above(edges, n_edges, first, scale.size, z, xx, mirror_u[0])
+                    value += edge_depth(edges, n_edges, 0, first, scale.size, z, xx, own_u)
                 if not math.isnan(mirror[0]):
                     log_down[w, m, d] = value + mirror[0] + math.log1p(u / far)
 

@@ -10,14 +10,19 @@ import math
 
 import numpy as np
 
-from twilight.geometry import altitude_along, distance_to_sphere
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
+from twilight.numerics.geometry import altitude_along, distance_to_sphere
 from twilight.transport.lines import GAUSS_HIGH, GAUSS_LOW
 from twilight.transport.profile import locate
 
-STEP_KM, STEP_GROWTH = 0.8, 0.1
-"""Altitude that a step may cross at the ground, and per height."""
+STEP_KM = 0.8
+"""Altitude that a step may cross at the ground [km]."""
+
+STEP_GROWTH = 0.1
+"""By how much of the height above the ground STEP_KM grows."""
+
 _INSIDE_KM = 1e-9
+"""Coefficients at a stop are those this far inside the interval that the step is in [km]."""
 
 
 @njit(cache=True, makes_arrays=False)

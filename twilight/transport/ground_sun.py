@@ -25,12 +25,20 @@ import numpy as np
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
 
-FINEST_KM, GROWTH = 0.005, 0.03
-"""Distance of nodes at the ground, and by how much of the height it grows."""
+FINEST_KM = 0.005
+"""Distance of nodes at the ground [km]."""
+
+GROWTH = 0.03
+"""By how much of the height the distance of nodes grows."""
+
 STEP_RAD = 1e-5
-"""Over which d chi/d i is a difference of two angles."""
+"""Difference of apparent zenith angles over which d chi/d i is taken [rad]."""
+
 NEWTON_STEPS = 12
+"""Newton steps for the apparent zenith angle of the sun."""
+
 HORIZONTAL = 0.5 * math.pi
+"""Zenith angle of a level ray [rad]."""
 
 
 class GroundSun:

@@ -23,45 +23,76 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.atmosphere.refraction import ciddor_refractivity
-from twilight.geometry import distance_to_sphere
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
+from twilight.numerics.geometry import distance_to_sphere
 from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, Profile, locate
 
 GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)
+"""The nearer of the two Gauss points of a step, as a fraction of it."""
+
 GAUSS_HIGH = 0.5 + 0.5 / math.sqrt(3.0)
+"""The farther of the two Gauss points of a step, as a fraction of it."""
+
 ALTITUDE, ANGLE, COSINE, DISTANCE = range(4)
 """Columns of `Line.place`."""
+
+END_ANGLE, END_COSINE, END_DISTANCE = range(3)
+"""Elements of `Line.end`."""
+
 MAX_POINTS = 3000
 """Points of a line in air without stops; each stop may add four."""
+
 LONG_STEP_KM = 5.0
-"""A longer step is two points: the sunbeam changes by e within tens of km along a line near the terminator."""
+"""A longer step is two points [km]: the sunbeam changes by e within tens of km along a line near the terminator."""
+
 THICK_STEP = 0.5
 """A step of more optical depths than this is two points too: in thick air the beam changes by e within it."""
+
 THICK_FINENESS = 1.0
-"""Least fineness of steps in air thicker than they are made for: with 0.4 of it, 1.7 optical depths a step, thick haze
-was 3 % too bright after tens of events."""
-DEEP, DEEP_GROWTH = 8.0, 5.0
-"""Behind this optical depth at the clearest of the wavelengths that steps are made for, the same whichever are there,
-steps in thick air grow by its square, up to so many times."""
+"""Least fineness of steps in air thicker than they are made for.
+
+With 0.4, 1.7 optical depths a step, thick haze was 3 % too bright after tens of orders of scattering.
+"""
+
+DEEP = 8.0
+"""Optical depth at the clearest of the wavelengths that steps are made for, behind which steps in thick air grow."""
+
+DEEP_GROWTH = 5.0
+"""Largest factor by which steps grow behind DEEP, with the square of the optical depth."""
+
 DARK = 40.0
-"""Optical depth at the clearest wavelength behind which a line is not followed: in deep twilight light of a far, lit
-place is that much brighter. With 25, 380 nm alone below a volcanic cloud was 3.5 % off at -18 deg."""
+"""Optical depth at the clearest wavelength behind which a line is not followed.
+
+In deep twilight light of a far, lit place is brighter by that much.  With 25, 380 nm alone below a volcanic cloud was
+3.5 % off with the sun at -18 deg.
+"""
+
+BLACK = 30.0
+"""Optical depth by which the largest extinction counts as black: it then shortens no step of the other wavelengths."""
+
+LONGEST_STEP_KM = 30.0
+"""Longest step at fineness 1 [km]."""
+
+STEP_DEPTH = 0.7
+"""Optical depth of a step at fineness 1, at the extinction that steps are made for."""
+
 _INSIDE_KM = 1e-9
-"""Coefficients at a stop are those this far inside the interval that the step is in."""
+"""Coefficients at a stop are those this far inside the interval that the step is in [km]."""
 
 _SAME_KM = 1e-9
-"""Distances that differ by less are the same."""
+"""Distances that differ by less are the same [km]."""
 
 SHORTEST_KM = 1e-6
-"""Optical depth shortens no step to less."""
+"""Optical depth shortens no step to less [km]."""
 
 SIGHT_NM = 550.0
-"""Wavelength whose index bends lines of sight at all of them."""
+"""Wavelength whose index bends lines of sight at all wavelengths [nm]."""
 
 GRADIENT_KM = 1e-3
-"""Half of the difference of altitude by which the gradient of the index is found."""
+"""Half of the difference of altitude over which the gradient of the index is taken [km]."""
 
 OUT, GROUND = 0, 1
+"""What a line ends on: space (or its greatest length), the ground."""
 
 
 class Line(NamedTuple):
@@ -69,7 +100,8 @@ class Line(NamedTuple):
 
     place (P, 4): ALTITUDE [km], geocentric ANGLE from the start [rad], COSINE of the local zenith angle, path DISTANCE
     from the start [km]; weight (P, W): scattering coefficient x transmittance x length.
-    transmittance (W,): to the end of the line; end (3,): as ANGLE, COSINE and DISTANCE there.
+    transmittance (W,): to the end of the line; end (3,): END_ANGLE, END_COSINE and END_DISTANCE, as ANGLE, COSINE and
+    DISTANCE there.
     """
 
     place: np.ndarray
@@ -119,8 +151,8 @@ def horizon_cosine(profile: Profile, altitude_km: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, inline="always")
-def _turning(profile, z):
-    """Curvature of the Earth under the ray: 1/(R + z) + d ln n/dz, and 1/(R + z)."""
+def _ray_curvature(profile, z):
+    """da/ds over cos a of a level ray, 1/(R + z) + d ln n/dz, and dpsi/ds over cos a, 1/(R + z), at altitude z."""
     i, f = locate(profile, z)
     flat = 1.0 / (profile.earth_radius_km + z)
     gradient = profile.gradient_per_km
@@ -130,16 +162,16 @@ def _turning(profile, z):
 @njit(inner=True, cache=True)
 def advance(profile, z, psi, a, h):
     """One Runge-Kutta step of length h [km]: altitude z [km], geocentric angle psi and elevation a [rad] at its end."""
-    k1, f1 = _turning(profile, z)
+    k1, f1 = _ray_curvature(profile, z)
     c1, s1 = math.cos(a), math.sin(a)
     a2 = a + 0.5 * h * c1 * k1
-    k2, f2 = _turning(profile, z + 0.5 * h * s1)
+    k2, f2 = _ray_curvature(profile, z + 0.5 * h * s1)
     c2, s2 = math.cos(a2), math.sin(a2)
     a3 = a + 0.5 * h * c2 * k2
-    k3, f3 = _turning(profile, z + 0.5 * h * s2)
+    k3, f3 = _ray_curvature(profile, z + 0.5 * h * s2)
     c3, s3 = math.cos(a3), math.sin(a3)
     a4 = a + h * c3 * k3
-    k4, f4 = _turning(profile, z + h * s3)
+    k4, f4 = _ray_curvature(profile, z + h * s3)
     c4, s4 = math.cos(a4), math.sin(a4)
     return (
         z + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4),
@@ -152,22 +184,22 @@ def advance(profile, z, psi, a, h):
 def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
-    z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual
-    thick_fineness: the same where steps follow the extinction
-    depth: optical depth so far at the clearest wavelength that steps are made for; darkest: of air that they follow
+    z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual;
+    thick_fineness: of steps that follow the extinction; depth: optical depth so far at the clearest wavelength that
+    steps are made for; darkest: optical depth so far of air whose extinction the steps follow
     """
     height = max(z - profile.altitude_km[0], 0.0)
-    ds = min(30.0, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
+    ds = min(LONGEST_STEP_KM, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
     dz = (SMOOTH_STEP_KM + SMOOTH_STEP_GROWTH * height) / fineness
     # |slope| ds + ds^2 / 2R is the change of altitude
     ds = min(ds, 2.0 * dz / (abs(slope) + math.sqrt(slope * slope + 2.0 * dz / profile.earth_radius_km)))
     i, f = locate(profile, z)
     k_max = profile.thickest_per_km[i] * (1.0 - f) + profile.thickest_per_km[i + 1] * f
-    if k_max * ds * fineness > 0.7:
+    if k_max * ds * fineness > STEP_DEPTH:
         followed = profile.guide_per_km[i] * (1.0 - f) + profile.guide_per_km[i + 1] * f >= k_max
-        limit = 0.7 * min(DEEP_GROWTH, max(1.0, (depth / DEEP) ** 2))
+        limit = STEP_DEPTH * min(DEEP_GROWTH, max(1.0, (depth / DEEP) ** 2))
         shortest = max(limit / (k_max * (thick_fineness if followed else fineness)), SHORTEST_KM)
-        if darkest > 30.0:
+        if darkest > BLACK:
             # a wavelength that is black by now must not use up the steps of the others
             shortest = max(shortest, 0.25 * travelled / fineness)
         ds = min(ds, shortest)
@@ -183,11 +215,11 @@ def _step(profile, j, z, psi, a, h):
     stop = profile.stop_km
     z_end, psi_end, a_end = advance(profile, z, psi, a, h)
     if a * a_end < 0.0:
-        turning = (a_end - a) / h
+        curvature = (a_end - a) / h
         s = h * a / (a - a_end)
         for _ in range(3):
             z_end, psi_end, a_end = advance(profile, z, psi, a, s)
-            s = min(h, max(0.0, s - a_end / turning))
+            s = min(h, max(0.0, s - a_end / curvature))
         h = s
         z_end, psi_end, _ = advance(profile, z, psi, a, h)
         a_end = 0.0
@@ -250,7 +282,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     for w in range(n_w):
         transmittance[w] = 1.0
     travelled = 0.0
-    end[0], end[1], end[2] = 0.0, cos_zenith, 0.0
+    end[END_ANGLE], end[END_COSINE], end[END_DISTANCE] = 0.0, cos_zenith, 0.0
     if z > top:
         s = distance_to_sphere(z, cos_zenith, top, radius)
         if s < 0.0 or s >= far_km:
@@ -287,7 +319,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             low_most = most[i0] * (1 - f0) + most[i0 + 1] * f0
             thickest = max(low_most, most[i1] * (1 - f1) + most[i1 + 1] * f1)
             two = pairs or h > LONG_STEP_KM or thickest * h > THICK_STEP
-            # where the one point of a step is shall not depend on who else is looked at
+            # the place of the one point of a step must not depend on the other wavelengths
             low_guide = guide[i0] * (1 - f0) + guide[i0 + 1] * f0
             high_guide = guide[i1] * (1 - f1) + guide[i1 + 1] * f1
             if low_guide >= low_most:
@@ -301,7 +333,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                 tau = k0 + k1
                 # light at the second point over that at the first: the first alone may be 0 in double precision
                 t1 = math.exp((GAUSS_LOW - GAUSS_HIGH) * tau)
-                # what a step takes from the light, exactly: thick white air sums thousands of events
+                # what a step takes from the light, exactly: thick conservative air sums thousands of scatterings
                 taken = k0 + k1 * t1
                 t = 0.5 * h * math.exp(-passed[w]) * (-math.expm1(-tau) / taken if taken > 1e-280 else 1.0)
                 low = t * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
@@ -343,13 +375,13 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             break
     for w in range(n_w):
         transmittance[w] = math.exp(-passed[w])
-    end[0], end[1], end[2] = psi, math.sin(a), travelled
+    end[END_ANGLE], end[END_COSINE], end[END_DISTANCE] = psi, math.sin(a), travelled
     return n, (GROUND if status == GROUND else OUT)
 
 
 @njit(inner=True, cache=True)
-def by_species(profile, altitude_km, weight, out):
-    """Share out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
+def weight_by_species(profile, altitude_km, weight, out):
+    """Part out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
     i, f = locate(profile, altitude_km)
     for w in range(weight.size):
         total = profile.scattering[i, w] * (1.0 - f) + profile.scattering[i + 1, w] * f

@@ -1,4 +1,4 @@
-"""Moments of phase matrices over generalised spherical functions: what an event does to each degree of polarised light.
+"""Moments of phase matrices over generalised spherical functions: one scattering of each degree of polarised light.
 
     b_l = 2 pi int P12 d^l_02 dmu,     even_l +- odd_l = 2 pi int (P22 +- P33) d^l_2,+-2 dmu,
 with Wigner's functions d of the scattering angle.  Reference: Hovenier, van der Mee & Domke 2004, Transfer of Polarized
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import table_angles_rad
+from twilight.numerics.phase import table_angles_rad
 
 
 def wigner_d(highest: int, m: int, n: int, cosine: np.ndarray) -> np.ndarray:
@@ -46,8 +46,8 @@ class MatrixMoments(NamedTuple):
     odd: np.ndarray
 
 
-def matrix_moments(medium: Medium, forward_share: np.ndarray, degree: int) -> MatrixMoments:
-    """Moments of the phase matrices; light in the forward peak, forward_share (K, W), keeps its polarisation."""
+def matrix_moments(medium: Medium, forward_fraction: np.ndarray, degree: int) -> MatrixMoments:
+    """Moments of the phase matrices; light in the forward peak, forward_fraction (K, W), keeps its polarisation."""
     n_w = medium.n_wavelengths
     out = np.zeros((3, 1 + len(medium.phase_functions), degree + 1, n_w))
     delta = (1.0 - medium.depolarisation) / (1.0 + 0.5 * medium.depolarisation)
@@ -61,7 +61,7 @@ def matrix_moments(medium: Medium, forward_share: np.ndarray, degree: int) -> Ma
     weight = 2.0 * np.pi * np.sin(angle) * 2.0 * np.pi * u * (0.5 * np.diff(edges)[:, None] * w).ravel()
     mu = np.cos(angle)
     across, same, opposite = (wigner_d(degree, m, n, mu) * weight for m, n in ((0, 2), (2, 2), (2, -2)))
-    for k, (phase, f) in enumerate(zip(medium.phase_functions, forward_share, strict=True)):
+    for k, (phase, f) in enumerate(zip(medium.phase_functions, forward_fraction, strict=True)):
         _, p12, p22, p33 = phase.matrix(mu)
         total, difference = same @ (p22 + p33).T, opposite @ (p22 - p33).T
         out[0, 1 + k] = (across @ p12.T) / (1.0 - f)

@@ -7,55 +7,85 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 
 BIN_KM = 0.05
-SMOOTH_STEP_KM, SMOOTH_STEP_GROWTH = 0.5, 0.08
-"""Altitude that a step may cross where the air is not layered: at the ground [km], and per height."""
+"""Width of the bins of altitude by which `locate` finds a level [km]."""
+
+SMOOTH_STEP_KM = 0.5
+"""Altitude that a step may cross at the ground where the air is not layered [km]."""
+
+SMOOTH_STEP_GROWTH = 0.08
+"""By how much of the height above the ground SMOOTH_STEP_KM grows."""
+
+SMOOTH_CHANGE = 0.6
+"""Air is not layered where ln of its coefficients changes by no more than this over SMOOTH_STEP_KM, grown."""
+
+SMOOTH_PER_KM = 0.6
+"""Nor where ln of its coefficients changes by no more than this per km: so the stratosphere never is."""
+
 LAYER_STEP = 0.35
-"""Change of the logarithm of a coefficient between two stops, beyond that of air that is not layered."""
-SMOOTH_CHANGE, SMOOTH_PER_KM = 0.6, 0.6
-"""Air is not layered where the logarithms of its coefficients change by no more than the first in a step as above, or
-by no more than the second per km: the stratosphere is not, at whatever wavelength it is looked at."""
-EXPECTED_PER_KM, EXPECTED_SCALE_KM, EXPECTED_HIGH_PER_KM = 0.4, 4.0, 0.025
-"""Extinction that steps are made for: at the ground, its scale height, and its least at any altitude."""
+"""Change of ln of a coefficient between two stops, beyond that of air that is not layered."""
+
+EXPECTED_PER_KM = 0.4
+"""Extinction that steps are made for at the ground [km^-1]."""
+
+EXPECTED_SCALE_KM = 4.0
+"""Scale height of EXPECTED_PER_KM [km]."""
+
+EXPECTED_HIGH_PER_KM = 0.025
+"""Least extinction that steps are made for, at any altitude [km^-1]."""
+
 EXPECTED_FACTORS = ((1.0, 4.0), (1.0, 4.0, 16.0))
-"""The smallest of these multiples of both parts that hold all of the air are taken, so that steps are alike for many
-wavelengths; in air that exceeds them steps follow the extinction itself."""
-GUIDE_PER_KM, GUIDE_SCALE_KM = 0.1, 7.0
-"""Extinction by which the one point of a step is placed, the same for all wavelengths."""
+"""Multiples of the expected extinction, of its part that falls with altitude and of its least, that steps are made for.
+
+The smallest that hold all of the air are taken, so that many wavelengths have equal steps; in air that exceeds the
+largest steps follow the extinction itself.
+"""
+
+GUIDE_PER_KM = 0.1
+"""Extinction at the ground by which the one point of a step is placed, the same for all wavelengths [km^-1]."""
+
+GUIDE_SCALE_KM = 7.0
+"""Scale height of GUIDE_PER_KM [km]."""
+
 NEGLIGIBLE = 1e-26
 """Scattering optical depth of a step, over that of all the air if it is thin, below which the step is left out."""
-FAINTEST = 1e-280
-"""The least that counts at all: below, double precision loses its digits."""
-THIN_PER_KM = 3e-6
-FOOT = 0.02
-"""A layer is resolved down to this share of its largest coefficient: below, what it adds is lost in the rest of it."""
-CLOSE_KM = 1e-6
-"""Breaks are at least this far apart."""
-SUDDEN_KM = 0.02
-"""A change by e within this altitude is a break: nothing is interpolated across it."""
 
+FAINTEST = 1e-280
+"""Least scattering optical depth that counts at all: below, double precision loses its digits."""
+
+THIN_PER_KM = 3e-6
+"""Coefficient below which air is not layered, whatever its changes [km^-1]."""
+
+FOOT = 0.02
+"""A layer is resolved down to this fraction of its largest coefficient: what it adds below is lost in its rest."""
+
+CLOSE_KM = 1e-6
+"""Least distance of two breaks [km]."""
+
+SUDDEN_KM = 0.02
+"""A change by e within this altitude is a break: nothing is interpolated across it [km]."""
 
 JUMP = 0.05
-"""Change of the logarithm of a coefficient at a doubled level up to which the air's light is smooth there."""
+"""Change of ln of a coefficient at a doubled level up to which the light in the air is smooth there."""
 
 
 class Profile(NamedTuple):
-    """N refined levels, W wavelengths, K aerosol phase functions.
+    """Air of N refined levels at W wavelengths, with K aerosol phase functions, as kernels march through it.
 
-    altitude_km (N,); a doubled level is a jump.
-    extinction, scattering: (N, W) totals [km^-1]; species_scattering: (1 + K, N, W), air first.
-    level_of_bin: for each BIN_KM of altitude the last level at or below the bin's start.
-    stop_km (S,): altitudes that no step crosses: bottom, top, jumps, and where the air is layered as many as it takes
-    break_km: those of them that are jumps or the ends of sudden changes, without the bottom and the top
-    sharp_km: those of these at which light bends: not where coefficients jump by less than JUMP, or only its phase
+    altitude_km (N,); a doubled level is a jump
+    extinction, scattering: (N, W) totals [km^-1]; species_scattering: (1 + K, N, W), air first
+    level_of_bin: for each BIN_KM of altitude the last level at or below the bin's start
+    stop_km (S,): altitudes that no step crosses: bottom, top, jumps, and where the air is layered as many as it needs
+    break_km: those stops that are jumps or the ends of sudden changes, without the bottom and the top
+    sharp_km: those breaks at which the light is not smooth: coefficients change by more than JUMP
     gradient_per_km (N,): d ln n/dz that bends rays, 0 where they are straight
-    thickest_per_km (N,): extinction by which steps are shortened: as expected, or the largest of all wavelengths
-    guide_per_km (N,): extinction by which the one point of a step is placed: air's, or where steps follow the largest
-    extinction, that
+    thickest_per_km (N,): extinction by which steps are shortened: the expected one, or the largest of all wavelengths
+    guide_per_km (N,): extinction by which the one point of a step is placed: the guide, or where steps follow the
+        largest extinction, that one
     clearest_per_km (N,): extinction of the clearest of the wavelengths that steps are made for, behind whose optical
-    depth they grow
+        depth they grow
     negligible (W,): scattering optical depth of a step below which it is left out, at each wavelength
     """
 
@@ -78,19 +108,19 @@ class Profile(NamedTuple):
 def prepare_profile(
     medium: Medium, max_thickness_km: float = 0.5, tolerance: float = 2e-4, like: Medium | None = None
 ) -> Profile:
-    """Refine a medium until linear interpolation of its coefficients is good to `tolerance`; rays are straight.
+    """The levels of a medium refined until linear interpolation between them is good to `tolerance`; straight rays.
 
     like: the same levels at other wavelengths, which say what levels are inserted and how rays step; None: the medium.
     """
     fine = medium.refined(max_thickness_km, tolerance, like)
-    whose = fine if like is None else like.refined(max_thickness_km, tolerance)
+    stepping = fine if like is None else like.refined(max_thickness_km, tolerance)
     aerosol = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
-    species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_share])
+    species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_phase_fraction])
     z = fine.altitude_km
     starts = z[0] + BIN_KM * np.arange(int(np.ceil((z[-1] - z[0]) / BIN_KM)) + 1)
     level = np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2)
-    stops, breaks, sharp = _stops(z, np.concatenate([whose.extinction_per_km, _scattering(whose)], axis=1))
-    largest = whose.extinction_per_km.max(axis=1)
+    stops, breaks, sharp = _stops(z, np.concatenate([stepping.extinction_per_km, _scattering(stepping)], axis=1))
+    largest = stepping.extinction_per_km.max(axis=1)
     expected = expected_extinction(z, expected_factors(z, largest) or (1.0, 1.0))
     guide = GUIDE_PER_KM * np.exp((z[0] - z) / GUIDE_SCALE_KM)
     scattering = species.sum(axis=0)
@@ -106,15 +136,18 @@ def prepare_profile(
         np.zeros(z.size),
         np.maximum(expected, largest),
         np.where(largest > expected, largest, guide),
-        np.ascontiguousarray(whose.extinction_per_km.min(axis=1)),
+        np.ascontiguousarray(stepping.extinction_per_km.min(axis=1)),
         np.maximum(FAINTEST, NEGLIGIBLE * np.minimum(1.0, np.trapezoid(scattering, z, axis=0))),
         float(medium.earth_radius_km),
     )
 
 
 def with_steps_of(profile: Profile, other: Profile, factors: tuple[float, float]) -> Profile:
-    """The profile with the stops and breaks of another of the same air, and steps for what the other expects or for
-    `expected_extinction` times factors, whichever is more; its own coefficients may exceed that."""
+    """The profile with the stops and breaks of another profile of the same air.
+
+    Steps are made for what the other expects, or for `expected_extinction` times factors, whichever is more; the
+    profile's own coefficients may exceed that.
+    """
     z = profile.altitude_km
     # beside a jump the larger of both sides
     sides = [np.clip(z + side * CLOSE_KM, z[0], z[-1]) for side in (-1.0, 1.0)]
@@ -144,22 +177,25 @@ def at_wavelengths(profile: Profile, part: slice) -> Profile:
 
 def _scattering(medium: Medium) -> np.ndarray:
     aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
-    return medium.air_scattering_per_km + (aerosol[None] * medium.aerosol_share).sum(axis=0)
+    return medium.air_scattering_per_km + (aerosol[None] * medium.aerosol_phase_fraction).sum(axis=0)
 
 
 def expected_extinction(altitude_km: np.ndarray, factors: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
-    """Extinction [km^-1] that steps are made for at levels (N,); factors: of its part that falls, and of its least."""
+    """Extinction [km^-1] that steps are made for at levels (N,).
+
+    factors: on its part that falls with altitude, and on its least.
+    """
     falling = EXPECTED_PER_KM * np.exp((altitude_km[0] - altitude_km) / EXPECTED_SCALE_KM)
     return np.maximum(factors[0] * falling, factors[1] * EXPECTED_HIGH_PER_KM)
 
 
 def expected_factors(altitude_km: np.ndarray, extinction_per_km: np.ndarray) -> tuple[float, float] | None:
-    """The least factors that make extinction (N,) no larger than expected; None where none do."""
+    """The least EXPECTED_FACTORS with which extinction (N,) is no larger than expected; None where none are."""
     height = altitude_km - altitude_km[0]
     high = height > EXPECTED_SCALE_KM * np.log(EXPECTED_PER_KM / EXPECTED_HIGH_PER_KM)
-    share = extinction_per_km / expected_extinction(altitude_km)
+    ratio = extinction_per_km / expected_extinction(altitude_km)
     found = [
-        next((f for f in factors if np.max(share[part], initial=0.0) <= f), None)
+        next((f for f in factors if np.max(ratio[part], initial=0.0) <= f), None)
         for part, factors in zip((~high, high), EXPECTED_FACTORS, strict=True)
     ]
     return None if found[0] is None or found[1] is None else (found[0], found[1])
@@ -204,8 +240,7 @@ def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.
 
 @njit(inner=True, cache=True, makes_arrays=False)
 def locate(profile, z):
-    """(i, f): level index below the altitude z [km] and the fraction of the way to level i + 1; z is clamped to the
-    profile.
+    """(i, f): level below the altitude z [km] and fraction of the way to level i + 1; z is clamped to the profile.
 
     profile: `Profile`.
     """

@@ -8,17 +8,22 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.atmosphere.smooth import log_cubics
-from twilight.kernels import njit
+from twilight.atmosphere.steffen import log_cubics
+from twilight.jit.kernels import njit
 
 BOTTOM, LOG_SLOPE, SLOPE, SQUARE, CUBE = range(5)
-"""Columns of a coefficient in a layer: a, q, d, s and c of a exp(q f + s f^2 + c f^3) + d f, f the share of the layer
-below the point; gases and aerosol have neither s nor c."""
+"""Columns of a coefficient in a layer: a, q, d, s and c of a exp(q f + s f^2 + c f^3) + d f.
+
+f is the fraction of the layer below the point; gases and aerosol have neither s nor c.
+"""
 INDEX, INDEX_TOP, AIR, GASES, AEROSOL, N_COLUMNS = 0, 5, 6, 11, 14, 17
 """Columns of `RayProfile.coefficient` where n - 1, its value at the top, and each part of the extinction begin."""
 
+THIN_CHANGE = 0.3
+"""Change of ln of a coefficient over a layer, below which the layer is thin: two nodes integrate it."""
+
 _BELOW_GROUND_KM = 5.0
-"""Thickness of a layer below the ground, which only derivatives at the edge of the Earth's shadow look into."""
+"""Thickness of a layer below the ground [km], for derivatives at the edge of the Earth's shadow alone."""
 
 
 class RayProfile(NamedTuple):
@@ -79,7 +84,7 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
         np.ascontiguousarray(bottom),
         np.ascontiguousarray(top),
         panels,
-        (steepest < 0.3) & (panels == 1),
+        (steepest < THIN_CHANGE) & (panels == 1),
         coefficient,
         float(medium.earth_radius_km),
     )
@@ -106,7 +111,7 @@ def layer_above(profile, altitude_km):
 def index_in(c, f):
     """n - 1 in a layer and its change dn/df.
 
-    c (N_COLUMNS,): the layer's row of `RayProfile.coefficient`; f: share of the layer below the point.
+    c (N_COLUMNS,): the layer's row of `RayProfile.coefficient`; f: fraction of the layer below the point.
     """
     q, s, t = c[INDEX + LOG_SLOPE], c[INDEX + SQUARE], c[INDEX + CUBE]
     exponential = c[INDEX + BOTTOM] * math.exp(f * (q + f * (s + f * t)))

@@ -14,7 +14,7 @@ Differences of x are formed from differences of altitude and of n - 1, never by 
 Where n r does not grow with r (a duct) u^2 can become negative: such a ray cannot leave the air and is ``TRAPPED``.
 
 Arguments that the kernels share: profile: `RayProfile`; w: index of the wavelength; altitude_km: where the ray starts;
-u_km: n r cos i there; path: `Path`, what the ray has collected; below_ground: go on in the layer under the ground.
+u_km: n r cos i there; path: `RayPath`, what the ray has collected; below_ground: go on in the layer under the ground.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.transport.ray_profile import (
     BOTTOM,
     INDEX,
@@ -45,9 +45,10 @@ TRAPPED = 2
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(4)
 _FEW, _FEW_WEIGHT = np.polynomial.legendre.leggauss(2)
-# four nodes on the unit interval, then two for thin layers far from the lowest point of the ray
 _GAUSS_NODE = 0.5 * (np.concatenate([_NODE, _FEW]) + 1.0)
+"""Nodes on the unit interval: four, then two for thin layers far from the lowest point of the ray."""
 _GAUSS_WEIGHT = 0.5 * np.concatenate([_WEIGHT, _FEW_WEIGHT])
+"""Weights of _GAUSS_NODE."""
 
 FAR_KM = 1e9
 """A `stop_km` in the vacuum beyond all air."""
@@ -56,7 +57,7 @@ _SLIVER_KM = 1e-12
 """Part of a layer that is stepped over: over less, rounding decides whether n r grows."""
 
 
-class Path(NamedTuple):
+class RayPath(NamedTuple):
     """What a ray collects on its way.
 
     bending_rad: by which it turned towards the Earth; optical_depth; length_km; u_km: n r cos i at its end
@@ -72,9 +73,7 @@ class Path(NamedTuple):
 
 @njit(inner=True, cache=True)
 def _positive(slope):
-    """slope: d(n r)/dr, as an estimate of a zero takes it: in a duct, where it is not positive, that of air without
-    index.
-    """
+    """d(n r)/dr for the estimate of a zero: `slope`, or in a duct, where it is not positive, 1 as without air."""
     return 1.0 if slope < 0.05 else slope
 
 
@@ -120,13 +119,13 @@ def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
             dx = dz * (1.0 + n_here) + (n_here - n) * r
             uu_here = uu + dx * (2.0 * x + dx)
             if uu_here <= 0.0:
-                return Path(bending, tau, length, 0.0, False)
+                return RayPath(bending, tau, length, 0.0, False)
             step = 2.0 * v * dv * _GAUSS_WEIGHT[g] / math.sqrt(uu_here)  # dr/u
             bending -= change / thickness / (1.0 + n_here) * p * step
             step *= x + dx
             length += step
             tau += extinction_in(c, f) * step
-    return Path(bending, tau, length, u_km, True)
+    return RayPath(bending, tau, length, u_km, True)
 
 
 @njit(inner=True, cache=True)
@@ -141,7 +140,7 @@ def outward(profile, w, altitude_km, u_km, stop_km):
     """Follow a ray up from `altitude_km`, where u = n r cos(zenith angle) >= 0, to `stop_km` or to the vacuum.
 
     profile: RayProfile; w: index of the wavelength; altitude_km, stop_km (FAR_KM: all the way) [km]; u_km [km].
-    Returns a `Path`.  A stop at or above the top includes the refraction at the top.
+    Returns a `RayPath`.  A stop at or above the top includes the refraction at the top.
 
     From z to z + dz in a layer x = n r grows by dx = dz (1 + n') + (n' - n) r (n for n - 1 here), and u^2 by
     dx (2 x + dx); at a jump of the index x grows by r (n' - n).
@@ -150,8 +149,8 @@ def outward(profile, w, altitude_km, u_km, stop_km):
     first = layer_above(profile, altitude_km)
     if first == n_layers:
         u_end = _in_vacuum(profile, altitude_km, u_km * u_km, stop_km)
-        return Path(0.0, 0.0, u_end - u_km, u_end, True)
-    path = Path(0.0, 0.0, 0.0, 0.0, True)
+        return RayPath(0.0, 0.0, u_end - u_km, u_end, True)
+    path = RayPath(0.0, 0.0, 0.0, 0.0, True)
     z = altitude_km
     uu = u_km * u_km
     n = refractivity_at(profile, w, z)
@@ -199,19 +198,19 @@ def outward(profile, w, altitude_km, u_km, stop_km):
         u_end = _in_vacuum(profile, top, uu, stop_km)
         length += u_end - u
         u = u_end
-    return Path(path.bending_rad, path.optical_depth, length, u, True)
+    return RayPath(path.bending_rad, path.optical_depth, length, u, True)
 
 
 @njit(cache=True)
 def _turned(path, angle_rad):
     """The path with `angle_rad` more of bending."""
-    return Path(path.bending_rad + angle_rad, path.optical_depth, path.length_km, path.u_km, path.free)
+    return RayPath(path.bending_rad + angle_rad, path.optical_depth, path.length_km, path.u_km, path.free)
 
 
 @njit(inner=True, cache=True)
 def _trapped(path):
     """The path of a ray that ends in a duct."""
-    return Path(path.bending_rad, path.optical_depth, path.length_km, 0.0, False)
+    return RayPath(path.bending_rad, path.optical_depth, path.length_km, 0.0, False)
 
 
 @njit(cache=True)

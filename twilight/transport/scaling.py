@@ -3,8 +3,7 @@
 Delta-M scaling (Wiscombe 1977): with f = chi_{M+1} the moment after the last one kept,
     extinction' = (1 - albedo f) extinction,  albedo' = (1 - f) albedo / (1 - albedo f),  chi'_l = (chi_l - f)/(1 - f).
 With M = 0 this is f = g: Haber's similarity-reduced isotropic aerosol (eq. 2), in which extinction falls with
-scattering,
-so that light scattered forward stays on its way instead of being lost.
+scattering, so that light scattered forward stays on its way instead of being lost.
 """
 
 from __future__ import annotations
@@ -14,22 +13,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.phase import rayleigh_matrix, rayleigh_phase
+from twilight.numerics.phase import rayleigh_matrix, rayleigh_phase
 
 
 @dataclass(frozen=True)
 class ScaledMedium:
-    """medium: the scaled one; moments (1 + K, degree + 1, W) of its phase functions, air first;
-    forward_share (K, W): the f of each aerosol phase function."""
+    """A delta-scaled medium.
+
+    medium: the scaled one; moments (1 + K, degree + 1, W): Legendre moments of its phase functions, air first;
+    forward_fraction (K, W): f of each aerosol phase function
+    """
 
     medium: Medium
     moments: np.ndarray
-    forward_share: np.ndarray
+    forward_fraction: np.ndarray
 
 
 def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
-    """Scale the aerosol so that Legendre moments up to `degree` describe it; None leaves it as it is, without
-    moments."""
+    """The medium with the aerosol scaled so that Legendre moments up to `degree` describe it.
+
+    degree None leaves the aerosol as it is, without moments.
+    """
     if degree is None:
         k, w = len(medium.phase_functions), medium.n_wavelengths
         return ScaledMedium(medium, np.zeros((1 + k, 0, w)), np.zeros((k, w)))
@@ -43,40 +47,40 @@ def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
     if degree >= 2:
         moments[0, 2] = (1.0 - medium.depolarisation) / (5.0 * (2.0 + medium.depolarisation))
     moments[1:] = (chi[:, : degree + 1] - f[:, None]) / (1.0 - f[:, None])
-    mixed = np.einsum("klw,kw->lw", medium.aerosol_share, f)
+    mixed = np.einsum("klw,kw->lw", medium.aerosol_phase_fraction, f)
     albedo = medium.aerosol_single_scattering_albedo
     scaled = replace(
         medium,
         aerosol_extinction_per_km=medium.aerosol_extinction_per_km * (1.0 - albedo * mixed),
         aerosol_single_scattering_albedo=np.clip(albedo * (1.0 - mixed) / (1.0 - albedo * mixed), 0.0, 1.0),
-        aerosol_share=medium.aerosol_share * (1.0 - f[:, None]) / (1.0 - mixed),
+        aerosol_phase_fraction=medium.aerosol_phase_fraction * (1.0 - f[:, None]) / (1.0 - mixed),
     )
     return ScaledMedium(scaled, moments, f)
 
 
-def species_phase(medium: Medium, forward_share: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
+def species_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
     """Exact phase functions of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1].
 
     Those of the aerosol are divided by 1 - f, so that they multiply the scaled scattering coefficient.
     """
     air = rayleigh_phase_array(cos_angle, medium.depolarisation)
     rows = [air]
-    for phase, f in zip(medium.phase_functions, forward_share, strict=True):
+    for phase, f in zip(medium.phase_functions, forward_fraction, strict=True):
         rows.append(phase(cos_angle).T / (1.0 - f))
     return np.ascontiguousarray(np.stack(rows, axis=1))
 
 
-def species_polarising_phase(medium: Medium, forward_share: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
+def species_polarising_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
     """P12 of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1]; aerosol over 1 - f.
 
     Light in the forward peak is not polarised by it: all of P12 is in what is scattered.
     """
     rows = [rayleigh_matrix.py_func(cos_angle[:, None], medium.depolarisation[None, :])[1]]
-    for phase, f in zip(medium.phase_functions, forward_share, strict=True):
+    for phase, f in zip(medium.phase_functions, forward_fraction, strict=True):
         rows.append(phase.matrix(cos_angle)[1].T / (1.0 - f))
     return np.ascontiguousarray(np.stack(rows, axis=1))
 
 
 def rayleigh_phase_array(cos_angle: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
-    """(D, W)"""
+    """Rayleigh phase function [sr^-1] at scattering angles (D,) for depolarisation factors (W,), (D, W)."""
     return rayleigh_phase.py_func(cos_angle[:, None], depolarisation[None, :])

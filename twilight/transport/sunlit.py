@@ -20,22 +20,30 @@ import math
 
 import numpy as np
 
-from twilight.kernels import njit
-from twilight.transport.around import MOST, at_azimuth, cosine_series, nearest
+from twilight.jit.kernels import njit
+from twilight.transport.azimuth_series import MOST, at_azimuth, cosine_series, nearest
 from twilight.transport.beam import beam_on_ground
 from twilight.transport.sunlit_ray import Room, Row, along, cos_sun, turned
 
-AROUND, DIM = 3e-4, 1e-3
-"""How wrong half the azimuths may be, all of them being better: a share of all light, or of DIM of the brightest
-azimuth's.  The sum over points is itself rough to some 1e-4 from one direction to the next."""
-BY_DAY, IN_TWILIGHT = 8, 16
-"""Fewest intervals: with fewer the azimuths between happen to be right now and then, in twilight more often."""
-HOPELESS = 0.1
-"""From nine azimuths on, an error that more of them will not mend: every direction is then followed by itself."""
-LEAST, DARKEST = 1e-3, 1e-100
-"""What is added to the light for its logarithm: a share of the most at any azimuth, and at least this."""
-_INTENSITY, _FEWEST = np.int64(0), np.int64(2)
-"""No literals, for which numba would compile what they are handed to once more."""
+SERIES_ERROR = 3e-4
+"""How wrong a series from half the azimuths may be for the series from all of them to be taken, as a fraction of all
+light in the direction: the sum over points is itself rough to some 1e-4 from one direction to the next."""
+DIM_FRACTION = 1e-3
+"""Fraction of the brightest azimuth's light that counts as light of every azimuth when errors are judged."""
+LEAST_INTERVALS_BY_DAY = 8
+"""Fewest intervals of a series with the sun above the horizon: with fewer, azimuths between happen to be right."""
+LEAST_INTERVALS_IN_TWILIGHT = 16
+"""The same with the sun below the horizon, where they happen to be right more often."""
+HOPELESS_ERROR = 0.1
+"""Error, from nine azimuths on, that more azimuths will not mend: every direction is then followed by itself."""
+FLOOR_FRACTION = 1e-3
+"""What is added to the light for its logarithm, as a fraction of the most light at any azimuth."""
+FLOOR_LEAST = 1e-100
+"""The least that is added to the light for its logarithm [km^-1]."""
+_INTENSITY = np.int64(0)
+"""Stokes element I: no literal, for which numba would compile what it is handed to once more."""
+_FIRST_INTERVALS = np.int64(2)
+"""Intervals of the first series that is tried: no literal, as _INTENSITY."""
 
 
 @njit(inner=True, cache=True)
@@ -69,7 +77,7 @@ def _series_of(values, n, least, series):
             most = 0.0
             for j in range(n + 1):
                 most = max(most, values[j * stride, 0, s, w])
-            least[s, w] = max(LEAST * most, DARKEST)
+            least[s, w] = max(FLOOR_FRACTION * most, FLOOR_LEAST)
             i = s * n_w + w
             for j in range(n + 1):
                 light = values[j * stride, 0, s, w] + least[s, w]
@@ -100,15 +108,15 @@ def _few_azimuths(
     """The moments along ray r as a series in azimuth; returns its number of intervals, 0 where none was found.
 
     values (MOST + 1, 3, S, W): room; least (S, W), series (MOST + 1, 3 S W): filled, as of `_series_of`.  A set of
-    azimuths is good enough where the set before it, half as many, is right within AROUND at the azimuths between.
+    azimuths is good enough where the set before it, half as many, is right within SERIES_ERROR at the azimuths between.
     other (D, W): light that is there besides.
     """
     first, end = directions.first[r], directions.first[r + 1]
     form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
-    least_intervals = BY_DAY if to_sun[0] > 0.0 else IN_TWILIGHT
+    least_intervals = LEAST_INTERVALS_BY_DAY if to_sun[0] > 0.0 else LEAST_INTERVALS_IN_TWILIGHT
     # fewer directions than a series takes
-    n = _FEWEST if end - first > least_intervals + 1 else MOST + 1
+    n = _FIRST_INTERVALS if end - first > least_intervals + 1 else MOST + 1
     while n <= MOST and n + 1 < end - first:
         stride = MOST // n
         error = 0.0
@@ -127,11 +135,11 @@ def _few_azimuths(
                 brightest[w] = max(brightest[w], size)
                 if n > 2 and brightest[w] > 0.0:
                     wrong = abs(_seen(beam, phases, _INTENSITY, d, floor, moments, w)[0] - light)
-                    error = max(error, wrong / (size + DIM * brightest[w] + other[d, w]))
+                    error = max(error, wrong / (size + DIM_FRACTION * brightest[w] + other[d, w]))
         _series_of(values, n, least, series)
-        if n >= least_intervals and error < AROUND:
+        if n >= least_intervals and error < SERIES_ERROR:
             return n
-        if n >= 8 and error > HOPELESS:
+        if n >= 8 and error > HOPELESS_ERROR:
             break
         n *= 2
     return 0

@@ -8,8 +8,9 @@ g = scattering coefficient x transmittance x length of each, what counts of the 
 E the sunbeam and share_s that of a species in what a point scatters.  The steps follow the air; what the beam does
 within one depends on the sun: it begins at the edge of the Earth's shadow, and its logarithm bends where the beam
 grazes a layer.  Steps in which such a change matters are cut again.  In a cut step the density of g goes exponentially
-through its two points, with the same sum; a part that begins at the edge of the shadow, found by bisection, has points
-spaced like squares from there, because light grows like a square root behind an edge.
+through its two points, with the same sum.  Its parts are small at both ends: steps end at edges of layers, beside which
+light changes like a square root.  A piece that begins at the edge of the Earth's shadow, found by bisection, has points
+spaced like squares from there.
 
 Arguments that the kernels share: beam: `Beam`; rays: `Rays`, place (P, 4): theirs, k: index of the first point of a
 step; share (S, P, W): of each species in what the points scatter, s: one of them; to_sun (2,): cosine and sine of the
@@ -24,20 +25,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.transport.beam import beam_at
 from twilight.transport.beam_lookup import AT_DISPERSION
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
 
-WORTH = 5e-5
-"""Share of all light in a direction that a step may be wrong by."""
-MOST_PARTS, EDGE_PARTS = 24, 8
-"""Parts that a step is cut into, and a piece of one that ends on the shadow's edge."""
+STEP_ERROR = 5e-5
+"""Fraction of all light in a direction that a step which is not cut may be wrong by."""
+MOST_PARTS = 24
+"""Most parts that a step is cut into."""
+EDGE_PARTS = 8
+"""Least parts of a piece of a step that begins or ends on the edge of the Earth's shadow."""
 EDGE_HALVINGS = 16
 """Halvings of a step that find the shadow's edge in it."""
 _BETWEEN = GAUSS_HIGH - GAUSS_LOW
-_EQUAL = np.int64(0)
-"""Parts of a step that are equal: no literal, for which numba would compile `_add_part` once more."""
+_FROM_ENDS = np.int64(0)
+"""Parts of a step that are small at both its ends: no literal, for which numba would compile `_add_part` once more."""
 
 
 class Phases(NamedTuple):
@@ -103,7 +106,8 @@ def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
 def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
     """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
 
-    row: `Row`; square: 0 for equal parts, -1 where they grow like squares from the begin, 1 from the end
+    row: `Row`; parts: number of pieces, each with two Gauss nodes; square: 0 where parts grow like squares from both
+    ends, -1 from the begin alone, 1 from the end
     density (W, 2): value at the first point and logarithmic slope of g per step; light (W,): room.
     """
     place = rays.place
@@ -118,7 +122,8 @@ def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, densi
                 t = end - (end - begin) * v * v
                 width *= 2.0 * v
             else:
-                t = begin + (end - begin) * v
+                t = begin + (end - begin) * v * v * (3.0 - 2.0 * v)
+                width *= 6.0 * v * (1.0 - v)
             z, angle, cosine = _between(place, k, t)
             lifted = beam_at(beam, z, cos_sun(angle, row.to_sun, row.cos_azimuth), light)
             lowered = row.elevation - (math.asin(min(1.0, max(-1.0, cosine))) - angle)
@@ -230,7 +235,7 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
             continue
         all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
         error, change = _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total)
-        if error > WORTH:
+        if error > STEP_ERROR:
             _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments)
             continue
         for j in range(i, i + 2):
@@ -281,7 +286,7 @@ def _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total)
                 wrong = 2.0 * brightest / total[w]
             if wrong > error:
                 error = wrong
-            if wrong > WORTH:
+            if wrong > STEP_ERROR:
                 change = max(change, max(bend, step))
     return error, change
 
@@ -299,7 +304,7 @@ def _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments):
     _densities(weight, k, density)
     parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
     if all_lit:
-        _add_part(beam, rays, share, row, k, 0.0, 1.0, _EQUAL, parts, at_one, density, moments)
+        _add_part(beam, rays, share, row, k, 0.0, 1.0, _FROM_ENDS, parts, at_one, density, moments)
         return
     mark = (0.0, GAUSS_LOW, GAUSS_HIGH, 1.0)
     start, square = 0.0, 0

@@ -23,21 +23,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
+from twilight.numerics.spectrum import hermite_matrix
 from twilight.solvers.analytic.ground import hemisphere
 from twilight.solvers.analytic.perez import angles
-from twilight.solvers.analytic.tables import column, table
-from twilight.spectrum import hermite_matrix
+from twilight.solvers.analytic.shipped_tables import column, table
 
 HAZE_DECAY_PER_KM = 0.8333
+"""Fall of the haze's density with height [km^-1] (Preetham 1999 sec. 4)."""
+
 AIR_DECAY_PER_KM = 0.1136
+"""Fall of the air's density with height [km^-1] (Preetham 1999 sec. 4)."""
+
 REFRACTIVITY = 2.78e-4
 """n - 1 of air at the ground; the paper rounds n to 1.0003, which would scatter 16 % more than its sunlight loses."""
+
 MOLECULES_PER_CM3 = 2.545e19
+"""Number density of air at the ground [cm^-3] (appendix A.3)."""
+
 DEPOLARISATION = 0.035
+"""Depolarisation factor of air (appendix A.3)."""
+
 PIECE_KM = 0.25
+"""Rise of a ray [km] over which one cubic stands for the attenuation by the other constituent."""
+
 MOST_PIECES = 100
+"""Pieces of a ray at most."""
+
 _RAYS = 2048
+"""Rays that are handled at once, so that many rays need little memory."""
 
 
 def air_scattering_per_km(wavelength_nm) -> np.ndarray:
@@ -81,8 +95,8 @@ def haze_phase(angle_rad, wavelength_nm) -> np.ndarray:
     total = 2.0 * np.pi * np.trapezoid(eta * np.sin(np.radians(fine))[:, None], np.radians(fine), axis=0)
     position = np.clip(angle, 0.0, 180.0) * 4.0
     low = np.minimum(position.astype(int), 719)
-    share = (position - low)[..., None]
-    return ((1.0 - share) * eta[low] + share * eta[low + 1]) / total
+    fraction = (position - low)[..., None]
+    return ((1.0 - fraction) * eta[low] + fraction * eta[low + 1]) / total
 
 
 class Integrals(NamedTuple):
@@ -166,7 +180,7 @@ def _factorial(k: int) -> float:
     return float(np.prod(np.arange(1, k + 1)))
 
 
-class AerialPerspective:
+class PreethamAerialPerspective:
     """Transmittance and inscattered light at some wavelengths in the air of one turbidity."""
 
     def __init__(self, wavelength_nm: np.ndarray, turbidity: float):

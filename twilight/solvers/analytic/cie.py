@@ -14,22 +14,27 @@ from typing import Literal
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, silent
 from twilight.solvers.analytic.coefficients import load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity
 from twilight.solvers.analytic.ground import ground_radiance, hemisphere
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 from twilight.solvers.analytic.perez import angles, cie, traditional_overcast
+from twilight.solvers.analytic.shipped_tables import table
 from twilight.solvers.analytic.sunlight import direct_transmittance
-from twilight.solvers.analytic.tables import table
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 TRADITIONAL_OVERCAST = 16
+"""Type of the traditional overcast sky."""
+
 WITHOUT_SUN = (*range(1, 7), TRADITIONAL_OVERCAST)
+"""Types whose sky has no direct sun."""
+
 OVERCAST_TEMPERATURE_K = 6500.0
+"""Colour temperature of overcast skies [K]."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ class Field(BareField):
                 settings.turbidity, settings.outside, self._zenith.turbidity, medium, "cie"
             )
         self._bins = SpectralBins(medium.wavelength_nm, "cie")
-        self._progress = progress or (lambda doing, share: None)
+        self._progress = progress or silent
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.

@@ -27,14 +27,24 @@ from typing import Any
 
 import numpy as np
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers.analytic.perez import angles, perez_ratio
 
 PARAMETERS = ("A", "B", "C", "D", "E")
+"""Parameters of a Perez distribution."""
+
 QUANTITIES = ("luminance", "x", "y")
+"""What a set of coefficients describes: luminance and CIE 1931 chromaticity."""
+
 ZENITH_LUMINANCE = ("slope", "constant", "chi")
+"""Polynomials of the zenith luminance."""
+
 _PREFIX = "perez_"
+"""First letters of the files of shipped sets."""
+
 MAX_BYTES = 1_000_000
+"""Largest file of coefficients that is read [bytes]."""
+
 LARGEST = 1e100
 """Largest number of a set: a whole number may be too large for a float, a polynomial of larger floats overflows."""
 

@@ -10,15 +10,23 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight import spectrum
-from twilight.errors import TwilightError
-from twilight.solvers.analytic.tables import table
+from twilight.base.errors import TwilightError
+from twilight.numerics import spectrum
+from twilight.solvers.analytic.shipped_tables import table
 
-LOWEST_NM, HIGHEST_NM = 300.0, 830.0
+LOWEST_NM = 300.0
+"""Where the daylight basis begins [nm]."""
+
+HIGHEST_NM = 830.0
+"""Where the daylight basis ends [nm]."""
+
 NARROWEST_BIN_NM = 10.0
+"""Narrowest bin of a wavelength [nm]: the spacing of the daylight basis."""
+
 SINGULAR = -1e-3
 """Largest value of the denominator of M1 and M2; at 0 no mixture of the basis has that chromaticity."""
 _CHUNK = 100_000
+"""Directions that are handled at once, so that large pictures need little memory."""
 
 
 def daylight_weights(x, y) -> np.ndarray:

@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.progress import Progress
-from twilight.solvers.analytic.aerial import AerialPerspective
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, silent
+from twilight.solvers.analytic.aerial import PreethamAerialPerspective
 from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins
 from twilight.solvers.analytic.ground import ground_radiance
@@ -110,7 +110,7 @@ class Field(BareField):
         self._bins = SpectralBins(medium.wavelength_nm, "preetham")
         of_medium = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
         self.facts = {"turbidity": self.turbidity} | of_medium
-        self._progress = progress or (lambda doing, share: None)
+        self._progress = progress or silent
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
@@ -150,7 +150,7 @@ class Field(BareField):
         Rays must end above or on the ground: TwilightError otherwise.
         """
         self._check(sun_elevation_deg)
-        perspective = AerialPerspective(self.medium.wavelength_nm, self.turbidity)
+        perspective = PreethamAerialPerspective(self.medium.wavelength_nm, self.turbidity)
         passed, light = perspective(
             lambda e, a: self._sky(sun_elevation_deg, e, a),
             self.sunlight(sun_elevation_deg),

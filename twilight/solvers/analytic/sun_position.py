@@ -1,7 +1,7 @@
 """Where the sun stands, by the short formulae of Preetham 1999, appendix A.6.
 
 They know neither the year nor the hour within the day, which costs up to a degree; renders use
-``twilight.sun.ephemeris``.
+``twilight.sky.ephemeris``.
 """
 
 from __future__ import annotations

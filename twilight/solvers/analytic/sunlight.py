@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.errors import TwilightError
-from twilight.solvers.analytic.tables import column
+from twilight.base.errors import TwilightError
+from twilight.solvers.analytic.shipped_tables import column
 
 ANGSTROM_EXPONENT = 1.3
+"""Exponent of the aerosol's optical depth in wavelength."""
+
 RAYLEIGH_EXPONENT = 4.08
+"""Exponent of the air's optical depth in wavelength."""
+
 SUN_RADIANCE_UNIT_W_PER_M2_NM_SR = 10.0
 """1 W cm^-2 um^-1 sr^-1, the unit of the paper's solar radiance, in W m^-2 nm^-1 sr^-1."""
 
@@ -66,7 +70,8 @@ def direct_transmittance(wavelength_nm, sun_zenith_deg: float, turbidity: float,
 def sun_radiance(wavelength_nm, sun_zenith_deg: float, turbidity: float, **amounts: float) -> np.ndarray:
     """Spectral radiance of the sun's disc seen from the ground [W m^-2 nm^-1 sr^-1], (W,), 380 to 750 nm.
 
-    The paper's own spectrum above the air (NASA, Thekaekara 1974), for its figures; skies use ``twilight.spectrum``.
+    The paper's own spectrum above the air (NASA, Thekaekara 1974), for its figures; skies use
+    ``twilight.numerics.spectrum``.
     """
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, float))
     if not ((wavelength >= 380) & (wavelength <= 750)).all():

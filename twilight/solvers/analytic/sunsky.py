@@ -12,19 +12,23 @@ from typing import Literal
 
 import numpy as np
 
-from twilight import spectrum
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.extras import missing
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.extras import missing
+from twilight.base.progress import Progress
+from twilight.numerics import spectrum
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)
+"""Wavelengths of the emitter's data [nm]."""
+
 TURBIDITY = (1.0, 10.0)
+"""Lowest and highest turbidity of the emitter's data."""
+
 CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True, package="mitsuba")
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
-LANES = 4
+WAVELENGTHS_PER_CALL = 4
 """Wavelengths that one call of the emitter takes."""
 
 
@@ -106,8 +110,8 @@ class Field(BareField):
         out = np.empty((e.size, nm.size))
         emitter = self._emitter(sun)
         surface = self._mitsuba.SurfaceInteraction3f()
-        for first in range(0, nm.size, LANES):
-            part = np.minimum(np.arange(first, first + LANES), nm.size - 1)
+        for first in range(0, nm.size, WAVELENGTHS_PER_CALL):
+            part = np.minimum(np.arange(first, first + WAVELENGTHS_PER_CALL), nm.size - 1)
             surface.wavelengths = nm[part].tolist()
             for d, direction in enumerate((-view).tolist()):
                 surface.wi = direction

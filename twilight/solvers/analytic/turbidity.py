@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers.analytic.sunlight import ANGSTROM_EXPONENT, RAYLEIGH_EXPONENT
 
 REFERENCE_NM = 550.0
+"""Wavelength of the turbidity [nm]."""
 
 
 def turbidity_of(medium: Medium) -> float:

@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.threads import in_slices
+from twilight.solvers.cells.line_integrals import exact_view
 from twilight.solvers.cells.nodes import make_directions, make_nodes
-from twilight.solvers.cells.ordinates import Ordinates, Scattered, mirror, once_scattered
+from twilight.solvers.cells.ordinates import Ordinates, ScatteredLight, mirror, once_scattered
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import unit_vectors
 from twilight.solvers.cells.stencils import make_mesh, make_stencils
-from twilight.solvers.cells.view import exact_view
-from twilight.threads import in_slices
 from twilight.transport.beam import Beam
 from twilight.transport.profile import Profile
 from twilight.transport.scaling import ScaledMedium
 
 
 class ExactCells:
-    """Nodes, directions and ray stencils; phase functions are kept at every event."""
+    """Nodes, directions and ray stencils; phase functions are followed at every order of scattering."""
 
     def __init__(
         self,
@@ -36,14 +36,14 @@ class ExactCells:
         mesh = make_mesh(nodes, medium.earth_radius_km + observer_altitude_km)
         stencils = make_stencils(profile, nodes, mesh, directions, settings.azimuth_nodes, 1.0)
         at = scaled.medium.at(nodes.altitude_km)
-        species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_share])
+        species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_phase_fraction])
         total = species.sum(axis=0)
-        share = np.where(total > 0, species / np.where(total > 0, total, 1.0), 0.0)
-        share[0] = np.where(total > 0, share[0], 1.0)
-        chi = np.einsum("spw,slw->lpw", share, scaled.moments)
+        fraction = np.where(total > 0, species / np.where(total > 0, total, 1.0), 0.0)
+        fraction[0] = np.where(total > 0, fraction[0], 1.0)
+        chi = np.einsum("spw,slw->lpw", fraction, scaled.moments)
         self.ordinates = Ordinates(stencils, mesh, nodes, directions, chi, medium.ground_albedo, settings.azimuth_nodes)
 
-    def solve(self, sun_elevation_deg: float, progress) -> Scattered:
+    def solve(self, sun_elevation_deg: float, progress) -> ScatteredLight:
         """All orders of scattering at the nodes for one sun."""
         o, s = self.ordinates, self.settings
         h = np.radians(sun_elevation_deg)
@@ -71,12 +71,12 @@ class ExactCells:
         mirror(first, d.cosine.size, d.azimuth.size)
         return o.solve(
             first,
-            s.max_events,
+            s.max_orders,
             s.tolerance,
-            lambda n, residual: progress(f"scattering event {n + 1}", min(0.9, 0.3 + 0.1 * n)),
+            lambda n, residual: progress(f"order of scattering {n + 1}", min(0.9, 0.3 + 0.1 * n)),
         )
 
-    def view(self, scattered: Scattered, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+    def view(self, scattered: ScatteredLight, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Multiple scattering (E, A, W) on a grid of directions."""
         return exact_view(
             self.profile,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 
 def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: float) -> np.ndarray:
@@ -30,7 +30,7 @@ def outer_radius_km(top_km: float, observer_altitude_km: float, earth_radius_km:
 
 @dataclass(frozen=True)
 class CellGrid:
-    """Cells grouped into rings: all cells of one shell and one elevation are alike but for their azimuth.
+    """Cells grouped into rings: all cells of one shell and one elevation differ in their azimuth alone.
 
     shell_radius_km (J + 1,) boundaries; ring_shell, ring_row (G,): shell of a ring and its elevation row
     ring_radius_km, ring_elevation, ring_altitude_km (G,): centre of the ring's cells; elevation in radians

@@ -1,4 +1,5 @@
-"""Haber's mode: the first event with its phase function, later ones isotropic in similarity-reduced air."""
+"""Haber's mode: the first order of scattering with its phase function, later ones isotropic in air whose aerosol is
+reduced by similarity."""
 
 from __future__ import annotations
 
@@ -7,18 +8,18 @@ import math
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.kernels import njit
+from twilight.base.errors import TwilightError
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
 from twilight.solvers.cells.grid import make_grid
+from twilight.solvers.cells.line_integrals import isotropic_view
 from twilight.solvers.cells.nodes import gauss_directions, graded_altitudes
 from twilight.solvers.cells.ordinates import TINY
 from twilight.solvers.cells.pairs import make_rings, pair_pass
 from twilight.solvers.cells.rings import RingOperator, active_rings, make_operator, spread_matrix
 from twilight.solvers.cells.settings import CellsSettings
-from twilight.solvers.cells.single import make_sight, single_scattering, unit_vectors
+from twilight.solvers.cells.single import make_straight_lines, single_scattering, unit_vectors
 from twilight.solvers.cells.stencils import Mesh
-from twilight.solvers.cells.view import isotropic_view
-from twilight.threads import in_slices
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.profile import Profile, locate
 from twilight.transport.scaling import ScaledMedium, species_phase
@@ -158,12 +159,12 @@ class IsotropicCells:
         fold = np.where(np.minimum(phi, np.abs(phi - np.pi)) < 1e-9, 1.0, 2.0)[one_side]
         table = np.empty((altitude_grid.size, sun_grid.size, medium.n_wavelengths))
         e, a = np.degrees(np.arcsin(mu))[one_side], np.degrees(phi)[one_side]
-        sights = [make_sight(profile, self.scaled, float(altitude), e, a, 0.8) for altitude in altitude_grid]
+        lines = [make_straight_lines(profile, self.scaled, float(altitude), e, a, 0.8) for altitude in altitude_grid]
         for j, sun in enumerate(sun_grid):
             h = np.radians(sun)
             phase = self._smooth_phase(directions[one_side] @ np.array([np.cos(h), 0.0, np.sin(h)]))
-            for i, sight in enumerate(sights):
-                once = single_scattering(sight, self.beam, medium, self.scaled.forward_share, float(sun), phase)
+            for i, line in enumerate(lines):
+                once = single_scattering(line, self.beam, medium, self.scaled.forward_fraction, float(sun), phase)
                 table[i, j] = (once * (weight[one_side] * fold)[:, None]).sum(axis=0) / (4.0 * np.pi)
         out = np.zeros((g.n_rings, g.azimuth_cells, medium.n_wavelengths))
         log_table = np.log(np.maximum(table, TINY))
@@ -179,9 +180,9 @@ class IsotropicCells:
     def _smooth_phase(self, cosine: np.ndarray) -> np.ndarray:
         """Phase functions cut after degree 10, exact for the mean over the 12 x 12 directions; (D, 1 + K, W)."""
         legendre = np.polynomial.legendre.legvander(cosine, 10) * (2 * np.arange(11) + 1) / (4.0 * np.pi)
-        air = species_phase(self.medium, self.scaled.forward_share, cosine)[:, :1]
+        air = species_phase(self.medium, self.scaled.forward_fraction, cosine)[:, :1]
         rows = [air]
-        for phase, f in zip(self.medium.phase_functions, self.scaled.forward_share, strict=True):
+        for phase, f in zip(self.medium.phase_functions, self.scaled.forward_fraction, strict=True):
             rows.append((legendre @ phase.legendre_moments(10).T / (1.0 - f))[:, None])
         return np.ascontiguousarray(np.concatenate(rows, axis=1))
 
@@ -197,11 +198,11 @@ class IsotropicCells:
             for j in range(n):
                 beam_at(self.beam, rings.altitude[i], cos_sun[i, j], light[i, j])
         at = self.scaled.medium.at(rings.altitude)
-        species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_share])
-        share = species / np.maximum(species.sum(axis=0), 1e-300)
-        power = (share * rings.scattering * rings.volume[:, None])[:, :, None, :] * light[None]
+        species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_phase_fraction])
+        fraction = species / np.maximum(species.sum(axis=0), 1e-300)
+        power = (fraction * rings.scattering * rings.volume[:, None])[:, :, None, :] * light[None]
         nodes = np.linspace(-1.0, 1.0, 2001)
-        phase = 4.0 * np.pi * species_phase(self.medium, self.scaled.forward_share, nodes).transpose(1, 0, 2)
+        phase = 4.0 * np.pi * species_phase(self.medium, self.scaled.forward_fraction, nodes).transpose(1, 0, 2)
         return self._pairs(power, np.ascontiguousarray(phase), np.array([np.cos(h), 0.0, np.sin(h)]))
 
     def _pairs(self, power, phase, sun) -> np.ndarray:
@@ -214,33 +215,32 @@ class IsotropicCells:
         return out
 
     def mean_radiance(self, sun_elevation_deg: float, progress) -> tuple[np.ndarray, list[float]]:
-        """Mean radiance of light scattered 1, 2, ... times, summed, at every cell (rings, S, W), and the share that
-        each
-        event added (largest over cells and wavelengths)."""
+        """Mean radiance of light scattered 1, 2, ... times, summed, at every cell (rings, S, W), and the fraction
+        that each order added (largest over cells and wavelengths)."""
         s, rings = self.settings, self.rings
         own = np.maximum(4.0 * np.pi * rings.scattering * rings.volume[:, None], 1e-300)[:, None]
         albedo = (rings.scattering / np.maximum(rings.extinction, 1e-300))[:, None]
-        if s.second_event == "table":
+        if s.second_order == "table":
             total = self._second_from_table(sun_elevation_deg)
             power = total[self.active] * own
         else:
             power = self._second_from_pairs(sun_elevation_deg) * albedo
             total = self._spread(power / own)
-        shares = [1.0]
-        for event in range(3, s.max_events + 1):
+        fractions = [1.0]
+        for order in range(3, s.max_orders + 1):
             if s.operator == "fourier":
-                power = self._fourier_event(power)
+                power = self._fourier_order(power)
             else:
                 group = self._energy_ratio(power, own)
                 phase = np.ones((1, 1, self.medium.n_wavelengths))
                 power = self._pairs(power[None] * group, phase, np.zeros(3)) * albedo
             added = self._spread(power / own)
             total = total + added
-            shares.append(float((added / np.maximum(total, TINY))[total > 1e-20].max(initial=0.0)))
-            progress(f"scattering event {event}", min(0.9, 0.3 + 0.1 * event))
-            if shares[-1] < s.tolerance:
+            fractions.append(float((added / np.maximum(total, TINY))[total > 1e-20].max(initial=0.0)))
+            progress(f"order of scattering {order}", min(0.9, 0.3 + 0.1 * order))
+            if fractions[-1] < s.tolerance:
                 break
-        return total, shares
+        return total, fractions
 
     def _energy_ratio(self, power: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Haber's rescale: energy of all cells over energy of the active cells, per wavelength."""
@@ -254,11 +254,11 @@ class IsotropicCells:
         """From the active rings to all by linear interpolation along radius."""
         return np.tensordot(self.spread, values, axes=(1, 0))
 
-    def _fourier_event(self, power: np.ndarray) -> np.ndarray:
+    def _fourier_order(self, power: np.ndarray) -> np.ndarray:
         assert self.operator is not None
         n = self.settings.azimuth_cells
         modes = np.fft.rfft(power, axis=1).real[:, : self.n_modes].transpose(1, 0, 2)
-        after = self.operator.event(modes).transpose(1, 0, 2)
+        after = self.operator.next_order(modes).transpose(1, 0, 2)
         full = np.zeros((power.shape[0], n // 2 + 1, power.shape[2]))
         full[:, : self.n_modes] = after
         # the cut-off series may ring below zero where the field is darkest

@@ -1,4 +1,4 @@
-"""Where the exact mode keeps the field: points on shells around the observer, and a set of directions."""
+"""Nodes and directions of the exact mode: points on shells around the observer, Gauss angles times equal azimuths."""
 
 from __future__ import annotations
 
@@ -11,10 +11,15 @@ from scipy.special import sph_harm_y
 from twilight.solvers.cells.settings import CellsSettings
 
 POLAR_POWER = 1.5
+"""Power by which the elevations of the nodes crowd at the horizon."""
+LOWEST_STEP_KM = 0.7
+"""Interval between altitudes at the ground [km], at node_density 1."""
+STEP_GROWTH = 0.22
+"""Growth of that interval with height above the ground."""
 
 
 @dataclass(frozen=True)
-class Nodes:
+class CellNodes:
     """Columns of points on shells around the observer, the same at every azimuth.
 
     shell_radius_km (J,): distance from the observer; shell_start (J + 1,): first point of each shell in the flat lists
@@ -31,7 +36,7 @@ class Nodes:
 
 def make_nodes(
     settings: CellsSettings, observer_altitude_km: float, bottom_km: float, top_km: float, earth_radius_km: float
-) -> Nodes:
+) -> CellNodes:
     """Shells a constant ratio apart carry points at graded altitudes, as far as they reach between ground and top."""
     ratio = 1.0 + 0.6 / settings.node_density
     radius_observer = earth_radius_km + observer_altitude_km
@@ -61,20 +66,20 @@ def make_nodes(
         x.append(r * np.sqrt(1.0 - sine**2))
         z.append(radius_observer + r * sine)
         start.append(start[-1] + h.size)
-    return Nodes(np.array(radii), np.array(start), np.concatenate(altitudes), np.concatenate(x), np.concatenate(z))
+    return CellNodes(np.array(radii), np.array(start), np.concatenate(altitudes), np.concatenate(x), np.concatenate(z))
 
 
 def graded_altitudes(bottom_km: float, top_km: float, density: float) -> np.ndarray:
-    """Altitudes whose spacing grows from 0.7/density km at the ground in proportion to height."""
+    """Altitudes [km] whose interval is (LOWEST_STEP_KM + STEP_GROWTH x height) / density."""
     out = [bottom_km]
     while out[-1] < top_km:
-        out.append(out[-1] + (0.7 + 0.22 * (out[-1] - bottom_km)) / density)
+        out.append(out[-1] + (LOWEST_STEP_KM + STEP_GROWTH * (out[-1] - bottom_km)) / density)
     out[-1] = top_km
     return np.array(out)
 
 
 @dataclass(frozen=True)
-class Directions:
+class QuadratureDirections:
     """Gauss points in each hemisphere times equal azimuths; directions look away from the point, towards the light.
 
     cosine (M,) of the zenith angle in the observer's frame; azimuth (F,) from 0; weight (M,) with sum over all = 4 pi
@@ -96,7 +101,7 @@ def gauss_directions(per_hemisphere: int, around: int) -> tuple[np.ndarray, np.n
     return cosine, azimuth, np.repeat(np.concatenate([w, w]) * np.pi / around, around)
 
 
-def make_directions(settings: CellsSettings) -> Directions:
+def make_directions(settings: CellsSettings) -> QuadratureDirections:
     x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
     # Gauss in u = cosine^(1/1.5): closer to the horizon, where the light of twilight comes from
     u = 0.5 * (x + 1.0)
@@ -108,7 +113,7 @@ def make_directions(settings: CellsSettings) -> Directions:
     azimuth = 2.0 * np.pi * np.arange(n_azimuth) / n_azimuth
     mu, phi = np.meshgrid(cosine, azimuth, indexing="ij")
     harmonics, degree_of = real_harmonics(mu.ravel(), phi.ravel(), settings.degree)
-    return Directions(cosine, azimuth, weight, harmonics, degree_of)
+    return QuadratureDirections(cosine, azimuth, weight, harmonics, degree_of)
 
 
 def real_harmonics(cosine, azimuth, degree: int) -> tuple[np.ndarray, np.ndarray]:

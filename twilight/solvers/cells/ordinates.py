@@ -1,6 +1,6 @@
-"""The exact mode: the radiance at every node in every direction, order by order, phase functions kept.
+"""The exact mode: the radiance at every node in every direction, order by order, with phase functions.
 
-One pass follows every ray of every node through the mean scattered source J (radiance per scattering coefficient),
+Each order follows every ray of every node through the source function J (radiance per scattering coefficient),
     L_{n+1}(x, d) = int sigma_s J_n T ds + ground,     J_n(x, d) = sum_lm chi_l(x) Y_lm(d) int Y_lm L_n,
 with J interpolated in its logarithm between nodes: in the shadow it falls by e in a fraction of a degree.
 """
@@ -13,27 +13,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
-from twilight.solvers.cells.nodes import Directions, Nodes
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
+from twilight.solvers.cells.nodes import CellNodes, QuadratureDirections
 from twilight.solvers.cells.stencils import Mesh, Stencils
-from twilight.threads import in_slices
 from twilight.transport.beam import beam_at, beam_on_ground
-from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, Line, by_species, new_line, trace_line
+from twilight.transport.lines import (
+    ALTITUDE,
+    DISTANCE,
+    END_DISTANCE,
+    GROUND,
+    Line,
+    new_line,
+    trace_line,
+    weight_by_species,
+)
 
 TINY = 1e-30
+"""Least radiance over F0 [sr^-1] whose logarithm is taken."""
 
 
 @dataclass(frozen=True)
-class Scattered:
+class ScatteredLight:
     """All light scattered at least once, for one sun.
 
     moments (n_lm, P, A, W): of the radiance at the nodes; ground (P, A, W): radiance of the ground under each node
-    events: how many scattering events were followed; residual: what the remainder may be wrong by, largest share
+    orders: orders of scattering that were followed; residual: largest fraction by which the remainder may be wrong
     """
 
     moments: np.ndarray
     ground: np.ndarray
-    events: int
+    orders: int
     residual: float
 
 
@@ -41,7 +51,7 @@ class Ray(NamedTuple):
     """One line from a node, in the frame that is turned to the node's azimuth, for kernels to fill.
 
     line: `Line` of K points; position (K, 3): unit vectors to them from the centre of the Earth; coefficient (K, 1 + K,
-    W): share of each species in the light that they scatter; ground (3,): unit vector to where the line ends there.
+    W): fraction of each species in the light that they scatter; ground (3,): unit vector to where the line ends there.
     """
 
     line: Line
@@ -101,9 +111,9 @@ def _follow(profile, place, cosine, azimuth, ray):
     points, status = trace_line(profile, altitude, mu, 1.0, np.bool_(False), line, math.inf)
     for k in range(points):
         _unit(x, z, dx, dy, dz, line.place[k, DISTANCE], ray.position[k])
-        by_species(profile, line.place[k, ALTITUDE], line.weight[k], ray.coefficient[k])
+        weight_by_species(profile, line.place[k, ALTITUDE], line.weight[k], ray.coefficient[k])
     if status == GROUND:
-        _unit(x, z, dx, dy, dz, line.end[2], ray.ground)
+        _unit(x, z, dx, dy, dz, line.end[END_DISTANCE], ray.ground)
     return points, status == GROUND
 
 
@@ -143,7 +153,7 @@ def _unit(x, z, dx, dy, dz, s, out):
 
 @njit(cache=True)
 def mirror(field, n_cos, n_dir_azimuth):
-    """Fill azimuths beyond 180 deg: left and right of the sun's meridian are alike.
+    """Fill azimuths beyond 180 deg: the field is its own mirror image about the sun's meridian.
 
     field (D, P, A, W): D directions, n_cos, n_dir_azimuth: of zenith angles and of azimuths.
     """
@@ -195,10 +205,10 @@ def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out)
 
 
 @njit(cache=True, nogil=True)
-def scatter_pass(stencils, log_source, log_ground, n_cos, n_relative, q, out, begin, end):
-    """One event: radiance at the nodes, out (D, P, A, W), for the directions begin..end.
+def scatter_once_more(stencils, log_source, log_ground, n_cos, n_relative, q, out, begin, end):
+    """One more scattering: radiance at the nodes, out (D, P, A, W), for the directions begin..end.
 
-    stencils: `Stencils`; log_source (D, P, A, W): logarithm of what the last event scatters; log_ground (P, A, W):
+    stencils: `Stencils`; log_source (D, P, A, W): logarithm of what the order before scatters; log_ground (P, A, W):
     of the ground's radiance; n_cos, n_relative, q: as in `once_scattered`.
     """
     n_directions, n_points, n_azimuth, n_wavelengths = log_source.shape
@@ -245,7 +255,14 @@ class Ordinates:
     """What the exact mode prepares once per medium and observer: stencils, harmonics and mixed phase moments."""
 
     def __init__(
-        self, stencils: Stencils, mesh: Mesh, nodes: Nodes, directions: Directions, chi_mixed, albedo, n_azimuth
+        self,
+        stencils: Stencils,
+        mesh: Mesh,
+        nodes: CellNodes,
+        directions: QuadratureDirections,
+        chi_mixed,
+        albedo,
+        n_azimuth,
     ):
         self.stencils, self.mesh, self.nodes, self.directions = stencils, mesh, nodes, directions
         self.chi = chi_mixed[directions.degree_of]  # (n_lm, P, W)
@@ -286,7 +303,7 @@ class Ordinates:
         return np.log(np.maximum(j, TINY, out=j), out=j).reshape(-1, *moments.shape[1:])
 
     def ground_radiance(self, radiance: np.ndarray) -> np.ndarray:
-        """Radiance (P, A, W) that the Lambertian ground sends back, kept at each shell's lowest point."""
+        """Radiance (P, A, W) that the Lambertian ground sends back, taken at each shell's lowest point."""
         out = np.zeros(radiance.shape[1:], np.float32)
         flux = np.einsum("dpa,dpaw->paw", self.flux_weight, radiance[:, self.lowest])
         out[self.lowest] = flux * (self.ground_albedo / np.pi).astype(np.float32)
@@ -295,22 +312,22 @@ class Ordinates:
     def _pass(self, log_source: np.ndarray, log_ground: np.ndarray, out: np.ndarray) -> None:
         n_cos, n_relative = self.directions.cosine.size, self.n_azimuth // 2 + 1
         in_slices(
-            lambda begin, end: scatter_pass(
+            lambda begin, end: scatter_once_more(
                 self.stencils, log_source, log_ground, n_cos, n_relative, self.q, out, begin, end
             ),
             out.shape[0],
         )
         mirror(out, n_cos, self.directions.azimuth.size)
 
-    def solve(self, first_radiance: np.ndarray, max_events: int, tolerance: float, progress=None) -> Scattered:
+    def solve(self, first_radiance: np.ndarray, max_orders: int, tolerance: float, progress=None) -> ScatteredLight:
         """Sum of all orders from the light scattered once, (D, P, A, W)."""
         radiance = first_radiance
         moments = self.analyse(radiance)
         ground = self.ground_radiance(radiance)
         total, total_ground = moments.copy(), ground.copy()
-        residual, events = 1.0, 1
+        residual, orders = 1.0, 1
         ratio = previous_ratio = None
-        while events + 1 < max_events:  # the last event is the one along the line of sight
+        while orders + 1 < max_orders:  # the last order is the one scattered on the line of sight
             out = np.empty_like(radiance)
             log_ground = np.log(np.maximum(ground, TINY))
             log_source = self.source(moments)
@@ -321,18 +338,18 @@ class Ordinates:
             ground = self.ground_radiance(radiance)
             total += moments
             total_ground += ground
-            events += 1
+            orders += 1
             previous_ratio, ratio = ratio, np.clip(moments[0] / np.maximum(before, TINY), 0.0, 0.95)
-            share = moments[0] / np.maximum(total[0], TINY)
-            residual = float(share.max())
+            fraction = moments[0] / np.maximum(total[0], TINY)
+            residual = float(fraction.max())
             if previous_ratio is not None:
                 # what the geometric remainder may be wrong by
-                residual = float((share * np.abs(ratio - previous_ratio) / (1.0 - ratio) ** 2).max())
+                residual = float((fraction * np.abs(ratio - previous_ratio) / (1.0 - ratio) ** 2).max())
             if progress is not None:
-                progress(events, residual)
+                progress(orders, residual)
             if tolerance > 0.0 and residual < tolerance:
                 # what is left behaves like a geometric series at every node
                 total += moments * (ratio / (1.0 - ratio))[None]
                 total_ground += ground * (ratio / (1.0 - ratio))
                 break
-        return Scattered(total, total_ground, events + 1, residual)
+        return ScatteredLight(total, total_ground, orders + 1, residual)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.cells.grid import CellGrid
 from twilight.transport.chord import chord_depth
 from twilight.transport.profile import Profile
@@ -17,7 +17,7 @@ class Rings(NamedTuple):
     """Rings of cells as arrays for kernels; G rings, W wavelengths.
 
     radius, sin_elevation, cos_elevation, altitude (G,); size (G, 3): edges of a cell along radius, elevation, azimuth
-    [km]
+        [km]
     volume (G,); extinction, scattering (G, W): mean over the cell [km^-1]
     """
 
@@ -86,8 +86,9 @@ def sphere_capture(optical_radius):
 def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source, depth, out_target, out_source, toward):
     """Share of the light that leaves cell `source` isotropically and is extinguished in cell `target` (Haber eq. 5).
 
-    out_target = solid angle share of the target * (transmission to its front - transmission to its back).  The path is
-    the same the other way: out_source is the share of the target's light that the source cell captures.
+    out_target = fraction of the solid angle that the target fills * (transmission to its front - transmission to its
+    back).  The path is the same the other way: out_source is the fraction of the target's light that the source cell
+    captures.
 
     profile: `Profile`; rings: `Rings`; target, source: indices of rings; azimuth_target, azimuth_source [rad]: of the
     cells; depth (W,): work space; out_target, out_source (W,): filled; toward (3,): filled, unit vector from source to
@@ -152,7 +153,7 @@ def _capture_along(rings, cell, azimuth, dx, dy, dz, distance, depth, out):
 
 @njit(cache=True)
 def pair_pass(profile, rings, n_azimuth, power, phase_table, sun, left_right, mirrored, ring_reuse, out):
-    """One scattering event by Haber's loop over pairs of cells: extinguished power out[ring, azimuth, wavelength].
+    """One more scattering by Haber's loop over pairs of cells: extinguished power out[ring, azimuth, wavelength].
 
     power (species, ring, azimuth, W): scattered power that leaves each cell.  phase_table (species, N, W): 4 pi p on N
     nodes uniform in the cosine of the scattering angle, for light that comes straight from the sun; with N = 1 the

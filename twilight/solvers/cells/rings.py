@@ -1,6 +1,5 @@
 """The ring operator: transfer between rings of equal cells depends on the azimuth difference only, so a Fourier
-transform
-in azimuth turns it into one small matrix per mode.  It is made once per medium and serves every sun."""
+transform in azimuth turns it into one small matrix per mode.  The operator is made once per medium, for every sun."""
 
 from __future__ import annotations
 
@@ -9,18 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.geometry import distance_to_sphere
-from twilight.kernels import njit
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
+from twilight.numerics.geometry import distance_to_sphere
 from twilight.solvers.cells.grid import CellGrid
 from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture
-from twilight.threads import in_slices
 from twilight.transport.chord import chord_depth
 from twilight.transport.profile import Profile
 
 
 @njit(cache=True, nogil=True)
 def ring_kernels(profile, rings, n_azimuth, transform, out, begin, end):
-    """Fourier coefficients of the captured share, out (modes, W, target, source).
+    """Azimuthal Fourier coefficients of the captured fraction, out (modes, W, target, source).
 
     profile: `Profile`; rings: `Rings`; n_azimuth: cells of a ring; transform (modes, S/2 + 1): of azimuths into modes;
     for the rows begin..end, each with its mirror image from the other end.
@@ -155,7 +154,7 @@ class RingOperator:
     ring (G,): index of the active rings in the grid; group (G, W): power of all cells that a ring stands for, over
     its own
     closure (G, W): the factors that closed the energy balance (1 = nothing to do)
-    captured, to_ground (G, W): exact shares of the light of each ring; the rest leaves the volume
+    captured, to_ground (G, W): exact fractions of the light of each ring; the rest leaves the volume
     """
 
     rings: Rings
@@ -166,8 +165,8 @@ class RingOperator:
     captured: np.ndarray
     to_ground: np.ndarray
 
-    def event(self, power: np.ndarray) -> np.ndarray:
-        """Scattered power (modes, G, W) after one more event."""
+    def next_order(self, power: np.ndarray) -> np.ndarray:
+        """Scattered power (modes, G, W) after one more scattering."""
         weighted = (power * self.group[None]).transpose(0, 2, 1)[..., None]
         caught = (self.kernel @ weighted.astype(np.float32))[..., 0].transpose(0, 2, 1)
         albedo = self.rings.scattering / np.maximum(self.rings.extinction, 1e-300)
@@ -292,7 +291,7 @@ def make_operator(
             ),
             active.size,
         )
-        # each cell's light reaches the ground with the exact share
+        # each cell's light reaches the ground with the exact fraction
         total = down[0].sum(axis=1)
         down *= np.where(total > 0, to_ground.T / np.maximum(total, 1e-300), 0.0)[None, :, None, :]
         kernel += ((up * ground_albedo[None, :, None, None]) @ down).astype(np.float32)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 
 @dataclass(frozen=True)
@@ -13,43 +13,53 @@ class CellsSettings:
     """Haber's cells and what goes beyond them.
 
     Both modes:
-    multiple_scattering: 'exact' keeps the phase functions at every event, on points around the observer; 'isotropic' is
-        Haber's, on his cells: the first event with its phase function, later ones isotropic in air whose aerosol is
+    multiple_scattering: 'exact' follows the phase functions at every order, on points around the observer; 'isotropic'
+        is Haber's, on his cells: the first order with its phase function, later ones isotropic in air whose aerosol is
         reduced by similarity; 'none' is single scattering
-    max_events: most scattering events that are followed
-    tolerance: stop earlier when what is missing is known to this share of the light at every point (exact: a geometric
-        series is added for it) or an event adds less than this share (isotropic); 0 follows max_events
+    max_orders: most orders of scattering that are followed
+    tolerance: stop earlier when what is missing is known to this fraction of the light at every point (exact: a
+        geometric series is added for it) or an order adds less than this fraction (isotropic); 0 follows max_orders
     refraction: bend and spread the sunbeam
 
     Isotropic mode:
     azimuth_cells: S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation
     inner_radius_km: R_min, radius of the innermost shell
     active_shell_step: every n-th shell takes part in multiple scattering
-    operator: how isotropic events are computed: 'fourier' (one matrix per azimuthal mode, reused for every sun) or
+    operator: how isotropic orders are computed: 'fourier' (one matrix per azimuthal mode, reused for every sun) or
         'pairs' (Haber's loop over pairs of cells)
-    second_event: light that is scattered once before a cell gets it: 'table' (a table over altitude and solar zenith
+    second_order: light that is scattered once before a cell gets it: 'table' (a table over altitude and solar zenith
         angle: the sphere is symmetric about the direction of the sun) or 'pairs' (cell to cell with the phase function)
     left_right_symmetry, mirrored_pairs, ring_reuse: Haber's exact savings, for operator 'pairs'
-    azimuth_modes: Fourier modes kept by operator 'fourier' (0 keeps all)
+    azimuth_modes: azimuthal Fourier modes followed by operator 'fourier' (0 keeps all)
     subcells: points per edge that average the coefficients over a cell (1 is the value at its centre)
     close_energy: scale each column of the operator so that it extinguishes as much light as rays through the air do
 
     Exact mode:
-    degree: of the Legendre series that is kept (delta-scaled beyond)
+    degree: of the Legendre series that phase functions are followed to (delta-scaled beyond)
     polar_directions: directions per hemisphere
     azimuth_directions: directions around
     azimuth_nodes: azimuths of the points, a multiple of azimuth_directions
     node_density: of the points in altitude and radius, 1 is standard
     """
 
+    COMMON: ClassVar[tuple[str, ...]] = (
+        "multiple_scattering",
+        "max_orders",
+        "refraction",
+        "azimuth_cells",
+        "active_shell_step",
+        "operator",
+    )
+    """Options that are shown first."""
+
     azimuth_cells: int = 60
     inner_radius_km: float = 0.1
     active_shell_step: int = 4
-    max_events: int = 60
+    max_orders: int = 60
     tolerance: float = 1e-3
     multiple_scattering: Literal["exact", "isotropic", "none"] = "exact"
     operator: Literal["fourier", "pairs"] = "fourier"
-    second_event: Literal["table", "pairs"] = "table"
+    second_order: Literal["table", "pairs"] = "table"
     left_right_symmetry: bool = True
     mirrored_pairs: bool = True
     ring_reuse: bool = True
@@ -68,7 +78,7 @@ class CellsSettings:
             "azimuth_cells": (8, 360),
             "inner_radius_km": (0.001, 10.0),
             "active_shell_step": (1, 16),
-            "max_events": (1, 100),
+            "max_orders": (1, 100),
             "tolerance": (0.0, 0.5),
             "azimuth_modes": (0, 181),
             "subcells": (1, 9),
@@ -85,7 +95,7 @@ class CellsSettings:
         choices = {
             "multiple_scattering": ("exact", "isotropic", "none"),
             "operator": ("fourier", "pairs"),
-            "second_event": ("table", "pairs"),
+            "second_order": ("table", "pairs"),
         }
         for key, allowed in choices.items():
             if getattr(self, key) not in allowed:
@@ -118,7 +128,7 @@ QUALITIES: dict[str, CellsSettings] = {
     "haber2005": CellsSettings(
         azimuth_cells=120,
         multiple_scattering="isotropic",
-        max_events=5,
+        max_orders=5,
         tolerance=0.0,
         subcells=1,
     ),

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.progress import Progress, silent
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
 from twilight.solvers.cells.exact import ExactCells
 from twilight.solvers.cells.isotropic import IsotropicCells
+from twilight.solvers.cells.line_integrals import MultipleView, coarse_elevations, horizon_deg
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
-from twilight.solvers.cells.single import make_sight, single_scattering, unit_vectors
-from twilight.solvers.cells.view import MultipleView, coarse_elevations, horizon_deg
+from twilight.solvers.cells.single import make_straight_lines, single_scattering, unit_vectors
 from twilight.transport.beam import prepare_beam
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
@@ -25,9 +25,27 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
 ) -> Field:
-    """Make everything that does not depend on the sun; `progress(doing, share)` is called now and then.
+    """Make everything that does not depend on the sun.
 
-    The observer must be inside the air.  Raises TwilightError otherwise.
+    Parameters
+    ----------
+    medium
+        Coefficients of air, aerosol and gases at W wavelengths, and the ground.
+    settings
+        One of QUALITIES, perhaps with options replaced; None: `standard`.
+    observer_altitude_km
+        Altitude of the observer [km], inside the air.
+    progress
+        Called as progress(doing, fraction) now and then.
+
+    Raises
+    ------
+    TwilightError
+        For an observer below the ground or above the air.
+
+    References
+    ----------
+    Haber, Magnor & Seidel 2005, Physically-based simulation of twilight phenomena.
     """
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
@@ -52,28 +70,39 @@ class Field(BareField):
         else:
             self.scaled = delta_scaled(medium, None)
         self._progress("sunbeam", 0.0)
-        # the first event of the isotropic mode sees the aerosol as it is, forward peak and all
+        # light scattered once, in the isotropic mode, sees the aerosol as it is, forward peak and all
         lit = medium if mode == "isotropic" else self.scaled.medium
         self.beam = prepare_beam(lit, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
-        # On the line of sight light that was scattered once keeps its narrow forward peak only: taking all
+        # On the line of sight light that was scattered once has its narrow forward peak alone: taking all
         # that similarity calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it
         # would lose light.
-        self.sight = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
-        self.sight_profile = prepare_profile(self.sight.medium) if mode == "isotropic" else self.profile
+        self._line_air = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
+        self._line_profile = prepare_profile(self._line_air.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
         common = (medium, self.scaled, self.profile, self.beam, settings, self.observer_altitude_km)
-        self.exact = ExactCells(*common) if mode == "exact" and settings.max_events > 1 else None
-        self.isotropic = IsotropicCells(*common) if mode == "isotropic" and settings.max_events > 1 else None
+        self.exact = ExactCells(*common) if mode == "exact" and settings.max_orders > 1 else None
+        self.isotropic = IsotropicCells(*common) if mode == "isotropic" and settings.max_orders > 1 else None
         self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
         self._solved: tuple[float, object] | None = None
         self._views: dict[bool, MultipleView] = {}
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
-        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+        """Sun-normalised radiance.
 
-        Directions may look down: then the Lambertian ground is seen through the air; in the isotropic mode it is lit by
-        the sun only, in the exact mode by the sky too.
+        Parameters
+        ----------
+        sun_elevation_deg
+            True elevation of the sun's centre [deg].
+        elevation_deg, azimuth_deg
+            Of the lines of sight [deg], azimuth from the sun; they are broadcast.  Directions may look down: then the
+            Lambertian ground is seen through the air; in the isotropic mode it is lit by the sun only, in the exact
+            mode by the sky too.
+
+        Returns
+        -------
+        array
+            [sr^-1], shape of the directions plus (W,).
         """
         if not -90.0 <= sun_elevation_deg <= 90.0:
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
@@ -92,20 +121,22 @@ class Field(BareField):
 
     def single(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Light scattered once, (D, W) [sr^-1], for flat lists of directions in degrees."""
-        sight = make_sight(self.sight_profile, self.sight, self.observer_altitude_km, elevation_deg, azimuth_deg)
-        return single_scattering(sight, self.beam, self.medium, self.sight.forward_share, sun_elevation_deg)
+        lines = make_straight_lines(
+            self._line_profile, self._line_air, self.observer_altitude_km, elevation_deg, azimuth_deg
+        )
+        return single_scattering(lines, self.beam, self.medium, self._line_air.forward_fraction, sun_elevation_deg)
 
     def _solve(self, sun_elevation_deg: float):
         if self._solved is None or self._solved[0] != sun_elevation_deg:
             self._views = {}
             if self.exact is not None:
                 scattered = self.exact.solve(sun_elevation_deg, self._progress)
-                self.convergence = Convergence(scattered.events, scattered.residual)
+                self.convergence = Convergence(scattered.orders, scattered.residual)
                 self._solved = (sun_elevation_deg, scattered)
             else:
                 assert self.isotropic is not None
-                total, shares = self.isotropic.mean_radiance(sun_elevation_deg, self._progress)
-                self.convergence = Convergence(len(shares) + 1, shares[-1])
+                total, fractions = self.isotropic.mean_radiance(sun_elevation_deg, self._progress)
+                self.convergence = Convergence(len(fractions) + 1, fractions[-1])
                 self._solved = (sun_elevation_deg, total)
         return self._solved[1]
 

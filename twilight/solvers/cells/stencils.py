@@ -1,9 +1,9 @@
-"""Rays from every node in every direction, kept as weights on other nodes: made once, used by every pass and every sun.
+"""Rays from every node in every direction, as weights on other nodes: made once, used by every order of scattering and
+every sun.
 
 A ray leaves a node of azimuth 0; the same ray of the same node at another azimuth meets the same air, turned about the
 observer's vertical.  That is Haber's ring reuse: S times fewer paths.  Left and right of the node's own vertical
-plane are
-mirror images: another factor 2.
+plane are mirror images: another factor 2.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
-from twilight.solvers.cells.nodes import Directions, Nodes
-from twilight.threads import in_slices
-from twilight.transport.lines import ALTITUDE, DISTANCE, GROUND, new_line, trace_line
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
+from twilight.solvers.cells.nodes import CellNodes, QuadratureDirections
+from twilight.transport.lines import ALTITUDE, DISTANCE, END_DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import Profile
 
 
@@ -49,7 +49,7 @@ class Stencils(NamedTuple):
     ground_weight: np.ndarray
 
 
-def make_mesh(nodes: Nodes, observer_radius_km: float) -> Mesh:
+def make_mesh(nodes: CellNodes, observer_radius_km: float) -> Mesh:
     return Mesh(
         np.log(nodes.shell_radius_km),
         nodes.shell_start.astype(np.int64),
@@ -99,12 +99,12 @@ def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
     else:
         f = (log_r - mesh.log_radius[j]) / (mesh.log_radius[j + 1] - mesh.log_radius[j])
     for side in range(2):
-        share = 1.0 - f if side == 0 else f
+        fraction = 1.0 - f if side == 0 else f
         p, g = _bracket(mesh.altitude_km, mesh.shell_start[j + side], mesh.shell_start[j + side + 1], altitude)
         corner[2 * side] = p
         corner[2 * side + 1] = p + 1
-        weight[2 * side] = share * (1.0 - g)
-        weight[2 * side + 1] = share * g
+        weight[2 * side] = fraction * (1.0 - g)
+        weight[2 * side + 1] = fraction * g
     return math.atan2(y, x)
 
 
@@ -145,7 +145,7 @@ def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, o
         for w in range(n_wavelengths):
             g_weight[ray, w] = line.transmittance[w] if status == GROUND else 0.0
         if status == GROUND:
-            s = line.end[2]
+            s = line.end[END_DISTANCE]
             g_azimuth[ray] = corners_at(
                 mesh, x0 + s * dx, s * dy, z0 + s * dz, profile.altitude_km[0], g_corner[ray], g_corner_weight[ray]
             )
@@ -191,9 +191,9 @@ def _trace_all(profile, mesh, x, z, cosine, n_relative, n_azimuth, fineness, sto
 
 def make_stencils(
     profile: Profile,
-    nodes: Nodes,
+    nodes: CellNodes,
     mesh: Mesh,
-    directions: Directions,
+    directions: QuadratureDirections,
     n_azimuth: int,
     fineness: float,
 ) -> Stencils:

@@ -1,4 +1,4 @@
-"""prepare and Field: a compact model behind the interface that all solvers share."""
+"""The sky of a compact model: `prepare` and `Field`, the interface of all solvers."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.compact import CompactSky, CompactSkyError
-from twilight.errors import TwilightError
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress
 from twilight.solvers.base import BareField
+from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
 from twilight.solvers.compact.recognise import recognise
 
 SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact"
+"""Folder of the models that come with the package."""
+
 HIGHEST_OBSERVER_KM = 0.1
 """Above the ground: up to here the sky is that seen from the ground."""
 
@@ -58,7 +60,7 @@ def _sha256(path: Path) -> str:
 
 @functools.lru_cache(maxsize=4)
 def _load(path: Path, sha256: str) -> CompactSky:
-    """A model, kept for the next sky as long as its file is the same."""
+    """A model, cached for the next sky as long as its file is the same."""
     try:
         return CompactSky.load(path)
     except CompactSkyError as error:

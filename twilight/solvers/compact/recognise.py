@@ -12,27 +12,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium, layer_mean
-from twilight.compact import CompactSky
-from twilight.errors import TwilightError
+from twilight.atmosphere.levels import vertical_integral
+from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
+from twilight.solvers.compact.compact_sky import CompactSky
 
 SEEN_UNDER_DEG = (5.0, 90.0, 170.0)
-"""Scattering angles at which phase functions are compared."""
-TOLERANCE, LEAST_DEPTH = 0.02, 2e-4
-"""Relative difference of a column that is taken for none, and optical depth."""
+"""Scattering angles at which phase functions are compared [deg]."""
+
+TOLERANCE = 0.02
+"""Relative difference of a column up to which two media are of the same air."""
+
+LEAST_DEPTH = 2e-4
+"""Difference of a column, of optical depth for most, up to which two media are of the same air."""
+
 LEAST_OZONE_DEPTH = 2e-3
-"""Optical depth of the ozone at the wavelength of most of it below which its column cannot be read, nor matters."""
+"""Optical depth of the ozone where it absorbs most, below which its column cannot be read, nor matters."""
+
 OUTSIDE_LOADS = 1e-3
-"""How far beyond the loads of the model a load may be read, for rounding."""
+"""How far beyond the loads of the model a load may be read, for rounding, relative to the largest."""
+
 REFERENCE_NM = 550.0
+"""Wavelength at which the aerosol load is an optical depth [nm]."""
+
 PARTICLES = (
     "the aerosol's optical depth",
     "the aerosol's single scattering albedo",
     "the mean altitude of the aerosol",
     *(f"the aerosol's phase function at {angle:g} deg" for angle in SEEN_UNDER_DEG),
 )
+"""Rows of the array `particles`, as messages name them."""
+
 AIR = ("the optical depth of the air's own scattering", "the mean altitude of the air's own scattering")
+"""Rows of the array `air`, as messages name them."""
+
 PLACE = ("the altitude of the ground", "the refractivity of the air at the ground")
+"""Numbers of the array `place`, as messages name them."""
 
 
 class OtherAir(TwilightError):
@@ -129,13 +144,13 @@ def _ozone(medium: Medium, model: CompactSky, name: str) -> float | None:
     """The ozone column [DU] from the absorption of a medium; None where it does not absorb."""
     w, absorbed = medium.wavelength_nm, medium.optical_depth("absorption")
     others, ozone = (np.interp(w, model.air["gases_wavelength_nm"], of) for of in model.air["gases"].astype(float))
-    share = 1.0
+    ozone_factor = 1.0
     if ozone.max() >= LEAST_OZONE_DEPTH:
-        share = float(ozone @ (absorbed - others) / (ozone @ ozone))
-    _check("the optical depth of its gases", absorbed, others + share * ozone, w, name)
+        ozone_factor = float(ozone @ (absorbed - others) / (ozone @ ozone))
+    _check("the optical depth of its gases", absorbed, others + ozone_factor * ozone, w, name)
     if ozone.max() < LEAST_OZONE_DEPTH:
         return None
-    column, low, high = share * model.ozone_reference_du, *model.ozone_column_du[[0, -1]]
+    column, low, high = ozone_factor * model.ozone_reference_du, *model.ozone_column_du[[0, -1]]
     slack = TOLERANCE * model.ozone_reference_du
     if not low - slack <= column <= high + slack:
         raise TwilightError(
@@ -156,12 +171,6 @@ def _check(what: str, mine: np.ndarray, its: np.ndarray, wavelength_nm: np.ndarr
         )
 
 
-def _columns(medium: Medium, coefficient: np.ndarray) -> np.ndarray:
-    """Vertical integral (W,) of a coefficient (L, W)."""
-    dz = np.diff(medium.altitude_km)[:, None]
-    return (layer_mean(coefficient[:-1], coefficient[1:]) * dz).sum(axis=0)
-
-
 def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
     return np.where(whole > 0.0, part / np.where(whole > 0.0, whole, 1.0), 0.0)
 
@@ -174,9 +183,11 @@ def _columns_of_particles(medium: Medium) -> np.ndarray:
     height = (medium.altitude_km - medium.bottom_km)[:, None]
     cosine = np.cos(np.radians(SEEN_UNDER_DEG))
     phases = np.zeros((cosine.size, medium.n_wavelengths))
-    for share, phase in zip(medium.aerosol_share, medium.phase_functions, strict=True):
-        phases += _columns(medium, scattering * share) * phase(cosine).T
-    return np.stack([_columns(medium, a) for a in (extinction, scattering, extinction * height)] + [*phases])
+    for fraction, phase in zip(medium.aerosol_phase_fraction, medium.phase_functions, strict=True):
+        phases += vertical_integral(scattering * fraction, medium.altitude_km) * phase(cosine).T
+    return np.stack(
+        [vertical_integral(a, medium.altitude_km) for a in (extinction, scattering, extinction * height)] + [*phases]
+    )
 
 
 def _particles(columns: np.ndarray) -> np.ndarray:
@@ -190,8 +201,9 @@ def _particles(columns: np.ndarray) -> np.ndarray:
 def _air(medium: Medium) -> np.ndarray:
     """AIR of a medium, (2, W)."""
     height = (medium.altitude_km - medium.bottom_km)[:, None]
-    depth = _columns(medium, medium.air_scattering_per_km)
-    return np.stack([depth, _ratio(_columns(medium, medium.air_scattering_per_km * height), depth)])
+    scattering, z = medium.air_scattering_per_km, medium.altitude_km
+    depth = vertical_integral(scattering, z)
+    return np.stack([depth, _ratio(vertical_integral(scattering * height, z), depth)])
 
 
 def _place(medium: Medium) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""Backward Monte-Carlo in the exact spherical atmosphere: the referee of every other solver.
+"""Backward Monte-Carlo in the exact spherical atmosphere: the reference solution for every other solver.
 
-It keeps its own walk, lines and shells, so that a mistake in the geometry, quadrature or iteration of the others is not
-made here too.  It shares with them the medium and the tables of the sunbeam (`transport.beam`) alone, and tests hold
-those against rays integrated on their own.
+It has its own random walk, ray geometry and shells, so that a mistake in the geometry, quadrature or iteration of the
+others is not repeated here.  It shares with them the medium and the tables of the direct beam (`transport.beam`) alone,
+and tests hold those against rays integrated on their own.
 """
 
 from twilight.solvers.base import Capabilities

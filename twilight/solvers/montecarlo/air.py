@@ -17,41 +17,54 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
-from twilight.kernels import njit
+from twilight.atmosphere.water_surface import refractive_index
+from twilight.jit.kernels import njit
+from twilight.numerics.phase import phase_arrays
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.water import refractive_index
 
 LEVEL_TOLERANCE = 1e-4
+"""Largest relative error of a coefficient that is linear between levels."""
 SHELL_TOLERANCE = 2e-4
+"""Largest relative error of the optical depth of a shell by Simpson's rule."""
 LAYER_KM = 0.8
+"""Thickness [km] of layers at the ground."""
 LAYER_GROWTH = 0.35
-SHARP, STEEPEST_KM = 0.3, 2.0
-"""A layer ends where the logarithm of scattering jumps by SHARP, or changes by as much more than with the scale height
-STEEPEST_KM."""
+"""Thickness of layers over their height above the ground, from where that is more."""
+SHARP = 0.3
+"""Change of the logarithm of scattering at which a layer ends: by a jump, or beyond the change by STEEPEST_KM."""
+STEEPEST_KM = 2.0
+"""Scale height [km] of scattering that a layer may hold throughout."""
 N_BINS = 4096
+"""Equal parts of the altitude in which a level is looked up."""
 N_SAMPLING = 1024
+"""Cells of the phase functions that are drawn from."""
 N_SMOOTH = 128
+"""Cells of the blurred phase functions, equal in the cosine."""
 SMOOTHING_RAD = 0.12
+"""Standard deviation [rad] of the blur, about the size of a cell of directions of the importance function."""
+# Columns of `MonteCarloAir.table`.
 EXTINCTION = 0
-EVENT = 1
+SCATTERING = 1
 SPECIES = 2
 
 
-class Air(NamedTuple):
-    """N refined levels, M shells, W wavelengths, C = 1 + K species (air first).
+class MonteCarloAir(NamedTuple):
+    """Tables of a medium: N refined levels, M shells, Y layers, W wavelengths, C = 1 + K species (air first).
 
-    level_km (N,), bin_start (N_BINS + 1,): a level at or below the start of each of the equal bins of altitude;
-        per_km (N - 1,): 1 / thickness between levels.
-    table (W, N, 2 + C) [km^-1]: extinction of diffuse light; scattering at an event of order two and above; scattering
-        of the direct beam by each species.
+    level_km (N,); bin_start (N_BINS + 1,): a level at or below the start of each of the equal bins of altitude; per_km
+        (N - 1,): 1 / thickness between levels.
+    table (W, N, 2 + C) [km^-1]: EXTINCTION of diffuse light; SCATTERING of diffuse light (order two and above); from
+        SPECIES on, scattering of the direct beam by each species.
     moment (W, N, 3): integrals from the ground to a level of extinction x h^n, n = 0, 1, 2, h the height above ground.
     refractivity (W, N): n - 1.
     shell_km (M + 1,); shell_first, shell_last (M,): levels at the two ends of a shell.
     layer_km (Y + 1,); layer_first, layer_last (Y,): the same for layers; layer_of_shell (M,); layer_shell (Y + 1,): the
         lowest shell of a layer.
-    sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant stand-ins for the phase functions, to draw from.
+    phase_kind, phase_asymmetry, phase_log_table, phase_ratios: of `phase_arrays`.
+    sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant phase functions, to draw from.
     smooth (W, C, N_SMOOTH): phase functions blurred by SMOOTHING_RAD, over the cosine.
     water_index (W,), water_slope: refractive index and mean square slope of a water surface; slope 0: there is none.
+    isotropic_events: diffuse light scatters isotropically.
     """
 
     level_km: np.ndarray
@@ -84,11 +97,8 @@ class Air(NamedTuple):
     earth_radius_km: float
 
 
-class AirAt(NamedTuple):
-    """The air at one wavelength: the arrays of `Air` that innermost loops read, without the axis of wavelengths.
-
-    bottom_km: altitude of the ground.
-    """
+class MonochromaticAir(NamedTuple):
+    """The arrays of `MonteCarloAir` that innermost loops read, at one wavelength; bottom_km: altitude of the ground."""
 
     level_km: np.ndarray
     bin_start: np.ndarray
@@ -100,33 +110,33 @@ class AirAt(NamedTuple):
     bottom_km: float
 
 
-def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
+def prepare_air(medium: Medium, forward_moment: int | None = None) -> MonteCarloAir:
     """Tables of one medium; with `forward_moment`, of an equivalent medium for light that has been scattered.
 
-    There the share f of the aerosol's scattering counts as not scattered, f being that Legendre moment of its phase
+    There the fraction f of the aerosol's scattering counts as not scattered, f being that Legendre moment of its phase
     function: diffuse light meets scattering (1 - f) beta_s and extinction beta_e - f beta_s; the beam keeps the true
     scattering and phase functions.  With moment 1, f = g, events are isotropic: similarity, Haber 2005 sec. 4.5.3.
     """
     fine = medium.refined(tolerance=LEVEL_TOLERANCE)
     z = fine.altitude_km
     aerosol = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
-    species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_share])
+    species = np.concatenate([fine.air_scattering_per_km[None], aerosol[None] * fine.aerosol_phase_fraction])
     extinction = fine.extinction_per_km
-    event = species.sum(axis=0)
+    scattering = species.sum(axis=0)
     if forward_moment is not None:
         for k, phase in enumerate(medium.phase_functions):
             f = np.clip(phase.legendre_moments(forward_moment)[:, forward_moment], 0.0, 0.999)
             forward = species[1 + k] * f
             extinction = extinction - forward
-            event = event - forward
-    table = np.stack([extinction, event, *species], axis=-1).transpose(1, 0, 2)
-    arrays = medium.arrays()
+            scattering = scattering - forward
+    table = np.stack([extinction, scattering, *species], axis=-1).transpose(1, 0, 2)
+    phases = phase_arrays(medium.phase_functions, medium.n_wavelengths)
     bins_per_km = N_BINS / (z[-1] - z[0])
     starts = z[0] + np.arange(N_BINS + 1) / bins_per_km
-    first, last = shells(z, table[:, :, EXTINCTION], event > 0)
-    start = layers(z, first, last, event)
+    first, last = shells(z, table[:, :, EXTINCTION], scattering > 0)
+    start = layers(z, first, last, scattering)
     cdf, density = _sampling_tables(medium)
-    return Air(
+    return MonteCarloAir(
         np.ascontiguousarray(z),
         np.clip(np.searchsorted(z, starts, side="right") - 1, 0, z.size - 2).astype(np.int64),
         float(bins_per_km),
@@ -142,15 +152,12 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> Air:
         last[start[1:] - 1],
         np.repeat(np.arange(start.size - 1), np.diff(start)),
         start,
-        arrays.phase_kind,
-        arrays.phase_asymmetry,
-        arrays.phase_log_table,
-        arrays.phase_ratios,
-        arrays.depolarisation,
+        *phases,
+        np.ascontiguousarray(medium.depolarisation, dtype=float),
         cdf,
         density,
         _smooth_tables(medium),
-        arrays.ground_albedo,
+        np.ascontiguousarray(medium.ground_albedo, dtype=float),
         np.ascontiguousarray(refractive_index(medium.wavelength_nm)),
         float(medium.water_mean_square_slope),
         forward_moment == 1,
@@ -291,7 +298,7 @@ def _smooth_tables(medium: Medium) -> np.ndarray:
 def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
     """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`.
 
-    Takes arrays, not the whole `Air`: in the innermost loop a tuple of arrays costs more than the look-up.
+    Takes arrays, not the whole `MonteCarloAir`: in the innermost loop a tuple of arrays costs more than the look-up.
 
     levels (N,) [km]; bin_start (B,): level at or below the start of each of B equal bins of altitude; bins_per_km
     [km^-1]; per_km (N - 1,) [km^-1]: 1 over the distances between levels; z [km].
@@ -314,7 +321,7 @@ def locate(air, z, first, last):
 @njit(inline="always", **INNER)
 def air_at(air, w):
     """The air at the wavelength of the index w."""
-    return AirAt(
+    return MonochromaticAir(
         air.level_km,
         air.bin_start,
         air.bins_per_km,
@@ -328,7 +335,7 @@ def air_at(air, w):
 
 @njit(inline="always", **INNER)
 def place_in(at, z, first, last):
-    """`locate_level` in the levels of an :class:`AirAt`: altitude z [km], between the levels `first` and `last`."""
+    """`locate_level` in the levels of a `MonochromaticAir`: altitude z [km], between the levels `first` and `last`."""
     return locate_level(at.level_km, at.bin_start, at.bins_per_km, at.per_km, z, first, last)
 
 
@@ -340,7 +347,7 @@ def column(table, i, f, c):
 
 @njit(inline="always", **INNER)
 def interpolate(air, w, i, f, column):
-    """Coefficient [km^-1] of the air: at the wavelength w, the place (i, f) of the levels; column: of `Air.table`."""
+    """Coefficient [km^-1] at the wavelength w and the place (i, f) of the levels; column: of `MonteCarloAir.table`."""
     return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
 
 
@@ -366,7 +373,7 @@ def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
 
 @njit(inline="always", **INNER)
 def depth_from_ground(at, i, f, c0, c1, c2):
-    """`weighted_depth` from the ground to the place (i, f) of the levels of an :class:`AirAt`.
+    """`weighted_depth` from the ground to the place (i, f) of the levels of a `MonochromaticAir`.
 
     c0 [1], c1 [km^-1], c2 [km^-2]: secant of the line, as there.
     """

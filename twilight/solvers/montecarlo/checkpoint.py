@@ -1,11 +1,9 @@
-"""State of an interrupted run on disk: written whole or not at all, and only taken up for the same question."""
+"""State of an interrupted run in a file: written whole or not at all, and only taken up for the same question."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 import struct
-import tempfile
 import time
 import zlib
 from dataclasses import dataclass, fields
@@ -15,17 +13,23 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from twilight.errors import TwilightError
-from twilight.reading import open_npz
+from twilight.base.errors import TwilightError
+from twilight.base.reading import open_npz
+from twilight.base.whole_files import whole_file
 
 SAVE_EVERY_S = 10.0
-# settings that say when to stop, not what is computed: they may differ when a run is taken up again
+"""Least time [s] between two savings."""
 FREE_SETTINGS = ("time_limit_s",)
+"""Settings that say when a run stops, not what is computed: they may differ when the run is taken up again."""
 
 
 @dataclass(frozen=True)
-class State:
-    """Sums so far, the samples planned for the present round, and the next batch of it."""
+class RunState:
+    """Where a run stands: the sums of `tally.Tally`, the chunks used, and the batch that comes next.
+
+    round_plan (P, W, 2): samples planned for the present round; round_index, batch_index: number of the round, and of
+    its next batch.
+    """
 
     count: np.ndarray
     sums: np.ndarray
@@ -43,7 +47,7 @@ def fingerprint(medium, settings, pixels) -> str:
     digest = hashlib.sha256()
     for f in fields(medium):
         value = getattr(medium, f.name)
-        if f.name in ("name", "notes"):
+        if f.name in ("name", "notes", "grid_medium"):
             continue
         if f.name == "phase_functions":
             for p in value:
@@ -61,21 +65,21 @@ def fingerprint(medium, settings, pixels) -> str:
 
 
 class Checkpoint:
-    """One file that holds a :class:`State` and the fingerprint of its question."""
+    """One file that holds a :class:`RunState` and the fingerprint of its question."""
 
     def __init__(self, path: Path, key: str):
         self.path = path
         self.key = key
         self.saved = time.monotonic()
 
-    def load(self) -> State | None:
+    def load(self) -> RunState | None:
         """The saved state, None if there is none; TwilightError if the file belongs to another question."""
         if not self.path.exists():
             return None
         try:
             with open_npz(self.path, largest_expansion=1) as data:  # savez compresses nothing
                 key = str(data["fingerprint"])
-                values: dict[str, Any] = {f.name: data[f.name] for f in fields(State)}
+                values: dict[str, Any] = {f.name: data[f.name] for f in fields(RunState)}
                 for name in ("limited", "round_index", "batch_index"):
                     values[name] = int(values[name])
         except TwilightError:
@@ -86,23 +90,17 @@ class Checkpoint:
             raise TwilightError(
                 f"{self.path}: checkpoint of another medium, setting or view; delete it or name another file"
             )
-        return State(**values)
+        return RunState(**values)
 
-    def save_if_due(self, state: dict) -> None:
+    def save_if_due(self, state: RunState) -> None:
         """Save if the last time was a while ago."""
         if time.monotonic() - self.saved > SAVE_EVERY_S:
             self.save(state)
 
-    def save(self, state: dict) -> None:
+    def save(self, state: RunState) -> None:
         """Replace the file in one step."""
-        handle, temporary = tempfile.mkstemp(dir=self.path.parent, prefix=self.path.name, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, fingerprint=np.array(self.key), **state)
-            os.replace(temporary, self.path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with whole_file(self.path) as part, open(part, "wb") as stream:
+            np.savez(stream, fingerprint=np.array(self.key), **vars(state))
         self.saved = time.monotonic()
 
     def remove(self) -> None:

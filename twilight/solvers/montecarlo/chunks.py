@@ -10,48 +10,62 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import SPECIES
-from twilight.solvers.montecarlo.directions import new_work
+from twilight.solvers.montecarlo.directions import new_workspace
 from twilight.solvers.montecarlo.events import EVENT_COLUMNS
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, refractivity_at
+from twilight.solvers.montecarlo.line_of_sight import (
+    LINE_OF_SIGHT_CHORDS,
+    LINE_OF_SIGHT_PIECES,
+    integrate_line_of_sight,
+)
 from twilight.solvers.montecarlo.matrix import N_STOKES
-from twilight.solvers.montecarlo.paths import COARSE, N_ORDERS, STACK, TOTAL, Memory, one_sample
+from twilight.solvers.montecarlo.paths import CONTROL_VARIATE, N_ORDERS, STACK, TOTAL, PathMemory, one_sample
 from twilight.solvers.montecarlo.pieces import LEG_CHORDS, LEG_PIECES, new_leg, without_ground
 from twilight.solvers.montecarlo.random import start
-from twilight.solvers.montecarlo.sight import SIGHT_CHORDS, SIGHT_PIECES, look
+from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, refractivity_at
 
 
 class Pixels(NamedTuple):
-    """What is asked, P pixels: key (P,) names their random streams; sun_elevation, elevation, azimuth (P,) [rad],
-    azimuth from the sun; altitude [km] of the observer; wavelength_key (W,); far_km (P,): where lines of sight end."""
+    """What is asked, P pixels.
+
+    key (P,): names their random streams; sun_elevation_rad, elevation_rad, azimuth_rad (P,): azimuth from the sun;
+    altitude_km: of the observer; wavelength_key (W,); far_km (P,): where lines of sight end.
+    """
 
     key: np.ndarray
-    sun_elevation: np.ndarray
-    elevation: np.ndarray
-    azimuth: np.ndarray
-    altitude: float
+    sun_elevation_rad: np.ndarray
+    elevation_rad: np.ndarray
+    azimuth_rad: np.ndarray
+    altitude_km: float
     wavelength_key: np.ndarray
     far_km: np.ndarray
 
 
-class Jobs(NamedTuple):
-    """J pieces of work, arrays (J,): pixel, index of the wavelength, number of the chunk, samples to take."""
+class ChunkJobs(NamedTuple):
+    """J chunks of samples to take, arrays (J,).
+
+    pixel, wavelength: indices; arm: 0 or 1, see `tally`; chunk: number that names the random stream; samples: how many.
+    """
 
     pixel: np.ndarray
     wavelength: np.ndarray
+    arm: np.ndarray
     chunk: np.ndarray
     samples: np.ndarray
 
 
-class Sums(NamedTuple):
-    """Results of J jobs: sums of x and of x^2 over samples, (J, S, N_ORDERS + 1), S = 3 components I, Q, U or 1; x is
-    the light of each order and, last, of all.  high (J, 2): sums of x^3 and x^4 for all of I.  samples, limits (J,):
-    samples taken, and those among them that met a limit of the walk."""
+class ChunkSums(NamedTuple):
+    """Results of J jobs.
 
-    first: np.ndarray
-    second: np.ndarray
+    sums, squares (J, S, N_ORDERS + 1): of x [sr^-1] and x^2 over samples, S = 3 components I, Q, U or 1; x is the light
+    of each order and, last, of all.  high (J, 2): sums of x^3 and x^4 for all of I.  samples, limits (J,): samples
+    taken, and those among them that met a limit of the walk.
+    """
+
+    sums: np.ndarray
+    squares: np.ndarray
     high: np.ndarray
     samples: np.ndarray
     limits: np.ndarray
@@ -77,67 +91,69 @@ def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_su
 
 
 @njit(inner=True, **INNER)
-def add_sample(orders, first, second):
+def add_sample(orders, sums, squares):
     """Add one sample, and its squares, to the sums of a job; returns the whole I.
 
-    orders (S, N_ORDERS + 1) [sr^-1]: light of the sample by Stokes element and order; first, second (S, TOTAL + 1):
-    sums of the values [sr^-1] and of their squares [sr^-2].
+    orders (S, N_ORDERS + 1) [sr^-1]: light of the sample by Stokes element and order; sums, squares (S,
+    TOTAL + 1): of the values [sr^-1] and of their squares [sr^-2].
     """
     intensity = 0.0
     for m in range(orders.shape[0]):
-        total = orders[m, COARSE]
+        total = orders[m, CONTROL_VARIATE]
         for n in range(N_ORDERS):
             x = orders[m, n]
-            first[m, n] += x
-            second[m, n] += x * x
+            sums[m, n] += x
+            squares[m, n] += x * x
             total += x
-        first[m, TOTAL] += total
-        second[m, TOTAL] += total * total
+        sums[m, TOTAL] += total
+        squares[m, TOTAL] += total * total
         if m == 0:
             intensity = total
     return intensity
 
 
 @njit(cache=True, nogil=True)
-def sight_transmittance(air, sun, steering, walk, pixels, begin, end, out):
+def line_of_sight_transmittance(air, sun, importance, walk, pixels, begin, end, out):
     """Transmittance of lines of sight, at all wavelengths.
 
     pixels: `Pixels`; begin, end: the first pixel and the one after the last; out (P, W): filled, transmittance in 0..1.
     """
-    memory = new_leg(air.table.shape[2] - SPECIES, SIGHT_PIECES, SIGHT_CHORDS)
+    memory = new_leg(air.table.shape[2] - SPECIES, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS)
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.empty(3)
     for p in range(begin, end):
         for w in range(out.shape[1]):
             observer_ray(
-                pixels.sun_elevation[p], pixels.elevation[p], pixels.azimuth[p], pixels.altitude,
+                pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
                 air.earth_radius_km, ray, to_sun,
             )  # fmt: skip
-            out[p, w] = look(air, sun, steering, w, walk.first, ray, to_sun, pixels.far_km[p], memory).transmittance
+            out[p, w] = integrate_line_of_sight(
+                air, sun, importance, w, walk.first, ray, to_sun, pixels.far_km[p], memory
+            ).transmittance
 
 
 @njit(cache=True, nogil=True)
-def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_job, end_job, sums, stop):
+def run_chunks(air, line_of_sight_air, sun, importance, walk, seed, pixels, jobs, first_job, end_job, sums, stop):
     """Run jobs and fill their rows of the sums.
 
-    pixels: `Pixels`; jobs: `Jobs`; first_job, end_job: the first job and the one after the last; sums: `Sums`, filled;
-    sight_air: the air that single scattering is seen through, the same as `air` unless events are isotropic; seed: an
-    integer; stop (1,): no sample is begun once it is not 0.  A row depends on its job alone, so neither threads nor the
-    order of jobs change it.
+    line_of_sight_air: the air that single scattering is seen through, the same as `air` unless events are isotropic;
+    seed: an integer; pixels: `Pixels`; jobs: `ChunkJobs`; first_job, end_job: the first job and the one after the last;
+    sums: `ChunkSums`, filled; stop (1,): no sample is begun once it is not 0.  A row depends on its job alone, so
+    neither threads nor the order of jobs change it.
     """
     n_species = air.table.shape[2] - SPECIES
-    sight_leg = new_leg(n_species, SIGHT_PIECES, SIGHT_CHORDS)
+    line_of_sight_leg = new_leg(n_species, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS)
     leg = new_leg(n_species, LEG_PIECES, LEG_CHORDS)
-    memory = Memory(sight_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_work())
+    memory = PathMemory(line_of_sight_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_workspace())
     ray = np.empty(CHORD_COLUMNS)
     to_sun = np.empty(3)
-    n_stokes = sums.first.shape[1]
+    n_stokes = sums.sums.shape[1]
     single = np.zeros(N_STOKES)
     orders = np.empty((n_stokes, N_ORDERS + 1))
     stream = np.empty(1, dtype=np.uint64)
     last_pixel = -1
     last_wavelength = -1
-    sight = without_ground(0, -1, 0.0, 0.0, 0.0, 1.0)
+    line_of_sight = without_ground(0, -1, 0.0, 0.0, 0.0, 1.0)
     at_observer = 0.0
     for j in range(first_job, end_job):
         p = jobs.pixel[j]
@@ -149,18 +165,20 @@ def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_jo
                 if own == 0 and not air.isotropic_events:
                     continue
                 observer_ray(
-                    pixels.sun_elevation[p], pixels.elevation[p], pixels.azimuth[p], pixels.altitude,
+                    pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
                     air.earth_radius_km, ray, to_sun,
                 )  # fmt: skip
                 # light scattered once is seen through air that may not be the diffuse light's
-                seen = air if own == 1 else sight_air
-                sight = look(seen, sun, steering, w, walk.first, ray, to_sun, pixels.far_km[p], memory.sight)
+                seen = air if own == 1 else line_of_sight_air
+                line_of_sight = integrate_line_of_sight(
+                    seen, sun, importance, w, walk.first, ray, to_sun, pixels.far_km[p], memory.line_of_sight
+                )
                 if own == 0 or not air.isotropic_events:
-                    single[0] = sight.sun_i + sight.sun_ground
-                    single[1] = sight.sun_q
-                    single[2] = sight.sun_u
+                    single[0] = line_of_sight.sun_i + line_of_sight.sun_ground
+                    single[1] = line_of_sight.sun_q
+                    single[2] = line_of_sight.sun_u
             if walk.first.bent:
-                at_observer = refractivity_at(air, w, pixels.altitude)
+                at_observer = refractivity_at(air, w, pixels.altitude_km)
         start(stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[j])
         for _ in range(jobs.samples[j]):
             if stop[0] != 0:
@@ -169,12 +187,12 @@ def run_chunks(air, sight_air, sun, steering, walk, seed, pixels, jobs, first_jo
             orders[:] = 0.0
             for m in range(n_stokes):
                 orders[m, 0] = single[m]
-            if sight.pieces < 0:
+            if line_of_sight.n_pieces < 0:
                 sums.limits[j] += 1
             else:
                 sums.limits[j] += one_sample(
-                    air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders
+                    air, sun, importance, walk, w, at_observer, to_sun, line_of_sight, stream, memory, orders
                 )
-            total = add_sample(orders, sums.first[j], sums.second[j])
+            total = add_sample(orders, sums.sums[j], sums.squares[j])
             sums.high[j, 0] += total * total * total
             sums.high[j, 1] += total * total * total * total

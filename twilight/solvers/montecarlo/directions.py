@@ -1,7 +1,7 @@
-"""The direction of the leg after an event, drawn from the coarse field's light and the phase function.
+"""The direction of the leg after an event, drawn by the importance function and the phase function.
 
-With p the phase function towards a candidate, L the light that the coarse field expects from there and q the density
-that candidates are drawn with, one of several is taken in proportion to p L / q.
+With p the phase function towards a candidate, L the light that the importance function expects from there and q the
+density that candidates are drawn with, one of several is taken in proportion to p L / q.
 
 Arguments that kernels share: `kernel`.
 """
@@ -13,15 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SPECIES, interpolate
-from twilight.solvers.montecarlo.events import ACROSS, ALTITUDE, FRACTION, HEADING, LEVEL, MATRIX, NUMBERS, ON_GROUND
+from twilight.solvers.montecarlo.events import (
+    ACROSS,
+    ALTITUDE,
+    FRACTION,
+    HEADING,
+    LEVEL,
+    MATRIX,
+    NUMBERS,
+    ON_GROUND,
+)
 from twilight.solvers.montecarlo.ground import draw_ground, ground_density, ground_matrix
-from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.lines import DIRECTION
-from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
-from twilight.solvers.montecarlo.random import uniform
-from twilight.solvers.montecarlo.steering import (
+from twilight.solvers.montecarlo.importance import (
     N_AZIMUTHS,
     N_DIRECTIONS,
     cell_of,
@@ -33,16 +38,23 @@ from twilight.solvers.montecarlo.steering import (
     sampling_cell,
     weigh_cells,
 )
+from twilight.solvers.montecarlo.kernel import INNER
+from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
+from twilight.solvers.montecarlo.random import uniform
+from twilight.solvers.montecarlo.rays import DIRECTION
 
-DEFENCE = 0.05
-"""Share of the mean light that a direction counts as having at least, so that no weight can grow beyond bounds."""
-LEAST_VECTOR = 0.2
-"""Least factor by which a direction's worth falls because its light would arrive polarised the wrong way."""
+DEFENSIVE_FRACTION = 0.05
+"""Fraction of the mean light that a direction counts as having at least, so that no weight grows beyond bounds."""
+LEAST_POLARISATION_FACTOR = 0.2
+"""Least factor by which a direction counts less because its light would arrive polarised the wrong way."""
 
 
-class Work(NamedTuple):
-    """Work space of `choose_direction`: cumulative (N_DIRECTIONS,), blurred (N_SMOOTH,), trial (3,); frame (3, 3): rows
-    towards the sun along the horizon, sideways, up; new (9,): the next leg as a ray; matrix (9,): and its matrix."""
+class DirectionWorkspace(NamedTuple):
+    """Work space of `choose_direction`.
+
+    cumulative (N_DIRECTIONS,); blurred (N_SMOOTH,); trial (3,); frame (3, 3): rows towards the sun along the horizon,
+    sideways, up; new (9,): the next leg as a ray; matrix (9,): of the path on that leg.
+    """
 
     cumulative: np.ndarray
     blurred: np.ndarray
@@ -53,14 +65,16 @@ class Work(NamedTuple):
 
 
 @njit(inner=True, cache=True)
-def new_work():
+def new_workspace():
     """Work space of one thread."""
-    return Work(np.empty(N_DIRECTIONS), np.empty(N_SMOOTH), np.empty(3), np.empty((3, 3)), np.empty(9), np.empty(9))
+    return DirectionWorkspace(
+        np.empty(N_DIRECTIONS), np.empty(N_SMOOTH), np.empty(3), np.empty((3, 3)), np.empty(9), np.empty(9)
+    )
 
 
 @njit(inner=True, **INNER)
-def mixed_phase(air, w, i, f, cosine):
-    """(p, q, p12) [sr^-1] at the place (i, f): phase function, density of its stand-in that is drawn from, P12.
+def mean_phase(air, w, i, f, cosine):
+    """(P11, q, P12) [sr^-1] at the place (i, f): of the mixture of species; q: the tabulated P11 that is drawn from.
 
     (i, f): of the levels of the air; cosine: of the scattering angle.
     """
@@ -84,7 +98,7 @@ def mixed_phase(air, w, i, f, cosine):
 
 @njit(inner=True, **INNER)
 def draw_cosine(air, w, i, f, number, stream):
-    """Cosine of a scattering angle from the stand-in of the phase function at the place (i, f).
+    """Cosine of a scattering angle, drawn from the tabulated phase function at the place (i, f).
 
     number: in [0, 1), decides.
     """
@@ -137,7 +151,7 @@ def turn(dx, dy, dz, cosine, psi, out):
 
 @njit(inner=True, **INNER)
 def local_frame(px, py, pz, to_sun, frame):
-    """Fill frame (3, 3) of a `Work` at the point (px, py, pz) [km]; returns the cosine of the sun's zenith angle."""
+    """Fill the frame (3, 3) at the point (px, py, pz) [km]; returns the cosine of the sun's zenith angle."""
     sx, sy, sz = to_sun[0], to_sun[1], to_sun[2]
     r = math.sqrt(px * px + py * py + pz * pz)
     ux, uy, uz = px / r, py / r, pz / r
@@ -158,26 +172,26 @@ def local_frame(px, py, pz, to_sun, frame):
 
 
 @njit(inner=True, **INNER)
-def draw_direction(air, steering, w, event, horizon, from_table, total, number, a, b, stream, work):
+def draw_direction(air, importance, w, event, horizon, from_table, total, number, a, b, stream, work):
     """Draw a candidate into work.trial from the mixture of `choose_direction`; returns its cell of directions.
 
-    event (EVENT_COLUMNS,): where; horizon: sine of the horizon's elevation; from_table: share of the draws by the
-    table, whose weights add up to `total`; number, a, b: each in [0, 1), decide between the two, and the two angles;
-    work: `Work`, with its frame and, for the table, its running sums filled.
+    event (EVENT_COLUMNS,); horizon: sine of the horizon's elevation; from_table: fraction of the draws by the table,
+    whose weights add up to `total`; number, a, b: in [0, 1), decide between table and phase function, and the two
+    angles; work: `DirectionWorkspace`, with its frame and, for the table, its running sums filled.
     """
     frame = work.frame
     trial = work.trial
     if number < from_table:
         cell = draw_from(work.cumulative, number / from_table * total)
         row = cell // N_AZIMUTHS
-        g = steering.row_edges[row]
+        g = importance.row_edges[row]
         # the two sides of the horizon are scaled apart, and a cell lies on one of them
         scale = 1.0 - horizon if g >= 0.0 else 1.0 + horizon
-        g += a * (steering.row_edges[row + 1] - g)
+        g += a * (importance.row_edges[row + 1] - g)
         up = horizon + scale * g
         k = cell % N_AZIMUTHS
-        psi = steering.azimuth_edges[k]
-        psi += b * (steering.azimuth_edges[k + 1] - psi)
+        psi = importance.azimuth_edges[k]
+        psi += b * (importance.azimuth_edges[k + 1] - psi)
         level = math.sqrt(max(0.0, 1.0 - up * up))
         cos_psi = level * math.cos(psi)
         sin_psi = level * math.sin(psi)
@@ -192,22 +206,22 @@ def draw_direction(air, steering, w, event, horizon, from_table, total, number, 
     x = frame[0, 0] * trial[0] + frame[0, 1] * trial[1] + frame[0, 2] * trial[2]
     y = frame[1, 0] * trial[0] + frame[1, 1] * trial[1] + frame[1, 2] * trial[2]
     up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
-    return cell_of(steering, horizon, x, y, up)
+    return cell_of(importance, horizon, x, y, up)
 
 
 @njit(inner=True, **INNER)
-def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candidates, polarised, stream, work):
+def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_candidates, polarised, stream, work):
     """Draw the next leg's direction into work.new; returns (p / probability density, light expected from there).
 
-    Candidates have the density table_fraction x (tabulated light x blurred phase function) + the rest x (phase
-    function, or `draw_ground`).  Of n_candidates one is taken in proportion to g / density, where g is
-    the exact phase function x (interpolated light + a share of its mean), times what the path's matrix makes of
-    unpolarised light from there, and counts mean(g / density) / g instead of 1 / density (importance resampling,
-    Talbot, Cline & Egbert 2005): unbiased whatever the tables say.
+    Candidates have the density direction_fraction x (tabulated light x blurred phase function) + the rest x (phase
+    function, or `draw_ground`).  Of n_candidates one is taken in proportion to g / density, where g is the exact phase
+    function x (interpolated light + a fraction of its mean) x what the path's matrix makes of unpolarised light from
+    there, and counts mean(g / density) / g instead of 1 / density: importance resampling (Talbot, Cline & Egbert 2005),
+    unbiased whatever the tables say.
 
-    event (EVENT_COLUMNS,): where; cos_sun: cosine of the sun's zenith angle there; table_fraction in [0, 1): share of
-    the candidates that the table draws; n_candidates: 1 or more; polarised: whether the path's matrix counts; work:
-    `Work`, with its frame filled.  table_fraction: in [0, 1).
+    event (EVENT_COLUMNS,); cos_sun: cosine of the sun's zenith angle there; direction_fraction: in [0, 1);
+    n_candidates: 1 or more; polarised: whether the path's matrix counts; work: `DirectionWorkspace`, with its frame
+    filled.
     """
     frame = work.frame
     trial = work.trial
@@ -219,19 +233,19 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
     water = air.water_slope > 0.0
     mu_out = -(frame[2, 0] * d[0] + frame[2, 1] * d[1] + frame[2, 2] * d[2])
     vector = polarised and (not on_ground or water)
-    horizon = horizon_sine(steering, z)
+    horizon = horizon_sine(importance, z)
     total = 0.0
     floor = 1.0
-    if table_fraction > 0.0:
-        ni, nj = nearest_node(steering, z, cos_sun)
-        floor = DEFENCE * math.exp(steering.log_mean[w, ni, nj])
+    if direction_fraction > 0.0:
+        node = nearest_node(importance, z, cos_sun)
+        floor = DEFENSIVE_FRACTION * math.exp(importance.log_mean[w, node[0], node[1]])
         vx = frame[0, 0] * d[0] + frame[0, 1] * d[1] + frame[0, 2] * d[2]
         vy = frame[1, 0] * d[0] + frame[1, 1] * d[1] + frame[1, 2] * d[2]
         vz = frame[2, 0] * d[0] + frame[2, 1] * d[1] + frame[2, 2] * d[2]
         total = weigh_cells(
-            steering, air, w, ni, nj, i, f, horizon, vx, vy, vz, on_ground, work.cumulative, work.blurred
+            importance, air, w, node, (i, f), horizon, (vx, vy, vz), on_ground, work.cumulative, work.blurred
         )
-    from_table = table_fraction if total > 0.0 else 0.0
+    from_table = direction_fraction if total > 0.0 else 0.0
     if from_table == 0.0:
         n_candidates = 1
     sum_weights = 0.0
@@ -241,13 +255,13 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
         x = event[NUMBERS] if candidate == 0 else uniform(stream)
         a = event[NUMBERS + 1] if candidate == 0 else uniform(stream)
         b = event[NUMBERS + 2] if candidate == 0 else uniform(stream)
-        cell = draw_direction(air, steering, w, event, horizon, from_table, total, x, a, b, stream, work)
+        cell = draw_direction(air, importance, w, event, horizon, from_table, total, x, a, b, stream, work)
         density = 0.0
         if from_table > 0.0:
-            share = work.cumulative[cell]
+            of_cell = work.cumulative[cell]
             if cell > 0:
-                share -= work.cumulative[cell - 1]
-            density = from_table * share / total / cell_solid_angle(steering, horizon, cell)
+                of_cell -= work.cumulative[cell - 1]
+            density = from_table * of_cell / total / cell_solid_angle(importance, horizon, cell)
         favour = 1.0
         cosine = min(1.0, max(-1.0, d[0] * trial[0] + d[1] * trial[1] + d[2] * trial[2]))
         p12 = 0.0
@@ -259,22 +273,22 @@ def choose_direction(air, steering, w, event, cos_sun, table_fraction, n_candida
             if water:
                 p, p12, _, _ = ground_matrix(air, w, up, mu_out, cosine)
         else:
-            p, q, p12 = mixed_phase(air, w, i, f, cosine)
+            p, q, p12 = mean_phase(air, w, i, f, cosine)
         density += (1.0 - from_table) * q
         if vector and p > 0.0:
             along, across = components(e, d, trial[0], trial[1], trial[2])
             c2, s2 = double_angle(along, across)
-            favour = max(LEAST_VECTOR, 1.0 + (event[MATRIX + 1] * c2 + event[MATRIX + 2] * s2) * p12 / p)
+            favour = max(LEAST_POLARISATION_FACTOR, 1.0 + (event[MATRIX + 1] * c2 + event[MATRIX + 2] * s2) * p12 / p)
         if p <= 0.0 or density <= 0.0:
             continue
         if n_candidates == 1:
             ratio = p / density
-            if table_fraction > 0.0:
-                expected = floor + math.exp(log_light_from(steering, w, z, cos_sun, cell))
+            if direction_fraction > 0.0:
+                expected = floor + math.exp(log_light_from(importance, w, z, cos_sun, cell))
             for m in range(3):
                 work.new[DIRECTION + m] = trial[m]
             break
-        light = floor + math.exp(log_light_from(steering, w, z, cos_sun, cell))
+        light = floor + math.exp(log_light_from(importance, w, z, cos_sun, cell))
         weight = p * light * favour / density
         sum_weights += weight
         if uniform(stream) * sum_weights < weight:

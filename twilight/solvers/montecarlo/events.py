@@ -1,18 +1,16 @@
-"""Where a path goes on: the point of the next event on a leg, and the matrix of the path after it.
+"""Scattering events: the point of the next event on a leg, and the matrix of the path after the event.
 
-An event is a row of numbers, whose columns are named here; rows wait on a stack.  Arguments that kernels share:
-`kernel`.
+An event is a row of numbers with named columns; rows wait on a stack.  Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
 
 import math
 
-from twilight.kernels import njit
-from twilight.solvers.montecarlo.air import EVENT, SPECIES, interpolate, locate
+from twilight.jit.kernels import njit
+from twilight.solvers.montecarlo.air import SCATTERING, SPECIES, interpolate
 from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
 from twilight.solvers.montecarlo.matrix import (
     components,
     depolarise,
@@ -21,12 +19,17 @@ from twilight.solvers.montecarlo.matrix import (
     scatter,
     species_matrix,
 )
-from twilight.solvers.montecarlo.pieces import DEPTH, FIRST, LAST, LENGTH, PLAIN, START, STEERED, depth_inside
+from twilight.solvers.montecarlo.pieces import DEPTH, LENGTH, RESCATTERED, SCATTERED, depth_inside
 from twilight.solvers.montecarlo.random import uniform
+from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
 
-# columns of an event: point [km], direction and reference of the leg that it lies on, matrix of the path up to it (see
-# `matrix.scatter`), weight, order of the light that the next leg gathers, altitude [km], its level and the fraction
-# above it, 1 on the ground, three numbers in [0, 1) that decide the direction of the next leg
+# Columns of an event.
+# POINT (3) [km]; HEADING (3), ACROSS (3): unit vectors, direction and reference of the leg that the event lies on.
+# MATRIX (9): of the path up to the event, see `matrix.scatter`.
+# WEIGHT: of the path; ORDER: of scattering of the sunlight that the next leg gathers.
+# ALTITUDE [km]; LEVEL, FRACTION: its place among the levels of the air.
+# ON_GROUND: 1 on the ground, else 0.
+# NUMBERS (3): in [0, 1), decide the direction of the next leg.
 POINT, HEADING, ACROSS, MATRIX = 0, 3, 6, 9
 WEIGHT, ORDER, ALTITUDE, LEVEL, FRACTION, ON_GROUND, NUMBERS = range(18, 25)
 EVENT_COLUMNS = NUMBERS + 3
@@ -36,7 +39,7 @@ EVENT_COLUMNS = NUMBERS + 3
 def draw_piece(pieces, column, n, x):
     """First of the n pieces (M, PIECE_COLUMNS) whose running sum in a `column` exceeds x.
 
-    pieces: of a leg, n: how many it has; column: STEERED or PLAIN; x [sr^-1]: below the sum of the last piece.
+    pieces: of a leg, n: how many it has; column: RESCATTERED or SCATTERED; x: below the sum of the last piece.
     """
     lo = 0
     hi = n - 1
@@ -50,43 +53,46 @@ def draw_piece(pieces, column, n, x):
 
 
 @njit(inner=True, **INNER)
-def choose_point(pieces, n, ground_plain, ground_steered, steered_fraction, number, stream):
-    """Draw one of the first n pieces of a leg, or its ground, from a mixture of steered and plain weights.
+def choose_point(pieces, n, ground_scattered, ground_rescattered, importance_fraction, number, stream):
+    """Draw a piece of a leg, or its ground, by the importance function or by scattering alone.
 
-    pieces (M, PIECE_COLUMNS); n: how many of them the leg has; ground_plain, ground_steered: the ground's two weights;
-    steered_fraction: share of the draws by steered weights; number: in [0, 1), decides the piece; stream (1,): random
-    numbers.
+    The density is importance_fraction x (light scattered again) + the rest x (light scattered once), both over their
+    sums along the leg.
+
+    pieces (M, PIECE_COLUMNS); n: how many of them the leg has; ground_scattered, ground_rescattered: the two weights of
+    the ground, as in the columns SCATTERED and RESCATTERED; importance_fraction: in [0, 1); number: in [0, 1), decides
+    the piece.
 
     Returns (index of the piece, or n for the ground; its probability; uniform number within the piece).
     """
-    all_plain = ground_plain
-    all_steered = ground_steered
+    all_scattered = ground_scattered
+    all_rescattered = ground_rescattered
     if n > 0:
-        all_plain += pieces[n - 1, PLAIN]
-        all_steered += pieces[n - 1, STEERED]
-    if all_plain <= 0.0:
+        all_scattered += pieces[n - 1, SCATTERED]
+        all_rescattered += pieces[n - 1, RESCATTERED]
+    if all_scattered <= 0.0:
         return n, 0.0, 0.0
-    steer = steered_fraction if all_steered > 0.0 else 0.0
-    if number < steer:
-        column = STEERED
-        x = number / steer * all_steered
+    by_importance = importance_fraction if all_rescattered > 0.0 else 0.0
+    if number < by_importance:
+        column = RESCATTERED
+        x = number / by_importance * all_rescattered
     else:
-        column = PLAIN
-        x = (number - steer) / (1.0 - steer) * all_plain
+        column = SCATTERED
+        x = (number - by_importance) / (1.0 - by_importance) * all_scattered
     k = n
     if n > 0 and x < pieces[n - 1, column]:
         k = draw_piece(pieces, column, n, x)
-        plain = pieces[k, PLAIN]
-        steered = pieces[k, STEERED]
+        scattered = pieces[k, SCATTERED]
+        rescattered = pieces[k, RESCATTERED]
         if k > 0:
-            plain -= pieces[k - 1, PLAIN]
-            steered -= pieces[k - 1, STEERED]
+            scattered -= pieces[k - 1, SCATTERED]
+            rescattered -= pieces[k - 1, RESCATTERED]
     else:
-        plain = ground_plain
-        steered = ground_steered
-    probability = (1.0 - steer) * plain / all_plain
-    if steer > 0.0:
-        probability += steer * steered / all_steered
+        scattered = ground_scattered
+        rescattered = ground_rescattered
+    probability = (1.0 - by_importance) * scattered / all_scattered
+    if by_importance > 0.0:
+        probability += by_importance * rescattered / all_rescattered
     return k, probability, uniform(stream)
 
 
@@ -97,26 +103,11 @@ def event_weight(air, w, piece, t, i, f):
     (i, f): the place of the point among the levels.
     """
     within = depth_inside(air, w, piece, t, i, f)
-    return piece[LENGTH] * math.exp(-piece[DEPTH] - within) * interpolate(air, w, i, f, EVENT)
+    return piece[LENGTH] * math.exp(-piece[DEPTH] - within) * interpolate(air, w, i, f, SCATTERING)
 
 
 @njit(inner=True, **INNER)
-def event_distance(piece, t):
-    """Distance [km] from the start of the chord to a point of a piece (its row).
-
-    t: fraction of the piece's length, 0 to 1.
-    """
-    return piece[START] + t * piece[LENGTH]
-
-
-@njit(inner=True, **INNER)
-def event_level(air, piece, z):
-    """`locate` an altitude z [km] within the shell or layer of a piece (its row)."""
-    return locate(air, z, int(piece[FIRST]), int(piece[LAST]))
-
-
-@njit(inner=True, **INNER)
-def mixed_matrix(air, w, i, f, cosine):
+def mean_matrix(air, w, i, f, cosine):
     """(P12, P22, P33) over P11 at the place (i, f) of the levels.
 
     cosine: of the scattering angle.
@@ -142,7 +133,7 @@ def mixed_matrix(air, w, i, f, cosine):
 def begin_leg(air, w, event, polarised, work):
     """Complete work.new, whose direction is drawn, and work.matrix; returns the factor on the weight of the path.
 
-    event (EVENT_COLUMNS,): where the leg begins; work: `directions.Work`, with its frame filled.
+    event (EVENT_COLUMNS,): where the leg begins; work: `directions.DirectionWorkspace`, with its frame filled.
     """
     new = work.new
     for m in range(3):
@@ -165,7 +156,7 @@ def begin_leg(air, w, event, polarised, work):
             return 0.0
         m12, m22, m33 = m12 / p11, m22 / p11, m33 / p11
     else:
-        m12, m22, m33 = mixed_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
+        m12, m22, m33 = mean_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
     a, b = components(e, d, direction[0], direction[1], direction[2])
     cos_2phi, sin_2phi = double_angle(a, b)
     return scatter(event[MATRIX:WEIGHT], cos_2phi, sin_2phi, m12, m22, m33, work.matrix)

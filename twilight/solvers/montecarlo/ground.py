@@ -1,6 +1,7 @@
-"""The ground as an event: a Lambertian surface, or water (:mod:`twilight.water`) over the Lambertian light from below.
+"""The ground as an event: a Lambertian surface, or water over the Lambertian light from below.
 
-Both directions of an event are those of `matrix`: the leg looks down along d, the next leg up along `new`.
+Water is that of :mod:`twilight.atmosphere.water_surface`.  Both directions of an event are those of `matrix`: the leg
+looks down along d, the next leg up along `new`.
 
 Arguments that kernels share: `kernel`.
 """
@@ -9,20 +10,20 @@ from __future__ import annotations
 
 import math
 
-from twilight.kernels import njit
+from twilight.atmosphere.water_surface import facet_density, flat_reflectance, glitter
+from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.random import uniform
-from twilight.water import facet_density, flat_reflectance, glitter
 
-FACETS = 0.7
-"""Share of directions after water that mirror at a facet drawn by its slope; the rest follows the cosine law."""
+FACET_FRACTION = 0.7
+"""Fraction of directions after water that mirror at a facet drawn by its slope; the rest follows the cosine law."""
 
 
 @njit(**INNER)
-def ground_share(air, w, cosine):
-    """About the share of the light that the ground sends to a zenith angle: steers, moves no mean.
+def ground_reflectance(air, w, cosine):
+    """Approximate reflectance of the ground for sampling, which moves no mean.
 
-    cosine: of that zenith angle.
+    cosine: of the zenith angle of the leg.
     """
     if air.water_slope > 0.0:
         return min(1.0, air.ground_albedo[w] + flat_reflectance(cosine, air.water_index[w]))
@@ -51,10 +52,10 @@ def ground_density(air, mu_in, mu_out, cosine):
 
     mu_in, mu_out, cosine: as in `ground_matrix`.
     """
-    plain = max(0.0, mu_in) / math.pi
+    lambertian = max(0.0, mu_in) / math.pi
     if air.water_slope <= 0.0:
-        return plain
-    return FACETS * facet_density(mu_in, mu_out, cosine, air.water_slope) + (1.0 - FACETS) * plain
+        return lambertian
+    return FACET_FRACTION * facet_density(mu_in, mu_out, cosine, air.water_slope) + (1.0 - FACET_FRACTION) * lambertian
 
 
 @njit(inner=True, **INNER)
@@ -64,7 +65,7 @@ def draw_ground(air, frame, d, a, b, stream, out):
     frame (3, 3): two horizontal unit vectors and the vertical; d (3,): of the leg that meets the ground; a, b: in [0,
     1), decide; stream (1,): decides whether a facet mirrors.
     """
-    facet = air.water_slope > 0.0 and uniform(stream) < FACETS
+    facet = air.water_slope > 0.0 and uniform(stream) < FACET_FRACTION
     up = 1.0 / math.sqrt(1.0 - air.water_slope * math.log(1.0 - a)) if facet else math.sqrt(a)
     level = math.sqrt(max(0.0, 1.0 - up * up))
     x, y = level * math.cos(2.0 * math.pi * b), level * math.sin(2.0 * math.pi * b)

@@ -24,10 +24,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from twilight.kernels import njit
-from twilight.phase import aerosol_matrix, rayleigh_matrix
+from twilight.jit.kernels import njit
+from twilight.numerics.phase import aerosol_matrix, rayleigh_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 
 N_STOKES = 3
@@ -134,8 +132,3 @@ def depolarise(out, matrix):
         out[3 * k] = matrix[3 * k]
         out[3 * k + 1] = 0.0
         out[3 * k + 2] = 0.0
-
-
-def identity() -> np.ndarray:
-    """The matrix (9,) of a path without events."""
-    return np.eye(N_STOKES).ravel()

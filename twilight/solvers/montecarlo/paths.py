@@ -1,4 +1,4 @@
-"""Backward paths: from the observer event by event, with the sun asked along every leg; chunks of them in parallel.
+"""Backward paths: from the observer event by event, with sunlight estimated along every leg.
 
 The Stokes vector that the observer sees is a sum over paths.  After n events, a path has the matrix
 
@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
-from twilight.solvers.montecarlo.directions import Work, choose_direction, local_frame
+from twilight.jit.kernels import njit
+from twilight.solvers.montecarlo.air import locate
+from twilight.solvers.montecarlo.directions import DirectionWorkspace, choose_direction, local_frame
 from twilight.solvers.montecarlo.events import (
     ALTITUDE,
     FRACTION,
@@ -34,62 +35,91 @@ from twilight.solvers.montecarlo.events import (
     WEIGHT,
     begin_leg,
     choose_point,
-    event_distance,
-    event_level,
     event_weight,
 )
-from twilight.solvers.montecarlo.ground import ground_share
+from twilight.solvers.montecarlo.ground import ground_reflectance
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import trace
-from twilight.solvers.montecarlo.lines import DIRECTION, ORIGIN, altitude_at, refractivity_at, relative_index
-from twilight.solvers.montecarlo.pieces import CHORD, STEERED, Cuts, Leg, steered_light
+from twilight.solvers.montecarlo.pieces import (
+    CHORD,
+    FIRST,
+    LAST,
+    LENGTH,
+    RESCATTERED,
+    START,
+    Leg,
+    LegOptions,
+    rescattered_light,
+)
 from twilight.solvers.montecarlo.random import uniform
+from twilight.solvers.montecarlo.rays import (
+    DIRECTION,
+    ORIGIN,
+    altitude_at,
+    radius_and_cosine,
+    refractivity_at,
+    relative_index,
+)
 
 N_ORDERS = 20
-COARSE, TOTAL = N_ORDERS, N_ORDERS
-"""The last column of a sample holds the coarse field's part, that of a row of sums the total."""
+"""Orders of scattering that are kept apart; the last one holds all higher ones."""
+CONTROL_VARIATE = N_ORDERS
+"""Column of a sample behind those of the orders: the control variate, whose mean is 0."""
+TOTAL = N_ORDERS
+"""Column of a row of sums behind those of the orders: the total."""
 MAX_EVENTS = 5000
+"""Events after which a path is given up; the sample then counts as one that met a limit."""
 LEAST_SURVIVAL = 0.1
+"""Least probability with which a path goes on (Russian roulette), so that no weight grows more than tenfold."""
 NEGLIGIBLE = 1e-12
+"""Worth of a path, in units of one at the line of sight, below which it ends: so little moves no mean."""
 MOST_COPIES = 16.0
-LEAST_WORTH, MOST_WORTH = 0.33, 3.0
-"""A path of more than N_ORDERS events, as there are in thick air, goes on alone while it is worth as much in units of a
-continuation of the first leg, and in directions of the phase function: the noise of a roulette and of the coarse
-field's directions at each of hundreds of events would add up."""
+"""Most paths that go on from one leg (splitting)."""
+LEAST_WORTH = 0.33
+"""Worth below which a path of more than N_ORDERS events meets the roulette; see MOST_WORTH."""
+MOST_WORTH = 3.0
+"""Worth above which a path of more than N_ORDERS events is split.
+
+In between it goes on alone, in directions of the phase function: in thick air, the noise of a roulette and of the
+directions of the importance function would add up over hundreds of events.
+"""
 STACK = 4096
-LATTICE_1, LATTICE_2, LATTICE_3 = 0.8191725134, 0.6710436067, 0.5497004779
+"""Most events that wait."""
+LATTICE = (0.8191725134, 0.6710436067, 0.5497004779)
+"""Steps in three dimensions of Roberts' sequence (x, x^2, x^3 with x = 1 / 1.2207...)."""
 
 
-class Walk(NamedTuple):
-    """What steers a path; none of it moves the mean, except max_orders, which cuts the series on purpose.
+class WalkOptions(NamedTuple):
+    """How paths are sampled; nothing here moves the mean, except max_orders, which cuts the series on purpose.
 
-    first, later: how the first leg and later ones are cut.  sub_paths: stratified continuations of one first leg.
-    steered_fraction and table_fraction: share of events and directions drawn with the coarse field; candidates:
-    directions of which one is taken.  roulette: a path whose expected contribution falls below this fraction of a
-    continuation's of the first leg may end; 0 switches that and splitting off.  continuation: paths that go on from a
-    later leg that is worth one continuation of the first.  control: replace the light beyond each leg by the coarse
-    field's and sample the difference.
+    first, later: how the line of sight and later legs are cut.
+    paths_per_sample: stratified paths that go on from one line of sight.
+    importance_point_fraction, importance_direction_fraction: fractions of the points of events and of the directions
+        after them that are drawn with the importance function; direction_candidates: directions of which one is taken.
+    roulette_threshold: worth, in units of one path at the line of sight, below which a path may end; 0: neither
+        roulette nor splitting; splitting_rate: paths that go on from a leg of the worth 1.
+    control_variate: take the importance function for the light beyond each leg and sample the difference.
     """
 
-    first: Cuts
-    later: Cuts
-    sub_paths: int
-    steered_fraction: float
-    table_fraction: float
-    candidates: int
-    roulette: float
-    continuation: float
-    control: bool
+    first: LegOptions
+    later: LegOptions
+    paths_per_sample: int
+    importance_point_fraction: float
+    importance_direction_fraction: float
+    direction_candidates: int
+    roulette_threshold: float
+    splitting_rate: float
+    control_variate: bool
     max_orders: int
 
 
-class Memory(NamedTuple):
+class PathMemory(NamedTuple):
     """Memory of one thread: the line of sight, a later leg, events that wait (STACK, EVENT_COLUMNS), work space."""
 
-    sight: Leg
+    line_of_sight: Leg
     leg: Leg
     stack: np.ndarray
-    work: Work
+    work: DirectionWorkspace
 
 
 @njit(inner=True, **INNER)
@@ -104,20 +134,21 @@ def descent(chord, s):
 
 
 @njit(inner=True, **INNER)
-def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies, order, stack, size, stream):
+def push_events(air, w, walk, options, at_start, leg, totals, weight, matrix, copies, order, stack, size, stream):
     """Draw `copies` stratified events on a leg and put them on the stack.
 
-    at_start: n - 1 where the leg begins, for bent legs; leg, found: from `trace` or `look`, cut by `cuts`; weight,
-    matrix (9,): of the path on that leg; order: of the light that the legs after the events gather; stack (STACK,
-    EVENT_COLUMNS), of which `size` rows are in use.
-    Returns (new size of the stack or -1 if it is full, the light of the coarse field that the events stand for).
+    options: by which the leg was cut; at_start: n - 1 where the leg begins, for bent legs; leg, totals: `Leg` and its
+    `LegTotals`; weight, matrix (9,): of the path on that leg; order: of scattering of the light that the legs after the
+    events gather; stack (STACK, EVENT_COLUMNS), of which `size` rows are in use.
+
+    Returns (new size of the stack or -1 if it is full, the light of the importance function that the events stand for).
     The numbers of the copies are a shifted lattice (Roberts' sequence in three dimensions), each uniform by itself, so
     that copies do not crowd.
     """
-    ground_plain = 0.0
-    if found.ground >= 0.0:
-        chord = leg.chords[found.chord]
-        ground_plain = found.transmittance * ground_share(air, w, descent(chord, found.ground))
+    ground_scattered = 0.0
+    if totals.ground_km >= 0.0:
+        chord = leg.chords[totals.last_chord]
+        ground_scattered = totals.transmittance * ground_reflectance(air, w, descent(chord, totals.ground_km))
     shift_1 = uniform(stream)
     shift_2 = uniform(stream)
     shift_3 = uniform(stream)
@@ -127,36 +158,40 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
             return -1, known
         number = (copy + uniform(stream)) / copies
         k, probability, t = choose_point(
-            leg.pieces, found.pieces, ground_plain, found.steered_ground, walk.steered_fraction, number, stream
+            leg.pieces,
+            totals.n_pieces,
+            ground_scattered,
+            totals.ground_rescattered,
+            walk.importance_point_fraction,
+            number,
+            stream,
         )
         if probability <= 0.0:
             continue
         event = stack[size]
-        if k == found.pieces:
-            known += weight * found.steered_ground / probability
-            chord = leg.chords[found.chord]
-            s = found.ground
-            # water's matrix says how much is reflected, a Lambertian ground sends on its share
-            value = found.transmittance if air.water_slope > 0.0 else ground_plain
+        if k == totals.n_pieces:
+            known += weight * totals.ground_rescattered / probability
+            chord = leg.chords[totals.last_chord]
+            s = totals.ground_km
+            # water's matrix says how much is reflected; of a Lambertian ground the weight does
+            value = totals.transmittance if air.water_slope > 0.0 else ground_scattered
             event[ALTITUDE] = air.shell_km[0]
             event[LEVEL] = 0.0
             event[FRACTION] = 0.0
             event[ON_GROUND] = 1.0
         else:
             piece = leg.pieces[k]
-            share = piece[STEERED]
+            light = piece[RESCATTERED]
             if k > 0:
-                share -= leg.pieces[k - 1, STEERED]
-            known += weight * share / probability
+                light -= leg.pieces[k - 1, RESCATTERED]
+            known += weight * light / probability
             chord = leg.chords[int(piece[CHORD])]
-            s = event_distance(piece, t)
-            x, y, h = chord[ORIGIN], chord[ORIGIN + 1], chord[ORIGIN + 2]
-            r = math.sqrt(x * x + y * y + h * h)
-            mu = (x * chord[DIRECTION] + y * chord[DIRECTION + 1] + h * chord[DIRECTION + 2]) / r
+            s = piece[START] + t * piece[LENGTH]
+            r, mu = radius_and_cosine(chord)
             event[ALTITUDE] = altitude_at(r - air.earth_radius_km, r, mu, s)
-            i, f = event_level(air, piece, event[ALTITUDE])
+            i, f = locate(air, event[ALTITUDE], int(piece[FIRST]), int(piece[LAST]))
             value = event_weight(air, w, piece, t, i, f)
-            if cuts.bent:
+            if options.bent:
                 value *= relative_index(air.refractivity[w], i, f, at_start)
             event[LEVEL] = i
             event[FRACTION] = f
@@ -177,32 +212,32 @@ def push_events(air, w, walk, cuts, at_start, leg, found, weight, matrix, copies
             event[MATRIX + m] = matrix[m]
         event[WEIGHT] = weight * value / probability
         event[ORDER] = order
-        event[NUMBERS] = (shift_1 + copy * LATTICE_1) % 1.0
-        event[NUMBERS + 1] = (shift_2 + copy * LATTICE_2) % 1.0
-        event[NUMBERS + 2] = (shift_3 + copy * LATTICE_3) % 1.0
+        event[NUMBERS] = (shift_1 + copy * LATTICE[0]) % 1.0
+        event[NUMBERS + 1] = (shift_2 + copy * LATTICE[1]) % 1.0
+        event[NUMBERS + 2] = (shift_3 + copy * LATTICE[2]) % 1.0
         size += 1
     return size, known
 
 
 @njit(inner=True, **INNER)
-def next_leg(air, steering, w, walk, table_fraction, event, unit, to_sun, stream, work):
+def next_leg(air, importance, w, walk, direction_fraction, event, unit, to_sun, stream, work):
     """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
 
-    table_fraction: that of `Walk`, or 0; unit [sr^-1]: light that a path is worth; below a fraction of it the path may
-    end by chance (roulette).  work: `Work`, with its frame filled.
+    direction_fraction: importance_direction_fraction of `WalkOptions`, or 0; unit [sr^-1]: light that one path is worth
+    at the line of sight; work: `DirectionWorkspace`, with its frame filled.
     """
     polarised = walk.later.polarised
     cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], to_sun, work.frame)
     ratio, light = choose_direction(
-        air, steering, w, event, cos_sun, table_fraction, walk.candidates, polarised, stream, work
+        air, importance, w, event, cos_sun, direction_fraction, walk.direction_candidates, polarised, stream, work
     )
     weight = event[WEIGHT] * ratio
     if weight <= 0.0:
         return 0.0
     weight *= begin_leg(air, w, event, polarised, work)
-    if walk.roulette > 0.0:
+    if walk.roulette_threshold > 0.0:
         worth = weight * light / unit
-        survival = worth / walk.roulette
+        survival = worth / walk.roulette_threshold
         if survival < 1.0:
             survival = max(LEAST_SURVIVAL, survival)
             if uniform(stream) >= survival:
@@ -212,65 +247,68 @@ def next_leg(air, steering, w, walk, table_fraction, event, unit, to_sun, stream
 
 
 @njit(inner=True, **INNER)
-def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, memory, orders):
+def one_sample(air, sun, importance, walk, w, at_observer, to_sun, line_of_sight, stream, memory, orders):
     """Add one estimate of the light scattered more than once, order by order, to `orders`; 1 if a limit was met.
 
-    orders (S, N_ORDERS + 1): of I and, if S is 3, Q and U.  orders[:, n] is light with n + 1 events (a reflection by
-    the ground is one); column N_ORDERS - 1 takes the rest, and COARSE is the coarse field's part: its light along every
-    leg, less what the events drawn on that leg stand for.  The sum of that over the legs of a path has the mean 0, and
-    takes away most of the noise of the orders' sum.
-    From every leg as many paths go on as its expected light is worth, in units of a share of the pixel's: none
-    (roulette) or many (splitting), so that the weights of long paths do not drift apart.
-    at_observer: n - 1 there; sight: `Found` of the line of sight that memory.sight holds; memory: `Memory`.
+    orders (S, N_ORDERS + 1): of I and, if S is 3, Q and U.  orders[:, n] is light scattered n + 1 times (a reflection
+    by the ground is one); column N_ORDERS - 1 takes the rest, and CONTROL_VARIATE is the light of the importance
+    function along every leg, less what the events drawn on that leg stand for.  The sum of that over the legs of a path
+    has the mean 0, and takes away most of the noise of the orders' sum.
+
+    From every leg as many paths go on as its expected light is worth, in units of one path at the line of sight: none
+    (roulette) or several (splitting), so that the weights of long paths do not drift apart.
+
+    at_observer: n - 1 there; line_of_sight: `LegTotals` of the leg that memory.line_of_sight holds; memory:
+    `PathMemory`.
     """
     leg = memory.leg
     stack = memory.stack
     work = memory.work
     matrix = work.matrix
     n_stokes = orders.shape[0]
-    control = 1.0 if walk.control else 0.0
+    control_variate = 1.0 if walk.control_variate else 0.0
     limit_met = 0
-    remaining = steered_light(memory.sight, sight)
-    orders[0, COARSE] += control * remaining
+    remaining = rescattered_light(memory.line_of_sight, line_of_sight)
+    orders[0, CONTROL_VARIATE] += control_variate * remaining
     if walk.max_orders < 2 or remaining <= 0.0:
         return 0
-    unit = remaining / walk.sub_paths
+    unit = remaining / walk.paths_per_sample
     for m in range(9):
         matrix[m] = 1.0 if m % 4 == 0 else 0.0
     size, known = push_events(
-        air, w, walk, walk.first, at_observer, memory.sight, sight, 1.0 / walk.sub_paths, matrix, walk.sub_paths,
-        np.int64(1), stack, np.int64(0), stream,
+        air, w, walk, walk.first, at_observer, memory.line_of_sight, line_of_sight, 1.0 / walk.paths_per_sample, matrix,
+        walk.paths_per_sample, np.int64(1), stack, np.int64(0), stream,
     )  # fmt: skip
-    orders[0, COARSE] -= control * known
+    orders[0, CONTROL_VARIATE] -= control_variate * known
     if size < 0:
         return 1
     while size > 0:
         size -= 1
         event = stack[size]
         order = int(event[ORDER])
-        table_fraction = walk.table_fraction if order <= N_ORDERS else 0.0
-        weight = next_leg(air, steering, w, walk, table_fraction, event, unit, to_sun, stream, work)
+        direction_fraction = walk.importance_direction_fraction if order <= N_ORDERS else 0.0
+        weight = next_leg(air, importance, w, walk, direction_fraction, event, unit, to_sun, stream, work)
         if weight <= 0.0:
             continue
         at_start = refractivity_at(air, w, event[ALTITUDE]) if walk.later.bent else 0.0
-        found = trace(air, sun, steering, w, work.new, to_sun, walk.later, stream, leg)
-        if found.pieces < 0:
+        totals = trace(air, sun, importance, w, work.new, to_sun, walk.later, stream, leg)
+        if totals.n_pieces < 0:
             limit_met = 1
-        light = found.sun_i + found.sun_ground
+        light = totals.sun_i + totals.sun_ground
         place = min(order, N_ORDERS - 1)
         for m in range(n_stokes):
             orders[m, place] += weight * (matrix[3 * m] * light)
             if n_stokes > 1:
-                orders[m, place] += weight * (matrix[3 * m + 1] * found.sun_q + matrix[3 * m + 2] * found.sun_u)
+                orders[m, place] += weight * (matrix[3 * m + 1] * totals.sun_q + matrix[3 * m + 2] * totals.sun_u)
         order += 1
-        remaining = steered_light(leg, found)
+        remaining = rescattered_light(leg, totals)
         for m in range(n_stokes):
-            orders[m, COARSE] += control * weight * matrix[3 * m] * remaining
+            orders[m, CONTROL_VARIATE] += control_variate * weight * matrix[3 * m] * remaining
         if order < walk.max_orders and remaining > 0.0:
             copies = 1
             worth = weight * remaining / unit
-            if walk.roulette > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
-                mean_copies = min(max(worth * walk.continuation, LEAST_SURVIVAL), MOST_COPIES)
+            if walk.roulette_threshold > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
+                mean_copies = min(max(worth * walk.splitting_rate, LEAST_SURVIVAL), MOST_COPIES)
                 copies = int(mean_copies + uniform(stream))
                 weight /= mean_copies
             elif worth < NEGLIGIBLE:
@@ -279,11 +317,11 @@ def one_sample(air, sun, steering, walk, w, at_observer, to_sun, sight, stream, 
                 limit_met = 1
             elif copies > 0:
                 full, known = push_events(
-                    air, w, walk, walk.later, at_start, leg, found, weight, matrix, copies, order, stack, size, stream
+                    air, w, walk, walk.later, at_start, leg, totals, weight, matrix, copies, order, stack, size, stream
                 )
                 if full < 0:
                     return 1
                 for m in range(n_stokes):
-                    orders[m, COARSE] -= control * matrix[3 * m] * known
+                    orders[m, CONTROL_VARIATE] -= control_variate * matrix[3 * m] * known
                 size = full
     return limit_met

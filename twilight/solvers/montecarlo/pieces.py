@@ -1,6 +1,6 @@
-"""What a leg of a path is made of: pieces with their optical depth, chords, phases, and what is found along it.
+"""What a leg of a path is made of: pieces with their optical depth, chords, phase functions, and its totals.
 
-`leg.trace` and `sight.look` fill a `Leg`; `events` draws from its pieces.
+`leg.trace` and `line_of_sight.integrate_line_of_sight` fill a `Leg`; `events` draws points from its pieces.
 
 Arguments that kernels share: `kernel`.
 """
@@ -12,33 +12,43 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import EXTINCTION, column, depth_from_ground, place_in, weighted_depth
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.lines import CHORD_COLUMNS
+from twilight.solvers.montecarlo.rays import CHORD_COLUMNS
 
-# columns of a piece of a leg; a piece is one row, which keeps it in one or two cache lines
-START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, BASE, FIRST, LAST, CHORD, STEERED, PLAIN = range(12)
+# Columns of a piece; one row per piece keeps it in one or two cache lines.
+# START, LENGTH [km]: along the chord in the row CHORD of `Leg.chords`.
+# DEPTH: optical depth from the start of the leg to the piece.
+# BASE: IN_SHELL, or of a piece in a layer the optical depth from the ground to its start along the line's secant.
+# LOWER, MIDDLE, UPPER: in a shell extinction [km^-1] at start, middle and end; in a layer c0, c1 [km^-1], c2 [km^-2] of
+#   the secant c0 + c1 h + c2 h^2, h [km] above the ground.
+# FIRST, LAST: levels that bound the shell or layer.
+# SCATTERED: sum up to and with the piece of transmittance x scattering coefficient x length.
+# RESCATTERED: the same sum times the approximate source function: light scattered again [sr^-1].
+START, LENGTH, DEPTH, LOWER, MIDDLE, UPPER, BASE, FIRST, LAST, CHORD, RESCATTERED, SCATTERED = range(12)
 PIECE_COLUMNS = 12
-"""START, LENGTH [km] along the chord of the number CHORD; DEPTH: optical depth from the start of the leg to the piece;
-LOWER .. BASE: how it grows inside, see `depth_inside`; FIRST, LAST: levels around; STEERED, PLAIN: running sums of the
-weights of the next event, with the coarse field's light and without."""
 IN_SHELL = -1.0
-"""In BASE: the piece lies in a shell, LOWER, MIDDLE, UPPER are extinctions; else they are c0, c1, c2 of the secant."""
-LEG_PIECES, LEG_CHORDS = 4096, 2048
+"""In the column BASE: the piece lies in a shell, not in a layer."""
+LEG_PIECES = 4096
+"""Most pieces of a later leg; `LegTotals.n_pieces` is -1 where a leg needs more."""
+LEG_CHORDS = 2048
+"""Most chords of a later leg."""
 OPAQUE_DEPTH = 60.0
+"""Optical depth at which a leg ends: exp(-60) of the light is behind it."""
 MOST_PARTS = 100000.0
+"""Most pieces of one stretch, so that no medium asks for more than an integer holds."""
 
 
-class Cuts(NamedTuple):
+class LegOptions(NamedTuple):
     """How a leg is cut, and what is asked of it.
 
-    max_length [km, for the Earth], max_depth: longest piece in length and in optical depth; sag_km: how far chords may
-    leave the ray; bent: follow the refracted ray; polarised: gather Q and U as well; random: draw the point of each
-    piece and check the sun (otherwise take its middle and the quick look-up alone).
+    max_length_km [km, for the Earth's radius], max_depth: longest piece in length and in optical depth; sag_km [km]:
+    how far chords may leave the ray; bent: follow the refracted ray; polarised: gather Q and U as well; random: draw
+    the point of each piece and correct the tabulated sunlight (otherwise take its middle and the table alone).
     """
 
-    max_length: float
+    max_length_km: float
     max_depth: float
     sag_km: float
     bent: bool
@@ -47,30 +57,37 @@ class Cuts(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """Memory of one leg, filled by `trace` or `look`: pieces (M, PIECE_COLUMNS) and chords (K, CHORD_COLUMNS), see the
-    names of the columns; phases (C, 3, 2) [sr^-1]: I, Q, U of sunlight that a species scatters towards the start, and
-    their slopes in the sun's bending [rad^-1]."""
+    """Memory of one leg: pieces (M, PIECE_COLUMNS) and chords (K, CHORD_COLUMNS) with named columns.
+
+    phases (C, 3, 2) [sr^-1]: I, Q, U of sunlight that a species scatters towards the start, and their slopes in the
+    bending of sunlight [rad^-1].
+    """
 
     pieces: np.ndarray
     chords: np.ndarray
     phases: np.ndarray
 
 
-class Found(NamedTuple):
-    """What a leg brings: the number of its pieces, or -1 if there was no room; its last chord; I of sunlight scattered
-    once in the air, Q and U of that and of the ground's [sr^-1]; I of the ground's; distance to the ground from the
-    start of the last chord [km], or -1; transmittance of the whole leg; and the coarse field's estimate of the light
-    scattered again at the ground [sr^-1]."""
+class LegTotals(NamedTuple):
+    """What a leg brings.
 
-    pieces: int
-    chord: int
+    n_pieces: how many pieces it has, -1 where there was no room; last_chord: row of its last chord.
+    sun_i [sr^-1]: I of sunlight scattered once in the air; sun_ground [sr^-1]: I of sunlight that the ground reflects;
+        sun_q, sun_u [sr^-1]: Q and U of both.
+    ground_km [km]: distance to the ground from the start of the last chord, -1 where the leg misses the ground.
+    transmittance: of the whole leg.
+    ground_rescattered [sr^-1]: diffuse light that the ground reflects, by the importance function.
+    """
+
+    n_pieces: int
+    last_chord: int
     sun_i: float
     sun_q: float
     sun_u: float
     sun_ground: float
-    ground: float
+    ground_km: float
     transmittance: float
-    steered_ground: float
+    ground_rescattered: float
 
 
 @njit(cache=True)
@@ -129,11 +146,10 @@ def secant_parabola(radius, bottom, enter_km, leave_km, u):
 
 
 @njit(inline="always", **INNER)
-def growth(at, by_layer, z, first, last, c0, c1, c2):
-    """What tells how optical depth grows up to an altitude z [km] between two levels of `at`.
+def depth_or_extinction(at, by_layer, z, first, last, c0, c1, c2):
+    """Optical depth from the ground (`by_layer`), else extinction [km^-1], at an altitude z [km] between two levels.
 
-    first, last: the levels; by_layer: optical depth from the ground along a line of the secant c0 + c1 h + c2 h^2, (c0,
-    c1, c2) [1, km^-1, km^-2]; else the extinction [km^-1].
+    first, last: the levels; the line has the secant c0 + c1 h + c2 h^2, (c0, c1, c2) [1, km^-1, km^-2].
     """
     i, f = place_in(at, z, first, last)
     if by_layer:
@@ -143,37 +159,26 @@ def growth(at, by_layer, z, first, last, c0, c1, c2):
 
 @njit(inline="always", **INNER)
 def without_ground(n, chord, light_i, light_q, light_u, transmittance):
-    """`Found` for a leg that ends in the air or in space.
+    """`LegTotals` of a leg that ends in the air or in space.
 
     n: number of its pieces; chord: number of the chord it ends on; light_i, light_q, light_u [sr^-1]: sunlight
     scattered on the way; transmittance: of the whole leg.
     """
-    return Found(n, chord, light_i, light_q, light_u, 0.0, -1.0, transmittance, 0.0)
+    return LegTotals(n, chord, light_i, light_q, light_u, 0.0, -1.0, transmittance, 0.0)
 
 
 @njit(inline="always", **INNER)
 def no_room(light_i, light_q, light_u):
-    """`Found` for a leg that needs more pieces or chords than there is memory for; light_i, light_q, light_u [sr^-1]:
-    so far.
+    """`LegTotals` of a leg that needs more pieces or chords than there is memory for.
+
+    light_i, light_q, light_u [sr^-1]: so far.
     """
-    return Found(-1, -1, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
-
-
-@njit(inline="always", **INNER)
-def keep_chord(ray, chords, n):
-    """Keep a ray (9,) as a row of the chords (K, 9) of a `Leg`; returns the row.
-
-    n: its number.
-    """
-    row = chords[n]
-    for m in range(CHORD_COLUMNS):
-        row[m] = ray[m]
-    return row
+    return LegTotals(-1, -1, light_i, light_q, light_u, 0.0, -1.0, 0.0, 0.0)
 
 
 @njit(inner=True, **INNER)
-def steered_light(leg, found):
-    """The coarse field's estimate of the light that is scattered again along a leg [sr^-1]."""
-    if found.pieces > 0:
-        return found.steered_ground + leg.pieces[found.pieces - 1, STEERED]
-    return found.steered_ground
+def rescattered_light(leg, totals):
+    """Light [sr^-1] that is scattered again along a leg, by the importance function."""
+    if totals.n_pieces > 0:
+        return totals.ground_rescattered + leg.pieces[totals.n_pieces - 1, RESCATTERED]
+    return totals.ground_rescattered

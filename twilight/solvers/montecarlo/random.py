@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.kernel import INNER
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)

@@ -3,56 +3,74 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import ClassVar
 
-from twilight.errors import TwilightError
-from twilight.solvers.montecarlo.paths import Walk
-from twilight.solvers.montecarlo.pieces import Cuts
+from twilight.base.errors import TwilightError
+from twilight.solvers.montecarlo.paths import WalkOptions
+from twilight.solvers.montecarlo.pieces import LegOptions
 
-NO_CUT = 1_000_000_000
-FIRST_SAG_KM, LATER_SAG_KM = 1e-4, 2e-3
-"""How far the chords of a bent leg may leave the ray: 2e-3 km is a part in 4000 of the scale height of air."""
+ALL_ORDERS = 1_000_000_000
+"""Highest order of scattering where `max_orders` is None."""
+FIRST_LEG_SAG_KM = 1e-4
+"""Largest distance [km] of the chords of a line of sight from the refracted ray."""
+LATER_LEG_SAG_KM = 2e-3
+"""Largest distance [km] of the chords of later legs from the refracted ray: 1/4000 of the scale height of air."""
 APPROXIMATIONS = ("none", "isotropic_after_first")
+"""Values of the setting `approximation`."""
 
 
 @dataclass(frozen=True)
 class MonteCarloSettings:
-    """What to compute, when to stop, and how to steer; the last group changes the noise and never the mean.
+    """What is computed, when a run stops, and how paths are sampled; sampling changes the noise and never the mean.
 
     target_stderr: relative standard error of each pixel and wavelength; None: `samples` alone decides.
-    samples: samples per pixel and wavelength when there is no target; one sample is one first leg with `sub_paths`
-        continuations.
-    max_samples: most samples spent on one pixel and wavelength.
-    time_limit_s: begin no more samples after this time, in one call; `prepare` leaves the coarse field as it is after
-        the same time again.  Two samples of each arm are taken in any case, and a result says whether it is complete.
-        None: no limit.
-    max_orders: highest scattering order (a ground reflection counts as one); None: all of them.
+    samples: samples per pixel and wavelength where there is no target; a sample is a line of sight with
+        `paths_per_sample` paths that go on from it.
+    max_samples: most samples of one pixel and wavelength.
+    time_limit_s: time [s] of one call after which no sample is begun; `prepare` leaves the importance function as it is
+        after the same time again.  Two samples of each arm are taken in any case, and a result says whether it is
+        complete.  None: no limit.
+    max_orders: highest order of scattering (a reflection by the ground counts as one); None: all of them.
     approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3): light scattered once scatters again
         isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third
         Legendre moment.
-    refraction: bend the direct beam.
-    spreading: let bending thin the beam out.
-    bent_lines_of_sight: directions asked for are apparent ones, and every leg of a path follows the refracted ray.  It
-        needs `refraction` (without it lines are straight).
+    refraction: bend the direct sunlight.
+    spreading: let bending thin the direct sunlight out.
+    bent_lines_of_sight: directions asked for are apparent ones, and every leg of a path follows the refracted ray;
+        without `refraction` lines are straight in any case.
     polarisation: carry Stokes vectors (I, Q, U) from event to event; False: scalar theory, which is off by up to
         10-20 % in single directions of blue twilight.  "isotropic_after_first" is scalar theory in any case.
-    seed: any integer; changes the noise.
-    chunk_samples: samples per random stream; changes the noise.
-    pilot_samples: samples of each of two arms from which the other arm's count is set.
+    seed: any integer; names the random numbers.
+    chunk_samples: samples per stream of random numbers.
+    pilot_samples: samples of each of two arms from which the other arm's number is set.
 
-    Steering:
-    sub_paths: stratified continuations of one first leg.
-    steering_sweeps: passes of the coarse field (0: none at all).
-    steered_fraction: share of the events whose place on the leg is drawn with the coarse field.
-    table_fraction: share of the candidate directions that are drawn from the coarse field's light.
-    candidates: directions of which one is taken.
-    roulette: a path whose expected contribution falls below this share of a continuation's of the first leg may end;
-        0 switches that and splitting off.
-    continuation: paths that go on from a later leg that is worth one continuation of the first.
-    coarse_control: replace the light beyond each leg by the coarse field's and sample the difference.
-    first_length_km, first_depth: most length [km] and most optical depth of the pieces that the first leg is cut into.
-    later_length_km, later_depth: most length [km] and most optical depth of the pieces of later legs.
-    check_rate: share of the rough look-ups of the sun that are corrected.
+    How paths are sampled:
+    paths_per_sample: stratified paths that go on from one line of sight.
+    importance_sweeps: iterations of the importance function with its own source; 0: no importance function.
+    importance_point_fraction: fraction of the events whose point on the leg is drawn in proportion to the importance
+        function.
+    importance_direction_fraction: fraction of the candidate directions that are drawn in proportion to the importance
+        function.
+    direction_candidates: candidate directions after an event, of which one is taken.
+    roulette_threshold: a path may end by chance (Russian roulette) where the light expected of it is below this
+        fraction of what one path is worth at the line of sight; 0: neither roulette nor splitting.
+    splitting_rate: paths that go on from a later leg whose expected light is what one path is worth at the line of
+        sight.
+    control_variate: take the importance function for the light beyond each leg and sample the difference.
+    first_leg_step_km, first_leg_step_depth: largest length [km] and largest optical depth of the pieces of a line of
+        sight.
+    later_leg_step_km, later_leg_step_depth: largest length [km] and largest optical depth of the pieces of later legs.
+    exact_beam_fraction: fraction of the look-ups in the table of sunlight that are corrected by the exact value.
     """
+
+    COMMON: ClassVar[tuple[str, ...]] = (
+        "target_stderr",
+        "samples",
+        "time_limit_s",
+        "max_orders",
+        "polarisation",
+        "seed",
+    )
 
     target_stderr: float | None = 0.01
     samples: int = 64
@@ -67,20 +85,20 @@ class MonteCarloSettings:
     seed: int = 1
     chunk_samples: int = 256
     pilot_samples: int = 8
-    # steering
-    sub_paths: int = 8
-    steering_sweeps: int = 3
-    steered_fraction: float = 0.95
-    table_fraction: float = 0.9
-    candidates: int = 6
-    roulette: float = 0.3
-    continuation: float = 1.0
-    coarse_control: bool = True
-    first_length_km: float = 10.0
-    first_depth: float = 0.2
-    later_length_km: float = 40.0
-    later_depth: float = 0.7
-    check_rate: float = 0.0625
+    # 4 to 32 paths take the same time to 1 % within a tenth (benchmarks/montecarlo_importance.csv)
+    paths_per_sample: int = 8
+    importance_sweeps: int = 3
+    importance_point_fraction: float = 0.95
+    importance_direction_fraction: float = 0.9
+    direction_candidates: int = 6
+    roulette_threshold: float = 0.3
+    splitting_rate: float = 1.0
+    control_variate: bool = True
+    first_leg_step_km: float = 10.0
+    first_leg_step_depth: float = 0.2
+    later_leg_step_km: float = 40.0
+    later_leg_step_depth: float = 0.7
+    exact_beam_fraction: float = 0.0625
 
     def __post_init__(self):
         limits = {
@@ -88,22 +106,22 @@ class MonteCarloSettings:
             "samples": (2, 10**12),
             "max_samples": (2, 10**12),
             "time_limit_s": (0.0, 1e12),
-            "max_orders": (1, NO_CUT),
+            "max_orders": (1, ALL_ORDERS),
             "seed": (0, 2**63 - 1),
             "chunk_samples": (1, 2**31),
             "pilot_samples": (2, 2**31),
-            "sub_paths": (1, 4096),
-            "steering_sweeps": (0, 50),
-            "steered_fraction": (0.0, 0.99),
-            "table_fraction": (0.0, 0.99),
-            "candidates": (1, 1000),
-            "roulette": (0.0, 100.0),
-            "continuation": (0.01, 100.0),
-            "first_length_km": (0.1, 1000.0),
-            "first_depth": (0.01, 1.0),
-            "later_length_km": (0.1, 1000.0),
-            "later_depth": (0.01, 1.0),
-            "check_rate": (0.001, 1.0),
+            "paths_per_sample": (1, 4096),
+            "importance_sweeps": (0, 50),
+            "importance_point_fraction": (0.0, 0.99),
+            "importance_direction_fraction": (0.0, 0.99),
+            "direction_candidates": (1, 1000),
+            "roulette_threshold": (0.0, 100.0),
+            "splitting_rate": (0.01, 100.0),
+            "first_leg_step_km": (0.1, 1000.0),
+            "first_leg_step_depth": (0.01, 1.0),
+            "later_leg_step_km": (0.1, 1000.0),
+            "later_leg_step_depth": (0.01, 1.0),
+            "exact_beam_fraction": (0.001, 1.0),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)
@@ -116,24 +134,24 @@ class MonteCarloSettings:
 
     @property
     def polarised(self) -> bool:
-        """Whether paths carry Stokes vectors: `polarisation`, and events that are not taken for isotropic."""
+        """Whether paths carry Stokes vectors: `polarisation`, and scattering that is not taken for isotropic."""
         return self.polarisation and self.approximation == "none"
 
-    def walk(self, has_refraction: bool) -> Walk:
-        """The part that kernels take, in air with or without refraction."""
+    def walk(self, has_refraction: bool) -> WalkOptions:
+        """The options of paths that kernels take, in air with or without refraction."""
         bent = has_refraction and self.refraction and self.bent_lines_of_sight
         polarised = self.polarised
-        return Walk(
-            Cuts(self.first_length_km, self.first_depth, FIRST_SAG_KM, bent, polarised, False),
-            Cuts(self.later_length_km, self.later_depth, LATER_SAG_KM, bent, polarised, True),
-            self.sub_paths,
-            self.steered_fraction,
-            self.table_fraction,
-            self.candidates,
-            self.roulette,
-            self.continuation,
-            self.coarse_control and self.max_orders is None and self.steering_sweeps > 0,
-            NO_CUT if self.max_orders is None else self.max_orders,
+        return WalkOptions(
+            LegOptions(self.first_leg_step_km, self.first_leg_step_depth, FIRST_LEG_SAG_KM, bent, polarised, False),
+            LegOptions(self.later_leg_step_km, self.later_leg_step_depth, LATER_LEG_SAG_KM, bent, polarised, True),
+            self.paths_per_sample,
+            self.importance_point_fraction,
+            self.importance_direction_fraction,
+            self.direction_candidates,
+            self.roulette_threshold,
+            self.splitting_rate,
+            self.control_variate and self.max_orders is None and self.importance_sweeps > 0,
+            ALL_ORDERS if self.max_orders is None else self.max_orders,
         )
 
     def as_dict(self) -> dict:

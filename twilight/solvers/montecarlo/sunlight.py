@@ -8,24 +8,25 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import SPECIES, column, interpolate
+from twilight.solvers.montecarlo.beam_table import SolarBeamTable
 from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.lines import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
 from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
-from twilight.solvers.montecarlo.suntable import SunTable
+from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
 from twilight.transport.beam import Beam, beam_at_one
 
 BENDING_STEP_RAD = 0.01
+"""Step [rad] of the sun's bending by which the slope of a phase function is taken."""
 
 
-class Sun(NamedTuple):
-    """The direct beam twice: exact (slow) and quick (rough); check_rate: how often the difference is asked for."""
+class SolarBeam(NamedTuple):
+    """The direct beam, exact, and its table; exact_beam_fraction: how often the difference of the two is asked for."""
 
     beam: Beam
-    table: SunTable
-    check_rate: float
+    table: SolarBeamTable
+    exact_beam_fraction: float
 
 
 @njit(inline="always", **INNER)
@@ -125,7 +126,7 @@ def fill_phases(air, w, ray, to_sun, polarised, phases):
 
 
 @njit(inline="always", **INNER)
-def quick_sunlight(table, i, f, phases, irradiance, bending, polarised):
+def tabulated_sunlight(table, i, f, phases, irradiance, bending, polarised):
     """(I, Q, U) [sr^-1 km^-1] as `sunlight`, from phases (C, 3, 2) of a `Leg`, linear in the sun's bending [rad].
 
     table (N, 2 + C) [km^-1]: of the air at the wavelength; (i, f): the point's place among its levels; irradiance: over

@@ -12,20 +12,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twilight.solvers.montecarlo.chunks import ChunkJobs, ChunkSums
 from twilight.solvers.montecarlo.paths import N_ORDERS, TOTAL
 
 N_ARMS = 2
-SKEW_SHARE = 1.75
+"""Halves of the samples of a pixel that set each other's number."""
+SKEWNESS_FACTOR = 1.75
 """The mean of n skewed samples strays from the truth, in units of its own estimated error, with the variance
 1 + (2 + 7/4 skewness^2) / n to first order (Edgeworth expansion of Student's t; Hall 1987, Ann. Prob. 15, 920)."""
 UNTRUSTED = 0.5
 """Relative error of the variance beyond which a standard error is not to be trusted."""
 FEWEST = 8
+"""Samples of an arm below which a standard error is not to be trusted, unless they are all the same."""
 UNCERTAIN = 0.25
 """Relative error of the mean beyond which it is not to be trusted: light is not negative, so that so uncertain a mean
 hangs on a few bright samples, whether they came or not."""
-LEANING = 0.25
-"""Share of the light that may come from the coarse field's part, whose mean is 0, in an answer that is trusted."""
+MAX_CONTROL_FRACTION = 0.25
+"""Fraction of the light that may come from the control variate, whose mean is 0, in an answer that is trusted."""
 GROWTH = 64
 """Most by which the samples of a pixel grow in one round, so that no pilot with one bright sample asks for millions."""
 MISSED = 1.5
@@ -36,7 +39,7 @@ MISSED = 1.5
 class MonteCarloResult:
     """Sun-normalised radiance L/F0 [sr^-1] with its noise; arrays (..., W), orders (N_ORDERS, ..., W).
 
-    order_radiance[n]: light with n + 1 events, a reflection by the ground being one; the last entry holds the rest.
+    order_radiance[n]: light scattered n + 1 times, a reflection by the ground being one; the last entry holds the rest.
     standard_error, order_standard_error: one standard deviation of the means; nan where fewer than 2 samples an arm.
     samples: samples taken. limited: samples that met a safety limit of the walk (0 in any sane medium).
     untrusted (..., W): a few bright samples hold most of the variance, so that the error may be larger than stated.
@@ -79,13 +82,13 @@ class Tally:
         self.high = np.zeros((n_pixels, n_wavelengths, N_ARMS, 2))
         self.limited = 0
 
-    def add(self, pixel, wavelength, arm, sums) -> None:
-        """Add rows of jobs, `Sums`, one after the other."""
-        where = (pixel, wavelength, arm)
+    def add(self, jobs: ChunkJobs, sums: ChunkSums) -> None:
+        """Add the rows of jobs one after the other."""
+        where = (jobs.pixel, jobs.wavelength, jobs.arm)
         np.add.at(self.count, where, sums.samples)
         np.add.at(self.high, where, sums.high)
-        np.add.at(self.sums, where, sums.first)
-        np.add.at(self.squares, where, sums.second)
+        np.add.at(self.sums, where, sums.sums)
+        np.add.at(self.squares, where, sums.squares)
         self.limited += int(sums.limits.sum())
 
     def moments(self, which=np.s_[:, :]):
@@ -97,7 +100,7 @@ class Tally:
             mean = sums / n
             variance = np.maximum(squares / n - mean**2, 0.0) / (n - 1)
             skewness = self.shape_of_samples()[0].reshape(n.shape)
-            variance *= 1.0 + SKEW_SHARE * skewness**2 / n
+            variance *= 1.0 + SKEWNESS_FACTOR * skewness**2 / n
         return mean, variance
 
     def shape_of_samples(self):
@@ -116,15 +119,19 @@ class Tally:
         """Where (P, W) the variance itself is known to no better than UNTRUSTED of itself: sqrt((kurtosis - 1) / n).
 
         And where an arm has fewer than FEWEST samples that vary, the error is more than UNCERTAIN of the mean, or the
-        coarse field's part, which light that no path found yet leaves behind, is more than LEANING of it.
+        control variate, which light that no path found yet leaves behind, is more than MAX_CONTROL_FRACTION of it.
         """
         _, kurtosis = self.shape_of_samples()
         doubt = np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)
         mean, variance = self.moments((0, slice(None)))
         few = (self.count.min(axis=-1) < FEWEST) & np.any(variance[..., TOTAL] != 0.0, axis=-1)
         mean = mean.mean(axis=-2)
-        leans = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1)) > LEANING * np.abs(mean[..., TOTAL])
-        return few | leans | (self.relative_error() > UNCERTAIN) | (np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED)
+        by_control = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1)) > MAX_CONTROL_FRACTION * np.abs(
+            mean[..., TOTAL]
+        )
+        return (
+            few | by_control | (self.relative_error() > UNCERTAIN) | (np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED)
+        )
 
     def wanted(self, target: float, max_samples: int, late: bool) -> np.ndarray:
         """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2).

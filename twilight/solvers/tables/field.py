@@ -1,4 +1,4 @@
-"""prepare and Field: tables behind the interface that all solvers share."""
+"""The sky read from the tables: `prepare` and `Field`, the interface of all solvers."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
-from twilight.progress import Progress
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, silent
+from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
 from twilight.solvers.tables.solve import rayleigh_at, solve, stored
-from twilight.threads import in_slices
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled, species_phase
+
+LOWEST_JUDGED_SUN_DEG = -6.0
+"""Suns above this [deg] are those whose irradiance of the ground by the sky says how far the orders have converged."""
 
 
 def prepare(
@@ -29,8 +32,7 @@ def prepare(
 ) -> Field:
     """Fill the tables of a medium: for every sun, observer and direction.
 
-    Errors: TwilightError for an observer below the ground, for a packing that the medium does not allow, and for layers
-    that lie between two heights of the tables.
+    Errors: TwilightError for an observer below the ground, and for layers that lie between two heights of the tables.
     """
     return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
@@ -47,53 +49,29 @@ class Field(BareField):
     ):
         self.medium, self.settings = medium, settings
         self.observer_altitude_km = observer_at(medium, observer_altitude_km)
-        proportional = settings.aerosol_packing == "proportional" and medium.has_aerosol
-        if proportional and len(medium.phase_functions) > 1:
-            raise TwilightError(
-                f"solver.aerosol_packing proportional needs a single aerosol phase function; {medium.name or 'the air'}"
-                f" has {len(medium.phase_functions)}"
-            )
-        tell = progress or (lambda doing, share: None)
+        report = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         self.profile = prepare_profile(medium)
-        self.tables = solve(self.scaled, settings, tell)
-        of_ground = self.tables.irradiance_by_event[:, 0, self._sunlit()]
+        self.tables = solve(self.scaled, settings, report)
+        of_ground = self.tables.irradiance_by_order[:, 0, self._sunlit()]
         whole = of_ground.sum(axis=0)
         last = np.divide(of_ground[-1], whole, out=np.zeros_like(whole), where=whole > 0.0)
-        # of the sky's irradiance of the ground, with the sun above -6 deg
-        self.convergence = Convergence(settings.max_events, float(np.max(last, initial=0.0)))
-        self.ratio = self._proportion() if proportional else None
+        self.convergence = Convergence(settings.max_orders, float(np.max(last, initial=0.0)))
         self._store()
-        tell("tables", 1.0)
+        report("tables", 1.0)
 
     def _sunlit(self) -> np.ndarray:
+        """Which texels of E along mu_s have the sun above LOWEST_JUDGED_SUN_DEG."""
         mu_s = np.linspace(-1.0, 1.0, self.tables.mapping.n_e_mu_s)
-        return mu_s > math.sin(math.radians(-6.0))
-
-    def _proportion(self) -> np.ndarray:
-        """(beta_R,red / beta_M,red) (beta_M / beta_R) (W,) at the ground; red is the longest wavelength."""
-        at = self.scaled.medium.at(self.scaled.medium.bottom_km)
-        share = at.aerosol_scattering / at.air_scattering
-        if not share[-1] > 0.0:
-            raise TwilightError("solver.aerosol_packing proportional needs air and aerosol at the ground")
-        return share / share[-1]
+        return mu_s > math.sin(math.radians(LOWEST_JUDGED_SUN_DEG))
 
     def _store(self) -> None:
-        """C_* = S_R + S_multiple / P_R, and S of each aerosol, as they are kept and interpolated."""
-        tables, s = self.tables, self.settings
+        """Fill `parts`, what is interpolated: C_* = S_R + S_multiple / P_R, and S of each aerosol scattered once."""
+        tables = self.tables
         rayleigh = rayleigh_at(grid(tables.mapping)[3], self.medium.depolarisation)
-        parts = [tables.single[0] + (tables.multiple / rayleigh).astype(np.float32)]
-        if self.ratio is None:
-            parts += list(tables.single[1:])
-        else:
-            parts.append(np.ascontiguousarray(tables.single[1][..., -1:]))
-        if s.storage == "float16":
-            with np.errstate(over="ignore"):
-                parts = [(p * s.storage_scale).astype(np.float16).astype(np.float32) / s.storage_scale for p in parts]
-            if not all(np.all(np.isfinite(part)) for part in parts):
-                raise TwilightError(f"solver.storage_scale is {s.storage_scale:g}; half floats then overflow")
+        parts = [tables.single[0] + (tables.multiple / rayleigh).astype(np.float32), *tables.single[1:]]
         # what aerosol scattered once is zero in the shadow: always linear
-        self.logarithmic = [s.interpolation == "logarithmic" and self.settings.max_events > 1]
+        self.logarithmic = [self.settings.interpolation == "logarithmic" and self.settings.max_orders > 1]
         self.logarithmic += [False] * (len(parts) - 1)
         self.parts = [stored(p.astype(np.float32), log) for p, log in zip(parts, self.logarithmic, strict=True)]
 
@@ -103,9 +81,8 @@ class Field(BareField):
 
     @property
     def stored_bytes(self) -> int:
-        """Size of the tables T, E and S at 2 or 4 bytes per number."""
-        size = 2 if self.settings.storage == "float16" else 4
-        return size * (sum(p.size for p in self.parts) + self.tables.depth.size + self.tables.irradiance.size)
+        """Size of the tables T, E and S at 4 bytes per number."""
+        return 4 * (sum(p.size for p in self.parts) + self.tables.depth.size + self.tables.irradiance.size)
 
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
@@ -155,7 +132,7 @@ class Field(BareField):
         light += np.maximum(lost, 0.0) * np.maximum(whole - light, 0.0)
         return light.reshape(shape), seen.reshape(shape)
 
-    def inscattered(self, rays: Rays) -> np.ndarray:
+    def inscattered(self, rays: ViewRays) -> np.ndarray:
         """S (D, W) of rays."""
         values = []
         for part, log in zip(self.parts, self.logarithmic, strict=True):
@@ -168,15 +145,11 @@ class Field(BareField):
                 rays.mu.size,
             )  # fmt: skip
             values.append(out)
-        if self.ratio is not None:
-            red = values[0][:, -1:]
-            share = np.divide(values[1], red, out=np.zeros_like(red), where=red > 0.0)
-            values[1] = values[0] * share * self.ratio
-        phase = species_phase(self.medium, self.scaled.forward_share, rays.nu)
+        phase = species_phase(self.medium, self.scaled.forward_fraction, rays.nu)
         light = np.einsum("dsw,sdw->dw", phase, np.stack(values))
         return np.where(rays.hits[:, None], light, 0.0)
 
-    def _ground(self, rays: Rays) -> np.ndarray:
+    def _ground(self, rays: ViewRays) -> np.ndarray:
         """Radiance of the ground in view (G, W), for the rays that end on it."""
         g = rays.ground
         mu_s = (rays.mu_s * rays.radius_km + rays.length_km * rays.nu)[g] / self.mapping.bottom_km
@@ -192,7 +165,7 @@ class Field(BareField):
         passed = np.exp(-self._depths(tables.profile, rays, rays.length_km)[g])
         return passed * self.medium.ground_albedo / np.pi * (direct + sky)
 
-    def _depths(self, profile, rays: Rays, stop_km: np.ndarray) -> np.ndarray:
+    def _depths(self, profile, rays: ViewRays, stop_km: np.ndarray) -> np.ndarray:
         """Optical depths (D, W) up to distances (D,)."""
         key = np.stack([rays.height_km, rays.mu, stop_km, rays.ground], axis=1)
         unique, back = np.unique(key, axis=0, return_inverse=True)
@@ -201,7 +174,7 @@ class Field(BareField):
         depths(profile, self.mapping, height, mu, ground > 0.0, length, out)
         return np.where(rays.hits[:, None], out[back.ravel()], 0.0)
 
-    def _rays(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km) -> Rays:
+    def _rays(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km) -> ViewRays:
         if not -90.0 <= sun_elevation_deg <= 90.0:
             raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
         altitude = observer_at(self.medium, observer_altitude_km, self.observer_altitude_km)
@@ -211,14 +184,17 @@ class Field(BareField):
         e, a, sun = np.radians(elevation.ravel()), np.radians(azimuth.ravel()), math.radians(sun_elevation_deg)
         mu, mu_s = np.sin(e), np.full(e.size, math.sin(sun))
         nu = np.clip(mu * mu_s + np.cos(e) * math.cos(sun) * np.cos(a), -1.0, 1.0)
-        return Rays.of(self.mapping, altitude - self.medium.bottom_km, mu, mu_s, nu, elevation.shape)
+        return ViewRays.of(self.mapping, altitude - self.medium.bottom_km, mu, mu_s, nu, elevation.shape)
 
 
 @dataclass(frozen=True)
-class Rays:
-    """Rays (D,) from points inside the air; those from above it begin where they enter, entry_km away.
+class ViewRays:
+    """Lines of sight (D,) from points inside the air; those from above it begin where they enter the air.
 
-    height_km above the ground; mu, mu_s, nu; ground: ends there; length_km to that end; hits: whether it meets the air
+    height_km, radius_km: of the start, above the ground and from the centre of the Earth; mu, mu_s, nu: cosines there
+    ground: whether the line ends on the ground; length_km: to its end
+    entry_km: from the observer to the start; hits: whether the line meets the air
+    shape: of the directions that were asked for
     """
 
     height_km: np.ndarray
@@ -233,7 +209,7 @@ class Rays:
     shape: tuple[int, ...]
 
     @staticmethod
-    def of(mapping: Mapping, height_km: float, mu, mu_s, nu, shape) -> Rays:
+    def of(mapping: Mapping, height_km: float, mu, mu_s, nu, shape) -> ViewRays:
         height, top = np.full(mu.size, height_km), mapping.thickness_km
         entry, hits = np.zeros(mu.size), np.ones(mu.size, dtype=bool)
         if height_km > top:
@@ -246,10 +222,10 @@ class Rays:
             mu = np.where(hits, np.clip((r * mu + entry) / at, -1.0, 0.0), 1.0)
             mu_s = np.where(hits, np.clip((r * mu_s + entry * nu) / at, -1.0, 1.0), mu_s)
             height = np.full(mu.size, top)
-        return Rays._inside(mapping, height, mu, mu_s, nu, entry, hits, None, shape)
+        return ViewRays._inside(mapping, height, mu, mu_s, nu, entry, hits, None, shape)
 
     @staticmethod
-    def _inside(mapping, height, mu, mu_s, nu, entry, hits, ground, shape) -> Rays:
+    def _inside(mapping, height, mu, mu_s, nu, entry, hits, ground, shape) -> ViewRays:
         b, r = mapping.bottom_km, mapping.bottom_km + height
         below = height * (2.0 * b + height)
         left = mapping.thickness_km - height
@@ -260,9 +236,9 @@ class Rays:
         to_ground = below / np.maximum(root - r * mu, 1e-12)
         to_top = np.sqrt((r * mu) ** 2 + above) - r * mu
         length = np.where(hits, np.where(ground, to_ground, to_top), 0.0)
-        return Rays(height, mu, mu_s, nu, ground, length, entry, hits, r, shape)
+        return ViewRays(height, mu, mu_s, nu, ground, length, entry, hits, r, shape)
 
-    def moved(self, mapping: Mapping, distance_km: np.ndarray) -> Rays:
+    def moved(self, mapping: Mapping, distance_km: np.ndarray) -> ViewRays:
         """The same rays from points farther along them; what they end on stays."""
         r = self.radius_km
         change = distance_km * (2.0 * r * self.mu + distance_km)
@@ -271,6 +247,6 @@ class Rays:
         there = mapping.bottom_km + height
         mu = np.clip((r * self.mu + distance_km) / there, -1.0, 1.0)
         mu_s = np.clip((r * self.mu_s + distance_km * self.nu) / there, -1.0, 1.0)
-        return Rays._inside(
+        return ViewRays._inside(
             mapping, height, mu, mu_s, self.nu, self.entry_km, self.hits, self.ground, self.shape
         )  # fmt: skip

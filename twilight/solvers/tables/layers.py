@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 from twilight.solvers.tables.mapping import Mapping, texel_height_km
 
 MOST_UNSEEN = 0.1
-"""Vertical optical depth that may be missing or too much between two heights.  The climates of the program have up to
-0.05; a white layer of 1 between two heights, over white ground, makes the sky three times too bright."""
+"""Vertical optical depth that may be missing or too much between two heights.
+
+The climates of the program have up to 0.05; a layer of 1 that scatters conservatively between two heights, over white
+ground, makes the sky three times too bright.
+"""
+
 EDGE_KM = 1e-7
-"""Below and above a level at which coefficients jump."""
+"""Distance below and above a level at which coefficients may jump [km]."""
 
 
 def refuse_unseen_layers(medium: Medium, mapping: Mapping) -> None:

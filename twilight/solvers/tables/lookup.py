@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 from twilight.solvers.tables.mapping import (
     angle_texel,
     height_texel,

@@ -21,16 +21,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
 
-BRUNETON_2008, BRUNETON_2017 = 0, 1
-KINDS = {"bruneton2008": BRUNETON_2008, "bruneton2017": BRUNETON_2017}
+BRUNETON_2008, BRUNETON_2017 = range(2)
+"""Kinds of mapping: of the paper, of the later code."""
+
+MAPPINGS = {"bruneton2008": BRUNETON_2008, "bruneton2017": BRUNETON_2017}
+"""Kind of each mapping, by its name in the settings."""
+
+TRANSMITTANCE_TEXELS = 64, 256
+"""Texels of T along r and mu (Bruneton 2017)."""
+IRRADIANCE_TEXELS = 16, 64
+"""Texels of E along r and mu_s (Bruneton 2017)."""
 
 
 class Mapping(NamedTuple):
-    """kind of mapping; bottom_km, thickness_km: radius of the ground, and from there to the top; mu_s_min: cosine of
-    the largest solar zenith angle; n_r, n_mu, n_mu_s, n_nu: texels of S; n_t_r, n_t_mu: of T; n_e_r, n_e_mu_s: of E;
-    half_sines: texels of nu are even in the sine of half the scattering angle, instead of in nu."""
+    """Sizes of the tables, and how texels stand in them.
+
+    kind: BRUNETON_2008 or BRUNETON_2017
+    bottom_km, thickness_km: radius of the ground, and from there to the top of the air
+    mu_s_min: cosine of the largest solar zenith angle
+    n_r, n_mu, n_mu_s, n_nu: texels of S; n_t_r, n_t_mu: of T; n_e_r, n_e_mu_s: of E
+    half_sines: texels of nu are even in the sine of half the scattering angle, instead of in nu
+    """
 
     kind: int
     bottom_km: float

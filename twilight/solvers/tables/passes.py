@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.geometry import distance_to_sphere
-from twilight.kernels import njit
+from twilight.jit.kernels import njit
+from twilight.numerics.geometry import distance_to_sphere
 from twilight.solvers.tables.lookup import irradiance, optical_depth_to_top, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
@@ -32,7 +32,7 @@ from twilight.solvers.tables.mapping import (
     view_cosine,
 )
 from twilight.transport.chord import chord_depth
-from twilight.transport.lines import ALTITUDE, DISTANCE, by_species, new_line, per_scattering, trace_line
+from twilight.transport.lines import ALTITUDE, DISTANCE, new_line, per_scattering, trace_line, weight_by_species
 
 CLEAR_KM = 1e-7
 """How far above or below the ground the lowest point of a ray along the horizon is put."""
@@ -66,7 +66,7 @@ class Scatterers(NamedTuple):
     sigma: np.ndarray
 
 
-class Ground(NamedTuple):
+class LitGround(NamedTuple):
     """albedo (W,); sky (r, mu_s, W): irradiance by the sky in the last order; direct: the sun lights it too."""
 
     albedo: np.ndarray
@@ -74,7 +74,7 @@ class Ground(NamedTuple):
     direct: bool
 
 
-class Directions(NamedTuple):
+class SphereQuadrature(NamedTuple):
     """Quadrature over all directions at every height, and harmonics there.
 
     mu, weight (r, Q); azimuth (A,) [rad]: midpoints over half a turn; polar (r, Q, C), view_polar (r, mu, C): P_lm at
@@ -156,7 +156,7 @@ def fill_single(profile, mapping, depth, texels, fineness, out, begin, end):
             mu = view[i, m]
             n = trace_view(profile, mapping, heights[i], mu, 2 * m < mapping.n_mu, fineness, line)
             for p in range(n):
-                by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
+                weight_by_species(profile, line.place[p, ALTITUDE], line.weight[p], source[p])
             for j in range(mapping.n_mu_s):
                 for k in range(mapping.n_nu):
                     nu = possible_nu(mu, sun[j], nus[k])
@@ -214,7 +214,7 @@ def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texel
     bottom = profile.altitude_km[0]
     light, scratch, tau, sunlit = np.empty(n_w), np.empty(n_w), np.empty(n_w), np.empty(n_w)
     cosines = np.empty(max(2, single_moments.shape[1]))
-    wave = np.empty((degree + 1, n_w))
+    amplitude = np.empty((degree + 1, n_w))
     harmonic = np.empty((n_coefficient, n_w))
     gain = np.empty((degree + 1, n_w))
     turn = math.pi / azimuth.size * 2.0
@@ -234,7 +234,7 @@ def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texel
                 far = distance_to_ground_km(mapping, heights[i], mu) if ground else 0.0
                 if ground:
                     chord_depth(profile, bottom + heights[i], mu, far, tau)
-                wave[:] = 0.0
+                amplitude[:] = 0.0
                 for p in range(azimuth.size):
                     c = math.cos(azimuth[p])
                     nu = mu * mu_s + c * math.sqrt(max(0.0, (1.0 - mu * mu) * (1.0 - mu_s * mu_s)))
@@ -253,18 +253,18 @@ def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texel
                     before, here = 1.0, c
                     for n in range(degree + 1):
                         for w in range(n_w):
-                            wave[n, w] += before * light[w]
+                            amplitude[n, w] += before * light[w]
                         before, here = here, 2.0 * c * here - before
                 for e in range(n_coefficient):
                     factor = turn * node_weight[i, q] * polar[i, q, e]
                     for w in range(n_w):
-                        harmonic[e, w] += factor * wave[orders[1, e], w]
+                        harmonic[e, w] += factor * amplitude[orders[1, e], w]
             for m in range(mapping.n_mu):
-                wave[:] = 0.0
+                amplitude[:] = 0.0
                 for e in range(n_coefficient):
                     factor = view_polar[i, m, e] * (1.0 if orders[1, e] == 0 else 2.0)
                     for w in range(n_w):
-                        wave[orders[1, e], w] += factor * gain[orders[0, e], w] * harmonic[e, w]
+                        amplitude[orders[1, e], w] += factor * gain[orders[0, e], w] * harmonic[e, w]
                 mu = view[i, m]
                 across = math.sqrt(max(0.0, (1.0 - mu * mu) * (1.0 - mu_s * mu_s)))
                 for k in range(mapping.n_nu):
@@ -274,7 +274,7 @@ def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texel
                     before, here = 1.0, c
                     for n in range(degree + 1):
                         for w in range(n_w):
-                            light[w] += before * wave[n, w]
+                            light[w] += before * amplitude[n, w]
                         before, here = here, 2.0 * c * here - before
                     for w in range(n_w):
                         out[i, j, k, m, w] = max(0.0, light[w])

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from twilight.progress import Progress
+from twilight.base.progress import Progress
+from twilight.base.threads import in_slices
 from twilight.solvers.tables.layers import refuse_unseen_layers
 from twilight.solvers.tables.lookup import DARK
-from twilight.solvers.tables.mapping import KINDS, Mapping, grid
+from twilight.solvers.tables.mapping import IRRADIANCE_TEXELS, MAPPINGS, TRANSMITTANCE_TEXELS, Mapping, grid
 from twilight.solvers.tables.passes import (
-    Directions,
-    Ground,
     Incoming,
+    LitGround,
     Scatterers,
+    SphereQuadrature,
     Texels,
     fill_depth,
     fill_irradiance,
@@ -24,34 +24,36 @@ from twilight.solvers.tables.passes import (
     fill_source,
 )
 from twilight.solvers.tables.settings import TablesSettings
-from twilight.threads import in_slices
-from twilight.transport.profile import prepare_profile
+from twilight.transport.profile import Profile, prepare_profile
 from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
 
 
 @dataclass(frozen=True)
-class Tables:
+class ScatteringTables:
     """All that is precomputed.
 
-    depth (r, mu, W): -ln T; irradiance (r, mu_s, W): E of the sky, sun-normalised, without direct sunlight
+    mapping, profile: of the texels, and of the air
+    depth (r, mu, W): -ln T
+    irradiance (r, mu_s, W): E of the sky over F0, without direct sunlight
     single (1 + K, r, mu_s, nu, mu, W): S of light scattered once by air and by each aerosol, without phase functions
-    multiple (r, mu_s, nu, mu, W): S of light scattered more often [sr^-1]; irradiance_by_event (events, r, mu_s, W)
+    multiple (r, mu_s, nu, mu, W): S of light scattered more often [sr^-1]
+    irradiance_by_order (orders, r, mu_s, W): the parts of irradiance
     """
 
     mapping: Mapping
-    profile: Any
+    profile: Profile
     depth: np.ndarray
     irradiance: np.ndarray
     single: np.ndarray
     multiple: np.ndarray
-    irradiance_by_event: np.ndarray
+    irradiance_by_order: np.ndarray
 
 
 def make_mapping(settings: TablesSettings, bottom_km: float, thickness_km: float) -> Mapping:
     """The mapping of these settings for air from a radius of bottom_km up by thickness_km."""
     s = settings
     return Mapping(
-        kind=KINDS[s.mapping],
+        kind=MAPPINGS[s.mapping],
         bottom_km=bottom_km,
         thickness_km=thickness_km,
         mu_s_min=-0.2 if s.mapping == "bruneton2008" else float(np.sin(np.radians(s.lowest_sun_deg))),
@@ -59,16 +61,16 @@ def make_mapping(settings: TablesSettings, bottom_km: float, thickness_km: float
         n_mu=s.scattering_mu,
         n_mu_s=s.scattering_mu_s,
         n_nu=s.scattering_nu,
-        n_t_r=s.transmittance_r,
-        n_t_mu=s.transmittance_mu,
-        n_e_r=s.irradiance_r,
-        n_e_mu_s=s.irradiance_mu_s,
+        n_t_r=TRANSMITTANCE_TEXELS[0],
+        n_t_mu=TRANSMITTANCE_TEXELS[1],
+        n_e_r=IRRADIANCE_TEXELS[0],
+        n_e_mu_s=IRRADIANCE_TEXELS[1],
         half_sines=s.scattering_angles == "half_sines",
     )
 
 
-def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) -> Tables:
-    """Fill T, then S and E order by order, until max_events.
+def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) -> ScatteringTables:
+    """Fill T, then S and E order by order, until max_orders.
 
     Errors: TwilightError for layers that lie between two heights.
     """
@@ -92,17 +94,17 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     logarithmic = settings.interpolation == "logarithmic"
     directions, up_mu, up_weight = _quadrature(mapping, texels, settings)
     coefficients = medium.at(medium.bottom_km + texels.heights)
-    aerosol = coefficients.aerosol_scattering[None] * coefficients.aerosol_share
+    aerosol = coefficients.aerosol_scattering[None] * coefficients.aerosol_phase_fraction
     sigma = np.ascontiguousarray(np.concatenate([coefficients.air_scattering[None], aerosol]).transpose(1, 0, 2))
     total = np.zeros(shape, np.float32)
-    by_event = []
+    by_order = []
     # zero in the shadow, where logarithms would spoil what is next to it
     scatterers = Scatterers(np.ascontiguousarray(scaled.moments), sigma)
     last = Incoming(single, False, scatterers.moments)
     radiance = np.zeros((1, 0, n_w))
     lit = np.zeros((mapping.n_e_r, mapping.n_e_mu_s, n_w))
-    for event in range(1, settings.max_events + 1):
-        progress(f"scattering event {event}", 0.1 + 0.9 * (event - 1) / settings.max_events)
+    for number in range(1, settings.max_orders + 1):
+        progress(f"order of scattering {number}", 0.1 + 0.9 * (number - 1) / settings.max_orders)
         from_sky = np.zeros_like(lit)
         in_slices(
             lambda a, b, last=last, out=from_sky: fill_irradiance(  # type: ignore[misc]
@@ -110,11 +112,11 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
             ),
             mapping.n_e_r,
         )
-        by_event.append(from_sky)
-        if event == settings.max_events:
+        by_order.append(from_sky)
+        if number == settings.max_orders:
             break
         source = np.zeros(shape, np.float32)
-        ground = Ground(medium.ground_albedo, lit, event == 1)
+        ground = LitGround(medium.ground_albedo, lit, number == 1)
         in_slices(
             lambda a, b, last=last, ground=ground, out=source: fill_source(  # type: ignore[misc]
                 profile, mapping, depth, last, scatterers, ground, texels, directions, out, a, b
@@ -122,17 +124,17 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
             mapping.n_r,
         )
         source = stored(source, logarithmic)
-        order = np.zeros(shape, np.float32)
+        scattered = np.zeros(shape, np.float32)
         in_slices(
-            lambda a, b, source=source, out=order: fill_scattering(  # type: ignore[misc]
+            lambda a, b, source=source, out=scattered: fill_scattering(  # type: ignore[misc]
                 profile, mapping, source, logarithmic, texels, fineness, out, a, b
             ),
             mapping.n_r,
         )
-        total += order
-        last, lit = Incoming(stored(order, logarithmic)[None], logarithmic, radiance), from_sky
-    steps = np.stack(by_event)
-    return Tables(mapping, profile, depth, steps.sum(axis=0), single, total, steps)
+        total += scattered
+        last, lit = Incoming(stored(scattered, logarithmic)[None], logarithmic, radiance), from_sky
+    orders = np.stack(by_order)
+    return ScatteringTables(mapping, profile, depth, orders.sum(axis=0), single, total, orders)
 
 
 def stored(values: np.ndarray, logarithmic: bool) -> np.ndarray:
@@ -147,7 +149,7 @@ def rayleigh_at(nus: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
 
 def _quadrature(
     mapping: Mapping, texels: Texels, settings: TablesSettings
-) -> tuple[Directions, np.ndarray, np.ndarray]:
+) -> tuple[SphereQuadrature, np.ndarray, np.ndarray]:
     """Gauss-Legendre below and above the horizon of every height; and mu and weights over the upper hemisphere."""
     x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
     heights = texels.heights
@@ -156,7 +158,7 @@ def _quadrature(
     below, above = 0.5 * (horizon + 1.0), 0.5 * (1.0 - horizon)
     mu = np.concatenate([-1.0 + below * (1.0 + x), horizon + above * (1.0 + x)], axis=1)
     degree = settings.degree
-    directions = Directions(
+    directions = SphereQuadrature(
         mu,
         np.concatenate([below * w, above * w], axis=1),
         (np.arange(settings.azimuth_directions) + 0.5) * np.pi / settings.azimuth_directions,

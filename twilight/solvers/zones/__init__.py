@@ -1,11 +1,11 @@
 """Zones: cells that are rings about the direction of the sun; one solve serves every sun and every observer."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.zones.alike import alike
+from twilight.solvers.zones.cost import cost
 from twilight.solvers.zones.field import Field
+from twilight.solvers.zones.layout import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
-from twilight.solvers.zones.takes import takes
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -16,9 +16,9 @@ CAPABILITIES = Capabilities(
     water=True,
     target_error=True,
     field_file=True,
-    ahead="twilight.solvers.zones.ahead",
-    alike=alike,
-    takes=takes,
+    precompile_module="twilight.solvers.zones.precompile",
+    spectral_groups=spectral_groups,
+    cost=cost,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]

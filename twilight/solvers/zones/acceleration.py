@@ -1,8 +1,8 @@
-"""Thick white air: the field that is its own next order, found in tens of steps where orders would take thousands.
+"""Conservative scattering in thick air: all orders at once, in tens of steps where single orders would take thousands.
 
-All light beyond order n solves U = K U + s, with s the order n itself and K one event of scattering.  In a cloud of
-optical depth 100 an event loses one part in a thousand of the light, and plain orders U <- K U + s need thousands.
-Two things cut that down:
+All light from order n on solves U = K U + s, with s the order n itself and K the scattering operator.  In a cloud of
+optical depth 100 a scattering loses one part in a thousand of the light, and successive orders U <- K U + s need
+thousands of steps.  Two things cut that down:
 
 * A column operator: K for light that is the same all around, between node altitudes of one vertical, as the first two
   moments m = (mean, vertical flux) and the ground's radiance.  It is summed from the very rays of K, so the two agree
@@ -11,6 +11,9 @@ Two things cut that down:
 * Anderson mixing of the last few steps, for what the columns do not know: light that travels along the terminator.
 
 Each wavelength has its own columns and its own mixture, and stops by itself.
+
+Both are solved by loops of their own: LAPACK's blocked LU and BLAS sums differ in the last bits with the number of
+threads, and a field must not.
 """
 
 from __future__ import annotations
@@ -20,26 +23,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.kernels import njit
-from twilight.solvers.zones.paths import LANES, lanes_of
-from twilight.solvers.zones.solution import Passes
-from twilight.threads import in_slices
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
+from twilight.solvers.zones.ray_points import LANES, lanes_of
+from twilight.solvers.zones.solution import ScatteringOperator
 
 HISTORY = 5
-"""Steps that are mixed."""
-LEAST_STEP = 0.2
-"""The mean radiance never falls below this share of what one event makes of the light before."""
+"""Number of steps that are mixed."""
+MIN_STEP = 0.2
+"""Least mean radiance after a step, over that which one scattering makes of the light before."""
 
 
 @njit(cache=True, nogil=True)
 def _column_rows(rays_first, point, ground_weight, polar_weight, rows, begin, end):
     """Rows of the column operator for node altitudes begin..end: what light that is the same all around sends there.
 
-    polar_weight (Z, R, M): share of each polar angle in each of R results, the mean and the vertical flux for example
+    polar_weight (Z, R, M): fraction of each polar angle in each of R results, the mean and the vertical flux for
+        example
     rows (Z, R, 2 Z' + 1, LANES): from the moments 0 and 1 at the Z' fine altitudes, and from the ground
 
-    rays_first (R + 1,): where the points of each ray start; point: `Points`; ground_weight (R, LANES): transmittance to
-    the ground.
+    rays_first (R + 1,): where the points of each ray start; point: `RayPoints`; ground_weight (R, LANES): transmittance
+        to the ground.
     """
     n_results, n_polar = polar_weight.shape[1:]
     n_fine = (rows.shape[2] - 1) // 2
@@ -47,17 +51,17 @@ def _column_rows(rays_first, point, ground_weight, polar_weight, rows, begin, en
         for i in range(n_polar):
             ray = z * n_polar + i
             for result in range(n_results):
-                share = polar_weight[z, result, i]
+                fraction = polar_weight[z, result, i]
                 out = rows[z, result]
                 for w in range(LANES):
-                    out[2 * n_fine, w] += share * ground_weight[ray, w]
+                    out[2 * n_fine, w] += fraction * ground_weight[ray, w]
                 for k in range(rays_first[ray], rays_first[ray + 1]):
-                    j, f = point.node[k], point.node_share[k]
+                    j, f = point.node[k], point.node_fraction[k]
                     for moment in range(2):
                         low, high = out[moment * n_fine + j], out[moment * n_fine + j + 1]
-                        reach = share * point.polar[k, moment]
+                        received = fraction * point.polar[k, moment]
                         for w in range(LANES):
-                            sent = reach * point.weight[k, w] * point.chi[k, moment, w]
+                            sent = received * point.weight[k, w] * point.chi[k, moment, w]
                             low[w] += sent * (1.0 - f)
                             high[w] += sent * f
 
@@ -104,24 +108,24 @@ def _solve(factors, swap, values):
             values[k, t] /= factors[k, k]
 
 
-class Columns:
-    """(1 - C)^-1 for some lanes of one block, C the column operator of `passes`."""
+class ColumnOperator:
+    """(1 - C)^-1 at some wavelengths of one block, lanes (L,), with C the column operator of a `ScatteringOperator`."""
 
-    def __init__(self, passes: Passes, lanes: np.ndarray) -> None:
-        a, nodes = passes.angles, passes.nodes
-        ground_weight, _ = passes.ground()
+    def __init__(self, operator: ScatteringOperator, lanes: np.ndarray) -> None:
+        a, nodes = operator.angles, operator.nodes
+        ground_weight, _ = operator.ground()
         self.lanes = lanes
         self.n = nodes.altitude_km.size
         n, n_fine = self.n, nodes.fine_altitude_km.size
         # harmonics are sorted by order: those of degree 0 and 1, the same all around, are the first two
         of_nodes = np.ascontiguousarray(a.analysis[:, :2].sum(axis=3))
-        of_ground = passes.ground_share()[None, None]
+        of_ground = operator.ground_fraction()[None, None]
         rows = np.zeros((n, 2, 2 * n_fine + 1, LANES))
         ground_row = np.zeros((1, 1, 2 * n_fine + 1, LANES))
-        common = (passes.rays.first, passes.points, ground_weight)
+        common = (operator.rays.first, operator.points, ground_weight)
         in_slices(lambda begin, end: _column_rows(*common, of_nodes, rows, begin, end), n)
         _column_rows(*common, of_ground, ground_row, 0, 1)
-        albedo = lanes_of(passes.medium.ground_albedo, passes.block)
+        albedo = lanes_of(operator.medium.ground_albedo, operator.block)
         # results (2 Z + 1): mean at all altitudes, flux at all altitudes, ground
         fine = np.concatenate([rows[:, 0], rows[:, 1], ground_row[0] * albedo])
         column = np.zeros((2 * n + 1, 2 * n + 1, LANES))
@@ -140,7 +144,7 @@ class Columns:
             _factor(self.factors[k], self.swaps[k])
 
     def rest(self, moments: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What comes after an order, all events together: (moments (Z, T, 2, L), ground (T, L)) of the rest from the
+        """All light after an order, C (1 - C)^-1 times it: (moments (Z, T, 2, L), ground (T, L)) of the rest from the
         moments (Z, T, 2, L) and the ground (T, L) of an order."""
         values = np.ascontiguousarray(
             np.concatenate([moments[:, :, 0], moments[:, :, 1], ground[None]]).transpose(2, 0, 1), dtype=float
@@ -157,9 +161,9 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Rest:
-    """All light from one order on, of some lanes: moments (Z, T, C, L), ground (T, L); steps that it took, and the
-    largest share of the total that each lane's light may still miss or have too much (L,)."""
+class RemainingOrders:
+    """All light from one order on, at L wavelengths of a block: moments (Z, T, C, L), ground (T, L); steps that it
+    took; residual (L,), the largest fraction of the total by which the light may still be wrong."""
 
     moments: np.ndarray
     ground: np.ndarray
@@ -168,7 +172,7 @@ class Rest:
 
 
 def all_orders_from(
-    passes: Passes,
+    operator: ScatteringOperator,
     lanes: np.ndarray,
     order: tuple[np.ndarray, np.ndarray],
     mean_before: np.ndarray,
@@ -176,13 +180,13 @@ def all_orders_from(
     tolerance: float,
     max_steps: int,
     progress: Callable[[int, float], None],
-) -> Rest:
+) -> RemainingOrders:
     """Solve U = K U + s for the light U of an order s and all that follow it.
 
     order: moments (Z, T, C, LANES) and ground (T, LANES) of s; lanes (L,): those to solve; mean_before (Z, T, LANES):
     mean radiance of the orders before, which with U makes the total that errors are relative to, above `faint`
     """
-    columns = Columns(passes, lanes)
+    columns = ColumnOperator(operator, lanes)
     s, s_ground = (x[..., lanes].astype(float) for x in order)
     base = mean_before[..., lanes].astype(float)
     whole, whole_ground = np.zeros(order[0].shape, np.float32), np.zeros(order[1].shape, np.float32)
@@ -201,15 +205,15 @@ def all_orders_from(
     steps = 0
     while steps < max_steps and open_lanes.any():
         whole[..., lanes], whole_ground[..., lanes] = light, light_ground
-        _, moments, ground = passes.analyse(passes.next(whole[:, :, 0], whole, whole_ground))
+        _, moments, ground = operator.analyse(operator.next_order(whole[:, :, 0], whole, whole_ground))
         after = moments[..., lanes] + s
         after_ground = ground[..., lanes] + s_ground
         change, change_ground = corrected(after - light, after_ground - light_ground)
         steps += 1
         total = base + after[:, :, 0]
         lit = total > faint
-        share = np.where(lit, np.abs(change[:, :, 0]) / np.where(lit, total, 1.0), 0.0)
-        residual = np.where(open_lanes, share.max(axis=(0, 1)), residual)
+        fraction = np.where(lit, np.abs(change[:, :, 0]) / np.where(lit, total, 1.0), 0.0)
+        residual = np.where(open_lanes, fraction.max(axis=(0, 1)), residual)
         progress(steps, float(residual.max()))
         weighted = np.where(lit, change[:, :, 0] / np.where(lit, total, 1.0), 0.0)
         if last is not None:
@@ -225,19 +229,19 @@ def all_orders_from(
             new -= share_of[k] * moved
             new_ground -= share_of[k] * moved_ground
         finished = open_lanes & (residual < tolerance)
-        # a lane that is done stays as its last step left it
-        least = LEAST_STEP * after[:, :, 0]
+        # a wavelength that is done stays as its last step left it
+        least = MIN_STEP * after[:, :, 0]
         low = new[:, :, 0] < least
         new[:, :, 0] = np.where(low, least, new[:, :, 0])
-        new_ground = np.maximum(new_ground, LEAST_STEP * after_ground)
+        new_ground = np.maximum(new_ground, MIN_STEP * after_ground)
         light = np.where(open_lanes, new, light)
         light_ground = np.where(open_lanes, new_ground, light_ground)
         open_lanes = open_lanes & ~finished
-    return Rest(light.astype(np.float32), light_ground.astype(np.float32), steps, residual)
+    return RemainingOrders(light.astype(np.float32), light_ground.astype(np.float32), steps, residual)
 
 
 def _mixture(steps: list[np.ndarray], change: np.ndarray) -> np.ndarray:
-    """Factors (H, L) of the steps (Z, T, L) whose sum comes closest to the change (Z, T, L), for each lane."""
+    """Factors (H, L) of the steps (Z, T, L) whose sum comes closest to the change (Z, T, L), for each wavelength."""
     n, n_lanes = len(steps), change.shape[-1]
     out = np.zeros((n, n_lanes))
     if n == 0:

@@ -6,10 +6,10 @@ along the line of sight, n such scatterings have the angular distribution P'' co
 weight exp(-x) x^n / n!, while light that is scattered once through scaled air has exp(-x) x exp(x) P'' in their place.
 So P'' is replaced by
     Q = exp(-x)/x sum_n x^n/n! P''^(*n),    with the Legendre moments (exp(-x (1 - p_l)) - exp(-x))/x,
-p_l being those of P'': 1 up to the degree that is kept, chi_l/f beyond.  To second order in x this is the correction of
-Nakajima and Tanaka (1988, J. Quant. Spectrosc. Radiat. Transfer 40, 51, method IMS); all orders are kept here.  x is
-that of the way of the light, from the sun to a point of the line of sight and on to the observer, as a mean over the
-points with the light that each of them sends.
+p_l being those of P'': 1 up to the degree that is followed, chi_l/f beyond.  To second order in x this is the
+correction of Nakajima and Tanaka (1988, J. Quant. Spectrosc. Radiat. Transfer 40, 51, method IMS); all orders are
+summed here.  x is that of the way of the light, from the sun to a point of the line of sight and on to the observer, as
+a mean over the points weighted with the light that each of them sends.
 """
 
 from __future__ import annotations
@@ -20,23 +20,26 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.geometry import distance_to_sphere
-from twilight.kernels import njit
-from twilight.threads import in_slices
-from twilight.transport.around import Directions
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
+from twilight.numerics.geometry import distance_to_sphere
+from twilight.transport.azimuth_series import RayDirections
 from twilight.transport.beam import Beam, beam_at
-from twilight.transport.bundle import Rays
 from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
 from twilight.transport.profile import Profile, locate
+from twilight.transport.ray_bundle import RayBundle
 from twilight.transport.scaling import ScaledMedium
 
 HIGHEST_DEGREE = 400
-"""The first convolution is followed to here, the peak itself is taken from its table."""
-LEAST_SHARE, LEAST_DEPTH = 1e-6, 1e-4
+"""Degree to which convolutions of the peak are followed; the peak itself is taken from its table."""
+MIN_FRACTION = 1e-6
+"""Forward fraction f below which an aerosol has no peak."""
+MIN_DEPTH = 1e-4
+"""Optical depth x of scattering in the peak below which the peak is not widened."""
 
 
-class Peak(NamedTuple):
+class ForwardPeak(NamedTuple):
     """moments p_l (L, K, W) of the forward peak of each aerosol; strength (K, W): f/(1 - f), 0 where there is no peak;
     profile: of the scaled air, with the coefficient of scattering in the peak [km^-1] as its extinction."""
 
@@ -45,37 +48,37 @@ class Peak(NamedTuple):
     profile: Profile
 
 
-def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Peak | None:
+def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> ForwardPeak | None:
     """The peaks of the aerosol's phase functions that delta scaling has taken away; None where there are none.
 
     profile: of the scaled medium.
     """
-    f = scaled.forward_share
-    if not f.size or f.max() < LEAST_SHARE or not medium.has_aerosol:
+    f = scaled.forward_fraction
+    if not f.size or f.max() < MIN_FRACTION or not medium.has_aerosol:
         return None
     kept = scaled.moments.shape[1]
     moments = np.ones((HIGHEST_DEGREE + 1, *f.shape))
     for k, phase in enumerate(medium.phase_functions):
         chi = phase.legendre_moments(HIGHEST_DEGREE).T
-        moments[kept:, k] = np.clip(chi[kept:] / np.maximum(f[k], LEAST_SHARE), 0.0, 1.0)
+        moments[kept:, k] = np.clip(chi[kept:] / np.maximum(f[k], MIN_FRACTION), 0.0, 1.0)
     # just below a jump, the air below it
     altitude_km = profile.altitude_km
     inside = altitude_km - np.where(np.diff(altitude_km, append=np.inf) <= 0.0, 1e-9, 0.0)
     removed = medium.at(inside).aerosol_extinction - scaled.medium.at(inside).aerosol_extinction
-    strength = np.where(f > LEAST_SHARE, f / (1.0 - f), 0.0)
-    return Peak(moments, strength, profile._replace(extinction=np.ascontiguousarray(np.maximum(0.0, removed))))
+    strength = np.where(f > MIN_FRACTION, f / (1.0 - f), 0.0)
+    return ForwardPeak(moments, strength, profile._replace(extinction=np.ascontiguousarray(np.maximum(0.0, removed))))
 
 
 @njit(cache=True, nogil=True)
-def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosine, narrow, out, begin, end):
+def widen(beam, peak, rays, fraction, directions, cosine, narrow, out, begin, end):
     """Add to out (V, D, K, W) what the phase functions over 1 - f change by, at V scattering angles `cosine` (V, D).
 
-    beam: `Beam`; peak: `Peak`; rays_first (R + 1,), place (P, 4), weight (P, W): of the rays, as in `Rays`, for
-    begin..end; zenith [rad]: of the sun; row_first (R + 1,): of the directions, as in `Directions`
-    share (1 + K, P, W): of air and of each aerosol in what points scatter
+    beam: `Beam`; peak: `ForwardPeak`; rays: `RayBundle`, of which begin..end are followed; directions: `RayDirections`
+    fraction (1 + K, P, W): of air and of each aerosol in what points scatter
     narrow (V, D, K, W): f/(1 - f) P'' at the scattering angles
     """
     moments, strength = peak.moments, peak.strength
+    place, zenith = rays.place, directions.zenith_rad
     n_l, n_k, n_w = moments.shape
     air = peak.profile
     top_km = air.altitude_km[air.altitude_km.size - 1]
@@ -86,7 +89,7 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
         total, x = np.zeros(n_w), np.zeros(n_w)
         passed, before_per_km, per_km = np.zeros(n_w), np.zeros(n_w), np.zeros(n_w)
         travelled = -1.0
-        for q in range(rays_first[r], rays_first[r + 1]):
+        for q in range(rays.first[r], rays.first[r + 1]):
             i, g = locate(air, place[q, ALTITUDE])
             # from the observer to this point
             for w in range(n_w):
@@ -106,13 +109,13 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
                 depth[:] = 0.0
             for w in range(n_w):
                 for k in range(n_k):
-                    part = weight[q, w] * light[w] * share[1 + k, q, w] * strength[k, w]
+                    part = rays.weight[q, w] * light[w] * fraction[1 + k, q, w] * strength[k, w]
                     by_kind[k, w] += part
                     total[w] += part
                     x[w] += part * (passed[w] + depth[w])
         for w in range(n_w):
             x[w] = x[w] / total[w] if total[w] > 0.0 else 0.0
-        if x.max() < LEAST_DEPTH:
+        if x.max() < MIN_DEPTH:
             continue
         last = n_l
         for n in range(n_l):
@@ -122,7 +125,7 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
                 for k in range(n_k):
                     mixed += by_kind[k, w] * moments[n, k, w]
                 factor = 0.0
-                if total[w] > 0.0 and x[w] >= LEAST_DEPTH:
+                if total[w] > 0.0 and x[w] >= MIN_DEPTH:
                     mixed /= total[w]
                     none = math.exp(-x[w])
                     if mixed * x[w] > 1e-6:
@@ -136,7 +139,7 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
                 last = n
                 break
         for v in range(cosine.shape[0]):
-            for d in range(row_first[r], row_first[r + 1]):
+            for d in range(directions.first[r], directions.first[r + 1]):
                 c = cosine[v, d]
                 before, here = 0.0, 1.0
                 for n in range(last):
@@ -146,23 +149,23 @@ def widen(beam, peak, rays_first, place, weight, share, zenith, row_first, cosin
                     before, here = here, ((2 * n + 1) * c * here - n * before) / (n + 1)
                 for k in range(n_k):
                     for w in range(n_w):
-                        if x[w] >= LEAST_DEPTH:
+                        if x[w] >= MIN_DEPTH:
                             out[v, d, k, w] += math.expm1(-x[w]) * narrow[v, d, k, w]
 
 
 def widen_peaks(
-    peak: Peak,
+    peak: ForwardPeak,
     scaled: ScaledMedium,
     beam: Beam,
     phases: np.ndarray,
     cosine: np.ndarray,
-    rays: Rays,
-    share: np.ndarray,
-    directions: Directions,
+    rays: RayBundle,
+    fraction: np.ndarray,
+    directions: RayDirections,
 ) -> None:
     """Change the aerosol's phase functions (V, D, 1 + K, W) at `cosine` (V, D) to those of the widened forward peak.
 
-    share (1 + K, P, W): of air and of each aerosol in what the points of the rays scatter.
+    fraction (1 + K, P, W): of air and of each aerosol in what the points of the rays scatter.
     """
     degree = np.arange(scaled.moments.shape[1])
     legendre = np.polynomial.legendre.legvander(cosine, degree.size - 1) * (2 * degree + 1) / (4 * np.pi)
@@ -171,7 +174,7 @@ def widen_peaks(
     change = np.zeros_like(narrow)
     in_slices(
         lambda begin, end: widen(
-            beam, peak, rays.first, rays.place, rays.weight, share, directions.zenith_rad, directions.first,
+            beam, peak, rays, fraction, directions,
             cosine, narrow, change, begin, end,
         ),
         directions.first.size - 1,

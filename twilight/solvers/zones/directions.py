@@ -1,4 +1,4 @@
-"""How many degrees, directions and harmonics the air's phase functions need: more beside coarse particles."""
+"""Degrees, directions and harmonics that the air's phase functions need: more beside coarse particles."""
 
 from __future__ import annotations
 
@@ -8,104 +8,128 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.transport.bundle import species_share
 from twilight.transport.profile import Profile
+from twilight.transport.ray_bundle import species_fraction
 from twilight.transport.scaling import ScaledMedium
 
-EARLY_MOMENT, LATE_MOMENT = 0.03, 0.1
-"""A phase moment of the air's mixture below the first needs no order in azimuth of its own in the first events, one
-below the second no degree in the later ones."""
-AROUND_STEP, LATE_STEP = (4, 2), (3, 1)
-"""Directions and degrees grow by the first at once, where more than the second are missing: wavelengths whose needs are
-nearly the same share them, and none moves its neighbours."""
-MOST_IN_PEAK, DEGREE_STEP = 0.055, 4
-"""Share of the scattering, anywhere in the air, that may count as not scattered because it goes into the forward peak;
-the degree of the series grows by the second until it does."""
+EARLY_MOMENT = 0.03
+"""Smallest phase moment of the air's mixture that needs an azimuthal order of its own in the early orders of
+scattering."""
+LATE_MOMENT = 0.1
+"""Smallest phase moment of the mixture that needs a degree in the later orders of scattering."""
+AZIMUTH_STEP = 4
+"""Azimuths, polar angles of high degrees: by how many they grow at once, so that wavelengths of nearly the same needs
+share them and none moves its neighbours."""
+AZIMUTH_SLACK = 2
+"""Azimuths, polar angles of high degrees: how many may be missing before they grow."""
+LATE_STEP = 3
+"""Degree of the later orders: by how much it grows at once."""
+LATE_SLACK = 1
+"""Degree of the later orders: by how much it may be too low before it grows."""
+MAX_PEAK_FRACTION = 0.055
+"""Largest fraction of the scattering, anywhere in the air, that may count as not scattered because it goes into the
+forward peak: 8 % make red light 1 deg above a sun on the horizon 6 % too dark."""
+DEGREE_STEP = 4
+"""Degree: by how much it grows at once until the forward peak holds less than MAX_PEAK_FRACTION."""
 POLAR_MOMENT = 0.05
 """Where the degree grows, there are as many polar angles a side as phase moments exceed this: light scattered once
 close to the sun is as narrow, and 14 angles made the zenith 10 % too bright at an asymmetry of 0.9, 32 % at 0.95."""
-THICK_HAZE = 5.0
-"""Vertical scattering optical depth beyond which it does not grow: light is nearly isotropic there, and polar angles
-for low degrees let through 2 to 3 % less of it when they are given high ones."""
-ALOFT_KM, ALOFT_DEPTH, ALOFT_MOMENT = 10.0, 0.04, 0.04
-"""Where particles above the first scatter with more than the second, a volcano's, red light of deep twilight has gone
-through ten events, each of which sees a line on the horizon: the later ones follow moments down to the third."""
-SEEN = 0.01
-"""Share of the largest scattering coefficient below which air does not count."""
-THIN_KM, THIN_DEPTH, STANDS_OUT = 2.0, 0.1, 1.5
-"""A layer between two sharp edges less than the first apart, with an optical depth of scattering of more than the
-second and coefficients the third times those of the layers beside it, is a thin one.  One that stands on the ground is
-not: nothing shines in from below, nor leaks along it."""
-THIN_POLAR, THIN_MOMENT = 10, 6e-3
-"""Polar angles a side in the later events where there is one, and what there stands for LATE_MOMENT."""
-NEAREST, FARTHER = (3e-3, 0.5), 1.25
-"""Steps end this share of a thin layer's thickness from its edges, and at shares that grow by that factor."""
+THICK_HAZE_DEPTH = 5.0
+"""Vertical optical depth of scattering beyond which the degree does not grow: light is nearly isotropic there, and
+polar angles for low degrees let through 2 to 3 % less of it when they are given high degrees."""
+ALOFT_KM = 10.0
+"""Altitude [km] from which on particles count as a volcano's."""
+ALOFT_DEPTH = 0.04
+"""Optical depth of scattering by particles above ALOFT_KM beyond which the later orders follow ALOFT_MOMENT: red light
+of deep twilight has then been scattered ten times, each time from a line on the horizon."""
+ALOFT_MOMENT = 0.04
+"""Smallest phase moment that needs a degree in the later orders below a volcano's layer."""
+NEGLIGIBLE_FRACTION = 0.01
+"""Fraction of the largest scattering coefficient below which air does not count."""
+THIN_KM = 2.0
+"""Thickness [km], between two sharp edges, below which a layer is thin; a layer on the ground is none: nothing shines
+in from below, nor leaks along it."""
+THIN_DEPTH = 0.1
+"""Optical depth of scattering from which on a thin layer counts."""
+THIN_CONTRAST = 1.5
+"""Scattering coefficient of a thin layer over those of the layers beside it, at least."""
+THIN_POLAR = 10
+"""Least polar angles a side in the later orders where there is a thin layer: four below the horizon saw such a layer
+from above 6 % too bright."""
+THIN_MOMENT = 6e-3
+"""Smallest phase moment that needs a degree in the later orders where there is a thin layer: with LATE_MOMENT the
+zenith is 22 % too dark at an asymmetry of 0.7."""
+EDGE_FRACTION = 3e-3
+"""Distance of the first end of a step from the edge of a thin layer, over the layer's thickness."""
+EDGE_GROWTH = 1.25
+"""Factor by which the ends of steps lie farther and farther from the edge of a thin layer, up to its middle."""
 
 
 def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
-    """The settings with the degree of the Legendre series that this air needs, at least the one asked for.
+    """The settings with the degree of the Legendre series that this air needs, at least settings.degree.
 
     Light in the peak that delta scaling takes away goes on as it was.  Low over the horizon that is wrong: light passes
     many optical depths of haze there, and the peak moves some into it from the brighter sky within the peak's width.
     Of degree 20 the peak has 1 to 2 % of what continental and urban air scatters and 6 to 8 % beside dust and sea salt,
     where red light 1 deg above a sun on the horizon is then 6 % too dark; so there the degree grows up to
-    settings.coarse_degree, and with it the polar angles of the first events.
+    settings.max_degree, and with it the polar angles of the early orders.
 
     medium: as it is, before scaling
     """
-    most = max(settings.degree, settings.coarse_degree)
+    most = max(settings.degree, settings.max_degree)
     if most == settings.degree or not medium.has_aerosol:
         return settings
     beyond = np.stack([phase.legendre_moments(most + 1).T for phase in medium.phase_functions])
     of_aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
     scattering = medium.air_scattering_per_km + of_aerosol
-    counts = (scattering > 0.0) & (scattering >= SEEN * scattering.max(axis=0))
-    if np.trapezoid(scattering, medium.altitude_km, axis=0).max() > THICK_HAZE:
+    counts = (scattering > 0.0) & (scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0))
+    if np.trapezoid(scattering, medium.altitude_km, axis=0).max() > THICK_HAZE_DEPTH:
         return settings
-    share = np.where(counts, of_aerosol / np.where(counts, scattering, 1.0), 0.0)
+    fraction = np.where(counts, of_aerosol / np.where(counts, scattering, 1.0), 0.0)
 
     def in_peak(degree: int) -> float:
-        return float((share * np.einsum("klw,kw->lw", medium.aerosol_share, beyond[:, degree + 1])).max())
+        return float((fraction * np.einsum("klw,kw->lw", medium.aerosol_phase_fraction, beyond[:, degree + 1])).max())
 
     degree = settings.degree
-    while degree < most and in_peak(degree) > MOST_IN_PEAK:
+    while degree < most and in_peak(degree) > MAX_PEAK_FRACTION:
         degree = min(degree + DEGREE_STEP, most)
     if degree == settings.degree:
         return settings
     taken = in_peak(degree)
     left = [(in_peak(lower - 1) - taken) / (1.0 - taken) for lower in range(degree + 1)]
-    polar = _grown(settings.polar_directions, sum(moment > POLAR_MOMENT for moment in left), AROUND_STEP)
+    wanted = sum(moment > POLAR_MOMENT for moment in left)
+    polar = _grown(settings.polar_directions, wanted, AZIMUTH_STEP, AZIMUTH_SLACK)
     return replace(settings, degree=degree, polar_directions=polar)
 
 
 def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
-    """The settings with the directions and harmonics that this air needs, which are at least those asked for.
+    """The settings with the directions and harmonics that this air needs, at least those asked for.
 
-    The harmonics of order m in azimuth that scattering sends towards the horizon have the size of its phase moment of
-    degree m, and equal azimuths tell fewer orders apart than there are of them.  So there are as many in the first
-    events as moments of the mixture of air and particles anywhere exceed EARLY_MOMENT: 11 do for the molecules and the
-    fine particles of continental and urban air; dust and sea salt, whose moments fall slowly, need about 17 or light up
-    to 15 deg above the horizon is 1 to 2 % off below a low sun.  The later events, taken with fewer harmonics, follow
-    moments down to LATE_MOMENT, for light that dust sends forward several times is 1 to 3 % of the red of deep
-    twilight, and down to ALOFT_MOMENT under a volcano's layer; they take as many polar angles a side and azimuths as
-    that degree.  Beside a thin layer they take THIN_POLAR polar angles at least: four below the horizon saw such a
-    layer from above 6 % too bright.  They follow moments down to THIN_MOMENT there, since light that comes along the
-    layer is no smooth one: what of it turns into the zenith is 22 % too little with degree 6 at an asymmetry of 0.7.
+    Azimuthal order m of what is scattered towards the horizon has the size of phase moment m, and equal azimuths tell
+    fewer orders apart than there are of them.  So the early orders of scattering have as many azimuths as moments of
+    the mixture, anywhere in the air, exceed EARLY_MOMENT: 11 do for molecules and fine particles; dust and sea salt,
+    whose moments fall slowly, need about 17, or light up to 15 deg above the horizon is 1 to 2 % off below a low sun.
+
+    The later orders of scattering follow moments down to LATE_MOMENT (light that dust sends forward several times is 1
+    to 3 % of the red of deep twilight), ALOFT_MOMENT below a volcano's layer, THIN_MOMENT beside a thin layer, along
+    which light comes sharply; and as many polar angles a side and azimuths as that degree, beside a thin layer at least
+    THIN_POLAR polar angles.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
     z = profile.altitude_km
     scattering = profile.species_scattering.sum(axis=0)
-    counts = scattering >= SEEN * scattering.max(axis=0)
-    share = np.where(counts, species_share(scaled.medium, z), 0.0)
-    moments = np.einsum("kzw,klw->lzw", share, scaled.moments).max(axis=(1, 2))
+    counts = scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0)
+    fraction = np.where(counts, species_fraction(scaled.medium, z), 0.0)
+    moments = np.einsum("kzw,klw->lzw", fraction, scaled.moments).max(axis=(1, 2))
     degrees = moments.size
-    around = min(_grown(settings.azimuth_directions, int(np.sum(moments > EARLY_MOMENT)), AROUND_STEP), degrees)
+    orders = int(np.sum(moments > EARLY_MOMENT))
+    around = min(_grown(settings.azimuth_directions, orders, AZIMUTH_STEP, AZIMUTH_SLACK), degrees)
     thin = thin_layers(profile)[0].size > 0
     aloft = np.where(z[:, None] >= ALOFT_KM, profile.species_scattering[1:].sum(axis=0), 0.0)
     layered = np.trapezoid(aloft, z, axis=0).max() > ALOFT_DEPTH
     least = THIN_MOMENT if thin else ALOFT_MOMENT if layered else LATE_MOMENT
-    late = min(_grown(settings.late_degree, int(np.sum(moments > least)), LATE_STEP), settings.degree)
+    late = min(_grown(settings.late_degree, int(np.sum(moments > least)), LATE_STEP, LATE_SLACK), settings.degree)
     out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
     if late > settings.late_degree:
         out = replace(
@@ -128,8 +152,10 @@ def near_edges(profile: Profile, of: Profile) -> Profile:
 
     of: the air whose thin layers count
     """
-    share = np.geomspace(*NEAREST, 1 + round(np.log(NEAREST[1] / NEAREST[0]) / np.log(FARTHER)))
-    stops = [np.append(base + share * (top - base), top - share * (top - base)) for base, top in thin_layers(of)[0]]
+    fraction = np.geomspace(EDGE_FRACTION, 0.5, 1 + round(np.log(0.5 / EDGE_FRACTION) / np.log(EDGE_GROWTH)))
+    stops = [
+        np.append(base + fraction * (top - base), top - fraction * (top - base)) for base, top in thin_layers(of)[0]
+    ]
     return profile._replace(stop_km=np.unique(np.concatenate([profile.stop_km, *stops]))) if stops else profile
 
 
@@ -144,11 +170,11 @@ def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     width = np.diff(edges)
     depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1)
     mean = np.pad(depth / width, ((0, 0), (1, 1)))
-    stands_out = mean[:, 1:-1] > STANDS_OUT * np.maximum(mean[:, :-2], mean[:, 2:])
+    stands_out = mean[:, 1:-1] > THIN_CONTRAST * np.maximum(mean[:, :-2], mean[:, 2:])
     thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out & (edges[:-1] > z[0]), axis=0)
     return np.stack([edges[:-1], edges[1:]], axis=-1)[thin], depth.max(axis=0)[thin]
 
 
-def _grown(least: int, wanted: int, step: tuple[int, int]) -> int:
-    """The least, and so many steps more that no more than the second of `step` are missing."""
-    return least + step[0] * max(0, -(-(wanted - step[1] - least) // step[0]))
+def _grown(least: int, wanted: int, step: int, slack: int) -> int:
+    """The smallest of least, least + step, least + 2 step ... that is at least wanted - slack."""
+    return least + step * max(0, -(-(wanted - slack - least) // step))

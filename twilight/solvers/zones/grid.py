@@ -1,7 +1,7 @@
 """Nodes of the field: altitude x solar zenith angle x direction.
 
-Directions are in the local frame of a node: cosine of the zenith angle, azimuth from the sun.  Left and right of the
-sun's vertical are alike: azimuths go from 0 to 180 deg and harmonics are even.
+Directions are in the local frame of a node: cosine of the zenith angle, azimuth from the sun.  The field is its own
+mirror image about the sun's vertical: azimuths go from 0 to 180 deg and harmonics are even in azimuth.
 """
 
 from __future__ import annotations
@@ -12,28 +12,57 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.solvers.zones.polarised import pattern_orders, patterns
+from twilight.solvers.zones.spin2_harmonics import spin2_degrees_and_orders, spin2_harmonics
 from twilight.transport.profile import Profile
 
-LOWEST_STEP_KM, STEP_GROWTH = 0.12, 0.21
+LOWEST_STEP_KM = 0.12
+"""Interval between node altitudes at the ground [km], at altitude_density 1."""
+STEP_GROWTH = 0.21
+"""Growth of the interval between node altitudes with height above the ground, at altitude_density 1."""
 HORIZON_WIDTH = 0.03
-CENTRE = 0.75
-"""Polar angles cluster within this cosine of the horizon, where the light of twilight comes from: those above it around
-this share of its cosine, since from high up the glow is a line on the horizon."""
-MOST_FITTED, AWAY = 4, 0.25
-"""Terms of the polynomials in light away from the horizon, and the cosine from it that counts as away."""
+"""Distance from the horizon, in the cosine of the zenith angle, within which polar angles cluster: the light of
+twilight comes from there."""
+CENTRE_FRACTION = 0.75
+"""Cosine around which the polar angles above the horizon cluster, over the horizon's: from high up the glow is a line
+on the horizon."""
+MAX_FITTED_TERMS = 4
+"""Most terms of the polynomials that are fitted to light away from the horizon (`smooth_exact`)."""
+AWAY_COSINE = 0.25
+"""Distance from the horizon, in the cosine of the zenith angle, from which on light counts in that fit."""
 LOW_DEGREE = 2
-"""Of light in thick white air: its mean, its flux and how it differs between up, down and sideways."""
-MOST_BEND, THICKEST, THIN, MOST_HALVINGS = 0.15, 0.12, 1e-3, 14
-"""From one altitude to the next the logarithm of the extinction may bend by the first, and the vertical optical depth
-may reach the second; a bend does not matter where the optical depth is below the third."""
-EDGE, DEEPER = 3.0, 0.3
-"""The optical depth between altitudes may grow by the second per optical depth that there is above and below beyond the
-first: far from its edges light in thick air changes as slowly as it is far from them."""
-MOST_GROWTH, LAYERED = 2.1, 0.3
-"""Where layers have cut an interval between altitudes to less than the second of what it was, no interval is more than
-the first times as long as one beside it: light bends beyond a layer's edges too, and a cubic over intervals of 1, 2 and
-5 km was 5 to 9 % wrong above a volcanic layer."""
+"""Degree up to which the analysis of conservative scattering is exact: mean, flux, and vertical against horizontal."""
+MAX_LOG_EXTINCTION_BEND = 0.15
+"""Largest difference, half-way between two node altitudes, of ln(extinction) from the mean of its values at both."""
+MAX_INTERVAL_DEPTH = 0.12
+"""Largest vertical optical depth between two node altitudes."""
+STRAIGHT_DEPTH = 1e-3
+"""Vertical optical depth between two node altitudes below which no bend of ln(extinction) matters."""
+MAX_HALVINGS = 14
+"""How often an interval between node altitudes is halved at most."""
+EDGE_DEPTH = 3.0
+"""Vertical optical depth above and below a place from which on it counts as inside thick air."""
+DEPTH_GROWTH = 0.3
+"""Growth of MAX_INTERVAL_DEPTH per optical depth inside thick air: light changes as slowly there as its edges are
+far."""
+MAX_INTERVAL_RATIO = 2.1
+"""Largest ratio of two neighbouring intervals between node altitudes in layered air: light bends beyond a layer's edges
+too, and a cubic over intervals of 1, 2 and 5 km was 5 to 9 % wrong above a volcanic layer."""
+LAYERED_FRACTION = 0.3
+"""Air is layered where an interval was cut to less than this fraction of its length."""
+TWILIGHT_DEG = (88.0, 99.0)
+"""Solar zenith angles [deg] between which the field falls by e within a degree, and nodes are closest together."""
+TWILIGHT_STEP_DEG = 0.85
+"""Interval between solar zenith angles there [deg], at zenith_density 1."""
+DAY_STEP_GROWTH = 0.18
+"""Growth of that interval with the distance from there by day."""
+MAX_DAY_STEP_DEG = 12.0
+"""Largest interval by day [deg]."""
+NIGHT_STEP_GROWTH = 0.06
+"""Growth of that interval with the distance from there at night."""
+MAX_NIGHT_STEP_DEG = 6.0
+"""Largest interval at night [deg]."""
+MIN_ZENITH_INTERVALS = 5
+"""Least intervals of solar zenith angle that a field has."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +70,11 @@ class Angles:
     """Directions of every node altitude and the harmonics that describe Stokes parameters there.
 
     cosine (Z, M) of the zenith angle, azimuth (F,) [rad], weight (Z, M): of a polar angle over the sphere, sum 1
-    below: how many of the M look below the horizon, the first ones
-    degree, order (C,): of each harmonic of I, sorted by order; harmonics are normalised to a mean square of 1
-    pattern_degree, pattern_order (C',): of the even and the odd patterns of Q and U; none without polarisation
+    below: number of the M polar angles below the horizon, which come before the others
+    degree, order (C,): of each harmonic of I, sorted by azimuthal order; the mean square of a harmonic is 1
+    spin2_degree, spin2_order (C',): of the even and the odd spin2_harmonics of Q and U; none without polarisation
     analysis (Z, C, M, F): moments of I from radiances, by quadrature
-    pattern_analysis (Z, 2 C', 2, M, F): the same for the even, then the odd patterns, from Q and U
+    spin2_analysis (Z, 2 C', 2, M, F): the same for the even, then the odd spin2_harmonics, from Q and U
     """
 
     cosine: np.ndarray
@@ -54,79 +83,80 @@ class Angles:
     below: int
     degree: np.ndarray
     order: np.ndarray
-    pattern_degree: np.ndarray
-    pattern_order: np.ndarray
+    spin2_degree: np.ndarray
+    spin2_order: np.ndarray
     analysis: np.ndarray
-    pattern_analysis: np.ndarray
+    spin2_analysis: np.ndarray
 
     @property
-    def series(self) -> Series:
-        return Series(
+    def series(self) -> Truncation:
+        return Truncation(
             int(self.degree.max()),
             int(self.order.max()) + 1,
-            int(self.pattern_degree.max(initial=0)),
-            int(self.pattern_order.max(initial=-1)) + 1,
+            int(self.spin2_degree.max(initial=0)),
+            int(self.spin2_order.max(initial=-1)) + 1,
         )
 
     @property
     def n_moments(self) -> int:
-        return self.degree.size + 2 * self.pattern_degree.size
+        return self.degree.size + 2 * self.spin2_degree.size
 
     def shared_with(self, smaller: Angles) -> np.ndarray:
-        """Which of the moments a smaller set has too, in its sequence."""
+        """Indices of the moments that a smaller set has too, in the sequence of that set."""
         of_i = (self.degree <= smaller.degree.max()) & (self.order <= smaller.order.max())
-        of_qu = (self.pattern_degree <= smaller.pattern_degree.max(initial=0)) & (
-            self.pattern_order <= smaller.pattern_order.max(initial=-1)
+        of_qu = (self.spin2_degree <= smaller.spin2_degree.max(initial=0)) & (
+            self.spin2_order <= smaller.spin2_order.max(initial=-1)
         )
         return np.flatnonzero(np.concatenate([of_i, of_qu, of_qu]))
 
 
-class Series(NamedTuple):
-    """degree and orders (number of, from 0) of the harmonics of I, and of the patterns of Q and U (0 for none)."""
+class Truncation(NamedTuple):
+    """degree and orders (number of, from 0) of the harmonics of I, and of the spin2_harmonics of Q and U (0 for
+    none)."""
 
     degree: int
-    orders: int
-    pattern_degree: int
-    pattern_orders: int
+    azimuthal_orders: int
+    spin2_degree: int
+    spin2_orders: int
 
     @staticmethod
-    def of(degree: int, pattern_degree: int, around: int) -> Series:
+    def of(degree: int, spin2_degree: int, around: int) -> Truncation:
         """Equal azimuths cannot tell orders from `around` on."""
-        n = min(pattern_degree, degree)
-        return Series(degree, min(degree, around - 1) + 1, n, min(n, around - 1) + 1 if n else 0)
+        n = min(spin2_degree, degree)
+        return Truncation(degree, min(degree, around - 1) + 1, n, min(n, around - 1) + 1 if n else 0)
 
 
-def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int, pattern_degree: int = 0) -> Angles:
+def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int, spin2_degree: int = 0) -> Angles:
     """`per_side` polar angles above and as many below the horizon of each altitude, times `around` azimuths.
 
     horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
-    pattern_degree: of the patterns of Q and U, 0 for none.
+    spin2_degree: of the spin2_harmonics of Q and U, 0 for none.
     """
-    series = Series.of(degree, pattern_degree, around)
+    series = Truncation.of(degree, spin2_degree, around)
     n_below = max(7 * per_side // 10, 2)
     cosine = np.empty((horizon_cosine.size, per_side + n_below))
     weight = np.empty_like(cosine)
     for k, h in enumerate(horizon_cosine):
         below, w_below = _clustered(-1.0, h, h, HORIZON_WIDTH, n_below)
-        above, w_above = _clustered(h, 1.0, CENTRE * h, HORIZON_WIDTH, per_side)
+        above, w_above = _clustered(h, 1.0, CENTRE_FRACTION * h, HORIZON_WIDTH, per_side)
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
-    highest = series.orders - 1
+    highest = series.azimuthal_orders - 1
     order = np.array([m for m in range(highest + 1) for _ in range(m, degree + 1)])
     deg = np.array([n for m in range(highest + 1) for n in range(m, degree + 1)])
-    pattern_deg, pattern_order = pattern_orders(series.pattern_degree, series.pattern_orders - 1)
-    cosines = np.cos(pattern_order[:, None] * azimuth)[:, None, :]
-    sines = np.sin(pattern_order[:, None] * azimuth)[:, None, :]
-    pattern_analysis = []
-    waves = np.cos(order[:, None] * azimuth)
+    spin2_deg, spin2_order = spin2_degrees_and_orders(series.spin2_degree, series.spin2_orders - 1)
+    cosines = np.cos(spin2_order[:, None] * azimuth)[:, None, :]
+    sines = np.sin(spin2_order[:, None] * azimuth)[:, None, :]
+    spin2_analysis = []
+    amplitudes = np.cos(order[:, None] * azimuth)
     rows = smooth_exact(cosine, weight, horizon_cosine, n_below, deg, order)
-    analysis = rows[..., None] * waves[:, None, :] / around
-    for mu, share in zip(cosine, weight, strict=True):
-        x, z = (part.T[:, :, None] for part in patterns(mu, series.pattern_degree, series.pattern_orders - 1))
+    analysis = rows[..., None] * amplitudes[:, None, :] / around
+    for mu, fraction in zip(cosine, weight, strict=True):
+        x, z = (part.T[:, :, None] for part in spin2_harmonics(mu, series.spin2_degree, series.spin2_orders - 1))
         of_q = np.concatenate([x * cosines, z * cosines])
         of_u = np.concatenate([z * sines, x * sines])
-        pattern_analysis.append(np.stack([of_q, of_u], axis=1) * (share / around)[:, None])
+        spin2_analysis.append(np.stack([of_q, of_u], axis=1) * (fraction / around)[:, None])
     return Angles(
         cosine,
         azimuth,
@@ -134,10 +164,10 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         n_below,
         deg,
         order,
-        pattern_deg,
-        pattern_order,
+        spin2_deg,
+        spin2_order,
         analysis,
-        np.array(pattern_analysis),
+        np.array(spin2_analysis),
     )
 
 
@@ -161,11 +191,11 @@ def smooth_exact(
     edge = horizon[:, None]
     for part, low, high in ((slice(0, below), -1.0, edge), (slice(below, None), edge, 1.0)):
         mu = cosine[:, part]
-        n = min(MOST_FITTED, mu.shape[1] // 3)
+        n = min(MAX_FITTED_TERMS, mu.shape[1] // 3)
         if n == 0:
             continue
         away = (mu - edge) ** 2
-        trust = (weight[:, part] * (away / (away + AWAY**2)) ** 3)[..., None]
+        trust = (weight[:, part] * (away / (away + AWAY_COSINE**2)) ** 3)[..., None]
         inner = 0.5 * (low + high) + 0.5 * (high - low) * x
         harmonics = even_harmonics(inner, int(degree.max()), highest) * (0.25 * (high - low) * w)[..., None]
         powers = np.polynomial.legendre.legvander((2.0 * mu - low - high) / (high - low), n - 1)
@@ -190,11 +220,11 @@ def _basis(cosine: np.ndarray, azimuth: np.ndarray, degree: np.ndarray, order: n
 def conserving(angles: Angles) -> Angles:
     """The same directions, with an analysis that is exact for light of degree LOW_DEGREE and less.
 
-    In thick white air light is nearly isotropic, and an event that loses one part in a thousand of it, or moves it to
-    one side, changes all that is left after thousands.  Above and below the horizon weights change by the least share
-    that makes parabolas exact, and what light has of low degrees is taken out before higher degrees are looked for:
-    few directions would see some in light that has none.  For light that is brightest at the horizon the plain
-    quadrature is the better one.
+    In thick air of conservative scattering light is nearly isotropic, and a scattering that loses one part in a
+    thousand of it, or moves it to one side, changes all that is left after thousands.  Above and below the horizon
+    weights change by the least fraction that makes parabolas exact, and what light has of low degrees is taken out
+    before higher degrees are looked for: few directions would see some in light that has none.  For light that is
+    brightest at the horizon the quadrature by weights alone is the better one.
     """
     around = angles.azimuth.size
     low = angles.degree <= LOW_DEGREE
@@ -208,10 +238,10 @@ def conserving(angles: Angles) -> Angles:
             exact = np.where(k == 0, 0.5 * (b - a), 0.0)
             w *= 1.0 + np.linalg.solve((basis * w) @ basis.T, exact - basis @ w) @ basis
     polar = smooth_exact(angles.cosine, weights, horizons, angles.below, angles.degree, angles.order)
-    waves = np.cos(angles.order[:, None] * angles.azimuth)
+    amplitudes = np.cos(angles.order[:, None] * angles.azimuth)
     for mu, of_polar in zip(angles.cosine, polar, strict=True):
         basis = _basis(mu, angles.azimuth, angles.degree, angles.order)
-        rows = (of_polar[..., None] * waves[:, None, :] / around).reshape(angles.order.size, -1)
+        rows = (of_polar[..., None] * amplitudes[:, None, :] / around).reshape(angles.order.size, -1)
         rows[low] = np.linalg.solve(rows[low] @ basis[:, low], rows[low])
         rows[~low] -= (rows[~low] @ basis[:, low]) @ rows[low]
         analysis.append(rows.reshape(angles.order.size, mu.size, around))
@@ -276,7 +306,7 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         np.cumsum(0.5 * step * (profile.extinction[1:] + profile.extinction[:-1]), axis=0), 0, 0, axis=0
     )
     out = np.asarray(altitude_km, dtype=float)
-    for _ in range(MOST_HALVINGS):
+    for _ in range(MAX_HALVINGS):
         step = np.diff(out)
         middle = out[:-1] + 0.5 * step
         # just inside the ends, which may be jumps
@@ -285,45 +315,46 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         depth = step * (low + 4.0 * mid + high) / 6.0
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
         above = np.array([np.interp(middle, levels, column[-1] - column) for column in through.T])
-        deep = np.maximum(0.0, np.minimum(above, through[-1][:, None] - above) - EDGE)
-        coarse = (depth > THICKEST * (1.0 + DEEPER * deep) / density) | (
-            (bend > MOST_BEND / density**2) & (depth > THIN / density)
+        deep = np.maximum(0.0, np.minimum(above, through[-1][:, None] - above) - EDGE_DEPTH)
+        coarse = (depth > MAX_INTERVAL_DEPTH * (1.0 + DEPTH_GROWTH * deep) / density) | (
+            (bend > MAX_LOG_EXTINCTION_BEND / density**2) & (depth > STRAIGHT_DEPTH / density)
         )
         if not coarse.any(axis=0).any():
             break
         out = np.sort(np.append(out, middle[coarse.any(axis=0)]))
     before = np.asarray(altitude_km, dtype=float)
     whole = np.diff(before)[np.searchsorted(before, out[:-1], side="right") - 1]
-    return _graded(out) if np.any(np.diff(out) < LAYERED * whole) else out
+    return _graded(out) if np.any(np.diff(out) < LAYERED_FRACTION * whole) else out
 
 
 def _graded(altitude_km: np.ndarray) -> np.ndarray:
-    """The altitudes [km] and more, so that intervals beside each other differ by no more than MOST_GROWTH."""
+    """The altitudes [km] and more, so that intervals beside each other differ by no more than MAX_INTERVAL_RATIO."""
     out = altitude_km
     while True:
         step = np.diff(out)
         beside = np.minimum(np.append(step[1:], np.inf), np.append(np.inf, step[:-1]))
-        coarse = step > MOST_GROWTH * beside
+        coarse = step > MAX_INTERVAL_RATIO * beside
         if not coarse.any():
             return out
         out = np.sort(np.append(out, out[:-1][coarse] + 0.5 * step[coarse]))
 
 
 def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarray:
-    """Solar zenith angles [deg]: close together from 88 deg on, where the field falls by e within a degree."""
+    """Solar zenith angles [deg] from first_deg or less to last_deg or more, close together within TWILIGHT_DEG."""
     out = [0.0]
+    begin, end = TWILIGHT_DEG
     while out[-1] < 180.0:
         x = out[-1]
-        if x < 88.0:
-            step = min(12.0, 0.85 + 0.18 * (88.0 - x))
-        elif x < 99.0:
-            step = 0.85
+        if x < begin:
+            step = min(MAX_DAY_STEP_DEG, TWILIGHT_STEP_DEG + DAY_STEP_GROWTH * (begin - x))
+        elif x < end:
+            step = TWILIGHT_STEP_DEG
         else:
-            step = min(6.0, 0.85 + 0.06 * (x - 99.0))
+            step = min(MAX_NIGHT_STEP_DEG, TWILIGHT_STEP_DEG + NIGHT_STEP_GROWTH * (x - end))
         out.append(x + step / density)
     nodes = np.array(out)
     first = max(0, int(np.searchsorted(nodes, first_deg, side="right")) - 1)
-    last = min(nodes.size - 1, max(first + 5, int(np.searchsorted(nodes, last_deg))))
+    last = min(nodes.size - 1, max(first + MIN_ZENITH_INTERVALS, int(np.searchsorted(nodes, last_deg))))
     return nodes[first : last + 1]
 
 

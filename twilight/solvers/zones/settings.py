@@ -3,58 +3,72 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from twilight.errors import TwilightError
+from twilight.base.errors import TwilightError
 
 
 @dataclass(frozen=True)
 class ZonesSettings:
     """Nodes, directions and harmonics of the field, and what physics it keeps.
 
-    degree: of the Legendre series that is kept (delta-scaled beyond)
-    coarse_degree: most that the degree grows to beside coarse particles, and polar_directions with it; not in clouds
+    degree: of the Legendre series that phase functions are followed to (delta-scaled beyond)
+    max_degree: largest degree, to which it grows beside coarse particles, and polar_directions with it; not in clouds
     polar_directions: directions per hemisphere
     azimuth_directions: directions over half a turn, more beside coarse particles; orders of the series in azimuth are
         fewer than these
-    early_events: scattering events that are followed with these; the light of later ones is smooth
-    late_degree, late_polar_directions, late_azimuth_directions: the same for the events after early_events, all three
-        more beside coarse particles
+    early_orders: orders of scattering that are followed with degree, polar_directions and azimuth_directions; the light
+        of later orders is smooth
+    late_degree, late_polar_directions, late_azimuth_directions: the same for the orders after early_orders; all three
+        are more beside coarse particles
     altitude_density, zenith_density: of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky
         of a sun at -6 deg is off by up to 13 %
     step_density: of the points along the rays between nodes
-    first_step_density: the same for the first event: sunlight ends suddenly at the shadow of the Earth and its haze
-    sight_density: of the points along lines of sight
+    first_order_step_density: the same for light scattered once: sunlight ends suddenly at the shadow of the Earth and
+        its haze
+    line_of_sight_density: of the points along lines of sight
     beam_density: of the nodes of the sunbeam's tables
-    max_events: most scattering events that are followed; 1 is single scattering.  Above 30, and with a tolerance, thick
-        white air is solved all at once, in tens of steps, to 1e-3 or to the tolerance where that is less
-    tolerance: stop earlier when one more event changes the sum, with a geometric series for the rest, by less than this
-        share at every node; 0 follows max_events and adds no rest
-    polarisation: follow the linear polarisation of light (I, Q, U) through all events; without it radiance is that of
-        scalar theory, which in clear air misses by several per cent
-    polarisation_degree, late_polarisation_degree: of the series that Q and U are kept in between two events, the early
-        and the late ones; 2 is exact in air without aerosol
+    max_orders: most orders of scattering that are followed; 1 is single scattering.  Above 30, and with a tolerance,
+        thick air of conservative scattering is solved for all orders at once, in tens of steps, to 1e-3 or to the
+        tolerance where that is less
+    tolerance: stop earlier when one more order changes the sum, with a geometric series for the rest, by less than this
+        fraction at every node; 0 follows max_orders and adds no rest
+    polarisation: follow the linear polarisation of light (I, Q, U) through all orders; without it radiance is that of
+        scalar theory, which in clear air is wrong by several per cent
+    polarisation_degree, late_polarisation_degree: of the spin-2 harmonics of Q and U in the early and the late orders;
+        2 is exact in air without aerosol
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
-    bent_paths: bend the paths of light between two scattering events too
-    target_error: refine until two qualities differ by less than this share at 95 % of the directions; 0 does not
+    bent_paths: bend the paths of light between two scatterings too
+    target_error: refine until two qualities differ by less than this fraction at 95 % of the directions; 0 does not
     field_file: HDF5 file that the field is read from where it holds this very field, and written to otherwise
     """
 
+    COMMON: ClassVar[tuple[str, ...]] = (
+        "polarisation",
+        "refraction",
+        "bent_lines_of_sight",
+        "max_orders",
+        "target_error",
+        "field_file",
+    )
+    """Options that are shown first."""
+
     degree: int = 20
-    coarse_degree: int = 32
+    max_degree: int = 32
     polar_directions: int = 14
     azimuth_directions: int = 11
-    early_events: int = 2
+    early_orders: int = 2
     late_degree: int = 6
     late_polar_directions: int = 7
     late_azimuth_directions: int = 7
     altitude_density: float = 1.0
     zenith_density: float = 1.0
     step_density: float = 0.7
-    first_step_density: float = 2.0
-    sight_density: float = 1.5
+    first_order_step_density: float = 2.0
+    line_of_sight_density: float = 1.5
     beam_density: float = 1.0
-    max_events: int = 200
+    max_orders: int = 200
     tolerance: float = 2e-3
     polarisation: bool = True
     polarisation_degree: int = 8
@@ -68,10 +82,10 @@ class ZonesSettings:
     def __post_init__(self):
         ranges = {
             "degree": (2, 48),
-            "coarse_degree": (2, 48),
+            "max_degree": (2, 48),
             "polar_directions": (2, 48),
             "azimuth_directions": (3, 96),
-            "early_events": (1, 1000),
+            "early_orders": (1, 1000),
             "late_degree": (2, 32),
             "late_polar_directions": (2, 48),
             "late_azimuth_directions": (3, 96),
@@ -80,10 +94,10 @@ class ZonesSettings:
             "altitude_density": (0.2, 10.0),
             "zenith_density": (0.3, 10.0),
             "step_density": (0.3, 10.0),
-            "first_step_density": (0.3, 10.0),
-            "sight_density": (0.3, 10.0),
+            "first_order_step_density": (0.3, 10.0),
+            "line_of_sight_density": (0.3, 10.0),
             "beam_density": (0.3, 4.0),
-            "max_events": (1, 1000),
+            "max_orders": (1, 1000),
             "tolerance": (0.0, 0.5),
             "target_error": (0.0, 1.0),
         }
@@ -110,7 +124,7 @@ class ZonesSettings:
 QUALITIES: dict[str, ZonesSettings] = {
     "draft": ZonesSettings(
         degree=12,
-        coarse_degree=20,
+        max_degree=20,
         polar_directions=9,
         azimuth_directions=9,
         late_degree=5,
@@ -119,8 +133,8 @@ QUALITIES: dict[str, ZonesSettings] = {
         altitude_density=0.5,
         zenith_density=0.6,
         step_density=0.4,
-        first_step_density=1.0,
-        sight_density=1.0,
+        first_order_step_density=1.0,
+        line_of_sight_density=1.0,
         beam_density=0.5,
         tolerance=1e-2,
         polarisation=False,
@@ -138,8 +152,8 @@ QUALITIES: dict[str, ZonesSettings] = {
         altitude_density=1.7,
         zenith_density=1.7,
         step_density=1.0,
-        first_step_density=2.0,
-        sight_density=2.5,
+        first_order_step_density=2.0,
+        line_of_sight_density=2.5,
         tolerance=5e-4,
         polarisation_degree=16,
         late_polarisation_degree=8,

@@ -1,4 +1,4 @@
-"""prepare: solve a field, at a quality or to a target, or take it from a file."""
+"""prepare: solve a field, at a quality or to a target error, or read it from a file."""
 
 from __future__ import annotations
 
@@ -10,28 +10,35 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.errors import TwilightWarning
-from twilight.progress import Progress, silent
-from twilight.solvers.base import Convergence
-from twilight.solvers.zones.alike import alike
+from twilight.base.errors import TwilightWarning
+from twilight.base.progress import Progress, silent
+from twilight.solvers.base import Convergence, observer_at
 from twilight.solvers.zones.directions import thin_layers
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.reach import LAST_ZENITH_DEG, zenith_range
+from twilight.solvers.zones.field_grids import FieldGrids
+from twilight.solvers.zones.layout import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.solvers.zones.solve import solve
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
+from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, zenith_range
 
 LADDER = ("draft", "standard", "reference")
-THICK = 100.0
-"""Vertical scattering optical depth, forward peaks left out, up to which thick white air was compared with doubling."""
-PEAKED, PEAKED_DEPTH = 0.88, 0.1
-"""Asymmetry parameter of a kind of aerosol, and its optical depth, beyond which errors of `standard` exceed 2 %."""
+"""Qualities that are tried in turn to reach a target error."""
+MAX_COMPARED_DEPTH = 100.0
+"""Vertical optical depth of scattering, forward peaks left out, up to which thick air of conservative scattering was
+compared with doubling (`tests/test_zones_thick.py`)."""
+PEAKED_ASYMMETRY = 0.88
+"""Asymmetry parameter of an aerosol beyond which errors of `standard` exceed 2 % (`benchmarks/odd_air.py`)."""
+PEAKED_DEPTH = 0.1
+"""Vertical optical depth of such an aerosol from which on it counts."""
 HIGH_KM = 10.0
-"""Base of a thin layer from which on the light that leaks along it after sunset was compared in one case alone."""
-UNLIKE = 1000.0
+"""Base [km] of a thin layer from which on the light that leaks along it after sunset was compared in one case alone
+(`benchmarks/zones_study.py layer`)."""
+MAX_DEPTH_RATIO = 1000.0
 """Ratio of the optical depths of two wavelengths beyond which the grid that serves both may be wrong for the thinner:
 at draft by 0.25 % where it is 10, 0.6 % at 100, 1.3 % at 1000, sun at -6 deg."""
 TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
-"""Where two qualities are compared if the suns of the scene are not known."""
+"""Sun elevations [deg] at which two qualities are compared if the suns of the scene are not known."""
 
 
 def prepare(
@@ -44,17 +51,34 @@ def prepare(
 ) -> Field:
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
-    All wavelengths share its grids, as fine as any of them needs.  Those of one range of a climate
-    (`twilight.atmosphere.reference`) need the same; others are moved by as much as the quality leaves open, and
-    `twilight.engine.Problem` solves them apart.
+    All wavelengths share one set of grids, as fine as any of them needs.  Wavelengths of one range of a climate
+    (`twilight.atmosphere.grid_medium`) need the same grids; others are moved by as much as the quality leaves open, and
+    `twilight.engine` solves them apart.
 
-    observer_altitude_km is where `Field.radiance` looks from if it is not told otherwise: on the ground, in the air or
-    above it.  sun_elevations_deg: all the suns that will be asked for, where they are known: only the zones
-    that they see are then solved.  `progress(doing, share)` is called now and then.
+    Parameters
+    ----------
+    medium
+        Coefficients of air, aerosol and gases at W wavelengths, and the ground.
+    settings
+        One of QUALITIES, perhaps with options replaced; None: `standard`.
+    observer_altitude_km
+        Where the field is evaluated from unless a call says otherwise: on the ground, in the air or above it.
+    progress
+        Called as progress(doing, fraction) now and then.
+    sun_elevations_deg
+        All the suns that will be asked for: only the zenith range that they need is then solved.  None: any sun.
 
-    Errors: TwilightError for an observer below the ground and for a field file that cannot be written.
-    Warns where target_error is not reached, where max_events end the solution before tolerance does, and where
-    wavelengths without air at fixed ones differ in optical depth by more than UNLIKE and need different grids.
+    Raises
+    ------
+    TwilightError
+        For an observer below the ground, and a field file that cannot be written.
+
+    Warns
+    -----
+    TwilightWarning
+        Where target_error is not reached, max_orders end the solution before tolerance does, the air is one in which
+        `zones` was found wrong or not compared, and where wavelengths of optical depths in a ratio of more than
+        MAX_DEPTH_RATIO need different grids.
     """
     settings = settings or QUALITIES["standard"]
     needed = zenith_range(medium, sun_elevations_deg, observer_altitude_km)
@@ -69,20 +93,41 @@ def prepare(
     if settings.target_error > 0.0:
         field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
     else:
-        field = Field(medium, settings, observer_altitude_km, progress, zenith_range_deg=needed)
+        field = _solved(medium, settings, observer_altitude_km, progress or silent, needed)
     _warn(field, settings)
     if settings.field_file:
         field.save(settings.field_file)
     return field
 
 
+def _solved(
+    medium: Medium,
+    settings: ZonesSettings,
+    observer_altitude_km: float,
+    progress: Progress,
+    zenith_range_deg: tuple[float, float],
+) -> Field:
+    """The field of a medium, solved at one quality."""
+    observer_at(medium, observer_altitude_km)
+    grids = FieldGrids.of(medium, settings, zenith_range_deg)
+    progress("sunbeam", 0.0)
+    beam = grids.sunbeam()
+    solutions, convergence = solve(grids, beam, progress) if settings.max_orders > 1 else ([], None)
+    progress("field", 1.0)
+    return Field(grids, beam, solutions, convergence, observer_altitude_km)
+
+
 def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
     """Say that one grid cannot serve all wavelengths of a medium, where it is known to matter."""
-    if medium.reference is not None:
+    if medium.at_grid_wavelengths is not None:
         return
     depth = np.trapezoid(medium.extinction_per_km, medium.altitude_km, axis=0)
     depth = depth[depth > 0.0]
-    if depth.size > 1 and depth.max() > UNLIKE * depth.min() and len(set(alike(medium, settings))) > 1:
+    if (
+        depth.size > 1
+        and depth.max() > MAX_DEPTH_RATIO * depth.min()
+        and len(set(spectral_groups(medium, settings))) > 1
+    ):
         warnings.warn(
             f"the medium's wavelengths have optical depths from {depth.min():.2g} to {depth.max():.2g} and need "
             "different grids: solved in one field the thinner ones may be off by more than 1 %; solve them apart, as "
@@ -97,7 +142,7 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
     convergence = field.convergence
     if convergence and settings.tolerance > 0.0 and convergence.residual >= field.settings.tolerance:
         warnings.warn(
-            f"solver.max_events {settings.max_events} was not enough: the last event still moved the light by "
+            f"solver.max_orders {settings.max_orders} was not enough: the last order still moved the light by "
             f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
             TwilightWarning,
             stacklevel=3,
@@ -109,32 +154,33 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
             TwilightWarning,
             stacklevel=3,
         )
-    depth = float(np.trapezoid(field.profile.scattering, field.profile.altitude_km, axis=0).max())
-    if settings.max_events > 1 and depth > THICK:
+    depth = float(np.trapezoid(field.grids.profile.scattering, field.grids.profile.altitude_km, axis=0).max())
+    if settings.max_orders > 1 and depth > MAX_COMPARED_DEPTH:
         warnings.warn(
             f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: the light "
-            f"of the zones solver was compared with other solutions up to {THICK:g}, and may be wrong beyond",
+            f"of the zones solver was compared with other solutions up to {MAX_COMPARED_DEPTH:g}, and may be wrong "
+            "beyond",
             TwilightWarning,
             stacklevel=3,
         )
     peak, peaked_depth = _sharpest_peak(field.medium)
-    if settings.max_events > 1 and peak > PEAKED:
+    if settings.max_orders > 1 and peak > PEAKED_ASYMMETRY:
         warnings.warn(
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
-            "follow: beside the referee, quality standard is up to 4 % off at an asymmetry of 0.99, where its optical "
-            f"depth is 0.5; here it is {peaked_depth:.2g}",
+            "follow: beside the reference solution, quality standard is up to 4 % off at an asymmetry of 0.99, where "
+            f"its optical depth is 0.5; here it is {peaked_depth:.2g}",
             TwilightWarning,
             stacklevel=3,
         )
-    layers, layer_depth = thin_layers(field.profile)
+    layers, layer_depth = thin_layers(field.grids.profile)
     base = layers[:, 0]
     high = base >= HIGH_KM
-    if settings.max_events > 1 and high.any() and field.sun_range_deg[0] < 0.0:
+    if settings.max_orders > 1 and high.any() and field.sun_range_deg[0] < 0.0:
         warnings.warn(
             f"a layer of optical depth {layer_depth[high][0]:.2g}, thinner than 2 km, at {base[high][0]:.3g} km: with "
-            "the sun below the horizon light leaks along it by tens of events; the zones solver was compared with the "
-            "referee for one such layer alone, 1 km of optical depth 1 at 50 km, sun at -6 deg, where standard is "
-            "1.5 to 3.7 % darker",
+            "the sun below the horizon light leaks along it by tens of scatterings; the zones solver was compared with "
+            "the reference solution for one such layer alone, 1 km of optical depth 1 at 50 km, sun at -6 deg, where "
+            "standard is 1.5 to 3.7 % darker",
             TwilightWarning,
             stacklevel=3,
         )
@@ -144,8 +190,8 @@ def _sharpest_peak(medium: Medium) -> tuple[float, float]:
     """(the largest asymmetry parameter of the kinds of aerosol that there is more of than PEAKED_DEPTH, and the largest
     vertical optical depth of that kind); zeros where there is none."""
     found = [(0.0, 0.0)]
-    for phase, share in zip(medium.phase_functions, medium.aerosol_share, strict=True):
-        depth = np.trapezoid(medium.aerosol_extinction_per_km * share, medium.altitude_km, axis=0).max()
+    for phase, fraction in zip(medium.phase_functions, medium.aerosol_phase_fraction, strict=True):
+        depth = np.trapezoid(medium.aerosol_extinction_per_km * fraction, medium.altitude_km, axis=0).max()
         if depth > PEAKED_DEPTH:
             found.append((float(phase.legendre_moments(1)[:, 1].max()), float(depth)))
     return max(found)
@@ -154,24 +200,22 @@ def _sharpest_peak(medium: Medium) -> tuple[float, float]:
 def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     """Read a field that `Field.save` wrote.
 
-    Errors: TwilightError for a file that is missing, broken or of another kind.
+    Raises
+    ------
+    TwilightError
+        For a file that is missing, broken or of another kind.
     """
     stored = read(path)
-    field = Field(
-        stored.medium,
-        stored.settings,
-        observer_altitude_km,
-        zenith_range_deg=stored.zenith_range_deg,
-        solved=(stored.beam, stored.solutions, stored.convergence),
-    )
+    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg)
+    field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.asked = stored.asked
     return field
 
 
 def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
     """The settings with the grids of a quality; physics, target and file stay as they are."""
-    kept = (
-        "max_events",
+    unchanged = (
+        "max_orders",
         "polarisation",
         "refraction",
         "bent_lines_of_sight",
@@ -179,21 +223,21 @@ def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
         "target_error",
         "field_file",
     )
-    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in kept})
+    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in unchanged})
 
 
 def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
     suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    tell = progress or silent
+    report_progress = progress or silent
     before: np.ndarray | None = None
     field = None
     error = float("inf")
     for k, name in enumerate(LADDER):
 
-        def report(doing: str, share: float, k: int = k, name: str = name) -> None:
-            tell(f"{name}: {doing}", (k + share) / len(LADDER))
+        def report(doing: str, fraction: float, k: int = k, name: str = name) -> None:
+            report_progress(f"{name}: {doing}", (k + fraction) / len(LADDER))
 
-        field = Field(medium, at_quality(settings, name), observer_altitude_km, report, zenith_range_deg=needed)
+        field = _solved(medium, at_quality(settings, name), observer_altitude_km, report, needed)
         sky = _samples(field, suns)
         if before is not None:
             error = _difference(before, sky)

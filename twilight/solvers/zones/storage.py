@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from os.path import isfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from twilight.atmosphere.grid_medium import GridMedium
 from twilight.atmosphere.medium import Medium
-from twilight.atmosphere.reference import Reference
-from twilight.errors import TwilightError
-from twilight.phase import PhaseFunction
-from twilight.reading import check_hdf5
+from twilight.base.errors import TwilightError
+from twilight.base.reading import check_hdf5
+from twilight.base.whole_files import whole_content
+from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.base import Convergence
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 6"
-_SOLUTION = ("log_mean", "ratio", "log_ground", "waves")
-_MEDIUM = tuple(f.name for f in fields(Medium) if f.name not in ("phase_functions", "earth_radius_km", "name", "notes"))
+FORMAT = "twilight zones field 9"
+_SOLUTION = ("log_mean", "ratio", "log_ground", "amplitudes")
+_MEDIUM = tuple(
+    f.name
+    for f in fields(Medium)
+    if f.name not in ("phase_functions", "earth_radius_km", "name", "notes", "grid_medium")
+)
 
 
 @dataclass(frozen=True)
@@ -40,14 +44,14 @@ class Stored:
     asked: ZonesSettings
     zenith_range_deg: tuple[float, float]
     beam: Beam
-    solutions: list[Solution]
+    solutions: Sequence[Solution]
     convergence: Convergence | None
 
 
 def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> str:
     """SHA-256 of all that a solution depends on."""
     digest = hashlib.sha256(FORMAT.encode())
-    for part in (medium, medium.reference):
+    for part in (medium, medium.at_grid_wavelengths):
         if part is not None:
             _add_medium(digest, part)
     digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
@@ -69,7 +73,7 @@ def _physics(settings: ZonesSettings) -> dict[str, Any]:
     return {key: value for key, value in asdict(settings).items() if key != "field_file"}
 
 
-def _content_hash(beam: Beam, solutions: list[Solution]) -> str:
+def _content_hash(beam: Beam, solutions: Sequence[Solution]) -> str:
     """SHA-256 of what was computed: kernels trust the shapes and values of these arrays."""
     digest = hashlib.sha256()
     arrays = [beam.pool, beam.layout, *(getattr(s, key) for s in solutions for key in _SOLUTION)]
@@ -85,37 +89,24 @@ def save(field: Stored, path: str | Path) -> None:
     """
     import h5py
 
-    path = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be written ({error.strerror})") from None
-    os.close(handle)
-    try:
-        with h5py.File(name, "w") as file:
-            file.attrs["format"] = FORMAT
-            file.attrs["hash"] = field_hash(field.medium, field.asked, field.zenith_range_deg)
-            file.attrs["content"] = _content_hash(field.beam, field.solutions)
-            file.attrs["settings"] = json.dumps(asdict(field.settings))
-            file.attrs["asked"] = json.dumps(asdict(field.asked))
-            file.attrs["zenith_range_deg"] = field.zenith_range_deg
-            convergence = field.convergence
-            file.attrs["convergence"] = json.dumps(asdict(convergence) if convergence else None)
-            _write_medium(file.create_group("medium"), field.medium)
-            if field.medium.reference is not None:
-                _write_medium(file.create_group("reference"), field.medium.reference)
-            file["beam/pool"], file["beam/layout"] = field.beam.pool, field.beam.layout
-            for k, solution in enumerate(field.solutions):
-                g = file.create_group(f"solution_{k}")
-                g.attrs["events"], g.attrs["residual"] = solution.events, solution.residual
-                for key in _SOLUTION:
-                    g[key] = getattr(solution, key)
-        os.replace(name, path)
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be written ({error})") from None
-    finally:
-        if os.path.exists(name):
-            os.unlink(name)
+    with whole_content(path) as content, h5py.File(content, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["hash"] = field_hash(field.medium, field.asked, field.zenith_range_deg)
+        file.attrs["content"] = _content_hash(field.beam, field.solutions)
+        file.attrs["settings"] = json.dumps(asdict(field.settings))
+        file.attrs["asked"] = json.dumps(asdict(field.asked))
+        file.attrs["zenith_range_deg"] = field.zenith_range_deg
+        convergence = field.convergence
+        file.attrs["convergence"] = json.dumps(asdict(convergence) if convergence else None)
+        _write_medium(file.create_group("medium"), field.medium)
+        if field.medium.at_grid_wavelengths is not None:
+            _write_medium(file.create_group("grid_medium"), field.medium.at_grid_wavelengths)
+        file["beam/pool"], file["beam/layout"] = field.beam.pool, field.beam.layout
+        for k, solution in enumerate(field.solutions):
+            g = file.create_group(f"solution_{k}")
+            g.attrs["orders"], g.attrs["residual"] = solution.orders, solution.residual
+            for key in _SOLUTION:
+                g[key] = getattr(solution, key)
 
 
 def read(path: str | Path) -> Stored:
@@ -134,8 +125,8 @@ def read(path: str | Path) -> Stored:
                 raise TwilightError(f"{path}: is not a field of the zones solver ({FORMAT})")
             check_hdf5(path, file)
             medium = _read_medium(file["medium"])
-            if "reference" in file:
-                medium = medium.with_reference(Reference.of(_read_medium(file["reference"])))
+            if "grid_medium" in file:
+                medium = replace(medium, grid_medium=GridMedium.of(_read_medium(file["grid_medium"])))
             settings = ZonesSettings(**json.loads(file.attrs["settings"]))
             asked = ZonesSettings(**json.loads(file.attrs["asked"]))
             zenith_range = tuple(float(x) for x in file.attrs["zenith_range_deg"])
@@ -145,10 +136,12 @@ def read(path: str | Path) -> Stored:
             while f"solution_{len(solutions)}" in file:
                 g = file[f"solution_{len(solutions)}"]
                 arrays = {key: g[key][()] for key in _SOLUTION}
-                solutions.append(Solution(**arrays, events=int(g.attrs["events"]), residual=float(g.attrs["residual"])))
+                solutions.append(Solution(**arrays, orders=int(g.attrs["orders"]), residual=float(g.attrs["residual"])))
             beam = Beam(file["beam/pool"][()], file["beam/layout"][()])
             if _content_hash(beam, solutions) != file.attrs["content"]:
                 raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
+            if not all(np.isfinite(getattr(s, key)).all() for s in solutions for key in _SOLUTION):
+                raise TwilightError(f"{path}: holds values that are not numbers; solve the field again")
             convergence = json.loads(file.attrs["convergence"])
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
         raise TwilightError(f"{path}: is not a whole field of the zones solver ({error})") from None

@@ -12,23 +12,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.kernels import njit
-from twilight.threads import in_slices
+from twilight.base.threads import in_slices
+from twilight.jit.kernels import njit
 from twilight.transport.beam import Beam, beam_at, beam_on_ground, lit_at
 
 DARK = np.float32(-690.0)
-"""Logarithm that counts as no light."""
+"""ln(irradiance over F0) that counts as no light."""
 N_ANGLE = 1280
-"""Nodes are 0.01 deg apart where light that grazes a hazy layer changes by e within 0.05 deg."""
-
-
-ROWS, LONGEST_KM, LONGEST_GROWTH, BELOW_KM = 8, 0.1, 0.02, 1e-7
-"""Altitudes of the table in an interval between nodes; their largest distance [km] at the ground, and per height; how
-far below a jump the table has its lower side."""
+"""Number of intervals of the angle to the shadow's edge: 0.01 deg where light that grazes a hazy layer changes by e
+within 0.05 deg."""
+MIN_ROWS = 8
+"""Least altitudes of the table in an interval between the field's nodes."""
+MAX_STEP_KM = 0.1
+"""Largest interval between altitudes of the table at the ground [km]."""
+STEP_GROWTH = 0.02
+"""Growth of that largest interval with height above the ground."""
+BELOW_JUMP_KM = 1e-7
+"""Distance [km] below a jump of the air at which the table has the jump's lower side."""
 
 
 class Sunlight(NamedTuple):
-    """altitude_km (A,), a doubled one is a jump; edge_rad (A,): solar zenith angle of the shadow's edge.
+    """The direct beam on a grid: altitude_km (A,), doubled at a jump of the air; edge_rad (A,): solar zenith angle of
+    the shadow's edge.
 
     log_light (A, N_ANGLE + 1, W): logarithm of the beam's irradiance over F0 at the angle span_rad (j/N_ANGLE)^2
     inside the edge; ground (N_ANGLE + 1, W): logarithm of the irradiance on the horizontal ground.
@@ -71,16 +76,16 @@ def _fill(beam, altitude, span, edge, log_light, ground, begin, end):
 
 
 def table_altitudes(node_km: np.ndarray, jumps_km: np.ndarray) -> np.ndarray:
-    """Altitudes [km] of the table: ROWS in every interval of the field's nodes, more in a long one.
+    """Altitudes [km] of the table: MIN_ROWS in every interval of the field's nodes, more in a long one.
 
     Nodes crowd where the air is layered, and there the grazing beam's logarithm bends most.  A jump is doubled.
     """
     rows = []
     for a, b in pairwise(node_km):
-        longest = LONGEST_KM + LONGEST_GROWTH * (a - node_km[0])
-        rows.append(np.linspace(a, b, max(ROWS, math.ceil((b - a) / longest)), endpoint=False))
+        longest = MAX_STEP_KM + STEP_GROWTH * (a - node_km[0])
+        rows.append(np.linspace(a, b, max(MIN_ROWS, math.ceil((b - a) / longest)), endpoint=False))
     # a value on a jump is the one above it: stay just below
-    return np.sort(np.concatenate([*rows, jumps_km - BELOW_KM, node_km[-1:] - BELOW_KM]))
+    return np.sort(np.concatenate([*rows, jumps_km - BELOW_JUMP_KM, node_km[-1:] - BELOW_JUMP_KM]))
 
 
 def make_sunlight(beam: Beam, node_km: np.ndarray, jumps_km: np.ndarray) -> Sunlight:

@@ -1,13 +1,14 @@
-"""A water surface under the field: what it makes of the sky's light and of sunlight (:mod:`twilight.water`).
+"""A water surface under the field: what it makes of the sky's light and of sunlight
+(:mod:`twilight.atmosphere.water_surface`).
 
 The surface looks the same from all sides, so that it keeps the order m of cos(m azimuth) in I and Q and of sin(m
 azimuth) in U: each order has a matrix of its own from the polar angles above the ground to those that one looks down
 in.  It is summed over slopes of facets, with light interpolated by cubics between polar angles.
 Sunlight is mirrored with exact angles wherever a ray ends on the water.
 
-Arguments that the kernels share: turning (N, T, F, 3): as in `Turning`, place: of the end of a ray in it; transmittance
-(LANES,): of a ray to its end; index (W,): refractive index; slope2: mean square slope; c: cosine of the azimuth from
-the sun; surface: `Surface`.
+Arguments that the kernels share: geometry (N, T, F, 3): as in `RayGeometry`, place: of the end of a ray in it;
+transmittance (LANES,): of a ray to its end; index (W,): refractive index; slope2: mean square slope; c: cosine of the
+azimuth from the sun; surface: `WaterSurface`.
 """
 
 from __future__ import annotations
@@ -18,25 +19,32 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.kernels import njit
+from twilight.atmosphere.water_surface import fresnel, glitter, refractive_index, smith_lambda
+from twilight.jit.kernels import njit
 from twilight.solvers.zones.grid import HORIZON_WIDTH
+from twilight.solvers.zones.ray_points import COS_AZIMUTH, PLACE, ZENITH
 from twilight.solvers.zones.sunlight import N_ANGLE
 from twilight.transport.beam import beam_at
-from twilight.water import fresnel, glitter, hidden, refractive_index
 
-N_COSINES, COSINE_WIDTH = 48, 0.3
-"""Cosines of the zenith angle under which the reflected sky is tabulated, between which it is linear; they are closer
-together within the second of the horizon."""
-N_SLOPES, N_TURNS = 64, 72
-"""Facets of the quadrature: sizes of the slope x its azimuths over half a turn, the other half being alike."""
-LEAST_LIGHT, LEAST_SHARE = 1e-30, 1e-3
-"""Of the light of an azimuth: at least, and over the mean of all azimuths."""
+N_COSINES = 48
+"""Number of cosines of the zenith angle at which the reflected sky is tabulated; it is linear between them."""
+COSINE_WIDTH = 0.3
+"""Cosine below which the cosines of that table lie closer together."""
+N_SLOPES = 64
+"""Number of slopes in the quadrature over facets of the water."""
+N_FACET_AZIMUTHS = 72
+"""Number of azimuths over half a turn in the quadrature over facets; the other half is the mirror image."""
+MIN_RADIANCE = 1e-30
+"""Least mean radiance over azimuths [sr^-1] whose logarithm is taken."""
+MIN_AZIMUTH_RATIO = 1e-3
+"""Least radiance at an azimuth over the mean of all azimuths whose logarithm is taken."""
 N_CELL = 5
-"""Points in each of two directions over which sunlight on the water is taken in the cell of a direction."""
+"""Number of points, in zenith angle and in azimuth, at which mirrored sunlight is taken in the cell of a direction."""
 
 
-class Surface(NamedTuple):
-    """refractive_index (W,) and mean square slope slope2 of water, see :mod:`twilight.water`; slope2 is 0 for land."""
+class WaterSurface(NamedTuple):
+    """refractive_index (W,) and mean square slope slope2 of water, see :mod:`twilight.atmosphere.water_surface`;
+    slope2 is 0 for land."""
 
     refractive_index: np.ndarray
     slope2: float
@@ -47,20 +55,22 @@ def cosines() -> np.ndarray:
     return np.sinh(np.linspace(0.0, np.arcsinh(1.0 / COSINE_WIDTH), N_COSINES)) * COSINE_WIDTH * (1.0 - 1e-3) + 1e-3
 
 
-def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray, slope2: float) -> np.ndarray:
+def reflection(
+    cosine: np.ndarray, azimuthal_orders: int, n_stokes: int, index: np.ndarray, slope2: float
+) -> np.ndarray:
     """(W, orders, N_COSINES, S, P, S): amplitudes reflected of those that fall in.
 
     cosine (P,): of the zenith angles that light falls in from, increasing from above 0
     index (W,): refractive index of the water; orders from 0; S = n_stokes, 1 or 3
     """
     t, part = np.polynomial.laguerre.laggauss(N_SLOPES)
-    turn = np.pi * (np.arange(N_TURNS) + 0.5) / N_TURNS
-    slope = np.sqrt(slope2 * np.repeat(t, N_TURNS))
-    weight = np.repeat(part, N_TURNS) / N_TURNS
+    turn = np.pi * (np.arange(N_FACET_AZIMUTHS) + 0.5) / N_FACET_AZIMUTHS
+    slope = np.sqrt(slope2 * np.repeat(t, N_FACET_AZIMUTHS))
+    weight = np.repeat(part, N_FACET_AZIMUTHS) / N_FACET_AZIMUTHS
     up = 1.0 / np.sqrt(1.0 + slope**2)
     normal = np.stack([slope * np.cos(np.tile(turn, N_SLOPES)) * up, slope * np.sin(np.tile(turn, N_SLOPES)) * up, up])
-    out = np.zeros((index.size, orders, N_COSINES, n_stokes, cosine.size, n_stokes))
-    m = np.arange(orders)[:, None]
+    out = np.zeros((index.size, azimuthal_orders, N_COSINES, n_stokes, cosine.size, n_stokes))
+    m = np.arange(azimuthal_orders)[:, None]
     for k, mu in enumerate(cosines()):
         sine = math.sqrt(max(0.0, 1.0 - mu * mu))
         look = np.array([sine, 0.0, -mu])
@@ -70,10 +80,10 @@ def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray
         if not seen.any():
             continue
         mu_in, cos_in = np.where(seen, source[2], 1.0), np.where(seen, cos_i, 1.0)
-        visible = 1.0 / (1.0 + hidden(mu, slope2) + _hidden(mu_in, slope2))
+        visible = 1.0 / (1.0 + smith_lambda(mu, slope2) + _smith_lambda(mu_in, slope2))
         factor = np.where(seen, weight * visible * cos_in / (mu * up), 0.0)
         azimuth = np.arctan2(source[1], source[0])
-        share = _between(cosine, mu_in)
+        fraction = _between(cosine, mu_in)
         cos_m, sin_m = np.cos(m * azimuth), np.sin(m * azimuth)
         c2, s2, c20, s20 = _rotations(look, source)
         for w, n in enumerate(index):
@@ -86,23 +96,24 @@ def reflection(cosine: np.ndarray, orders: int, n_stokes: int, index: np.ndarray
                 for b in range(n_stokes):
                     odd = (a == 2) != (b == 2)
                     # I and Q go with the cosine, U with the sine
-                    wave = cos_m if not odd else (sin_m if b == 2 else -sin_m)
-                    out[w, :, k, a, :, b] = (factor * rows[a][b] * wave) @ share
+                    amplitude = cos_m if not odd else (sin_m if b == 2 else -sin_m)
+                    out[w, :, k, a, :, b] = (factor * rows[a][b] * amplitude) @ fraction
     return out
 
 
 @njit(cache=True)
-def _hidden(cosine, slope2):
-    """`twilight.water.hidden` for cosines of zenith angles, cosine (N,)."""
+def _smith_lambda(cosine, slope2):
+    """`twilight.atmosphere.water_surface.smith_lambda` for cosines of zenith angles, cosine (N,)."""
     out = np.empty(cosine.size)
     for k in range(cosine.size):
-        out[k] = hidden(cosine[k], slope2)
+        out[k] = smith_lambda(cosine[k], slope2)
     return out
 
 
 @njit(cache=True)
 def _fresnel(cosine, index):
-    """`twilight.water.fresnel` for cosines of the angle of incidence, cosine (N,), and one index: (2, N)."""
+    """`twilight.atmosphere.water_surface.fresnel` for cosines of the angle of incidence, cosine (N,), and one index:
+    (2, N)."""
     out = np.empty((2, cosine.size))
     for k in range(cosine.size):
         out[0, k], out[1, k] = fresnel(cosine[k], index)
@@ -159,12 +170,12 @@ def _rotations(look: np.ndarray, source: np.ndarray):
 def reflected_sky(table: np.ndarray, radiance: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     """Amplitudes (N_COSINES, S, orders, T, LANES) of the reflected light.
 
-    table: of `reflection`, a matrix for every lane; radiance (P, T, F, S', LANES) at its cosines and azimuths (F,), S'
-    being S or 1.  Orders may be more than F: see `_more_azimuths`.
+    table: of `reflection`, a matrix for every wavelength of the block; radiance (P, T, F, S', LANES) at its cosines and
+        azimuths (F,), S' being S or 1.  Orders may be more than F: see `_more_azimuths`.
     """
-    known, orders = radiance.shape[3], table.shape[1]
-    fine, light = _more_azimuths(radiance, azimuth, 2 * orders)
-    m = np.arange(orders)[:, None]
+    known, azimuthal_orders = radiance.shape[3], table.shape[1]
+    fine, light = _more_azimuths(radiance, azimuth, 2 * azimuthal_orders)
+    m = np.arange(azimuthal_orders)[:, None]
     norm = np.where(m == 0, 1.0, 2.0) / fine.size
     cos_m, sin_m = norm * np.cos(m * fine), norm * np.sin(m * fine)
     parts = [np.einsum("mf,ptfw->mptw", sin_m if s == 2 else cos_m, light[..., s, :]) for s in range(known)]
@@ -184,19 +195,19 @@ def _more_azimuths(radiance: np.ndarray, azimuth: np.ndarray, n: int) -> tuple[n
         np.where(m + 1 == azimuth.size, 1.0, 2.0) / azimuth.size * np.sin((m + 1) * azimuth)
     )
     intensity = radiance[..., 0, :].astype(float)
-    mean = np.maximum(intensity.mean(axis=2, keepdims=True), LEAST_LIGHT)
-    intensity = np.maximum(intensity, LEAST_SHARE * mean)
+    mean = np.maximum(intensity.mean(axis=2, keepdims=True), MIN_RADIANCE)
+    intensity = np.maximum(intensity, MIN_AZIMUTH_RATIO * mean)
     found = np.exp(np.einsum("nf,ptfw->ptnw", even, np.log(intensity)))
     shares = [
         np.einsum("nf,ptfw->ptnw", odd if s == 2 else even, radiance[..., s, :] / intensity)
         for s in range(1, radiance.shape[3])
     ]
-    return fine, np.stack([found, *(found * share for share in shares)], axis=3)
+    return fine, np.stack([found, *(found * fraction for fraction in shares)], axis=3)
 
 
-def surface_of(medium: Medium, lanes: np.ndarray) -> Surface:
+def surface_of(medium: Medium, lanes: np.ndarray) -> WaterSurface:
     """Of a medium, at some of its wavelengths (N,)."""
-    return Surface(refractive_index(medium.wavelength_nm)[lanes], float(medium.water_mean_square_slope))
+    return WaterSurface(refractive_index(medium.wavelength_nm)[lanes], float(medium.water_mean_square_slope))
 
 
 def place_of_cosine(cosine: np.ndarray) -> np.ndarray:
@@ -205,13 +216,14 @@ def place_of_cosine(cosine: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, inline="always")
-def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
-    """Add the reflected sky to out (S, LANES); waves (T', N_COSINES, S', orders, LANES) of S' >= S parameters.
+def add_amplitudes(log_ground, amplitudes, j, b1, place, c, transmittance, out):
+    """Add the reflected sky to out (S, LANES); amplitudes (T', N_COSINES, S', orders, LANES) of S' >= S parameters.
 
-    log_ground (T', LANES): as in `Light`; (j, b1): place among the zenith angles of the sun; place: among the cosines;
+    log_ground (T', LANES): as in `RadianceField`; (j, b1): place among the zenith angles of the sun; place: among the
+        cosines;
     c: cosine of the azimuth from the sun.
     """
-    k = min(int(place), waves.shape[1] - 2)
+    k = min(int(place), amplitudes.shape[1] - 2)
     h1 = place - k
     h0 = 1.0 - h1
     b0 = 1.0 - b1
@@ -222,19 +234,19 @@ def add_amplitudes(log_ground, waves, j, b1, place, c, transmittance, out):
         for s in range(out.shape[0]):
             total = 0.0
             cosine, sine = 1.0, 0.0
-            for m in range(waves.shape[3]):
-                near = h0 * waves[j, k, s, m, w] + h1 * waves[j, k + 1, s, m, w]
-                far = h0 * waves[j + 1, k, s, m, w] + h1 * waves[j + 1, k + 1, s, m, w]
+            for m in range(amplitudes.shape[3]):
+                near = h0 * amplitudes[j, k, s, m, w] + h1 * amplitudes[j, k + 1, s, m, w]
+                far = h0 * amplitudes[j + 1, k, s, m, w] + h1 * amplitudes[j + 1, k + 1, s, m, w]
                 total += (b0 * near + b1 * far) * (sine if s == 2 else cosine)
                 cosine, sine = cosine * c1 - sine * s1, sine * c1 + cosine * s1
             out[s, w] += scale * (max(0.0, total) if s == 0 else total)
 
 
 @njit(cache=True, nogil=True)
-def reflect(turning, light, ground_weight, ground_angle, ground_place, out, begin, end):
+def reflect(geometry, light, ground_weight, ground_angle, ground_place, out, begin, end):
     """Add the sky that water reflects at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
 
-    turning, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`; for
+    geometry, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`; for
     node altitudes begin..end.
     """
     n_polar = out.shape[1]
@@ -243,17 +255,18 @@ def reflect(turning, light, ground_weight, ground_angle, ground_place, out, begi
             ray = node * n_polar + i
             if ground_weight[ray].max() > 0.0:
                 add_reflected(
-                    turning, ground_angle[ray], light.log_ground, light.waves, ground_place[ray], ground_weight[ray],
+                    geometry, ground_angle[ray], light.log_ground, light.amplitudes, ground_place[ray],
+                    ground_weight[ray],
                     out[node, i],
                 )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, surface, out, begin, end):
+def mirror_sunlight(geometry, beams, ground_weight, ground_angle, ground_cells, surface, out, begin, end):
     """Add the sunlight that water mirrors at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
 
-    turning, beams, ground_weight, ground_angle: as in `first.scatter_sunlight`; ground_cells (R, 3): of `cells`;
-    surface: `Surface`; for node altitudes begin..end.
+    geometry, beams, ground_weight, ground_angle: as in `first.scatter_sunlight`; ground_cells (R, 3): of `cells`;
+    surface: `WaterSurface`; for node altitudes begin..end.
     """
     n_polar = out.shape[1]
     for node in range(begin, end):
@@ -261,23 +274,24 @@ def mirror_sunlight(turning, beams, ground_weight, ground_angle, ground_cells, s
             ray = node * n_polar + i
             if ground_weight[ray].max() > 0.0:
                 cell = ground_cells[ray]
-                add_sunlit_water(turning, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
+                add_sunlit_water(geometry, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
 
 
 @njit(inner=True, cache=True, nogil=True)
-def add_reflected(turning, place, log_ground, waves, cosine_place, transmittance, sums):
+def add_reflected(geometry, place, log_ground, amplitudes, cosine_place, transmittance, sums):
     """The sky that water reflects at the end of a ray, added to sums (T, F, S, LANES).
 
-    log_ground (T', LANES), waves (T', N_COSINES, S', orders, LANES): as in `Light`; cosine_place: of `place_of_cosine`.
+    log_ground (T', LANES), amplitudes (T', N_COSINES, S', orders, LANES): as in `RadianceField`; cosine_place: of
+    `place_of_cosine`.
     """
-    step = min(int(place), turning.shape[0] - 2)
+    step = min(int(place), geometry.shape[0] - 2)
     h1 = place - step
     for t in range(sums.shape[0]):
         for a in range(sums.shape[1]):
-            x = (1.0 - h1) * turning[step, t, a, 0] + h1 * turning[step + 1, t, a, 0]
-            c = (1.0 - h1) * turning[step, t, a, 1] + h1 * turning[step + 1, t, a, 1]
+            x = (1.0 - h1) * geometry[step, t, a, PLACE] + h1 * geometry[step + 1, t, a, PLACE]
+            c = (1.0 - h1) * geometry[step, t, a, COS_AZIMUTH] + h1 * geometry[step + 1, t, a, COS_AZIMUTH]
             j = min(int(x), log_ground.shape[0] - 2)
-            add_amplitudes(log_ground, waves, j, x - j, cosine_place, c, transmittance, sums[t, a])
+            add_amplitudes(log_ground, amplitudes, j, x - j, cosine_place, c, transmittance, sums[t, a])
 
 
 @njit(cache=True, inline="always")
@@ -289,7 +303,7 @@ def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
     sine_in = math.sqrt(max(0.0, 1.0 - mu_in * mu_in))
     sine_out = math.sqrt(max(0.0, 1.0 - mu_out * mu_out))
     cosine = sine_in * sine_out * c - mu_in * mu_out
-    # the scattering plane from the vertical one, as in `polarised.rotated` for a direction that looks down
+    # from the vertical to the scattering plane, as `scattering_geometry` for a direction that looks down
     of_v = sine_out * mu_in + mu_out * sine_in * c
     of_h = -sine_in * math.sqrt(max(0.0, 1.0 - c * c))
     square = max(of_v * of_v + of_h * of_h, 1e-30)
@@ -303,21 +317,24 @@ def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
 
 
 @njit(inner=True, cache=True, nogil=True)
-def add_sunlit_water(turning, place, beams, transmittance, surface, cell, sums):
-    """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `Beams`.
+def add_sunlit_water(geometry, place, beams, transmittance, surface, cell, sums):
+    """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `BeamAtPoints`.
 
     The glint is narrower than the field's directions are apart, and is taken as its mean over the cell of each: the
     `cell` of `cells`, and the part of the half turn that an azimuth stands for.
     """
     low, high, squeeze = cell
-    step = min(int(place), turning.shape[0] - 2)
+    index, slope2 = surface.refractive_index, surface.slope2
+    step = min(int(place), geometry.shape[0] - 2)
     h1 = place - step
     scale = N_ANGLE / math.sqrt(beams.span_rad)
     light = np.zeros(sums.shape[3])
     width = math.pi / sums.shape[1]
     for t in range(sums.shape[0]):
         for a in range(sums.shape[1]):
-            inside = beams.edge_rad[0] - ((1.0 - h1) * turning[step, t, a, 2] + h1 * turning[step + 1, t, a, 2])
+            inside = beams.edge_rad[0] - (
+                (1.0 - h1) * geometry[step, t, a, ZENITH] + h1 * geometry[step + 1, t, a, ZENITH]
+            )
             if inside < 0.0:
                 continue
             x = scale * math.sqrt(inside)
@@ -330,23 +347,14 @@ def add_sunlit_water(turning, place, beams, transmittance, surface, cell, sums):
                 light[w] = math.exp(log_light) / N_CELL**2
                 # the beam's light on a level surface over that on one normal to it: the sine of the sun as it is seen
                 mu_in = max(mu_in, min(1.0, math.exp(log_level - log_light)))
-            c = (1.0 - h1) * turning[step, t, a, 1] + h1 * turning[step + 1, t, a, 1]
+            c = (1.0 - h1) * geometry[step, t, a, COS_AZIMUTH] + h1 * geometry[step + 1, t, a, COS_AZIMUTH]
             azimuth = math.acos(min(1.0, max(-1.0, c)))
             for m in range(N_CELL):
                 cosine = math.cos(min(math.pi, max(0.0, azimuth + width * ((m + 0.5) / N_CELL - 0.5))))
                 for n in range(N_CELL):
                     mu = low + (high - low) * (n + 0.5) / N_CELL
                     mu_out = math.sqrt(max(1e-6, 1.0 - (1.0 - mu * mu) * squeeze))
-                    add_mirrored(
-                        mu_in,
-                        mu_out,
-                        cosine,
-                        surface.refractive_index,
-                        surface.slope2,
-                        light,
-                        transmittance,
-                        sums[t, a],
-                    )
+                    add_mirrored(mu_in, mu_out, cosine, index, slope2, light, transmittance, sums[t, a])
 
 
 def cells(cosine: np.ndarray, weight: np.ndarray, ground_cosine: np.ndarray) -> np.ndarray:
@@ -370,7 +378,8 @@ def cells(cosine: np.ndarray, weight: np.ndarray, ground_cosine: np.ndarray) -> 
 def view_sunlit_water(beam, rays, directions, surface, ground_km, out, begin, end):
     """Sunlight that water in view mirrors, added to out (D, S, W) for rays begin..end; U as to the right of the sun.
 
-    beam: of :func:`twilight.transport.beam.prepare_beam`; rays: `Rays`; directions: `Directions`; surface of all W.
+    beam: of :func:`twilight.transport.beam.prepare_beam`; rays: `RayBundle`; directions: `RayDirections`; surface of
+        all W.
     ground_km: altitude of the water.
     """
     light = np.empty(out.shape[2])

@@ -1,0 +1,100 @@
+"""Figures in README and docs, written from the tables here: each stands on one page, between two marks.
+
+    python benchmarks/pages.py
+
+`tests/test_docs.py` fails where a page says something else than its table.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import results
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+SUNS = {"30 to -6 deg": range(-6, 31), "-9 and -12": range(-12, -8), "-18": range(-18, -17)}
+"""Columns of the table of errors: ranges of the true elevation of the sun [deg]."""
+CASES = {
+    "zones, fresh machine": "a first sky, kernels compiled on the way",
+    "zones, compiled": "a first sky of some air, compiled before",
+    "zones, compiled, field kept": "another sky of the same air and suns, from the cache",
+    "compact, fresh machine": "a first sky with `--solver compact`, which compiles nothing",
+}
+"""Cases of cold_start.csv and what a reader calls them; whole commands, with Python's start and the files written."""
+
+
+def _rows(name: str) -> list[dict[str, Any]]:
+    return results.read_rows(HERE / name)
+
+
+def largest_errors(quality: str) -> dict[str, list[float]]:
+    """Climate to the largest error [%] of each range of suns, in the order of `zones_error.csv`."""
+    found: dict[str, list[float]] = {}
+    for row in _rows("zones_error.csv"):
+        if row["quality"] == quality:
+            errors = found.setdefault(row["climate"], [0.0] * len(SUNS))
+            for i, suns in enumerate(SUNS.values()):
+                if int(row["sun_elevation_deg"]) in suns:
+                    errors[i] = max(errors[i], float(row["excess_percent"]))
+    return found
+
+
+def errors() -> str:
+    """Errors of `zones` in all climates."""
+    standard, draft = largest_errors("standard"), largest_errors("draft")
+    head = [f"`{quality}`, {suns}" for quality in ("standard", "draft") for suns in SUNS]
+    lines = ["| climate | " + " | ".join(head) + " |", "|---|" + "---|" * len(head)]
+    for climate in standard:
+        row = [*standard[climate], *draft.get(climate, [])]
+        lines.append(f"| `{climate}` | " + " | ".join(f"{value:.1f}" for value in row) + " |")
+    return "\n".join(lines)
+
+
+def processor_s() -> dict[str, float]:
+    """Case of cold_start.csv to the processor time [s] of this program."""
+    rows = [row for row in _rows("cold_start.csv") if row["program"] == "this program"]
+    return {row["case"]: float(row["processor_s"]) for row in rows}
+
+
+def times() -> str:
+    """Processor time of whole commands."""
+    took = processor_s()
+    return "\n".join(
+        ["| what | processor time [s] |", "|---|---|"]
+        + [f"| {says} | {took[case]:.0f} |" for case, says in CASES.items()]
+    )
+
+
+def in_short() -> str:
+    """One error and one time."""
+    by_day, _, night = largest_errors("standard")["continental-average"]
+    took = processor_s()
+    return (
+        f"**How wrong**: 95 % of radiances are within {by_day:.1f} % of a Monte-Carlo reference with the sun from +30\n"
+        f"to -6 deg, and within {night:.1f} % at -18 deg (continental air; [other air](docs/accuracy.md)).\n\n"
+        f"**How fast**: a sky takes {took['zones, compiled']:.0f} s of processor time, and the first one on a machine\n"
+        f"{took['zones, fresh machine']:.0f} s, most of it compiling."
+    )
+
+
+PARTS = {
+    "docs/accuracy.md": {"errors of zones": errors, "times": times},
+    "README.md": {"in short": in_short},
+}
+
+
+def filled(page: str) -> str:
+    """The text of a page with what its tables say now."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for name, part in PARTS[page].items():
+        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+        head, _, rest = text.partition(begin)
+        text = f"{head}{begin}\n\n{part()}\n\n{end}{rest.partition(end)[2]}"
+    return text
+
+
+if __name__ == "__main__":
+    for page in PARTS:
+        (ROOT / page).write_text(filled(page), encoding="utf-8")

@@ -1,0 +1,152 @@
+"""Times of twilight: against another program, on days without them, and as configurations and commands take them."""
+
+from __future__ import annotations
+
+import datetime as dt
+import itertools
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from twilight.base.errors import TwilightError
+from twilight.cli.app import app
+from twilight.config import load
+from twilight.scene.suns import suns_of
+from twilight.sky.ephemeris import sun_position
+from twilight.sky.twilight_times import EVENTS, time_of, twilight_times
+
+PLACES = [(52.52, 13.41), (0.0, -8.5), (-33.9, 18.4), (40.0, -3.7), (64.1, -21.9)]
+"""Near Greenwich: elsewhere NREL's search gives some events of the neighbouring day of UTC."""
+BERLIN = {"latitude_deg": 52.5, "longitude_deg": 13.4, "time_zone": "Europe/Berlin"}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_sunrise_noon_and_sunset_are_those_of_nrel(place):
+    """pvlib's own search for them (Reda & Andreas 2004, section 3.14) agrees to a few seconds."""
+    pandas = pytest.importorskip("pandas")
+    from pvlib.solarposition import sun_rise_set_transit_spa
+
+    date = dt.date(2026, 4, 11)
+    found = {event.event: event.time for event in twilight_times(date, *place)}
+    theirs = {"sunrise": [], "sunset": [], "transit": []}
+    for shift in (-1, 0, 1):  # their days are of UTC
+        day = pandas.DatetimeIndex([pandas.Timestamp(date, tz="UTC") + pandas.Timedelta(days=shift)])
+        for name, column in sun_rise_set_transit_spa(day, *place).items():
+            theirs[name].append(column.iloc[0].floor("s").to_pydatetime())
+    # the sun stands highest up to half a minute from the meridian, while its declination changes
+    for ours, name, seconds in (
+        ("sunrise", "sunrise", 10.0),
+        ("sunset", "sunset", 10.0),
+        ("solar noon", "transit", 40.0),
+    ):
+        assert min(abs((found[ours] - t).total_seconds()) for t in theirs[name]) < seconds
+
+
+def test_events_stand_in_the_order_of_a_day_and_at_their_elevations():
+    rows = twilight_times(dt.date(2026, 3, 1), 52.5, 13.4, "Europe/Berlin")
+    assert [row.event for row in rows] == list(EVENTS)
+    times = [row.time for row in rows]
+    assert all(a is not None and b is not None and a < b for a, b in itertools.pairwise(times))
+    for row in rows:
+        assert row.time is not None and row.time.date() == dt.date(2026, 3, 1)
+        wanted = EVENTS[row.event][1]
+        assert wanted is None or sun_position(row.time, 52.5, 13.4).elevation_deg == pytest.approx(wanted, abs=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("latitude", "date", "missing"),
+    [
+        (52.5, "2026-06-21", {"astronomical dawn", "astronomical dusk"}),
+        (69.6, "2026-12-21", {"sunrise", "sunset"}),
+        (78.2, "2026-06-21", set(EVENTS) - {"solar noon"}),
+        (90.0, "2026-12-21", set(EVENTS) - {"solar noon"}),
+    ],
+)
+def test_what_a_day_does_not_have(latitude, date, missing):
+    rows = twilight_times(dt.date.fromisoformat(date), latitude, 18.9, "Europe/Oslo")
+    assert {row.event for row in rows if row.time is None} == missing
+    with pytest.raises(TwilightError, match=rf"there is no {sorted(missing)[0]} on {date}"):
+        time_of(f"{date} {sorted(missing)[0]}", latitude, 18.9, "Europe/Oslo")
+
+
+def test_a_date_is_that_of_the_clocks_of_the_place():
+    """East of the date line and west of it, and where clocks are far from the sun."""
+    for zone, longitude in (("Pacific/Kiritimati", -157.4), ("Pacific/Niue", -169.9), ("Asia/Shanghai", 87.6)):
+        for event in ("sunrise", "sunset"):
+            assert time_of(f"2026-09-20 {event}", 10.0, longitude, zone).date() == dt.date(2026, 9, 20)
+
+
+@pytest.mark.parametrize(
+    ("at", "expected"),
+    [
+        ("2026-06-21 civil dusk", -6.0),
+        ("2026-06-21 Sunset", -0.8333),
+        ("2026-06-21 dusk -4", -4.0),
+        ("2026-06-21 dawn 3.5 deg", 3.5),
+        ("civil dawn", -6.0),
+    ],
+)
+def test_a_configuration_takes_a_twilight_for_a_time(at, expected):
+    (sun,) = suns_of(load("pure-air", {"sun": {"at": at, **BERLIN}}))
+    assert sun.elevation_deg == pytest.approx(expected, abs=3e-3)
+    assert sun.azimuth_deg is not None and (sun.azimuth_deg < 180.0) == ("dawn" in at)
+
+
+@pytest.mark.parametrize(
+    ("at", "utc"),
+    [
+        ("2016-12-31T23:59:60Z", "2017-01-01T00:00:00"),
+        ("2026-06-21T24:00", "2026-06-21T22:00:00"),
+        ("2026-06-21T24:00:00+03:00", "2026-06-21T21:00:00"),
+    ],
+)
+def test_the_end_of_a_day_and_a_leap_second_are_understood(at, utc):
+    (sun,) = suns_of(load("pure-air", {"sun": {"at": at, **BERLIN}}))
+    assert sun.time.astimezone(dt.UTC).replace(tzinfo=None) == dt.datetime.fromisoformat(utc)
+
+
+@pytest.mark.parametrize(
+    "at", ["2026-06-21", "2026-06-21 tea", "2026-06-21T24:01", "2026-02-30T24:00", "2026-02-30 sunset"]
+)
+def test_what_is_no_time_is_one_sentence(at):
+    with pytest.raises(TwilightError, match=r"sun.*at"):
+        load("pure-air", {"sun": {"at": at, **BERLIN}})
+
+
+def test_a_longitude_beyond_a_turn_is_the_same_place():
+    suns = [
+        next(iter(suns_of(load("pure-air", {"sun": {"at": "2026-06-21T12:00", **BERLIN, "longitude_deg": degrees}}))))
+        for degrees in (13.4, 373.4, -346.6, 733.4 - 360.0)
+    ]
+    np.testing.assert_allclose([sun.elevation_deg for sun in suns], suns[0].elevation_deg, atol=1e-9)
+
+
+def test_the_command_lists_them():
+    made = CliRunner().invoke(
+        app,
+        [
+            "times",
+            "--date",
+            "2026-06-21",
+            "--latitude",
+            "52.52",
+            "--longitude",
+            "13.41",
+            "--time-zone",
+            "Europe/Berlin",
+        ],
+    )
+    assert made.exit_code == 0
+    lines = made.output.splitlines()
+    assert len(lines) == 1 + len(EVENTS)
+    assert lines[4].split("\t") == ["sunrise", "2026-06-21 04:43:05+02:00", "-0.83", "47.7"]
+    assert "the sun does not get there" in lines[1]
+
+
+def test_render_plans_a_date_and_an_elevation():
+    place = ["--latitude", "52.5", "--longitude", "13.4", "--time-zone", "Europe/Berlin", "--plan"]
+    made = CliRunner().invoke(app, ["render", "pure-air", "--at", "2026-06-21", "--sun-elevation", "-6", *place])
+    assert made.exit_code == 0, made.output
+    made = CliRunner().invoke(app, ["render", "pure-air", "--at", "2026-06-21T20:00", "--sun-elevation", "-6", *place])
+    assert made.exit_code == 2 and "on a date" in made.output

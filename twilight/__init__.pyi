@@ -1,0 +1,31 @@
+"""Types of the public names, which `__init__.py` loads when they are used."""
+
+from twilight.api.calls import medium, render, solve, solver
+from twilight.api.representation import Sky, SkySeries, open_dataset, read_sky
+from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.config import Climate, Config, load, load_climate
+from twilight.engine import Solved
+from twilight.solvers.compact.compact_sky import CompactSky
+
+__version__: str
+__all__ = [
+    "Climate",
+    "CompactSky",
+    "Config",
+    "Medium",
+    "Sky",
+    "SkySeries",
+    "Solved",
+    "TwilightError",
+    "TwilightWarning",
+    "__version__",
+    "load",
+    "load_climate",
+    "medium",
+    "open_dataset",
+    "read_sky",
+    "render",
+    "solve",
+    "solver",
+]

@@ -1,0 +1,1 @@
+"""What `import twilight` offers."""

@@ -1,0 +1,180 @@
+"""The accessor `.sky` of xarray's datasets: the words of `Sky` on one sky, a sequence of them, or a whole sweep.
+
+import twilight.api.accessor, xarray
+ds = xarray.open_zarr("sweep.zarr")
+ds.sky.magnitude("V", elevation_deg=90)            # over all dimensions of the sweep, lazily
+ds.sky.illuminance_lux()
+ds.sel(sun_elevation_deg=-4).sky.scene()           # one scene as a `Sky`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray
+
+from twilight.api.representation import Sky, plot
+from twilight.base.errors import TwilightError
+from twilight.io.facts import fields_from
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_GRID = ("elevation", "azimuth", "wavelength")
+_RADIANCE = "sun_normalised_radiance"
+_DEFAULT_SPECTRUM = "astm_g173_etr"
+
+
+@xarray.register_dataset_accessor("sky")
+class SkyAccessor:
+    """`.sky` of a dataset that holds `sun_normalised_radiance` over elevation, azimuth, wavelength and any others.
+
+    Half skies (a sweep's, azimuth 0 to 180 deg) stand for whole ones.  Results keep all other dimensions and are as
+    lazy as the dataset; scenes that were not computed are NaN.
+    """
+
+    def __init__(self, dataset: xarray.Dataset):
+        self._dataset = dataset
+        if _RADIANCE not in dataset or not set(_GRID) <= set(dataset[_RADIANCE].dims):
+            raise TwilightError(f".sky: the dataset has no {_RADIANCE} over {', '.join(_GRID)}")
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """The dimensions along which there are several skies."""
+        return tuple(str(d) for d in self._dataset[_RADIANCE].dims if d not in _GRID)
+
+    def scene(self, **indexers: Any) -> Sky:
+        """The one sky that is left after `.sel(**indexers)`, both halves, with all that the dataset knows of it.
+
+        Errors: TwilightError where more than one is left, or where it is not computed or was refused.
+        """
+        chosen = self._dataset.sel(**indexers) if indexers else self._dataset
+        left = [str(d) for d in chosen[_RADIANCE].dims if d not in _GRID and chosen.sizes[d] != 1]
+        if left:
+            raise TwilightError(f".sky.scene: takes one scene; select also along {', '.join(left)}")
+        chosen = chosen.squeeze([d for d in chosen[_RADIANCE].dims if d not in _GRID])
+        if int(chosen.get("status", 1)) != 1:
+            refused = int(chosen["status"]) == 2
+            raise TwilightError(
+                f".sky.scene: this scene {'was refused by its solver' if refused else 'is not computed yet'}"
+            )
+        azimuth, column = _whole(chosen)
+
+        def grid(name: str) -> np.ndarray | None:
+            if name not in chosen or np.isnan(chosen[name]).all():
+                return None
+            return chosen[name].transpose(*_GRID).values[:, column]
+
+        def one(*names: str) -> float | None:
+            found = next((float(chosen[name]) for name in names if name in chosen), None)
+            return None if found is None or np.isnan(found) else found
+
+        def stokes(q: str, u: str) -> np.ndarray | None:
+            both = grid(q), grid(u)
+            if both[0] is None or both[1] is None:
+                return None
+            mirrored = (azimuth > 180.0) & (chosen.azimuth.values[column] <= 180.0)
+            sign = 1.0 if "error" in u else np.where(mirrored, -1.0, 1.0)[:, None]
+            return np.stack([both[0], both[1] * sign], axis=2).astype(float)
+
+        radiance = grid(_RADIANCE)
+        if radiance is None:
+            raise TwilightError(".sky.scene: this scene holds no radiance")
+        facts, bending = fields_from(one), one("solar_bending")
+        if bending is not None:
+            facts["apparent_sun_elevation_deg"] = facts["sun_elevation_deg"] + bending
+        direct = "direct_irradiance_factor"
+        return Sky(
+            wavelength_nm=chosen.wavelength.values,
+            elevation_deg=chosen.elevation.values,
+            azimuth_deg=azimuth,
+            sun_normalised_radiance=radiance.astype(float),
+            ground_albedo=chosen["surface_albedo"].values if "surface_albedo" in chosen else None,
+            standard_error=grid("standard_error"),
+            polarisation=stokes(f"{_RADIANCE}_q", f"{_RADIANCE}_u"),
+            polarisation_error=stokes("standard_error_q", "standard_error_u"),
+            direct_irradiance=chosen[direct].values.astype(float) if direct in chosen else None,
+            solar_spectrum=str(chosen.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM)),
+            night_radiance=grid("night_radiance"),
+            provenance={key: chosen.attrs[key] for key in ("sweep_hash",) if key in chosen.attrs},
+            **facts,
+        )
+
+    def luminance(self) -> xarray.DataArray:
+        """Luminance [cd m^-2] in every direction of the dataset."""
+        count = self._dataset.sizes["azimuth"]
+
+        def of(sky: Sky) -> np.ndarray:
+            return sky.luminance()[:, :count]
+
+        made = self._each("luminance", of, ("elevation", "azimuth"))
+        return made.assign_attrs(units="cd m-2", long_name="luminance of the sky")
+
+    def luminance_at(self, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
+        """Luminance [cd m^-2] in one direction; azimuth relative to the sun."""
+        made = self._each("luminance", lambda sky: sky.luminance_at(elevation_deg, azimuth_deg))
+        return made.assign_attrs(units="cd m-2", long_name=f"luminance at elevation {elevation_deg:g} deg")
+
+    def magnitude(self, band: str = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
+        """Surface brightness [mag arcsec^-2] in one direction; azimuth relative to the sun."""
+        made = self._each("magnitude", lambda sky: sky.magnitude(band, elevation_deg, azimuth_deg))
+        return made.assign_attrs(units="mag arcsec-2", long_name=f"surface brightness in {band}")
+
+    def illuminance_lux(self, horizontal: bool = True) -> xarray.DataArray:
+        """Illuminance of the ground by the sky alone [lx], or of a sphere."""
+        made = self._each("illuminance", lambda sky: sky.illuminance_lux(horizontal))
+        return made.assign_attrs(units="lx", long_name="illuminance by the sky")
+
+    def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Any) -> Figure:
+        """Draw the one sky that is left (`Sky.plot`)."""
+        return plot(self.scene(), projection, ax, **options)
+
+    def _each(self, name: str, figure: Callable[[Sky], Any], dims: tuple[str, ...] = ()) -> xarray.DataArray:
+        """A figure of every sky."""
+
+        data = self._dataset
+        azimuth, column = _whole(data)
+        spectrum = str(data.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM))
+        night = [data["night_radiance"]] if "night_radiance" in data else []
+
+        def one(radiance: np.ndarray, distance_au: float, sun_elevation_deg: float, *night: np.ndarray) -> Any:
+            if np.isnan(radiance).any():
+                return np.full(radiance.shape[: len(dims)], np.nan)
+            sky = Sky(
+                wavelength_nm=data.wavelength.values,
+                elevation_deg=data.elevation.values,
+                azimuth_deg=azimuth,
+                sun_normalised_radiance=radiance[:, column],
+                sun_elevation_deg=float(sun_elevation_deg),
+                distance_au=float(distance_au),
+                solar_spectrum=spectrum,
+                night_radiance=night[0][:, column] if night else None,
+            )
+            return np.asarray(figure(sky), float)
+
+        made = xarray.apply_ufunc(
+            one,
+            data[_RADIANCE],
+            data["earth_sun_distance"] if "earth_sun_distance" in data else 1.0,
+            data["solar_elevation_angle"],
+            *night,
+            input_core_dims=[list(_GRID), [], [], *([list(_GRID)] if night else [])],
+            output_core_dims=[list(dims)],
+            vectorize=True,
+            dask="parallelized",
+            output_dtypes=[float],
+        )
+        return made.rename(name)
+
+
+def _whole(data: xarray.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuths over the whole circle [deg], and the column of the dataset that each one is in."""
+    here = data.azimuth.values
+    if "azimuth_count" not in data.attrs:
+        return here, np.arange(here.size)
+    count = int(data.attrs["azimuth_count"])
+    azimuth = np.arange(count) * (360.0 / count)
+    return azimuth, np.abs(np.minimum(azimuth, 360.0 - azimuth)[:, None] - here).argmin(axis=1)

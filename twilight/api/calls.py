@@ -1,0 +1,337 @@
+"""What `import twilight` offers to call: a sky or a series of them, a field for any sun, the air, a solver."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from os import PathLike
+from typing import Any, Unpack, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twilight import solvers
+from twilight.api.representation import Sky, SkySeries
+from twilight.api.types import PlaceLike, RenderOptions, SceneLike, TimeLike, TimesLike
+from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.config import Climate, Config, load, load_climate
+from twilight.config.sun import SunAt, SunElevation
+from twilight.config.validate import unknown
+from twilight.engine import Solved, check_size, frames
+from twilight.engine import solve as solve_scene
+from twilight.engine.night import check_stars
+from twilight.scene import resolve
+from twilight.scene.medium import climate_medium
+from twilight.solvers.base import Solver
+from twilight.viewer.page import Page
+
+
+@overload
+def render(scene: SceneLike, *, sun_elevation_deg: float, **options: Unpack[RenderOptions]) -> Sky: ...
+@overload
+def render(
+    scene: SceneLike, *, sun_elevation_deg: Sequence[float] | NDArray[np.float64], **options: Unpack[RenderOptions]
+) -> SkySeries: ...
+@overload
+def render(scene: SceneLike, *, at: str | datetime | np.datetime64, **options: Unpack[RenderOptions]) -> Sky: ...
+@overload
+def render(scene: SceneLike, *, at: TimesLike, **options: Unpack[RenderOptions]) -> Sky | SkySeries: ...
+@overload
+def render(scene: SceneLike, **options: Unpack[RenderOptions]) -> Sky | SkySeries: ...
+
+
+def render(
+    scene: SceneLike,
+    *,
+    sun_elevation_deg: float | Sequence[float] | NDArray[np.float64] | None = None,
+    at: TimeLike | TimesLike | None = None,
+    place: PlaceLike | None = None,
+    latitude_deg: float | None = None,
+    longitude_deg: float | None = None,
+    time_zone: str | None = None,
+    altitude_km: float | None = None,
+    wavelength_nm: Sequence[float] | NDArray[np.float64] | None = None,
+    solver: str | None = None,
+    quality: str | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> Sky | SkySeries:
+    """The sky of a climate or configuration, or the skies of several suns.
+
+    Parameters
+    ----------
+    scene
+        Name or file of a climate or configuration, the same as a mapping, or a `Config`.
+    sun_elevation_deg
+        True elevation of the sun [deg]; a list gives a series, one of a single sun too.
+    at
+        A time with a place, in place of the elevation: text, datetime, numpy's datetime64, pandas' Timestamp or
+        astropy's Time.  Several of them in their order (a list, a DatetimeIndex) give a series.
+    place
+        (latitude, longitude) [deg], north and east positive; or pvlib's Location (with its altitude and, for times
+        without an offset, its time zone) or astropy's EarthLocation (with its height).
+    latitude_deg, longitude_deg
+        In place of `place` [deg], north and east positive.
+    time_zone
+        Of times without an offset, e.g. Europe/Berlin.
+    altitude_km
+        Altitude of the observer above sea level [km].
+    wavelength_nm
+        Wavelengths, increasing [nm].
+    solver, quality
+        Name of a solver and of one of its presets.
+    settings
+        Any other dotted keys, e.g. {"ground.albedo": 0.8}.
+
+    Returns
+    -------
+    Sky or SkySeries
+        A sky where one sun is asked for; a series, computed sun by sun when its skies are asked for, where a list or a
+        configuration with several suns is.  Without any sun the scene's own is taken.
+
+    Raises
+    ------
+    TwilightError
+        For whatever is not allowed or cannot be computed, in one sentence.
+
+    Examples
+    --------
+    >>> sky = twilight.render("continental-average", sun_elevation_deg=-4, quality="draft")
+    >>> dusk = twilight.render("urban", at=["2026-06-21T21:45", "2026-06-21T22:30"], place=(52.5, 13.4),
+    ...                        time_zone="Europe/Berlin")
+    """
+    if sun_elevation_deg is not None and at is not None:
+        raise TwilightError("render: takes either sun_elevation_deg or at, not both")
+    where = _place(place, latitude_deg, longitude_deg, time_zone)
+    if at is None and any(value is not None for value in where.values()):
+        raise TwilightError("render: a place needs a time: give at")
+    chosen: dict[str, Any] = {}
+    if sun_elevation_deg is not None:
+        several = np.ndim(sun_elevation_deg) > 0
+        suns = _numbers(sun_elevation_deg, "sun_elevation_deg")
+        chosen["sun"] = {"elevations_deg": suns} if several else {"elevation_deg": suns[0]}
+    elif at is not None:
+        observer_km = where.pop("altitude_km")
+        altitude_km = observer_km if altitude_km is None else altitude_km
+        chosen["sun"] = {**_times(at), **{key: value for key, value in where.items() if value is not None}}
+    config = _config(scene, chosen, altitude_km, wavelength_nm, solver, quality, settings)
+    if "sun" not in config.model_fields_set:
+        sun = SunElevation().elevation_deg
+        warnings.warn(
+            f"no sun is given: it stands at {sun:+g} deg (sun_elevation_deg, or at and a place)",
+            TwilightWarning,
+            stacklevel=2,
+        )
+    check_size(config)
+    check_stars(config)
+    resolved = resolve(config)
+    skies = (frame.sky for frame in frames(resolved))
+    if isinstance(config.sun, SunElevation | SunAt):
+        return next(skies)
+    times = [sun.time for sun in resolved.suns if sun.time is not None]
+    return SkySeries(skies, resolved.sun_elevations_deg, times or None)
+
+
+def solve(
+    scene: SceneLike,
+    *,
+    sun_elevation_deg: float | Sequence[float] | NDArray[np.float64] | None = None,
+    altitude_km: float | None = None,
+    wavelength_nm: Sequence[float] | NDArray[np.float64] | None = None,
+    solver: str | None = None,
+    quality: str | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> Solved:
+    """The solved field of a climate or configuration, to be asked for any direction, sun and observer.
+
+    Parameters
+    ----------
+    scene
+        As of `render`; its own sun plays no part.
+    sun_elevation_deg
+        All the suns that will be asked for [deg], which saves time; None: any.
+    altitude_km, wavelength_nm, solver, quality, settings
+        As of `render`.
+
+    Returns
+    -------
+    Solved
+        `radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)` is sun-normalised [sr^-1], shape
+        of the directions plus (W,); `stokes` gives I, Q and U, `inscatter` the air before an object, `direct` the sun's
+        own light, `sky` a whole `Sky`, `view` a page for the browser.
+
+    Raises
+    ------
+    TwilightError
+        For whatever is not allowed or cannot be computed, in one sentence.
+    """
+    suns = None if sun_elevation_deg is None else _numbers(sun_elevation_deg, "sun_elevation_deg")
+    config = _config(scene, {}, altitude_km, wavelength_nm, solver, quality, settings)
+    return solve_scene(resolve(config), suns)
+
+
+def medium(
+    climate: str | PathLike[str] | Climate,
+    wavelength_nm: Sequence[float] | NDArray[np.float64],
+    settings: Mapping[str, object] | None = None,
+) -> Medium:
+    """The air and the ground of a climate as optical coefficients, which solvers take.
+
+    Parameters
+    ----------
+    climate
+        Name or file of a climate, or a `Climate`.
+    wavelength_nm
+        Wavelengths, increasing [nm], (W,).
+    settings
+        Dotted keys of the climate, e.g. {"ground.albedo": 0.8}; for a name or a file.
+
+    Raises
+    ------
+    TwilightError
+        For what is not allowed, and what the data of the atmosphere do not cover.
+    """
+    if isinstance(climate, Climate):
+        if settings:
+            raise TwilightError("medium: settings go with the name or the file of a climate")
+    else:
+        climate = load_climate(str(climate), settings)
+    return climate_medium(climate, np.array(_numbers(wavelength_nm, "wavelength_nm")))
+
+
+def solver(name: str) -> Solver:
+    """A solver's module: `QUALITIES`, `CAPABILITIES` and `prepare(medium, settings)`, which returns a field.
+
+    Parameters
+    ----------
+    name
+        One of those that `twilight solvers` lists, e.g. zones.
+
+    Raises
+    ------
+    TwilightError
+        For a name that no solver has.
+    """
+    if name not in solvers.SOLVERS:
+        raise TwilightError(f"solver: {name} {unknown(name, solvers.SOLVERS, 'solver')}")
+    return solvers.load(name)
+
+
+def view(self: Solved, **options: Any) -> Page:
+    """The field in a browser, for any sun and direction; takes a minute or more.
+
+    Parameters
+    ----------
+    **options
+        Of `twilight.viewer.view_fields`, e.g. altitudes_km.
+
+    Returns
+    -------
+    twilight.viewer.Page
+        A page that a notebook shows and whose `save(path)` writes it as HTML.
+    """
+    from twilight.viewer import view_field  # start-up
+
+    return view_field(self, **options)
+
+
+Solved.view = view  # type: ignore[method-assign]
+
+
+def _config(
+    scene: SceneLike,
+    chosen: Mapping[str, Any],
+    altitude_km: float | None,
+    wavelength_nm: ArrayLike | None,
+    solver: str | None,
+    quality: str | None,
+    settings: Mapping[str, object] | None,
+) -> Config:
+    given: dict[str, Any] = {
+        "observer.altitude_km": altitude_km,
+        "wavelengths": None if wavelength_nm is None else {"list_nm": _numbers(wavelength_nm, "wavelength_nm")},
+        "solver.name": solver,
+        "solver.quality": quality,
+    }
+    keys = {**chosen, **{key: value for key, value in given.items() if value is not None}, **(settings or {})}
+    if isinstance(scene, Config):
+        if not keys:
+            return _own_model(scene)
+        return _own_model(load(scene.model_dump(mode="json", exclude_unset=True), keys))
+    return _own_model(load(scene if isinstance(scene, Mapping) else str(scene), keys))
+
+
+def _own_model(config: Config) -> Config:
+    """With the compact model of its own air, fitted first where there is none, for scenes that ask for that solver."""
+    if config.solver.get("name") != "compact":
+        return config
+    from twilight.studies.fit.compact.own import with_own_model  # start-up
+
+    return with_own_model(config, say=lambda sentence: warnings.warn(sentence, TwilightWarning, stacklevel=5))
+
+
+def _numbers(values: ArrayLike, name: str) -> list[float]:
+    try:
+        return [float(value) for value in np.atleast_1d(values)]
+    except (TypeError, ValueError):
+        raise TwilightError(f"{name}: must be a number or a list of numbers, got {values!r}") from None
+
+
+def _place(
+    place: Any, latitude_deg: float | None, longitude_deg: float | None, time_zone: str | None
+) -> dict[str, Any]:
+    """latitude_deg, longitude_deg, time_zone and altitude_km; None for what is not known."""
+    altitude_km = None
+    if place is not None:
+        if latitude_deg is not None or longitude_deg is not None:
+            raise TwilightError("render: takes either place or latitude_deg and longitude_deg, not both")
+        if isinstance(place, tuple | list) and len(place) == 2:
+            latitude_deg, longitude_deg = _numbers(place, "place")
+        elif hasattr(place, "latitude") and hasattr(place, "longitude"):  # pvlib
+            latitude_deg, longitude_deg = float(place.latitude), float(place.longitude)
+            altitude_km = float(getattr(place, "altitude", None) or 0.0) / 1e3
+            time_zone = time_zone or str(place.tz)
+        elif hasattr(place, "to_geodetic"):  # astropy
+            found = place.to_geodetic()
+            latitude_deg, longitude_deg = float(found.lat.deg), float(found.lon.deg)
+            altitude_km = float(found.height.to_value("km"))
+        else:
+            raise TwilightError(
+                "place: must be (latitude, longitude), pvlib's Location or astropy's EarthLocation, "
+                f"got {type(place).__name__}"
+            )
+        if altitude_km is not None:
+            # at sea level, or below it by the rounding of an ellipsoid: on the ground of the scene
+            altitude_km = round(altitude_km, 6) if altitude_km >= 1e-3 else None
+    return {
+        "latitude_deg": latitude_deg,
+        "longitude_deg": longitude_deg,
+        "time_zone": time_zone,
+        "altitude_km": altitude_km,
+    }
+
+
+def _times(at: Any) -> dict[str, Any]:
+    """The keys of a `sun` section for one time or for several."""
+    several = getattr(at, "isscalar", None) is False or not (isinstance(at, str) or np.ndim(at) == 0)
+    moments = [_moment(one) for one in at] if several else [_moment(at)]
+    if several and len({isinstance(one, datetime) and one.tzinfo is None for one in moments}) > 1:
+        raise TwilightError("at: several times must be all with or all without an offset")
+    if any(isinstance(a, datetime) and isinstance(b, datetime) and b <= a for a, b in itertools.pairwise(moments)):
+        raise TwilightError("at: several times must be in their order, each once")
+    text = [one if isinstance(one, str) else one.isoformat() for one in moments]
+    return {"times": text} if several else {"at": text[0]}
+
+
+def _moment(at: Any) -> Any:
+    """A time as a datetime; text as it is."""
+    if hasattr(at, "to_datetime") and hasattr(at, "scale"):  # astropy's Time
+        return at.utc.to_datetime(timezone=UTC)
+    if isinstance(at, np.datetime64):
+        return at.astype("datetime64[us]").item()
+    if isinstance(at, datetime):
+        # pandas' Timestamp is one, with nanoseconds
+        return datetime.fromisoformat(at.isoformat(timespec="microseconds"))
+    return str(at)

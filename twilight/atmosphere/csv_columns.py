@@ -1,0 +1,101 @@
+"""CSV files of numbers in named columns, as users write them, with one sentence for whatever is wrong."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+
+MAX_ROWS = 2_000_000
+"""Most rows of a table."""
+
+MAX_BYTES = 400_000_000
+"""Largest table that is read [bytes]."""
+
+Columns = Mapping[str, tuple[float, float, str]]
+"""Column -> lowest and highest value allowed, and how a message says so."""
+
+
+def read_columns(
+    file: Path, columns: Columns, optional: Columns | None = None
+) -> tuple[list[str], np.ndarray, list[int]]:
+    """Names of the columns found, rows (R, C) in that order, and the line of each row in the file.
+
+    One header line, then one row a line; lines that begin with # are comments.  Columns come in any order; those of
+    `optional` may be missing.  Raises TwilightError, with file, line and column, on anything that is not allowed.
+    """
+    try:
+        if file.stat().st_size > MAX_BYTES:
+            raise TwilightError(
+                f"{file}: the table is larger than {MAX_BYTES // 1_000_000} MB, which is the most allowed"
+            )
+        text = file.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise TwilightError(f"{file}: not a text file in UTF-8, a CSV table is expected") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise TwilightError(f"{file}: cannot read the table ({reason})") from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise TwilightError(f"{file}: the table is empty, a header with {', '.join(columns)} is expected")
+    known = dict(columns) | dict(optional or {})
+    names = _header(file, *lines[0], columns, known)
+    if len(lines) == 1:
+        raise TwilightError(f"{file}: the table has a header but no rows")
+    if len(lines) - 1 > MAX_ROWS:
+        raise TwilightError(f"{file}: the table has {len(lines) - 1} rows, at most {MAX_ROWS} are allowed")
+    found = [name for name in known if name in names]
+    order = [(name, names.index(name), known[name]) for name in found]
+    rows = np.empty((len(lines) - 1, len(found)))
+    for i, (number, line) in enumerate(lines[1:]):
+        rows[i] = _row(file, number, line, order)
+    return found, rows, [number for number, _ in lines[1:]]
+
+
+def _fields(file: Path, number: int, line: str) -> list[str]:
+    try:
+        return [field.strip() for field in next(csv.reader([line], strict=True))]
+    except csv.Error as error:
+        raise TwilightError(f"{file}: line {number} is not a line of a CSV table ({error})") from error
+
+
+def _header(file: Path, number: int, line: str, needed: Columns, known: Columns) -> list[str]:
+    """The names in the file's order."""
+    names = _fields(file, number, line)
+    for column in known:
+        if names.count(column) > 1 or (column in needed and column not in names):
+            what = "is missing" if column not in names else "appears more than once"
+            raise TwilightError(f"{file}: line {number}: column {column} {what}; needed are {', '.join(needed)}")
+    for column in names:
+        if column not in known:
+            raise TwilightError(
+                f"{file}: line {number}: column `{column}` is not known; allowed are {', '.join(known)}"
+            )
+    return names
+
+
+def _row(file: Path, number: int, line: str, order: list[tuple[str, int, tuple[float, float, str]]]) -> list[float]:
+    fields = _fields(file, number, line)
+    if len(fields) != len(order):
+        raise TwilightError(f"{file}: line {number} has {len(fields)} values, expected {len(order)}")
+    values = []
+    for column, position, (lowest, highest, allowed) in order:
+        try:
+            value = float(fields[position])
+        except ValueError:
+            value = math.nan
+        if not lowest <= value <= highest:
+            raise TwilightError(
+                f"{file}: line {number}: {column} is `{fields[position][:40]}`, allowed is a number from {allowed}"
+            )
+        values.append(value)
+    return values

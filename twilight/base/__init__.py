@@ -1,0 +1,1 @@
+"""What every room may use: errors, units and signs, progress, threads, whole files, digests of code."""

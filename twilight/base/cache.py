@@ -1,0 +1,191 @@
+"""The user's cache: what takes long to make and can be made again, in whole files named by a hash of all that enters.
+
+    FOLDER/fields/KEY.h5       solved fields                        these three together take at most
+    FOLDER/skies/KEY.npz       skies that a study has computed      TWILIGHT_CACHE_GB; the files that were
+    FOLDER/models/KEY.npz      compact models fitted on first use   used longest ago go first
+    FOLDER/optics/KEY.f8       optics of particles by Mie theory    small, not limited
+    FOLDER/observers/KEY.f8    colour matching functions            small, not limited
+
+FOLDER is TWILIGHT_CACHE_DIR, else the platform's cache folder for `twilight`.  A folder that is full or cannot be
+written is no error: what was computed is used, a warning of one sentence says that it is not there for the next time.
+Whoever stores a file sees to it that a damaged one is recognised; `read_array` does for arrays.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import math
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.whole_files import whole_file
+
+FOLDER_VARIABLE = "TWILIGHT_CACHE_DIR"
+LIMIT_VARIABLE = "TWILIGHT_CACHE_GB"
+DEFAULT_LIMIT_GB = 2.0
+"""Some hundred fields of a climate at eight wavelengths."""
+_DIGEST_BYTES = 32
+"""Of the SHA-256 in front of an array."""
+
+
+class Kind(NamedTuple):
+    """Files of one kind: their folder and suffix, what the user is told they are, whether the limit counts them."""
+
+    folder: str
+    suffix: str
+    label: str
+    limited: bool
+
+
+FIELDS = Kind("fields", ".h5", "solved fields", True)
+SKIES = Kind("skies", ".npz", "skies of studies", True)
+MODELS = Kind("models", ".npz", "compact models", True)
+OPTICS = Kind("optics", ".f8", "optics of particles", False)
+OBSERVERS = Kind("observers", ".f8", "colour matching functions", False)
+KINDS = (FIELDS, SKIES, MODELS, OPTICS, OBSERVERS)
+
+
+class CachedFile(NamedTuple):
+    """A file of the cache; used_s: when it was last written or read [s since 1970]."""
+
+    kind: Kind
+    path: Path
+    size_bytes: int
+    used_s: float
+
+
+def cache_folder() -> Path:
+    """Where the cache is."""
+    import platformdirs
+
+    chosen = os.environ.get(FOLDER_VARIABLE)
+    return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("twilight", appauthor=False)
+
+
+def limit_bytes() -> float:
+    """The most that fields, skies and models may take together [bytes]; 0: none is cached.
+
+    Errors: TwilightError for a limit that is not a number of at least 0.
+    """
+    text = os.environ.get(LIMIT_VARIABLE) or f"{DEFAULT_LIMIT_GB:g}"
+    try:
+        limit_gb = float(text)
+    except ValueError:
+        limit_gb = math.nan
+    if not 0.0 <= limit_gb < math.inf:
+        raise TwilightError(f"{LIMIT_VARIABLE}: is {text!r}; allowed is a number of gigabytes, 0 to cache no fields")
+    return 1e9 * limit_gb
+
+
+def path_of(kind: Kind, key: str) -> Path:
+    """Where the file of a key is, if it is there."""
+    return cache_folder() / kind.folder / f"{key}{kind.suffix}"
+
+
+def find(kind: Kind, key: str) -> Path | None:
+    """The file of a key, which counts as used now; None where there is none, or none is to be cached."""
+    path = path_of(kind, key)
+    if (kind.limited and limit_bytes() == 0.0) or not path.is_file():
+        return None
+    with contextlib.suppress(OSError):  # a cache that is read only
+        os.utime(path)
+    return path
+
+
+def store(kind: Kind, key: str, write: Callable[[Path], Any]) -> Path | None:
+    """Have `write` write the file of a key, whole or not at all, and make room for it.
+
+    Returns its path; None where it is not there now: nothing is to be cached, or a warning has said why not.
+    """
+    if kind.limited and limit_bytes() == 0.0:
+        return None
+    path = path_of(kind, key)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as temporary:
+            write(temporary)
+    except (OSError, TwilightError) as error:
+        _warn_once(str(cache_folder()), error)
+        return None
+    if kind.limited:
+        _make_room(path)
+    return path
+
+
+def discard(path: Path) -> None:
+    """Remove a file that turned out to be damaged."""
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def read_array(kind: Kind, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
+    """The float64 array that `store_array` left under a key; None where there is no whole and undamaged one."""
+    path = find(kind, key)
+    if path is None:
+        return None
+    try:
+        raw = path.read_bytes()
+    except OSError:
+        return None
+    payload = raw[_DIGEST_BYTES:]
+    if len(payload) != 8 * math.prod(shape) or hashlib.sha256(payload).digest() != raw[:_DIGEST_BYTES]:
+        return None
+    return np.frombuffer(payload, dtype="<f8").astype(float).reshape(shape)
+
+
+def store_array(kind: Kind, key: str, values: np.ndarray) -> None:
+    """Leave a float64 array under a key: 32 bytes SHA-256 of the rest, then its values, little endian."""
+    payload = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    store(kind, key, lambda path: path.write_bytes(hashlib.sha256(payload).digest() + payload))
+
+
+def cached_files() -> Iterator[CachedFile]:
+    """All files of the cache."""
+    for kind in KINDS:
+        for path in sorted((cache_folder() / kind.folder).glob(f"[!.]*{kind.suffix}")):
+            with contextlib.suppress(OSError):  # removed by another process meanwhile
+                about = path.stat()
+                yield CachedFile(kind, path, about.st_size, about.st_mtime)
+
+
+def clear() -> None:
+    """Remove all files of the cache."""
+    for kind in KINDS:
+        shutil.rmtree(cache_folder() / kind.folder, ignore_errors=True)
+
+
+def _make_room(newest: Path) -> None:
+    """Remove the files that were used longest ago until the limit is kept; the newest stays."""
+    files = sorted((f for f in cached_files() if f.kind.limited), key=lambda file: file.used_s, reverse=True)
+    total, limit = 0, limit_bytes()
+    for file in files:
+        total += file.size_bytes
+        if total > limit and file.path != newest:
+            discard(file.path)
+
+
+_warned: set[str] = set()
+"""Cache folders of which this process has said that they cannot be written."""
+
+
+def _warn_once(folder: str, error: BaseException) -> None:
+    if folder in _warned:
+        return
+    _warned.add(folder)
+    while error.__cause__ is not None:
+        error = error.__cause__
+    reason = getattr(error, "strerror", None) or str(error)
+    warnings.warn(
+        f"the cache folder {folder} cannot be written ({reason}): what is computed now is computed again the next "
+        f"time; {FOLDER_VARIABLE} names another folder",
+        TwilightWarning,
+        stacklevel=4,
+    )

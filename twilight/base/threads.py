@@ -1,0 +1,24 @@
+"""Slices of work on threads: kernels release the lock, and each writes rows of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
+
+SLICES_PER_THREAD = 8
+"""More slices than threads, so that no thread waits long for the last one."""
+
+
+def in_slices(work: Callable[[int, int], None], n: int) -> None:
+    """Call `work(first, end)` for slices that cover range(n), on as many threads as numba is set to use."""
+    threads = numba.get_num_threads()
+    if threads == 1 or n < 2:
+        work(0, n)
+        return
+    n_slices = min(n, threads * SLICES_PER_THREAD)
+    edges = [n * i // n_slices for i in range(n_slices + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        # list() raises what a slice raised
+        list(pool.map(work, edges[:-1], edges[1:]))

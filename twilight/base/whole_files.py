@@ -1,0 +1,96 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+import secrets
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from twilight.base.errors import TwilightError
+
+
+def check_folder(folder: str | os.PathLike) -> None:
+    """Raise TwilightError unless files can be written into ``folder``, or a folder be made there; leaves no trace."""
+    folder = Path(folder)
+    _check_name(folder)
+    existing = next((f for f in (folder, *folder.absolute().parents) if f.exists()), Path())
+    try:
+        with tempfile.TemporaryDirectory(dir=existing, prefix=".twilight-"):
+            pass
+    except OSError as error:
+        reason = f"{existing} is not a folder" if not existing.is_dir() else error.strerror or str(error)
+        raise TwilightError(f"{folder}: files cannot be written there: {reason}") from None
+
+
+def check_file(path: str | os.PathLike) -> None:
+    """Raise TwilightError unless a file can be written at ``path``, in a folder that may have to be made."""
+    path = Path(path)
+    check_folder(path.parent)
+    if path.is_dir():
+        raise TwilightError(f"{path}: is a folder, not a file")
+
+
+def _check_name(path: Path) -> None:
+    """Raise TwilightError for a name that is no text, or that the locale has no letters for."""
+    try:
+        str(path).encode("utf-8")
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        raise TwilightError(
+            f"{path}: this name cannot be written in the locale's encoding ({sys.getfilesystemencoding()}); take "
+            "another one, or a locale such as LC_ALL=C.UTF-8"
+        ) from None
+
+
+@contextmanager
+def whole_content(path: str | os.PathLike) -> Iterator[BytesIO]:
+    """Give a stream in memory, for HDF5, and write it as `whole_file` does when the block ends well.
+
+    HDF5 itself does not survive a disk that is full: it ends in tracebacks, and may end the process.
+    """
+    with whole_file(path) as temporary:
+        content = BytesIO()
+        yield content
+        temporary.write_bytes(content.getbuffer())
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike) -> Iterator[Path]:
+    """Give a temporary path beside ``path`` (same suffix) to write to, and rename it when the block ends well.
+
+    If the block raises, the temporary file is removed and what was at ``path`` before stays.  Raises TwilightError
+    where the folder does not exist or the system refuses to write.
+    """
+    path = Path(path)
+    _check_name(path)
+    if not path.parent.is_dir():
+        raise TwilightError(f"{path}: the folder does not exist")
+    if path.is_dir():
+        raise TwilightError(f"{path}: is a folder, not a file")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def write_csv(path: str | os.PathLike, columns: Sequence[str], rows: Iterable[Sequence[Any]], note: str = "") -> Path:
+    """Write a table in UTF-8, whole or not at all; note: a first line that begins with #.  Returns the path."""
+    with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        if note:
+            file.write(f"# {note}\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
+    return Path(path)

@@ -1,0 +1,48 @@
+"""The key under which a solved field is cached: a SHA-256 of all that enters, the solver's code included.
+
+The solver's own file format guards the content of the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight.base.digest import code_digest
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+
+
+def field_key(solver: str, settings: Any, medium: Medium, suns_deg: Sequence[float] | None, altitude_km: float) -> str:
+    """The key of the field of a problem.
+
+    solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's.
+    """
+    digest = hashlib.sha256(code_digest(solver).encode())
+    about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
+    digest.update(json.dumps(about, sort_keys=True, default=str).encode())
+    _add(digest, medium)
+    _add(digest, medium.at_grid_wavelengths)
+    return digest.hexdigest()
+
+
+def _add(digest: Any, value: Any) -> None:
+    """Everything in a medium but the notes and the air at other wavelengths."""
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, tuple):
+        for one in value:
+            _add(digest, one)
+    elif hasattr(value, "__dataclass_fields__"):
+        for f in fields(value):
+            if f.name not in ("notes", "grid_medium"):
+                digest.update(f.name.encode())
+                _add(digest, getattr(value, f.name))
+    else:
+        digest.update(repr(value).encode())

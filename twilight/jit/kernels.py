@@ -1,0 +1,99 @@
+"""How kernels are compiled: numba's `njit`, with divisions as hardware does them, and without what nobody calls.
+
+Python's rule, an exception for a division by 0, puts a test and an exit into every division: a fifth more machine code
+to compile, which does nothing here, for kernels keep their divisors off 0.
+
+Beside each kernel numba makes two more functions: one for C, which nothing here calls, and one for Python, which takes
+every field out of every named tuple of arrays.  For a kernel that only kernels call, the one for Python is most of the
+work; `inner` leaves it out, and Python holds an `InnerKernel` in its place, which refuses to be called.
+
+numba counts who holds an array, and does so again for every row of one that is handed on and in every kernel that is
+called: a third of the time of a short kernel.  A kernel that makes no arrays needs none of it (`makes_arrays=False`);
+numba then refuses to compile one that does.
+
+These options, and the vectors of :mod:`twilight.jit.simd`, are parts of numba that change from one minor version to
+the next: versions that were never tested are refused with one sentence.
+
+With the environment variable NUMBA_DISABLE_JIT=1 nothing is compiled: every kernel is its Python function, a thousand
+times slower, for debuggers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core import types
+
+from twilight.base.errors import TwilightError
+
+OLDEST_NUMBA = (0, 60)
+"""First minor version of numba with which the tests passed; as in `pyproject.toml`."""
+UNTESTED_NUMBA = (0, 69)
+"""First minor version of numba with which the tests were not run; as in `pyproject.toml`."""
+
+COMPILED = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
+"""Whether kernels are compiled: not with NUMBA_DISABLE_JIT=1."""
+
+
+def check_numba(version: str) -> None:
+    """TwilightError for a version of numba that kernels were not tested with; it names the command that helps."""
+    found = re.match(r"(\d+)\.(\d+)", version)
+    if found is None or not OLDEST_NUMBA <= (int(found[1]), int(found[2])) < UNTESTED_NUMBA:
+        oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
+        raise TwilightError(
+            f"numba {version} is installed, and twilight is tested with {oldest} to below {untested}; this installs "
+            f'one that works: python -m pip install "numba>={oldest},<{untested}"'
+        )
+
+
+class InnerKernel:
+    """What Python holds of a kernel that compiled functions alone may call: without a function for Python a call would
+    end the process.
+
+    py_func: the Python function that was compiled
+    """
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+        self.py_func: Callable[..., Any] = dispatcher.py_func
+        self.__name__: str = dispatcher.py_func.__name__
+        self.__doc__ = dispatcher.py_func.__doc__
+
+    @property
+    def _numba_type_(self) -> types.Dispatcher:
+        """What numba takes it for in the kernels that call it."""
+        return types.Dispatcher(self._dispatcher)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """TypeError: Python cannot call it."""
+        raise TypeError(
+            f"{self.__name__} is an inner kernel, which compiled functions alone can call; {self.__name__}.py_func is "
+            "its Python function"
+        )
+
+
+def njit(*, inner: bool = False, makes_arrays: bool = True, **options: Any) -> Callable[..., Any]:
+    """numba's `njit` with these options: `cache`, `nogil`, `inline`, `fastmath`; a division by 0 gives inf or nan.
+
+    inner: kernels alone call it; Python gets an `InnerKernel`.  makes_arrays: whether it makes any; those that it is
+    handed are then not counted.
+    """
+    # numba's own types do not list the last two
+    made: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
+    if not makes_arrays:
+        made["_nrt"] = False
+    compiled: Callable[..., Any] = numba.njit(**made, **options)
+
+    def kernel(function: Any) -> Any:
+        if not COMPILED:
+            function.py_func = function
+            return function
+        return InnerKernel(compiled(function)) if inner else compiled(function)
+
+    return kernel
+
+
+check_numba(numba.__version__)

@@ -1,9 +1,0 @@
-"""The night floor: airglow, starlight and zodiacal light, so that a sky without the sun is not black.
-
-A layer of its own in W m^-2 nm^-1 sr^-1, added to the sky that the sun makes and independent of the solver.
-"""
-
-from twilight.night.floor import NightLevels, night_radiance
-from twilight.night.world import Place
-
-__all__ = ["NightLevels", "Place", "night_radiance"]

@@ -1,0 +1,1 @@
+"""Functions of numbers: geometry, projections, phase functions, grids, interpolation, spectra."""

@@ -1,0 +1,253 @@
+"""Views: the direction of every pixel of a picture, by the name of its projection.
+
+A view has its own axes, right, forward and up, turned by where it points (`twilight.numerics.orientation.camera_axes`);
+azimuths count clockwise from whatever the caller means by 0, for pictures of the sky from the sun.  A new projection
+is one function that gives directions in its own axes for a `Frame`, and its line in `KINDS`: the configuration, the
+command line and the pictures ask this registry.
+
+kind          shows                                             its middle          height
+perspective   a pinhole camera, field of view across            where it points     any
+fisheye       equidistant circle, field of view across          where it points     = width
+latlong       the whole sphere, latitude-longitude              where it points     width / 2
+panorama      all round, from the horizontal to the zenith      the azimuth         width / 4
+octahedral    the whole sphere on a square (Meyer et al. 2010)  where it points     = width
+cube          six faces as a cross: up over front over down,    where it points     3/4 width
+              left, front, right and back in its middle row
+cylinder      upright lines straight, field of view across      where it points     any
+limb          a strip: azimuth across, elevation upwards        the azimuth         any
+              between the edges of its band
+
+`fisheye` and `octahedral` point to the zenith unless told otherwise; azimuth_deg is then at the lower edge, as for
+somebody who faces it and looks up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.numerics.orientation import azimuth_elevation, camera_axes
+
+WHOLE = (-90.0, 90.0)
+"""The band from the nadir to the zenith [deg]."""
+
+
+@dataclass(frozen=True)
+class ImagePlane:
+    """A picture's size in pixels, its field of view across [deg], the elevations of its lower and upper edge [deg].
+
+    rows: the first that is wanted and the one after the last; None: all.
+    """
+
+    width: int
+    height: int
+    field_deg: float
+    band_deg: tuple[float, float]
+    rows: tuple[int, int] | None = None
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """The first row and the one after the last."""
+        return self.rows or (0, self.height)
+
+    @property
+    def centres(self) -> tuple[np.ndarray, np.ndarray]:
+        """(x, y) (rows, width) of pixel centres, -1 to 1 from left to right and from below to above."""
+        x = 2.0 * (np.arange(self.width) + 0.5) / self.width - 1.0
+        y = 1.0 - 2.0 * (np.arange(*self.span) + 0.5) / self.height
+        shape = (y.size, self.width)
+        return np.broadcast_to(x, shape), np.broadcast_to(y[:, None], shape)
+
+
+Own = Callable[[ImagePlane], np.ndarray]
+"""Directions (rows, width, 3) right, forward, up in the view's own axes; NaN outside the view."""
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A projection.
+
+    own: directions in the view's own axes; aspect: width over height; free: whether other aspects are allowed;
+    field_deg: usual field of view across the width [deg], at most largest_deg; elevation_deg: where it usually points;
+    turns: whether it can be raised and rolled; banded: whether it is a strip between two elevations
+    """
+
+    own: Own
+    aspect: float
+    free: bool = False
+    field_deg: float = 360.0
+    largest_deg: float = 360.0
+    elevation_deg: float = 0.0
+    turns: bool = True
+    banded: bool = False
+
+
+def _perspective(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    half = np.tan(np.radians(0.5 * frame.field_deg))
+    ray = np.stack([x * half, np.ones_like(x), y * half * frame.height / frame.width], axis=-1)
+    return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+
+def off_axis(x: np.ndarray, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Directions (..., 3) at the angle theta [rad] off forward, towards x (right) and y (up); NaN where theta is."""
+    scale = np.sin(theta) / np.maximum(np.hypot(x, y), 1e-300)
+    return np.stack([scale * x, np.cos(theta), scale * y], axis=-1)
+
+
+def around(longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
+    """Directions (..., 3) at a longitude to the right of forward and a latitude above it [rad]."""
+    flat = np.cos(latitude)
+    return np.stack([flat * np.sin(longitude), flat * np.cos(longitude), np.sin(latitude)], axis=-1)
+
+
+def _fisheye(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    radius = np.hypot(x, y)
+    theta = np.where(radius <= 1.0, radius, np.nan) * np.radians(0.5 * frame.field_deg)
+    return off_axis(x, y, theta)
+
+
+def _latlong(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    return around(np.pi * x, 0.5 * np.pi * y)
+
+
+def _panorama(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    return around(np.pi * x, 0.25 * np.pi * (y + 1.0))
+
+
+def _cylinder(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    half = np.radians(0.5 * frame.field_deg)
+    return around(half * x, np.arctan(half * y * frame.height / frame.width))
+
+
+def _octahedral(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    forward = 1.0 - np.abs(x) - np.abs(y)
+    fold = np.maximum(-forward, 0.0)  # the half behind is folded outwards over the square's edges
+    right, up = x - np.copysign(fold, x), y - np.copysign(fold, y)
+    ray = np.stack([right, forward, up], axis=-1)
+    return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+
+def _limb(frame: ImagePlane) -> np.ndarray:
+    x, y = frame.centres
+    low, high = frame.band_deg
+    return around(np.radians(0.5 * frame.field_deg) * x, np.radians(low + 0.5 * (y + 1.0) * (high - low)))
+
+
+_FACES = {(1, 0): "up", (0, 1): "left", (1, 1): "front", (2, 1): "right", (3, 1): "back", (1, 2): "down"}
+"""Place (column, row) of each face in the cross."""
+
+
+def cube_face(face: str, size: int, rows: tuple[int, int] | None = None) -> np.ndarray:
+    """Directions (size, size, 3) right, forward, up of one face of a cube seen from inside: up, left, front, right,
+    back or down; the lower edge of `up` and the upper edge of `down` join `front`.  rows: as of `Frame`."""
+    x, y = ImagePlane(size, size, 90.0, WHOLE, rows).centres
+    one = np.ones_like(x)
+    ray = {
+        "front": (x, one, y),
+        "right": (one, -x, y),
+        "back": (-x, -one, y),
+        "left": (-one, x, y),
+        "up": (x, -y, one),
+        "down": (x, y, -one),
+    }[face]
+    own = np.stack(ray, axis=-1)
+    return own / np.linalg.norm(own, axis=-1, keepdims=True)
+
+
+def _cube(frame: ImagePlane) -> np.ndarray:
+    size = frame.width // 4
+    first, stop = frame.span
+    out = np.full((stop - first, 4 * size, 3), np.nan)
+    for (column, row), face in _FACES.items():
+        low, high = max(first, row * size), min(stop, (row + 1) * size)
+        if low < high:
+            part = cube_face(face, size, (low - row * size, high - row * size))
+            out[low - first : high - first, column * size : (column + 1) * size] = part
+    return out
+
+
+PROJECTIONS: dict[str, Projection] = {
+    "perspective": Projection(_perspective, 16 / 9, free=True, field_deg=60.0, largest_deg=170.0),
+    "cylinder": Projection(_cylinder, 20 / 9, free=True, field_deg=110.0),
+    "fisheye": Projection(_fisheye, 1.0, field_deg=180.0, elevation_deg=90.0),
+    "latlong": Projection(_latlong, 2.0),
+    "panorama": Projection(_panorama, 4.0, turns=False),
+    "octahedral": Projection(_octahedral, 1.0, elevation_deg=90.0),
+    "cube": Projection(_cube, 4 / 3),
+    "limb": Projection(_limb, 8.0, free=True, turns=False, banded=True),
+}
+"""Every projection by its name."""
+
+
+def projection_of(name: str) -> Projection:
+    """The projection of this name; TwilightError for another one."""
+    if name not in PROJECTIONS:
+        raise TwilightError(f"view: '{name}' is not known, choose one of {', '.join(PROJECTIONS)}")
+    return PROJECTIONS[name]
+
+
+def shape_of(name: str, width: int, height: int | None = None) -> tuple[int, int]:
+    """(height, width) [pixels] of a view; TwilightError for a size that it cannot have."""
+    kind = projection_of(name)
+    usual = round(width / kind.aspect)
+    if not kind.free and (width < 4 or abs(usual * kind.aspect - width) > 1e-9 or (height or usual) != usual):
+        got = f"{width}" if height is None else f"{width} x {height}"
+        raise TwilightError(
+            f"width: a view {name} is {kind.aspect:.4g} times as wide as high, 4 pixels or more; got {got}"
+        )
+    if width < 2 or (height or usual) < 1:
+        raise TwilightError(f"width: a view {name} needs 2 pixels at least, got {width} x {height or usual}")
+    return height or usual, width
+
+
+def view_rays(
+    name: str,
+    width: int,
+    height: int | None = None,
+    *,
+    field_of_view_deg: float | None = None,
+    azimuth_deg: float = 0.0,
+    elevation_deg: float | None = None,
+    roll_deg: float = 0.0,
+    band_deg: tuple[float, float] | None = None,
+    rows: tuple[int, int] | None = None,
+) -> np.ndarray:
+    """Unit vectors (height, width, 3) of the pixel centres: to azimuth 90 deg, to azimuth 0, up; NaN outside the view.
+
+    width, height: in pixels, height unset: as the projection has it.  field_of_view_deg: across the width.
+    azimuth_deg, elevation_deg, roll_deg: where it points, as `camera_axes`; unset: as the projection has it.
+    band_deg: elevations of the lower and upper edge of a strip; unset: -90 and 90.
+    rows: the first that is wanted and the one after the last, unset: all; a large picture is made of parts.
+    Raises TwilightError for an unknown projection, a size or a field of view that it cannot have.
+    """
+    kind = projection_of(name)
+    high, wide = shape_of(name, width, height)
+    field = kind.field_deg if field_of_view_deg is None else float(field_of_view_deg)
+    if not 0.0 < field <= kind.largest_deg:
+        raise TwilightError(
+            f"field_of_view_deg: {field:g} is not allowed for a view {name}, above 0 to {kind.largest_deg:g} is"
+        )
+    if not kind.turns and (elevation_deg or roll_deg):
+        raise TwilightError(f"elevation_deg: a view {name} is level; elevation_deg and roll_deg have no meaning there")
+    if not kind.banded and band_deg is not None:
+        raise TwilightError(f"band_deg: a view {name} has no band")
+    band = WHOLE if band_deg is None else band_deg
+    if not -90.0 <= band[0] < band[1] <= 90.0:
+        raise TwilightError(f"band_deg: {band[0]:g} to {band[1]:g} must rise within -90 to 90")
+    up = kind.elevation_deg if elevation_deg is None else float(elevation_deg)
+    return kind.own(ImagePlane(wide, high, field, band, rows)) @ camera_axes(azimuth_deg, up, roll_deg)
+
+
+def view_directions(name: str, width: int, height: int | None = None, **pointing) -> tuple[np.ndarray, np.ndarray]:
+    """(elevation_deg, azimuth_deg in [0, 360)) (height, width) of the pixel centres; arguments as `view_rays`."""
+    azimuth, elevation = azimuth_elevation(view_rays(name, width, height, **pointing))
+    return elevation, azimuth

@@ -1,0 +1,224 @@
+"""The sun's disc as the observer sees it: darkened to its limb, flattened, coloured and cut off by the air.
+
+The disc is a layer of its own, never a part of the sky's radiance.  It is kept as what the refracted paths say of every
+apparent elevation: from which true elevation the light of a wavelength comes, and how much of it.  Along a path
+radiance over n^2 is conserved but for extinction, so the picture of the disc is that of the disc above the air, each
+line of sight followed backwards; irradiance, flattening, dispersion and mirages follow from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+
+SOLAR_RADIUS_DEG = 959.63 / 3600.0
+"""Angular radius of the sun at 1 au [deg] (Auwers; IAU 1976)."""
+
+LIMB_RANGE_NM = (300.0, 1100.0)
+
+_LIMB_BANDS_NM = (372.98, 422.57)
+# rows: A0 .. A5; columns: constant, of 1/wavelength, of 1/wavelength^5 (wavelength in um)
+_LIMB = (
+    np.array(
+        [
+            [0.35601, -0.085217, 0.0],
+            [1.11529, 0.085217, -0.001871],
+            [-0.67237, 0.0, 0.003589],
+            [0.18696, 0.0, -0.002415],
+            [0.00038, 0.0, 0.000897],
+            [0.01373, 0.0, -0.000200],
+        ]
+    ),
+    np.array(
+        [
+            [0.09900, 0.010643, 0.0],
+            [1.96884, -0.010643, -0.009166],
+            [-2.80511, 0.0, 0.024873],
+            [3.32780, 0.0, -0.029317],
+            [-2.17878, 0.0, 0.018273],
+            [0.58825, 0.0, -0.004663],
+        ]
+    ),
+    np.array(
+        [
+            [0.75267, -0.265577, 0.0],
+            [0.93874, 0.265577, -0.004095],
+            [-1.89287, 0.0, 0.012582],
+            [2.42234, 0.0, -0.017117],
+            [-1.71150, 0.0, 0.011977],
+            [0.49062, 0.0, -0.003347],
+        ]
+    ),
+)
+
+
+def limb_coefficients(wavelength_nm: np.ndarray) -> np.ndarray:
+    """Coefficients (6, W) of I(mu)/I(1) = sum of A_k mu^k; mu is the cosine of the angle to the sun's surface normal.
+
+    Neckel 2005 (Solar Physics 229, 13), closed forms fitted to Neckel and Labs 1994 (Solar Physics 153, 91), for 300 to
+    1100 nm and mu above 0.1; nearer to the limb they are continued.  Continuum: lines are darkened less.
+    Errors: TwilightError for a wavelength outside.
+    """
+    nm = np.atleast_1d(np.asarray(wavelength_nm, float))
+    if nm.min() < LIMB_RANGE_NM[0] or nm.max() > LIMB_RANGE_NM[1]:
+        raise TwilightError("the sun's limb darkening is known from 300 to 1100 nm")
+    um = nm / 1000.0
+    powers = np.stack([np.ones_like(um), 1.0 / um, um**-5.0])
+    band = np.searchsorted(_LIMB_BANDS_NM, nm)
+    return np.stack([_LIMB[b] @ powers[:, i] for i, b in enumerate(band)], axis=1)
+
+
+def limb_darkening(mu: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
+    """I(mu)/I(1), shape of mu (its last axis the W wavelengths, or 1)."""
+    a = limb_coefficients(wavelength_nm)
+    mu = np.asarray(mu, float)
+    value = np.zeros(np.broadcast_shapes(mu.shape, a[0].shape))
+    for row in a[::-1]:
+        value = value * mu + row
+    return value
+
+
+def mean_limb_darkening(wavelength_nm: np.ndarray) -> np.ndarray:
+    """Mean of I(mu)/I(1) over the disc, (W,): 2 integral of I mu dmu."""
+    a = limb_coefficients(wavelength_nm)
+    return 2.0 * (a / (np.arange(6) + 2.0)[:, None]).sum(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Disc:
+    """What the air does to the light of the sun's disc, H apparent elevations, W wavelengths.
+
+    wavelength_nm (W,); elevation_deg (H,): apparent, uniform and increasing, over all of the disc's image.
+    true_elevation_deg (H, W): where the light of a line of sight comes from; transmittance (H, W): times the square of
+        the observer's refractive index, 0 where the line of sight meets the ground or is caught in a duct.
+    sun_elevation_deg: true, of the centre; radius_deg: angular, of the disc above the air.
+    """
+
+    wavelength_nm: np.ndarray
+    elevation_deg: np.ndarray
+    true_elevation_deg: np.ndarray
+    transmittance: np.ndarray
+    sun_elevation_deg: float
+    radius_deg: float
+
+    def __post_init__(self) -> None:
+        shape = (self.elevation_deg.size, self.wavelength_nm.size)
+        for key in ("true_elevation_deg", "transmittance"):
+            value = getattr(self, key)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise TwilightError(f"disc: {key} must have shape {shape} and be finite")
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether any part of the disc is above the horizon."""
+        return bool(self.irradiance_factor().any())
+
+    def radiance(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Radiance over F0 [sr^-1] in apparent directions (azimuth from the sun), broadcast shape plus (W,)."""
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        shape = elevation.shape
+        out = np.zeros((elevation.size, self.wavelength_nm.size))
+        reach = self.radius_deg / max(np.cos(np.radians(min(abs(self.sun_elevation_deg) + 1.0, 89.9))), 1e-3) + 0.1
+        turn = np.mod(azimuth.ravel() + 180.0, 360.0) - 180.0
+        low, high = self.elevation_deg[[0, -1]]
+        near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high) & (np.abs(turn) <= reach))
+        if near.size:
+            true, passed = self._along(elevation.ravel()[near])
+            out[near] = self._above_the_air(true, turn[near][:, None]) * passed
+        return out.reshape(*shape, self.wavelength_nm.size)
+
+    def irradiance_factor(self) -> np.ndarray:
+        """Irradiance of the disc on a surface that faces it, over F0, (W,): the integral of its radiance."""
+        rows = self.rows()
+        return rows.sum(axis=0) if rows.size else np.zeros(self.wavelength_nm.size)
+
+    def rows(self) -> np.ndarray:
+        """Irradiance over F0 that each apparent elevation brings, (H, W).
+
+        Over the azimuth by Gauss and Legendre in the angle whose sine goes from limb to limb.
+        """
+        node, weight = np.polynomial.legendre.leggauss(12)
+        half = self.half_width_deg()
+        angle = 0.5 * np.pi * node
+        azimuth = half[..., None] * np.sin(angle)
+        value = self._above_the_air(self.true_elevation_deg[..., None], azimuth, at=(slice(None), None))
+        across = (value * (0.5 * np.pi * np.cos(angle) * weight)).sum(axis=-1) * np.radians(half)
+        step = np.radians(self.elevation_deg[1] - self.elevation_deg[0])
+        return across * self.transmittance * np.cos(np.radians(self.elevation_deg))[:, None] * step
+
+    def half_width_deg(self) -> np.ndarray:
+        """Azimuth of the limb from the sun's vertical [deg], (H, W), 0 where a line of sight misses the disc."""
+        t, s, r = (np.radians(x) for x in (self.true_elevation_deg, self.sun_elevation_deg, self.radius_deg))
+        # cos r = cos(t - s) - cos t cos s (1 - cos a), in half angles to keep the digits
+        inside = np.maximum(np.sin(r / 2) ** 2 - np.sin((t - s) / 2) ** 2, 0.0) / (np.cos(t) * np.cos(s))
+        return np.degrees(2.0 * np.arcsin(np.sqrt(np.clip(inside, 0.0, 1.0))))
+
+    def edges_deg(self) -> tuple[float, float]:
+        """Lower and upper apparent edge [deg] of what is seen of the disc, at any wavelength; NaN where nothing is."""
+        seen = ((self.half_width_deg() > 0.0) & (self.transmittance > 0.0)).any(axis=1)
+        if not seen.any():
+            return float("nan"), float("nan")
+        step = 0.5 * (self.elevation_deg[1] - self.elevation_deg[0])
+        where = self.elevation_deg[seen]
+        return float(where[0] - step), float(where[-1] + step)
+
+    def centroid_deg(self) -> float:
+        """Apparent elevation [deg] from which its light comes in the mean of all wavelengths; NaN where none does."""
+        rows = self.rows().sum(axis=1)
+        return float((rows * self.elevation_deg).sum() / rows.sum()) if rows.any() else float("nan")
+
+    def at_wavelengths(self, wavelength_nm: np.ndarray) -> Disc:
+        """The disc at other wavelengths, with elevations and the logarithm of the transmittance interpolated.
+
+        Each wavelength has an edge of its own, so that colours of the edge (the green rim) need many wavelengths; what
+        the air does changes slowly with the wavelength.  Beyond its range the outermost values hold.
+        """
+        nm = np.atleast_1d(np.asarray(wavelength_nm, float))
+        i = np.clip(np.searchsorted(self.wavelength_nm, nm, side="right") - 1, 0, max(self.wavelength_nm.size - 2, 0))
+        j = np.minimum(i + 1, self.wavelength_nm.size - 1)
+        gap = self.wavelength_nm[j] - self.wavelength_nm[i]
+        f = np.clip((nm - self.wavelength_nm[i]) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
+        # n - 1 and scattering go like powers of the wavelength: linear in 1/wavelength^2 for the bending
+        with np.errstate(divide="ignore", invalid="ignore"):
+            squared = (self.wavelength_nm[i] ** -2.0 - nm**-2.0) / (
+                self.wavelength_nm[i] ** -2.0 - self.wavelength_nm[j] ** -2.0
+            )
+        g = np.where(gap > 0, np.clip(np.nan_to_num(squared), 0.0, 1.0), 0.0)
+        true = self.true_elevation_deg[:, i] * (1 - g) + self.true_elevation_deg[:, j] * g
+        a, b = self.transmittance[:, i], self.transmittance[:, j]
+        both = (a > 0) & (b > 0)
+        with np.errstate(divide="ignore"):
+            passed = np.exp(np.log(np.where(both, a, 1.0)) * (1 - f) + np.log(np.where(both, b, 1.0)) * f)
+        return replace(self, wavelength_nm=nm, true_elevation_deg=true, transmittance=np.where(both, passed, 0.0))
+
+    def _along(self, elevation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """True elevation and transmittance (N, W) at apparent elevations (N,), between the rows."""
+        step = self.elevation_deg[1] - self.elevation_deg[0]
+        position = np.clip((elevation - self.elevation_deg[0]) / step, 0.0, self.elevation_deg.size - 1.0)
+        low = np.minimum(position.astype(int), self.elevation_deg.size - 2)
+        f = (position - low)[:, None]
+        true = self.true_elevation_deg[low] * (1 - f) + self.true_elevation_deg[low + 1] * f
+        a, b = self.transmittance[low], self.transmittance[low + 1]
+        # an edge of what is seen lies half-way between two rows
+        passed = np.where((a > 0) & (b > 0), a * (1 - f) + b * f, np.where(f < 0.5, a, b))
+        return true, passed
+
+    def _above_the_air(self, true_deg: np.ndarray, azimuth_deg: np.ndarray, at: tuple | None = None) -> np.ndarray:
+        """Radiance over F0 [sr^-1] of the disc without air; at: index that aligns wavelengths with the arguments."""
+        t, s, a, r = (np.radians(x) for x in (true_deg, self.sun_elevation_deg, azimuth_deg, self.radius_deg))
+        # squared half-chord to the centre, which keeps its digits
+        chord = np.sin((t - s) / 2) ** 2 + np.cos(t) * np.cos(s) * np.sin(a / 2) ** 2
+        sine = 4.0 * chord * (1.0 - chord) / np.sin(r) ** 2
+        inside = (sine <= 1.0) & (chord < 0.5)
+        mu = np.sqrt(np.clip(1.0 - sine, 0.0, 1.0))
+        coefficients = limb_coefficients(self.wavelength_nm)
+        norm = mean_limb_darkening(self.wavelength_nm) * np.pi * np.sin(r) ** 2
+        if at is not None:
+            coefficients, norm = coefficients[(slice(None), *at)], norm[at]
+        value = np.zeros(mu.shape)
+        for row in coefficients[::-1]:
+            value = value * mu + row
+        return np.where(inside, value / norm, 0.0)

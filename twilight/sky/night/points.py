@@ -1,0 +1,184 @@
+"""The brighter stars as points: where they stand over a place, what of their light arrives, and in which pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.numerics.orientation import azimuth_elevation
+from twilight.sky.night.light import starlight_s10
+from twilight.sky.night.world import Place, to_horizon, years_from_j2000
+from twilight.sky.stars import bright_stars, colour_index
+from twilight.transport.refracted_sight import ApparentRays, horizon_dip_deg
+
+VEGA_550NM = 3.631e-11
+"""Irradiance of a star of V = 0 at 550 nm [W m^-2 nm^-1] (Bessell, Castelli and Plez 1998)."""
+COLOURS_B_V = (-0.4, 2.0)
+"""Range of colours for which Ballesteros' formula is used."""
+ROWS = 160
+"""Apparent elevations of an observer between which refraction and transmittance are linear."""
+SPREAD_PIXELS = 0.6
+"""Standard deviation of the Gauss curve that is a star's picture [pixel]."""
+WIDEST = 3.5
+"""Standard deviations from the star at which its picture ends."""
+
+
+def temperature_k(b_v: np.ndarray) -> np.ndarray:
+    """Temperature of a black body of a colour B - V [mag] (Ballesteros 2012, Europhysics Letters 97, 34008)."""
+    b_v = np.clip(b_v, *COLOURS_B_V)
+    return 4600.0 * (1.0 / (0.92 * b_v + 1.7) + 1.0 / (0.92 * b_v + 0.62))
+
+
+def irradiance_above_air(magnitude: np.ndarray, b_v: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
+    """Spectral irradiance (N, W) [W m^-2 nm^-1] of stars of a visual magnitude with the spectrum of a black body."""
+    planck = 1.4387769e7 / temperature_k(b_v)[:, None]  # h c / k T [nm]
+
+    def body(nm):
+        return 1.0 / (np.power(nm, 5.0) * np.expm1(planck / nm))
+
+    nm = np.asarray(wavelength_nm, float)[None, :]
+    return VEGA_550NM * 10.0 ** (-0.4 * np.asarray(magnitude))[:, None] * body(nm) / body(550.0)
+
+
+@lru_cache(maxsize=1)
+def resolved_starlight_fraction() -> float:
+    """Share of these stars in the light of all stars and of dust between them, which `night_radiance` has."""
+    stars = bright_stars(2000.0)
+    s10 = (10.0 ** (-0.4 * (stars.magnitude - 10.0))).sum() / (4.0 * np.pi * np.degrees(1.0) ** 2)
+    return float(s10 / starlight_s10(None))
+
+
+@dataclass(frozen=True, eq=False)
+class StarSky:
+    """What the air does to stars on their way to an observer.
+
+    apparent_deg, true_deg (K,): elevations with refraction and without; passed (K, W): transmittance;
+    wavelength_nm (W,); level: factor on all stars.
+    """
+
+    apparent_deg: np.ndarray
+    true_deg: np.ndarray
+    passed: np.ndarray
+    wavelength_nm: np.ndarray
+    level: float = 1.0
+
+    @classmethod
+    def of(cls, medium: Medium, altitude_km: float, level: float = 1.0) -> StarSky:
+        """That of an observer; refraction is the one of the middle wavelength."""
+        low = -horizon_dip_deg(medium, altitude_km) + 1e-3
+        apparent = low + (90.0 - low) * np.linspace(0.0, 1.0, ROWS) ** 2
+        true, passed = ApparentRays(medium).follow(altitude_km, apparent, np.arange(medium.n_wavelengths))
+        middle = true[:, medium.n_wavelengths // 2]
+        return cls(apparent, np.maximum.accumulate(middle), passed, medium.wavelength_nm, level)
+
+    def over(self, place: Place) -> StarPoints:
+        """The stars that are up over a place."""
+        years = years_from_j2000(place)
+        stars = bright_stars(2000.0 + years)
+        true = to_horizon(precession(years) @ stars.directions.T, place)
+        azimuth, elevation = azimuth_elevation(np.stack([true[1], true[0], true[2]], axis=-1))
+        up = elevation > self.true_deg[0]
+        azimuth, elevation = azimuth[up], elevation[up]
+        shown = np.interp(elevation, self.true_deg, self.apparent_deg)
+        passed = np.stack([np.interp(shown, self.apparent_deg, column) for column in self.passed.T], axis=-1)
+        above = irradiance_above_air(stars.magnitude[up], colour_index()[up], self.wavelength_nm)
+        return StarPoints(azimuth, shown, self.level * above * passed)
+
+
+@dataclass(frozen=True, eq=False)
+class StarPoints:
+    """Points of light: azimuth_deg (N,) from north, apparent elevation_deg (N,), irradiance (N, K)."""
+
+    azimuth_deg: np.ndarray
+    elevation_deg: np.ndarray
+    irradiance: np.ndarray
+
+
+class Raster:
+    """Pixels of a picture, or of some rows of one, that points are drawn into.
+
+    rays (H, W, 3): directions of the pixels, in any frame, NaN outside the picture; pitch_deg: angle between pixels,
+    for a picture of one row or column.
+    """
+
+    def __init__(self, rays: np.ndarray, pitch_deg: float):
+        from scipy.spatial import cKDTree
+
+        self.shape = rays.shape[:2]
+        inside = np.isfinite(rays).all(axis=-1)
+        self._pixel = np.flatnonzero(inside)
+        self._rays = rays.reshape(-1, 3)[self._pixel]
+        self._step = _spacing(rays, np.radians(pitch_deg)).ravel()[self._pixel]
+        self._tree = cKDTree(self._rays)
+
+    def spread(self, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(pixel (M,), point (M,), share of the point's irradiance that is the pixel's radiance (M,) [sr^-1]).
+
+        towards (N, 3): directions of the points.  A point is a Gauss curve over the sky, SPREAD_PIXELS of the largest
+        distance between neighbouring pixels there: whatever the projection is, its light is kept within 1 %.
+        """
+        none = np.zeros(0, int), np.zeros(0, int), np.zeros(0)
+        if not self._pixel.size or not len(towards):
+            return none
+        reach = WIDEST * SPREAD_PIXELS
+        near, nearest = self._tree.query(towards, distance_upper_bound=reach * float(self._step.max()))
+        seen = np.flatnonzero(np.isfinite(near))
+        width = SPREAD_PIXELS * self._step[nearest[seen]]
+        lists = self._tree.query_ball_point(towards[seen], WIDEST * width)
+        count = np.array([len(one) for one in lists], int)
+        if not count.sum():
+            return none
+        pixel, which = np.concatenate([np.asarray(one, int) for one in lists]), np.repeat(np.arange(seen.size), count)
+        square = ((self._rays[pixel] - towards[seen][which]) ** 2).sum(axis=-1)
+        variance = width[which] ** 2
+        share = np.exp(-0.5 * square / variance) / (2.0 * np.pi * variance * -np.expm1(-0.5 * WIDEST**2))
+        return self._pixel[pixel], seen[which], share
+
+    def add(self, picture: np.ndarray, towards: np.ndarray, irradiance: np.ndarray, hidden: np.ndarray | None = None):
+        """Add points of an irradiance (N, K) to a picture (H, W, K); hidden (H, W): where nothing of them is seen."""
+        pixel, point, share = self.spread(towards)
+        if hidden is not None:
+            share = np.where(hidden.ravel()[pixel], 0.0, share)
+        flat = picture.reshape(-1, picture.shape[-1])
+        np.add.at(flat, pixel, (share[:, None] * irradiance[point]).astype(picture.dtype))
+
+
+def _spacing(rays: np.ndarray, otherwise: float) -> np.ndarray:
+    """The largest distance (H, W) of a pixel's direction from its neighbours' below and beside it."""
+    found = np.zeros(rays.shape[:2])
+    for axis in range(2):
+        if rays.shape[axis] == 1:
+            found = np.maximum(found, otherwise)
+            continue
+        step = np.linalg.norm(np.diff(rays, axis=axis), axis=-1)
+        # a jump, from face to face of a cube, is no distance between neighbours
+        step = np.where(step < 20.0 * np.nanmedian(step), step, 0.0)
+        low = np.concatenate([step, np.zeros_like(step.take([0], axis))], axis=axis)
+        high = np.concatenate([np.zeros_like(step.take([0], axis)), step], axis=axis)
+        found = np.fmax(found, np.fmax(low, high))
+    return np.where(found > 0.0, found, otherwise)
+
+
+def precession(years: float) -> np.ndarray:
+    """Matrix (3, 3) from the equator and equinox of J2000 to those of a date (Meeus 1998 ch. 21)."""
+    t = years / 100.0
+    zeta, z, theta = np.radians(
+        np.array(
+            [
+                t * (2306.2181 + t * (0.30188 + t * 0.017998)),
+                t * (2306.2181 + t * (1.09468 + t * 0.018203)),
+                t * (2004.3109 - t * (0.42665 + t * 0.041833)),
+            ]
+        )
+        / 3600.0
+    )
+
+    def about_pole(angle: float) -> np.ndarray:
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    c, s = np.cos(theta), np.sin(theta)
+    return about_pole(z) @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ about_pole(zeta)

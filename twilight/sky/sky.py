@@ -1,0 +1,384 @@
+"""``Sky``: the radiance of the whole sky on a grid of directions, whoever computed or measured it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twilight.base.errors import TwilightError
+from twilight.numerics import interpolation, spectrum
+from twilight.numerics.grids import latlong_grid
+from twilight.sky.disc import Disc
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
+"""Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
+(10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others)."""
+
+
+class BrowserPage(Protocol):
+    """A page that shows a sky or a field in a browser, and itself in a notebook."""
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page as one HTML file that needs no network, whole or not at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sky:
+    """Radiance of the sky over directions and wavelengths, E x A x W.
+
+    wavelength_nm (W,): increasing.
+    elevation_deg (E,): row centres, increasing, within -90..90 (negative rows: seen from high up).
+    azimuth_deg (A,): relative to the sun, clockwise, uniform over the circle, increasing in [0, 360), the first within
+        one step of 0 (0 in the default texture).
+    sun_normalised_radiance (E, A, W): L / F0 [sr^-1], finite, not negative.
+    sun_elevation_deg: true (unrefracted) elevation of the disc's centre.
+    sun_azimuth_deg: clockwise from north; None = not known, and pictures of the world then show the sun in the north
+        (their centre).
+    distance_au: Earth-sun distance [au].
+    observer_altitude_km, latitude_deg, longitude_deg, time (with time zone): of the observer, where known.
+    ground_albedo (W,): Lambertian albedo below the horizon.
+    standard_error (E, A, W): of sun_normalised_radiance [sr^-1], or None.
+    polarisation (E, A, 2, W): the sun-normalised Stokes parameters Q and U [sr^-1] (signs: ``conventions``), or None.
+    polarisation_error (E, A, 2, W): their standard error [sr^-1], or None.
+    direct_irradiance (W,): of the sun's beam at the observer at normal incidence, divided by F0 (0 in shadow), or None.
+    apparent_sun_elevation_deg: refracted elevation of the disc, or None = the true one.
+    solar_spectrum: one of ``spectrum.solar_spectra()``.
+    night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light), mean over each
+        wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun: it is no part of sun_normalised_radiance.
+    disc: of the sun, where it was asked for; a layer of its own, never part of a radiance here.
+    provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
+
+    Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``, plus the night.
+    Luminance, irradiance, colour and ``sample`` are those of the sum.
+    """
+
+    wavelength_nm: np.ndarray
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    sun_normalised_radiance: np.ndarray
+    sun_elevation_deg: float
+    sun_azimuth_deg: float | None = None
+    distance_au: float = 1.0
+    observer_altitude_km: float = 0.0
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    time: datetime | None = None
+    ground_albedo: np.ndarray | None = None
+    standard_error: np.ndarray | None = None
+    direct_irradiance: np.ndarray | None = None
+    apparent_sun_elevation_deg: float | None = None
+    solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
+    night_radiance: np.ndarray | None = None
+    polarisation: np.ndarray | None = None
+    polarisation_error: np.ndarray | None = None
+    disc: Disc | None = None
+    provenance: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        for key in ("wavelength_nm", "elevation_deg", "azimuth_deg"):
+            object.__setattr__(self, key, np.atleast_1d(np.asarray(getattr(self, key), dtype=float)))
+        radiance = np.asarray(self.sun_normalised_radiance)
+        if radiance.dtype != np.float32:
+            radiance = radiance.astype(float, copy=False)
+        object.__setattr__(self, "sun_normalised_radiance", radiance)
+        wavelength, elevation, azimuth = self.wavelength_nm, self.elevation_deg, self.azimuth_deg
+        shape = (elevation.size, azimuth.size, wavelength.size)
+        if radiance.shape != shape or 0 in shape:
+            raise TwilightError(f"sky: sun_normalised_radiance has shape {radiance.shape}, the grid has {shape}")
+        if not (np.isfinite(radiance).all() and (radiance >= 0).all()):
+            raise TwilightError("sky: sun_normalised_radiance must be finite and not negative")
+        if wavelength[0] <= 0 or np.any(np.diff(wavelength) <= 0):
+            raise TwilightError("sky: wavelength_nm must be positive and increase")
+        if np.any(np.diff(elevation) <= 0) or elevation[0] < -90 or elevation[-1] > 90:
+            raise TwilightError("sky: elevation_deg must increase within -90 to 90")
+        step = 360.0 / azimuth.size
+        if not 0 <= azimuth[0] < step or np.abs(np.diff(azimuth) - step).max(initial=0.0) > 1e-6:
+            raise TwilightError("sky: azimuth_deg must be uniform over 0 to 360, the first within one step of 0")
+        for key, expected in (("standard_error", shape), ("direct_irradiance", shape[2:]), ("night_radiance", shape)):
+            value = getattr(self, key)
+            if value is not None:
+                value = np.asarray(value)
+                if value.shape != expected or not np.isfinite(value).all() or (value < 0).any():
+                    raise TwilightError(f"sky: {key} must have shape {expected} and be finite and not negative")
+                object.__setattr__(self, key, value)
+        for key in ("polarisation", "polarisation_error"):
+            value = getattr(self, key)
+            if value is not None:
+                value = np.asarray(value)
+                if value.shape != (*shape[:2], 2, shape[2]) or not np.isfinite(value).all():
+                    raise TwilightError(f"sky: {key} must have shape {(*shape[:2], 2, shape[2])} and be finite")
+                object.__setattr__(self, key, value)
+        albedo = np.zeros(wavelength.size) if self.ground_albedo is None else np.asarray(self.ground_albedo, float)
+        albedo = np.broadcast_to(albedo, (wavelength.size,)).copy()
+        if not ((albedo >= 0) & (albedo <= 1)).all():
+            raise TwilightError("sky: ground_albedo must be between 0 and 1")
+        object.__setattr__(self, "ground_albedo", albedo)
+        if not self.distance_au > 0:
+            raise TwilightError(f"sky: distance_au {self.distance_au} must be positive")
+        spectrum.solar_spectrum(self.solar_spectrum)
+        if self.disc is not None and not np.array_equal(self.disc.wavelength_nm, wavelength):
+            raise TwilightError("sky: disc must have the wavelengths of the sky")
+
+    # What a person sees -----------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        """Five lines: the grid, the sun, and how bright it is."""
+        w, e = self.wavelength_nm, self.elevation_deg
+        when = "" if self.time is None else f", {self.time.isoformat()}"
+        solver = self.provenance.get("solver")
+        made = f", by {solver} ({self.provenance.get('quality')})" if solver else ""
+        return (
+            f"<Sky: sun at {self.sun_elevation_deg:+.2f} deg{when}{made}\n"
+            f"  {e.size} elevations {e[0]:g} to {e[-1]:g} deg, {self.azimuth_deg.size} azimuths from the sun\n"
+            f"  {w.size} wavelengths {w[0]:g} to {w[-1]:g} nm, radiance [W m^-2 sr^-1 nm^-1] in .radiance\n"
+            f"  zenith {self.luminance_at(90.0):.4g} cd m^-2, {self.magnitude():.2f} V mag arcsec^-2\n"
+            f"  illuminance by the sky {self.illuminance_lux():.4g} lx>"
+        )
+
+    if TYPE_CHECKING:  # what draws stands above this room: `twilight.api.representation` attaches these
+
+        def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Any) -> Figure: ...
+        def view(self) -> BrowserPage: ...
+        def to_xarray(self) -> xarray.Dataset: ...
+        def _repr_html_(self) -> str: ...
+
+    # Grid -------------------------------------------------------------------------------------------------------
+
+    @property
+    def elevation_edges_deg(self) -> np.ndarray:
+        """Lower and upper edges of the rows [deg], (E + 1,): midpoints; the outer rows reach the zenith and the
+        horizon (where rows lie below the horizon: half a row step further, at most to the nadir)."""
+        e = self.elevation_deg
+        middle = 0.5 * (e[1:] + e[:-1])
+        bottom = 0.0 if e[0] >= 0 else max(-90.0, 2 * e[0] - middle[0] if middle.size else -90.0)
+        return np.concatenate([[bottom], middle, [90.0]])
+
+    def solid_angle_sr(self) -> np.ndarray:
+        """Solid angle of one cell of every row [sr], (E,); over all cells of a hemisphere they sum to 2 pi."""
+        edges = np.sin(np.radians(self.elevation_edges_deg))
+        return 2 * np.pi / self.azimuth_deg.size * np.diff(edges)
+
+    @property
+    def solar_irradiance(self) -> np.ndarray:
+        """Solar irradiance [W m^-2 nm^-1], (W,): bin means (``spectrum.solar_irradiance``) at the sky's distance."""
+        return spectrum.solar_irradiance(self.wavelength_nm, self.solar_spectrum, self.distance_au)
+
+    @property
+    def radiance(self) -> np.ndarray:
+        """Spectral radiance [W m^-2 sr^-1 nm^-1], (E, A, W), mean over each wavelength's bin of the solar spectrum."""
+        radiance = self.sun_normalised_radiance * self.solar_irradiance
+        return radiance if self.night_radiance is None else radiance + self.night_radiance
+
+    @property
+    def normalised_radiance(self) -> np.ndarray:
+        """Radiance of sun and night together over F0 [sr^-1], (E, A, W): ``radiance`` over ``solar_irradiance``."""
+        if self.night_radiance is None:
+            return self.sun_normalised_radiance
+        return self.sun_normalised_radiance + self.night_radiance / self.solar_irradiance
+
+    # Polarisation -----------------------------------------------------------------------------------------------
+
+    @property
+    def stokes(self) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], (E, A, 3, W); TwilightError where Q and U are unknown."""
+        return np.concatenate([self.sun_normalised_radiance[..., None, :], self._known_polarisation], axis=2)
+
+    @property
+    def _known_polarisation(self) -> np.ndarray:
+        if self.polarisation is None:
+            raise TwilightError(
+                "this sky has no Stokes parameters: they need solver.polarisation true (solver zones or montecarlo)"
+            )
+        return self.polarisation
+
+    @property
+    def fractional_stokes(self) -> np.ndarray:
+        """Q and U over the radiance of sun and night together, (E, A, 2, W); the night counts as unpolarised."""
+        total = self.normalised_radiance[..., None, :]
+        return np.divide(self._known_polarisation, total, out=np.zeros(self._known_polarisation.shape), where=total > 0)
+
+    @property
+    def degree_of_linear_polarisation(self) -> np.ndarray:
+        """sqrt(Q^2 + U^2) / I of sun and night together, (E, A, W)."""
+        return np.linalg.norm(self.fractional_stokes, axis=2)
+
+    @property
+    def angle_of_linear_polarisation_deg(self) -> np.ndarray:
+        """Angle of vibration [deg], (E, A, W), -90 to 90: from the vertical plane through the line of sight, clockwise
+        for somebody who looks along it, that is towards larger azimuth."""
+        q, u = np.moveaxis(self._known_polarisation, 2, 0)
+        return 0.5 * np.degrees(np.arctan2(u, q))
+
+    def through_polariser(self, angle_deg: float) -> Sky:
+        """The sky behind an ideal linear polariser, (I + Q cos 2t + U sin 2t) / 2, its axis at t from the vertical.
+
+        angle_deg: as `angle_of_linear_polarisation_deg`; it is counted in every line of sight from its own vertical, as
+        when the polariser is turned to each of them.  Half of the night and of the sunbeam passes.
+        """
+        t = np.radians(2.0 * angle_deg)
+        q, u = np.moveaxis(self._known_polarisation, 2, 0)
+        passed = 0.5 * (self.sun_normalised_radiance + q * np.cos(t) + u * np.sin(t))
+        return replace(
+            self,
+            sun_normalised_radiance=np.maximum(passed, 0.0),
+            standard_error=None,
+            polarisation=None,
+            polarisation_error=None,
+            night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
+            direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
+            disc=None if self.disc is None else replace(self.disc, transmittance=0.5 * self.disc.transmittance),
+        )
+
+    def sample_fractional_stokes(self, elevation_deg, azimuth_deg) -> np.ndarray:
+        """`fractional_stokes` in any direction, (..., 2, W): `interpolation.interpolate_stokes`."""
+        return interpolation.interpolate_stokes(
+            self.elevation_deg, self.azimuth_deg, self.fractional_stokes, elevation_deg, azimuth_deg
+        )
+
+    # Directions -------------------------------------------------------------------------------------------------
+
+    def sample(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+        """Radiance of sun and night together over F0, in any direction.
+
+        The sun's part and the night are interpolated each for itself (`interpolate_bilinear`), as `resample` does, of
+        which `luminance_at` is the luminance.
+
+        Parameters
+        ----------
+        elevation_deg
+            Of the line of sight [deg], not below the sky's lower edge.
+        azimuth_deg
+            Relative to the sun, clockwise [deg]; broadcast with the elevation.
+
+        Returns
+        -------
+        numpy.ndarray
+            Sun-normalised radiance [sr^-1], shape of the directions plus (W,).
+
+        Raises
+        ------
+        TwilightError
+            For a direction below the sky's lower edge, and one that is not finite.
+        """
+        sun = self._sample(self.sun_normalised_radiance, elevation_deg, azimuth_deg)
+        if self.night_radiance is None:
+            return sun
+        return sun + self._sample(self.night_radiance, elevation_deg, azimuth_deg) / self.solar_irradiance
+
+    def _sample(self, values: np.ndarray, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+        """Values (E, A, W) >= 0 of the grid in any direction."""
+        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
+        lower = self.elevation_edges_deg[0]
+        if elevation.size and not (elevation.min() >= lower - 1e-9 and elevation.max() <= 90 + 1e-9):
+            raise TwilightError(f"sample: elevation_deg must be between {lower:g} and 90 and not NaN")
+        if not np.isfinite(azimuth).all():
+            raise TwilightError("sample: azimuth_deg must be finite")
+        return interpolation.interpolate_bilinear(self.elevation_deg, self.azimuth_deg, values, elevation, azimuth)
+
+    def resample(self, elevation_deg, azimuth_deg) -> Sky:
+        """The sky on another grid (elevation_deg (E',), azimuth_deg (A',)), by ``sample``.
+
+        A standard error is interpolated in the same way, as an upper bound (no averaging is assumed); the night too.
+        """
+        elevation = np.atleast_1d(np.asarray(elevation_deg, float))
+        azimuth = np.atleast_1d(np.asarray(azimuth_deg, float))
+        grid = np.meshgrid(elevation, azimuth, indexing="ij")
+        layers = {
+            name: None if values is None else self._sample(values, *grid)
+            for name, values in (("standard_error", self.standard_error), ("night_radiance", self.night_radiance))
+        }
+        made = self._sample(self.sun_normalised_radiance, *grid)
+        polarisation = None
+        if self.polarisation is not None:
+            night = layers["night_radiance"]
+            total = made if night is None else made + night / self.solar_irradiance
+            polarisation = self.sample_fractional_stokes(*grid) * total[..., None, :]
+        return replace(
+            self,
+            elevation_deg=elevation,
+            azimuth_deg=azimuth,
+            sun_normalised_radiance=made,
+            standard_error=layers["standard_error"],
+            polarisation=polarisation,
+            polarisation_error=None,
+            night_radiance=layers["night_radiance"],
+        )
+
+    def to_latlong(self, width: int) -> Sky:
+        """The sky at the pixel centres of a latitude-longitude picture (``latlong_grid``)."""
+        return self.resample(*latlong_grid(width, self.sun_azimuth_deg))
+
+    def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K): `interpolate_cubic`."""
+        return interpolation.interpolate_cubic(self.elevation_deg, self.azimuth_deg, values, elevation_deg, azimuth_deg)
+
+    # Integrals --------------------------------------------------------------------------------------------------
+
+    def irradiance_factor(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
+        """Irradiance from the upper hemisphere divided by F0, (W,); a uniform radiance of 1 gives pi exactly.
+
+        ``horizontal``: on a horizontal plane, else on a sphere (fluence).  Radiance is constant over each cell, the
+        cosine and the solid angle are integrated exactly.  ``direct`` adds the sun's beam (TwilightError where the sky
+        does not know it).
+        """
+        edges = np.radians(np.clip(self.elevation_edges_deg, 0.0, 90.0))
+        antiderivative = 0.5 * np.sin(edges) ** 2 if horizontal else np.sin(edges)
+        weight = 2 * np.pi * np.diff(antiderivative)
+        result = np.einsum("e,ew->w", weight, self.normalised_radiance.mean(axis=1, dtype=float))
+        if direct:
+            if self.direct_irradiance is None:
+                raise TwilightError("irradiance: this sky does not know the sun's direct_irradiance")
+            sun = self.sun_elevation_deg if self.apparent_sun_elevation_deg is None else self.apparent_sun_elevation_deg
+            result = result + self.direct_irradiance * (max(0.0, np.sin(np.radians(sun))) if horizontal else 1.0)
+        return result
+
+    def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
+        """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
+        return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
+
+    # Light as the eye sees it -----------------------------------------------------------------------------------
+
+    def _luminous(self, factor: np.ndarray) -> np.ndarray:
+        """683 lm/W times the integral of factor x solar spectrum x V(lambda), for factors (..., W)."""
+        return spectrum.integrate(
+            factor,
+            self.wavelength_nm,
+            spectrum.LUMINOUS_EFFICACY_LM_PER_W
+            * spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)
+            * spectrum.colour_matching_functions("cie1931_2deg")[:, 1],
+        )
+
+    def luminance(self) -> np.ndarray:
+        """Luminance [cd m^-2], (E, A): V(lambda) of the 2 deg observer, integrated at 1 nm."""
+        return self._luminous(self.normalised_radiance)
+
+    def luminance_at(self, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> float:
+        """Luminance [cd m^-2] in one direction; azimuth relative to the sun [deg]."""
+        return float(self.resample([elevation_deg], [azimuth_deg]).luminance()[0, 0])
+
+    def magnitude(self, band: str = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> float:
+        """Surface brightness [mag arcsec^-2] in one direction, by default of the zenith; only the band V is known."""
+        if band != "V":
+            raise TwilightError(f"magnitude: the band '{band}' is not known; V is")
+        return float(magnitude_per_square_arcsecond(self.luminance_at(elevation_deg, azimuth_deg)))
+
+    def illuminance_lux(self, horizontal: bool = True, direct: bool = False) -> float:
+        """Illuminance from the upper hemisphere [lx]; arguments as in ``irradiance_factor``."""
+        return float(self._luminous(self.irradiance_factor(horizontal, direct)))
+
+
+def magnitude_per_square_arcsecond(luminance_cd_per_m2) -> np.ndarray:
+    """Surface brightness [V mag arcsec^-2] of a luminance [cd m^-2]; 0 gives infinity."""
+    with np.errstate(divide="ignore"):
+        ratio = np.asarray(luminance_cd_per_m2, float) / MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2
+        return -2.5 * np.log10(ratio)

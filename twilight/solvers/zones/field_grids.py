@@ -1,0 +1,102 @@
+"""Grids that solving and evaluating a field share: the scaled air, its nodes and the profiles that rays go through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones.grid import zenith_nodes
+from twilight.solvers.zones.layout import Layout, lay_out, settings_for
+from twilight.solvers.zones.ray_points import SpeciesMoments
+from twilight.solvers.zones.settings import ZonesSettings
+from twilight.solvers.zones.solution import FieldNodes
+from twilight.transport.beam import Beam, prepare_beam
+from twilight.transport.lines import with_refraction
+from twilight.transport.matrix_moments import matrix_moments
+from twilight.transport.profile import Profile
+from twilight.transport.scaling import ScaledMedium, delta_scaled
+
+ALTITUDE_NODES_PER_SCALE = 8.0
+"""Altitudes of the sunbeam's tables per factor e of the steepest coefficient, at beam_density 1."""
+LIMB_NODES_PER_SCALE = 12.0
+"""Tangent altitudes of the sunbeam's tables per factor e of the steepest coefficient, at beam_density 1."""
+COSINE_NODES = 40
+"""Intervals of the cosine of the zenith angle in the sunbeam's tables, at beam_density 1."""
+DISTANCE_NODES = 12
+"""Intervals of the distance from the limb in the sunbeam's tables, at beam_density 1."""
+MIN_DISTANCE_NODES = 8
+"""Least such intervals, at any beam_density."""
+GUESS_NODES = 48
+"""Intervals of the table from which the search for the refracted sun begins, at beam_density 1."""
+
+
+@dataclass(frozen=True)
+class FieldGrids:
+    """Grids of a field.
+
+    medium: before scaling; settings: of the field; directions: the settings with the degree and as many directions and
+    harmonics as this air needs; zenith_range_deg: of the sun
+    scaled, scattering: the delta-scaled air and the moments of its phase matrices
+    profile: of the scaled air, along straight rays; line_profile, path_profile: through which lines of sight and rays
+    between two scatterings go, bent where the settings say so; nodes: of the field; layout: of `lay_out`
+    """
+
+    medium: Medium
+    settings: ZonesSettings
+    directions: ZonesSettings
+    zenith_range_deg: tuple[float, float]
+    scaled: ScaledMedium
+    scattering: SpeciesMoments
+    profile: Profile
+    line_profile: Profile
+    path_profile: Profile
+    nodes: FieldNodes
+    layout: Layout
+
+    @staticmethod
+    def of(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> FieldGrids:
+        """Grids for a medium under settings."""
+        of_air = settings_for(medium, settings)
+        scaled = delta_scaled(medium, of_air.degree)
+        spin2_degree = settings.polarisation_degree if settings.polarisation else 0
+        matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
+        layout = lay_out(medium, scaled, of_air)
+        bent = with_refraction(layout.profile, layout.bends)
+        zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
+        return FieldGrids(
+            medium,
+            settings,
+            layout.directions,
+            zenith_range_deg,
+            scaled,
+            SpeciesMoments(scaled.medium, scaled.moments, matrix),
+            layout.profile,
+            bent if settings.bent_lines_of_sight else layout.profile,
+            bent if settings.bent_paths else layout.profile,
+            FieldNodes.of(layout.altitude_km, zenith, layout.profile.sharp_km),
+            layout,
+        )
+
+    @property
+    def spin2_degree(self) -> int:
+        """Degree of the spin-2 harmonics of Q and U, 0 without polarisation."""
+        return self.settings.polarisation_degree if self.settings.polarisation else 0
+
+    @property
+    def thin_layer(self) -> bool:
+        """Whether the air has a thin layer."""
+        return self.layout.thin_layer
+
+    def sunbeam(self) -> Beam:
+        """Tables of the sunbeam in the scaled air."""
+        d = self.settings.beam_density
+        return prepare_beam(
+            self.scaled.medium,
+            refraction=self.settings.refraction,
+            altitude_nodes_per_scale=ALTITUDE_NODES_PER_SCALE * d,
+            limb_nodes_per_scale=LIMB_NODES_PER_SCALE * d,
+            cosine_nodes=round(COSINE_NODES * d),
+            distance_nodes=max(MIN_DISTANCE_NODES, round(DISTANCE_NODES * d)),
+            guess_nodes=round(GUESS_NODES * d),
+            laid_out_for=self.layout.beam,
+        )

@@ -1,0 +1,152 @@
+"""Grids that all wavelengths of a field share, and spectral groups: wavelengths that need the same grids."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from twilight.atmosphere.grid_medium import RANGES, range_of
+from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.refraction import ciddor_refractivity
+from twilight.solvers.zones.directions import near_edges, needed, thin_layers, with_degree
+from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
+from twilight.solvers.zones.settings import ZonesSettings
+from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
+from twilight.transport.scaling import ScaledMedium, delta_scaled
+
+MAX_EXTINCTION_RATIO = 1.5
+"""Extinction over the largest of a range's fixed wavelengths up to which a grid made for those serves."""
+
+TERM_FACTORS = (2.0, 4.0)
+"""Multiples of the expected extinction (`expected_extinction`) that steps along rays follow where the wavelengths are
+terms of a gas's exponential sum, however strongly the darkest term absorbs."""
+
+
+class Layout(NamedTuple):
+    """Grids of a field.
+
+    profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
+    as many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out
+    for; bends: the medium whose refractive index bends rays; thin_layer: whether there is one, of `thin_layers`
+    """
+
+    profile: Profile
+    altitude_km: np.ndarray
+    directions: ZonesSettings
+    beam: Medium
+    bends: Medium
+    thin_layer: bool
+
+
+def settings_for(medium: Medium, settings: ZonesSettings) -> ZonesSettings:
+    """The settings with the degree that a medium needs, or that the ranges of its wavelengths need where it has their
+    grids."""
+    clearest = _clearest(medium)
+    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
+    serves = fixed is not None and _serves(fixed, medium if clearest is None else medium.select(clearest)).all()
+    return with_degree(settings, fixed if fixed is not None and serves else medium)
+
+
+def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> Layout:
+    """Grids for all wavelengths of a medium: those of their ranges, if these serve; else made for the medium itself.
+
+    Terms of a gas's exponential sum have the nodes and directions of the air without that gas, and steps as fine as
+    TERM_FACTORS say: nodes that follow the darkest term were six times as many, and moved the light by less than nodes
+    that are twice as dense move that of any wavelength; steps that follow it made each term depend on the others.
+
+    scaled: the medium with phase functions of the settings' degree; settings: of `settings_for`
+    """
+    clearest = _clearest(medium)
+    clear = medium if clearest is None else medium.select(clearest)
+    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
+    if fixed is None or not _serves(fixed, clear).all():
+        profile = prepare_profile(scaled.medium)
+        of_nodes = profile if clearest is None else profile._replace(extinction=profile.extinction[:, clearest])
+        nodes = _field_altitudes(medium, of_nodes, settings.altitude_density)
+        thin = thin_layers(profile)[0].size > 0
+        return Layout(
+            near_edges(profile, profile), nodes, needed(settings, scaled, profile), scaled.medium, medium, thin
+        )
+    air = delta_scaled(fixed, settings.degree)
+    reference = prepare_profile(air.medium)
+    nodes = _field_altitudes(medium, reference, settings.altitude_density)
+    directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
+    if not _serves(fixed, medium).all():
+        profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
+        return Layout(near_edges(profile, reference), nodes, directions, scaled.medium, fixed, thin)
+    profile = prepare_profile(scaled.medium, like=air.medium)
+    # the most refracted wavelength of a range is its first, which need not be a fixed one
+    first = RANGES[range_of(fixed.wavelength_nm[0])][0]
+    there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
+    beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
+    return Layout(near_edges(profile, reference), nodes, directions, beam, fixed, thin)
+
+
+def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
+    """A key for each wavelength; wavelengths of one key have the grids that each would have alone.
+
+    All the wavelengths of a field share its grids.  Wavelengths of one range have the grid of that range.  Where that
+    grid is not known, or not made for such air, the grid of a field follows the wavelength that needs the finest, and
+    at a low quality moves the others by per cents: only wavelengths that need the same grid share a key.  Air that is
+    thicker than any that steps are made for shortens them by its own extinction: no other wavelength shares its key.
+    """
+    ranges = np.array([range_of(w) for w in medium.wavelength_nm])
+    served = np.zeros(ranges.size, bool)
+    for r in np.unique(ranges):
+        fixed, of = _fixed(medium, {int(r)}), ranges == r
+        if fixed is not None:
+            served[of] = _serves(fixed, medium)[of]
+    return [
+        f"range {ranges[w]}".encode() if served[w] else _own(medium, settings, w) for w in range(medium.n_wavelengths)
+    ]
+
+
+def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
+    one = medium.select(slice(w, w + 1))
+    settings = with_degree(settings, one)
+    scaled = delta_scaled(one, settings.degree)
+    profile = prepare_profile(scaled.medium)
+    nodes = _field_altitudes(medium, profile, settings.altitude_density)
+    factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
+    steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
+    directions = str(needed(settings, scaled, profile))
+    return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
+
+
+def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:
+    """The air at the fixed wavelengths of some ranges, None where one of them has none."""
+    reference = medium.at_grid_wavelengths
+    if reference is None:
+        return None
+    of = np.array([range_of(w) for w in reference.wavelength_nm])
+    return reference.select(np.isin(of, list(ranges))) if ranges <= set(of.tolist()) else None
+
+
+def _clearest(medium: Medium) -> np.ndarray | None:
+    """Index of the term of the exponential sum that absorbs least, for every wavelength; None for a medium without
+    terms.
+
+    Terms repeat their wavelength (:mod:`twilight.atmosphere.bands`).
+    """
+    nm, place = np.unique(medium.wavelength_nm, return_inverse=True)
+    if nm.size == medium.n_wavelengths:
+        return None
+    order = np.lexsort((medium.optical_depth("absorption"), place))
+    return order[np.searchsorted(place[order], np.arange(nm.size))]
+
+
+def _serves(fixed: Medium, medium: Medium) -> np.ndarray:
+    """Whether a grid made for `fixed` serves each wavelength of a medium, (W,)."""
+    if not np.array_equal(fixed.altitude_km, medium.altitude_km):
+        return np.zeros(medium.n_wavelengths, bool)
+    return np.all(
+        medium.extinction_per_km <= MAX_EXTINCTION_RATIO * fixed.extinction_per_km.max(axis=1)[:, None], axis=0
+    )
+
+
+def _field_altitudes(medium: Medium, profile: Profile, density: float) -> np.ndarray:
+    """Altitudes [km] of the nodes of a field; profile: of the scaled air."""
+    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density)
+    return resolve_layers(nodes, profile, density)

@@ -1,0 +1,1 @@
+"""Short callers of the engine that do not know each other."""

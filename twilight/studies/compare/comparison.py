@@ -1,0 +1,164 @@
+"""The comparison itself: every rung of every ladder on one scene, sun by sun."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from twilight import solvers
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, part_of, silent
+from twilight.config.scene import Config
+from twilight.config.solver import choose_solver
+from twilight.config.validate import unknown
+from twilight.scene.medium import wavelengths_of
+from twilight.studies.compare.accuracy import ColourSpread, Spread, colour_spread, radiance_spread
+from twilight.studies.compare.bench import Bench
+from twilight.studies.compare.job import Job, JobOutcome, SampleDirections, Timing
+from twilight.studies.compare.reference_solution import ReferenceSolution
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A solver at one of its qualities."""
+
+    solver: str
+    quality: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.solver} {self.quality}"
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    """What was found for one rung and one sun; what is missing is None, and `reason` says why in one sentence.
+
+    error: relative errors of the radiance [%] over directions and wavelengths; by_wavelength: over directions.
+    """
+
+    rung: Rung
+    sun_elevation_deg: float
+    error: Spread | None = None
+    by_wavelength: Mapping[float, Spread] = field(default_factory=dict)
+    colour: ColourSpread | None = None
+    timing: Timing | None = None
+    texture_directions: int = 1
+    wavelengths: int = 1
+    reason: str = ""
+
+    @property
+    def set_up_s(self) -> float:
+        """Median over the runs of the time for what serves all suns of the comparison [s]."""
+        return float(np.median(self._known.set_up_s))
+
+    @property
+    def sky_s(self) -> float:
+        """Median time of one sky over the whole texture [s]; in proportion where fewer directions were timed."""
+        return float(np.median(self._known.sky_s)) * self._scale
+
+    @property
+    def time_s(self) -> float:
+        return self.set_up_s + self.sky_s
+
+    @property
+    def cpu_s(self) -> float:
+        """The same sum in processor time [s], over all threads."""
+        return float(np.median(self._known.set_up_cpu_s) + np.median(self._known.sky_cpu_s) * self._scale)
+
+    @property
+    def _known(self) -> Timing:
+        if self.timing is None:
+            raise ValueError("the row has no timing")
+        return self.timing
+
+    @property
+    def _scale(self) -> float:
+        return self.texture_directions / self._known.directions
+
+    @property
+    def radiances_per_s(self) -> float:
+        """Directions times wavelengths of one sky, over the time of set-up and sky."""
+        return self.texture_directions * self.wavelengths / self.time_s
+
+
+def ladder(names: Sequence[str] | None, where: str = "--solvers") -> list[Rung]:
+    """The rungs that names such as `cells` or `cells:draft` stand for; all of all solvers that are
+    installed for None.
+
+    Errors: TwilightError for a solver or quality that does not exist.
+    """
+    rungs: list[Rung] = []
+    for name in names or solvers.installed():
+        solver, colon, quality = (part.strip() for part in name.partition(":"))
+        if solver not in solvers.SOLVERS:
+            raise TwilightError(f"{where}: {solver} {unknown(solver, solvers.SOLVERS, 'solver')}")
+        qualities = list(solvers.load(solver).QUALITIES)
+        if colon and quality not in qualities:
+            raise TwilightError(f"{where}: {quality} {unknown(quality, qualities, f'quality of {solver}')}")
+        rungs += [Rung(solver, q) for q in ([quality] if colon else qualities)]
+    return list(dict.fromkeys(rungs))
+
+
+def with_rung(config: Config, rung: Rung) -> Config:
+    """The configuration with the rung as its solver; options of its own `solver` section stay for the solver that it
+    names."""
+    own = config.solver.get("name", solvers.DEFAULT) == rung.solver
+    section = {**(config.solver if own else {}), "name": rung.solver, "quality": rung.quality}
+    choose_solver(section)
+    return config.model_copy(update={"solver": section})
+
+
+def compare(
+    config: Config,
+    rungs: Sequence[Rung],
+    references: Mapping[float, ReferenceSolution],
+    bench: Bench,
+    *,
+    repeats: int = 3,
+    progress: Progress | None = None,
+) -> Iterator[list[ComparisonRow]]:
+    """For each rung its rows, one for each sun of the references, as soon as they are known."""
+    tell = progress or silent
+    own_nm = wavelengths_of(config)
+    rows, columns = config.texture.shape
+    for i, rung in enumerate(rungs):
+        report = part_of(tell, i / len(rungs), 1.0 / len(rungs), f"{rung.name}:")
+        report("starting", 0.0)
+        directions = {sun: _directions(r, own_nm) for sun, r in references.items()}
+        job = Job(with_rung(config, rung), tuple(references), directions, repeats=repeats)
+        outcomes = bench.measure(job, report)
+        yield [
+            replace(
+                judged(rung, sun, outcomes[sun], reference, config),
+                texture_directions=rows * columns,
+                wavelengths=reference.wavelength_nm.size if own_nm is None else own_nm.size,
+            )
+            for sun, reference in references.items()
+        ]
+
+
+def _directions(reference: ReferenceSolution, own_nm: np.ndarray | None) -> SampleDirections:
+    """Those of the reference; its wavelengths are named only where they are not the scene's own."""
+    asked = reference.directions
+    same = own_nm is not None and np.array_equal(own_nm, reference.wavelength_nm)
+    return replace(asked, wavelength_nm=None) if same else asked
+
+
+def judged(rung: Rung, sun: float, outcome: JobOutcome, reference: ReferenceSolution, config: Config) -> ComparisonRow:
+    """The row of one rung and sun: its radiances against the reference."""
+    row = ComparisonRow(rung, sun, timing=outcome.timing, reason=outcome.reason)
+    value = outcome.radiance
+    if value is None:
+        return row
+    right, noise, nm = reference.radiance, reference.standard_error, reference.wavelength_nm
+    error = radiance_spread(value, right, noise)
+    if error is None:
+        return replace(row, reason="the sky of the reference solution is black")
+    spreads = {float(w): radiance_spread(value[:, i], right[:, i], noise[:, i]) for i, w in enumerate(nm)}
+    colour = colour_spread(
+        value, right, noise, nm, solar_spectrum=config.solar_spectrum, observer=config.output.colour_observer
+    )
+    return replace(row, error=error, by_wavelength={w: s for w, s in spreads.items() if s}, colour=colour)

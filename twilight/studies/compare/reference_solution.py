@@ -1,0 +1,185 @@
+"""What is taken for right: radiances with standard errors, from a stored table or from the Monte-Carlo solver."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from twilight import solvers
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Meter, Progress
+from twilight.base.whole_files import write_csv
+from twilight.config.scene import Config
+from twilight.config.sun import SunElevation
+from twilight.engine.solve import Problem, Solved
+from twilight.io.provenance import configuration_hash
+from twilight.scene import resolve
+from twilight.scene.record import resolved_configuration
+from twilight.studies.compare.job import SampleDirections, code_of
+
+NAME = "montecarlo"
+SEED = 977
+"""Not that of any quality, so that the Monte-Carlo solver on the ladder does not meet its own noise."""
+
+COLUMNS = (
+    "sun_elevation_deg",
+    "elevation_deg",
+    "azimuth_deg",
+    "wavelength_nm",
+    "radiance_per_sr",
+    "standard_error_per_sr",
+)
+MAX_BYTES = 200_000_000
+
+
+@dataclass(frozen=True)
+class ReferenceSolution:
+    """Sun-normalised radiance and its standard error [sr^-1], (D, W), in directions [deg] (D,), for one sun."""
+
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    wavelength_nm: np.ndarray
+    radiance: np.ndarray
+    standard_error: np.ndarray
+
+    @property
+    def directions(self) -> SampleDirections:
+        return SampleDirections(
+            tuple(self.elevation_deg.tolist()), tuple(self.azimuth_deg.tolist()), tuple(self.wavelength_nm.tolist())
+        )
+
+
+def read_references(path: str | Path) -> dict[float, ReferenceSolution]:
+    """The suns of a stored table (CSV with at least `COLUMNS`, one row for each sun, direction and wavelength).
+
+    Errors: TwilightError that names the file and row or column for anything else.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise TwilightError(
+                f"{path}: has more than {MAX_BYTES / 1e6:g} MB, which is more than any table of radiances"
+            )
+        with open(path, newline="", encoding="utf-8") as stream:
+            reader = csv.DictReader(line for line in stream if not line.startswith("#"))
+            missing = [c for c in COLUMNS if c not in (reader.fieldnames or ())]
+            if missing:
+                raise TwilightError(f"{path}: lacks the column {missing[0]}; it needs {', '.join(COLUMNS)}")
+            rows = [_numbers(path, number, row) for number, row in enumerate(reader, start=2)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not rows:
+        raise TwilightError(f"{path}: holds no radiances")
+    table = np.array(rows)
+    return {float(sun): _one_sun(path, sun, table[table[:, 0] == sun]) for sun in dict.fromkeys(table[:, 0].tolist())}
+
+
+def _numbers(path: Path, number: int, row: Mapping[str, str | None]) -> list[float]:
+    values = []
+    for column in COLUMNS:
+        try:
+            value = float(row[column] or "")
+        except ValueError:
+            value = math.nan
+        limit = 90.0 if column in ("sun_elevation_deg", "elevation_deg") else math.inf
+        if not math.isfinite(value) or abs(value) > limit or (value < 0 and column.endswith(("_per_sr", "_nm"))):
+            raise TwilightError(f"{path}: row {number}: {column} is {row[column]!r}, which is not allowed")
+        values.append(value)
+    return values
+
+
+def _one_sun(path: Path, sun: float, table: np.ndarray) -> ReferenceSolution:
+    wavelength = np.unique(table[:, 3])
+    directions, index = np.unique(table[:, 1:3], axis=0, return_inverse=True)
+    radiance = np.full((len(directions), wavelength.size), np.nan)
+    error = radiance.copy()
+    place = (index.ravel(), np.searchsorted(wavelength, table[:, 3]))
+    radiance[place], error[place] = table[:, 4], table[:, 5]
+    if table.shape[0] != radiance.size or np.isnan(radiance).any():
+        raise TwilightError(f"{path}: sun {sun:g}: needs one row for each direction and each of the wavelengths")
+    return ReferenceSolution(directions[:, 0], directions[:, 1], wavelength, radiance, error)
+
+
+def some_suns(
+    stored: Mapping[float, ReferenceSolution], suns: list[float] | None, where: str
+) -> dict[float, ReferenceSolution]:
+    """The references of the suns asked for, all for None; TwilightError names the suns that there are."""
+    missing = [sun for sun in suns or () if sun not in stored]
+    if missing:
+        there = ", ".join(f"{sun:g}" for sun in stored)
+        raise TwilightError(f"{where}: has no sun at {missing[0]:g} deg; it has {there}")
+    return {sun: stored[sun] for sun in (stored if suns is None else suns)}
+
+
+def write_references(path: Path, references: Mapping[float, ReferenceSolution]) -> None:
+    """The table that :func:`read_references` reads."""
+    rows = []
+    for sun, r in references.items():
+        for d in range(r.elevation_deg.size):
+            for w, nm in enumerate(r.wavelength_nm):
+                where = (float(v) for v in (sun, r.elevation_deg[d], r.azimuth_deg[d], nm))
+                rows.append([*where, f"{r.radiance[d, w]:.6g}", f"{r.standard_error[d, w]:.3g}"])
+    write_csv(path, COLUMNS, rows)
+
+
+@dataclass(frozen=True)
+class ReferenceSolver:
+    """Computes references of a scene with the Monte-Carlo solver; each sun is cached in `folder` when it is done.
+
+    target_stderr: relative standard error of every direction and wavelength; time_limit_s: of one sun.
+    """
+
+    config: Config
+    folder: Path
+    target_stderr: float
+    time_limit_s: float | None = None
+
+    def references(
+        self,
+        suns: list[float],
+        directions: tuple[np.ndarray, np.ndarray],
+        progress: Progress,
+    ) -> dict[float, ReferenceSolution]:
+        """References of the suns in the directions (elevation, azimuth) [deg]."""
+        solver = solvers.load(NAME)
+        settings = replace(
+            solver.QUALITIES["reference"], target_stderr=self.target_stderr, seed=SEED, time_limit_s=self.time_limit_s
+        )
+        self.folder.mkdir(parents=True, exist_ok=True)
+        found: dict[float, ReferenceSolution] = {}
+        solved: Solved | None = None
+        meter = Meter(progress)
+        for i, sun in enumerate(suns):
+            file = self.folder / f"reference{sun:+g}-{self._key(sun, directions, repr(settings))}.csv"
+            meter.phase(f"reference solution, sun {sun:g} deg:", i / len(suns), 1.0 / len(suns))
+            if not file.exists():
+                if solved is None:
+                    solved = Problem(resolve(self.config, solver=(solver, settings))).solve(meter)
+                write_references(file, {sun: _computed(solved, sun, directions, file)})
+            found[sun] = read_references(file)[sun]
+        return found
+
+    def _key(self, sun: float, directions: tuple[np.ndarray, np.ndarray], settings: str) -> str:
+        asked = resolved_configuration(self.config, SunElevation(elevation_deg=sun))
+        asked = {part: asked.get(part) for part in ("climate", "observer", "wavelengths", "omit_negligible")}
+        asked["directions"] = [d.tolist() for d in directions]
+        asked["settings"] = settings
+        asked["code"] = code_of(NAME)
+        return configuration_hash(asked)[:24]
+
+
+def _computed(solved: Solved, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:
+    """The reference of one sun; what is begun is cached in files beside `file` until it is done."""
+    radiance, error = [], []
+    for i, block in enumerate(solved.blocks):
+        found = block.answer(sun, *directions, checkpoint=file.with_suffix(f".part{i or ''}.npz"))
+        assert found.standard_error is not None
+        radiance.append(found.radiance)
+        error.append(np.nan_to_num(found.standard_error, nan=0.0))
+    nm = solved.medium.wavelength_nm
+    return ReferenceSolution(*directions, nm, np.concatenate(radiance, axis=-1), np.concatenate(error, axis=-1))

@@ -1,0 +1,244 @@
+"""Runs one job in a process of its own, so that peak memory means something: python -m twilight.studies.compare.worker
+
+Reads a job (JSON) from standard input and writes one JSON object a line to standard output:
+{"progress": [words, fraction]}, {"sun": deg, "timing": {...}}, {"sun": deg, "radiance": [[...]]}, {"sun": deg,
+"reason": "..."}, {"compiled_s": s} and nothing after it where machine code had to be made.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Meter
+from twilight.config.scene import Config
+from twilight.engine.solve import Problem, Solved
+from twilight.numerics.grids import half_of, texture_centres
+from twilight.scene import resolve
+
+Send = Callable[[dict[str, Any]], None]
+
+
+class Compiled(Exception):
+    """Machine code was made, which takes time and memory that do not belong to a run."""
+
+
+class _CompilationClock:
+    """Seconds that numba spent compiling in this process."""
+
+    def __init__(self) -> None:
+        from numba.core.event import install_recorder
+
+        self._context = install_recorder("numba:compile")
+        self._recorder = self._context.__enter__()
+
+    @property
+    def seconds(self) -> float:
+        """The union of all compilations; those within others are not counted twice."""
+        depth, begun, total = 0, 0.0, 0.0
+        for at, event in self._recorder.buffer:
+            if event.is_start:
+                begun, depth = (at if depth == 0 else begun), depth + 1
+            elif depth:
+                depth -= 1
+                total += at - begun if depth == 0 else 0.0
+        return total
+
+
+class _Clocks:
+    """Wall and processor seconds of every block that ended well."""
+
+    def __init__(self) -> None:
+        self.wall_s: list[float] = []
+        self.cpu_s: list[float] = []
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter(), time.process_time()
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if kind is None:
+            self.wall_s.append(time.perf_counter() - self._start[0])
+            self.cpu_s.append(time.process_time() - self._start[1])
+
+
+def execute(message: dict[str, Any], send: Send) -> None:
+    """Compute a job and send what comes out; a scene that the solver cannot do is sent as its reason."""
+    _Execution(message, send).all_suns()
+
+
+class _Execution:
+    def __init__(self, message: dict[str, Any], send: Send):
+        self.message, self.send = message, send
+        self.config = Config.model_validate(message["config"])
+        self.solver = import_module(message["module"])
+        self.settings = replace(self.solver.QUALITIES[message["quality"]], **message["options"])
+        self.suns: list[float] = message["suns"]
+        self.timed: list[float] = message["timed"]
+        self.directions = dict(zip(self.suns, message["directions"], strict=True))
+        self.failed: set[float] = set()
+        self.sent: set[float] = set()
+        self.meter = Meter(lambda doing, fraction: send({"progress": [doing, fraction]}))
+        self.meter.phase("", 0.0, 0.5)
+
+    def all_suns(self) -> None:
+        problem = self._problem(None)
+        clock = _CompilationClock()
+        self.before_mib = _peak_mib()
+        self._warm_up(problem)
+        if clock.seconds > 0.0:
+            self.send({"compiled_s": clock.seconds})
+            raise Compiled
+        if self.timed:
+            self._timed_runs(problem, clock)
+        for wanted in dict.fromkeys(_wavelengths(d) for d in self.directions.values()):
+            here = [s for s in self.suns if _wavelengths(self.directions[s]) == wanted]
+            made = None
+            for sun in (s for s in here if s not in self.failed | self.sent):
+                try:
+                    made = made or (problem if wanted is None else self._problem(np.array(wanted))).solve(self.meter)
+                    self._send_radiance(made, sun)
+                except TwilightError as error:
+                    self._fail(sun, error)
+
+    def _problem(self, wavelength_nm: np.ndarray | None) -> Problem:
+        """The scene at its own or at other wavelengths, with the solver and the settings that the job names."""
+        suns = self.message["all_suns"]
+        scene = resolve(self.config, wavelength_nm=wavelength_nm, solver=(self.solver, self.settings))
+        return Problem(scene, None if suns is None else tuple(suns))
+
+    def _warm_up(self, problem: Problem) -> None:
+        """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""
+        grid = np.meshgrid([3.0, 60.0], [0.0, 90.0], indexing="ij")
+        try:
+            made = self._problem(problem.scene.medium.wavelength_nm[:1].copy()).solve(self.meter)
+            for sun in self.suns[:1]:
+                made.radiance(sun, *grid)
+        except TwilightError:
+            pass  # the run itself will say so
+
+    def _timed_runs(self, problem: Problem, clock: _CompilationClock) -> None:
+        begun = time.perf_counter()
+        set_up = _Clocks()
+        skies = {sun: _Clocks() for sun in self.timed}
+        while not set_up.wall_s or (
+            len(set_up.wall_s) < self.message["repeats"]
+            and time.perf_counter() - begun < self.message["repeat_budget_s"]
+        ):
+            compiled = clock.seconds
+            try:
+                with set_up:
+                    made = problem.solve(self.meter)
+            except TwilightError as error:
+                for sun in self.suns:
+                    self._fail(sun, error)
+                return
+            for i, sun in enumerate(self.timed):
+                if sun in self.failed:
+                    continue
+                self.meter.phase("", 0.5 + 0.5 * i / len(self.timed), 0.5 / len(self.timed))
+                directions = self._texture(sun)
+                try:
+                    with skies[sun]:
+                        made.radiance(sun, *directions)
+                except TwilightError as error:
+                    self._fail(sun, error)
+                    continue
+                self._send_timing(sun, set_up, skies[sun], self._counted(directions))
+                if len(set_up.wall_s) == 1 and _wavelengths(self.directions[sun]) is None:
+                    self._send_radiance(made, sun)
+            if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
+                self.send({"compiled_s": clock.seconds})
+                raise Compiled
+
+    def _texture(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
+        """A deterministic solver is asked for half the texture, as a render does; a stochastic one, whose time grows
+        with the directions, for those that are compared."""
+        if self.solver.CAPABILITIES.standard_error:
+            d = self.directions[sun]
+            return np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])
+        elevation, azimuth = texture_centres(self.config.texture.shape)
+        e, a = np.meshgrid(elevation, azimuth[half_of(azimuth)[0]], indexing="ij")
+        return e, a
+
+    def _counted(self, directions: tuple[np.ndarray, np.ndarray]) -> int:
+        rows, columns = self.config.texture.shape
+        return directions[0].size if self.solver.CAPABILITIES.standard_error else rows * columns
+
+    def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int) -> None:
+        import numba
+
+        timing = {
+            "set_up_s": set_up.wall_s,
+            "sky_s": sky.wall_s,
+            "set_up_cpu_s": set_up.cpu_s,
+            "sky_cpu_s": sky.cpu_s,
+            "directions": directions,
+            "peak_mib": _peak_mib(),
+            "before_mib": self.before_mib,
+            "threads": numba.get_num_threads(),
+            "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
+        }
+        self.send({"sun": sun, "timing": timing})
+
+    def _send_radiance(self, made: Solved, sun: float) -> None:
+        d = self.directions[sun]
+        radiance = made.radiance(sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
+        if not (radiance >= 0).all():  # an estimate, by its noise
+            self._fail(sun, TwilightError("gave radiance that is negative or not a number"))
+            return
+        self.sent.add(sun)
+        self.send({"sun": sun, "radiance": radiance.tolist()})
+
+    def _fail(self, sun: float, error: TwilightError) -> None:
+        self.failed.add(sun)
+        self.send({"sun": sun, "reason": str(error)})
+
+
+def _wavelengths(directions: dict[str, Any]) -> tuple[float, ...] | None:
+    wanted = directions["wavelength_nm"]
+    return None if wanted is None else tuple(wanted)
+
+
+def _peak_mib() -> float:
+    """Most memory this process has held [MiB].
+
+    Linux counts into ru_maxrss what the parent held when it started this process; VmHWM is this process alone.
+    """
+    with suppress(OSError), open("/proc/self/status") as status:
+        for line in status:
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) / 1024.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
+
+
+def main() -> int:
+    """Read, compute, write; what solvers print goes to standard error."""
+    out = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)
+
+    def send(message: dict[str, Any]) -> None:
+        out.write(json.dumps(message) + "\n")
+
+    try:
+        execute(json.load(sys.stdin), send)
+    except Compiled:
+        return 0
+    except BrokenPipeError:  # nobody reads any more
+        os._exit(1)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

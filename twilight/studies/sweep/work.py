@@ -1,0 +1,160 @@
+"""What a worker does: the skies of one field."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from twilight import solvers
+from twilight.base.errors import TwilightError
+from twilight.config.scene import Config, Observer
+from twilight.engine.answer import Answer
+from twilight.engine.block import Block
+from twilight.engine.solve import Problem
+from twilight.scene import resolve
+from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of
+
+_ONE_AT_A_TIME = threading.Lock()
+"""A worker with several threads computes one field at a time, with all of them."""
+
+_last: dict[str, Block] = {}
+"""The block of wavelengths that was solved last: suns of one field may come in several tasks."""
+
+
+@dataclass
+class BlockResult:
+    """A chunk's skies in its order: n of them.
+
+    radiance (n, E, A, W): sun-normalised [sr^-1], float32; direct (n, W): irradiance of the sun's beam over F0;
+    bending_deg (n,); more: what the field knows beside them, by the names of `layers_of`, of the radiance's shape;
+    refused: the sentence of each sky that the solver cannot do, by position, whose values are NaN.
+    """
+
+    radiance: np.ndarray
+    direct: np.ndarray
+    bending_deg: np.ndarray
+    more: dict[str, np.ndarray] = field(default_factory=dict)
+    refused: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """Chunks of a task, and the processor and wall seconds that they took."""
+
+    blocks: list[BlockResult]
+    cpu_s: float
+    wall_s: float
+
+
+def compute(payload: dict[str, Any], threads: int | None = None) -> TaskResult:
+    """Compute a task on `threads` threads (default: those that this Dask worker has).
+
+    Errors: TwilightError where this worker's program is not the one that planned the task.  A scene that the solver
+    refuses is no error but part of the result.
+    """
+    config = payload["config"].get("solver", {})
+    if payload["code"] != code_of(config.get("name", solvers.DEFAULT)):
+        raise TwilightError("the program or its data on this worker differ from those that started the sweep")
+    with _ONE_AT_A_TIME:
+        _set_threads(threads)
+        begin = time.process_time(), time.perf_counter()
+        blocks = _Fields(payload).blocks()
+        return TaskResult(blocks, time.process_time() - begin[0], time.perf_counter() - begin[1])
+
+
+def forget() -> None:
+    """Let go of the field that this process holds."""
+    _last.clear()
+
+
+def _set_threads(threads: int | None) -> None:
+    import numba
+
+    most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # made when numba is loaded
+    if threads is None:
+        threads = most
+        if "NUMBA_NUM_THREADS" not in os.environ:
+            from distributed import get_worker
+
+            threads = get_worker().state.nthreads
+    numba.set_num_threads(max(1, min(threads, most)))
+
+
+class _Fields:
+    """The fields of one climate: solved once for each block of wavelengths and, if need be, observer."""
+
+    def __init__(self, payload: dict[str, Any]):
+        self.payload = payload
+        self.config = Config.model_validate(payload["config"])
+        self.skies: list[list[ScenePosition]] = payload["blocks"]
+
+    def blocks(self) -> list[BlockResult]:
+        """All chunks of the task."""
+        out = [self._empty(len(skies)) for skies in self.skies]
+        try:
+            scene = resolve(self.config, wavelength_nm=self.payload["wavelength_nm"])
+            observer = Observer(altitude_km=self.skies[0][0].observer_altitude_km)
+            problem = Problem(replace(scene, observer=observer))
+            for index in range(len(problem.slices)):
+                self._wavelengths(problem, index, out)
+        except TwilightError as error:  # of the air or of the solver's preparation: no scene of this field can be done
+            for block in out:
+                block.refused = {i: str(error) for i in range(len(block.radiance))}
+        for block in out:
+            self._clear(block)
+        return out
+
+    def _empty(self, n: int) -> BlockResult:
+        shape = (self.payload["elevation_deg"].size, self.payload["azimuth_deg"].size)
+        w = self.payload["wavelength_nm"].size
+        return BlockResult(
+            np.full((n, *shape, w), np.nan, np.float32),
+            np.full((n, w), np.nan, np.float32),
+            np.full(n, np.nan, np.float32),
+        )
+
+    def _wavelengths(self, problem: Problem, index: int, out: list[BlockResult]) -> None:
+        solved = self._solved(problem, index)
+        for skies, block in zip(self.skies, out, strict=True):
+            for i, sky in enumerate(skies):
+                if i in block.refused:
+                    continue
+                try:
+                    self._sky(solved, sky, i, block)
+                except TwilightError as error:
+                    block.refused[i] = str(error)
+
+    def _solved(self, problem: Problem, index: int) -> Block:
+        key = f"{self.payload['field_key']} {index}"
+        if key not in _last:
+            _last.clear()  # first, so that two fields are never held
+            _last[key] = problem.block(index)
+        return _last[key]
+
+    def _sky(self, solved: Block, sky: ScenePosition, i: int, block: BlockResult) -> None:
+        sun, altitude, part = sky.sun_elevation_deg, sky.observer_altitude_km, solved.wavelengths
+        found = solved.texture(sun, self.payload["elevation_deg"], self.payload["azimuth_deg"], altitude)
+        for name, values in layers_of(found).items():
+            block.more.setdefault(name, np.full_like(block.radiance, np.nan))[i, ..., part] = values
+        block.radiance[i, ..., part] = found.radiance
+        block.direct[i, part], block.bending_deg[i] = solved.direct(sun, altitude)
+
+    def _clear(self, block: BlockResult) -> None:
+        """A sky that was refused in one block of wavelengths is not there in the others."""
+        for i in block.refused:
+            for values in (block.radiance, block.direct, block.bending_deg, *block.more.values()):
+                values[i] = np.nan
+
+
+def layers_of(found: Answer) -> dict[str, np.ndarray]:
+    """What an answer (E, A) holds beside its radiance: arrays (E, A, W) by the names of the dataset's variables."""
+    layers = {} if found.standard_error is None else {STANDARD_ERROR: found.standard_error}
+    for values, names in ((found.polarisation, STOKES), (found.polarisation_error, STOKES_ERROR)):
+        if values is not None:
+            layers |= {name: values[:, :, i] for i, name in enumerate(names)}
+    return layers

@@ -1,0 +1,280 @@
+"""Computed light against photometers: illuminance of the ground, luminance of the zenith.
+
+Measured sites differ among themselves by a factor 1.5 to 2, so level and slope are separate: the mean of log10
+(computed / measured) over a range of sun elevations, and its slope [dex deg^-1].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight import solvers
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, part_of, silent
+from twilight.config.scene import Config, Observer
+from twilight.engine.night import levels_of
+from twilight.engine.solve import Problem
+from twilight.engine.sunbeam import Sunbeam
+from twilight.numerics import spectrum
+from twilight.scene import resolve
+from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.studies.validate.measured import references
+from twilight.studies.validate.measured.references import KOOMEN_SITES, Site
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+
+WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0, 620.0, 650.0, 720.0)
+"""Where the radiance is computed: dense where V(lambda) is large, on both sides of the O4 bands (477, 577, 630 nm)."""
+
+SUNS_DEG = (60, 50, 40, 30, 25, 20, 15, 10, 8, 6, 5, 4, 3, 2, 1, 0, -0.8, *range(-1, -19, -1))
+"""Sun elevations for illuminance."""
+ZENITH_SUNS_DEG = (0, *range(-1, -19, -1))
+
+ILLUMINANCE_RANGES_DEG = ((20, 60), (5, 20), (-0.8, 5), (-5, -0.8), (-12, -5), (-18, -12))
+"""The pieces of Janiczek and DeYoung."""
+LUMINANCE_RANGES_DEG = ((-6, 0), (-12, -6), (-15, -12))
+
+DISC_STRIPS = 12
+
+HIGH_SITE_KM = 0.5
+"""A site this far above the climate's ground gets the same climate with its ground at the site's altitude."""
+
+
+@dataclass(frozen=True)
+class PhotometricPoint:
+    """One computed value: lx or cd m^-2 by `quantity`; `night` is the night sky's part of `computed`.
+
+    measured: NaN where there is no measurement.
+    """
+
+    climate: str
+    quantity: str
+    source: str
+    site: str
+    observer_altitude_km: float
+    sun_elevation_deg: float
+    computed: float
+    night: float
+    measured: float
+
+    @property
+    def log_ratio(self) -> float:
+        """log10 of computed over measured."""
+        return float(np.log10(self.computed / self.measured))
+
+
+@dataclass(frozen=True)
+class Level:
+    """Points of one range of sun elevations: how far off in level (mean, least, most log10 ratio) and in slope.
+
+    slope_difference: of log10 (computed / measured) over sun elevation, least squares [dex deg^-1].
+    """
+
+    climate: str
+    quantity: str
+    site: str
+    low_deg: float
+    high_deg: float
+    count: int
+    level_dex: float
+    lowest_dex: float
+    highest_dex: float
+    slope_difference: float
+
+    @property
+    def factor(self) -> float:
+        """Geometric mean of computed over measured."""
+        return float(10.0**self.level_dex)
+
+
+class Photometer:
+    """The light of one climate for any sun, on the ground and above it.
+
+    ground_altitude_km: of the land in place of the climate's own.
+    """
+
+    def __init__(self, config: Config, progress: Progress | None = None, ground_altitude_km: float | None = None):
+        if ground_altitude_km is not None:
+            ground = config.climate.ground.model_copy(update={"altitude_km": ground_altitude_km})
+            config = config.model_copy(update={"climate": config.climate.model_copy(update={"ground": ground})})
+        # few wavelengths stand for the visible: 590 nm would count the edge of water vapour's band for 20 nm
+        scene = replace(resolve(config), observer=Observer(), bands=None)
+        able = scene.capabilities
+        if not (able.every_sun and able.every_observer):
+            name = config.solver.get("name", solvers.DEFAULT)
+            raise TwilightError(
+                f"validate photometry: needs a solver whose field serves every sun and observer, as zones, not {name}"
+            )
+        self.config = config
+        self.medium = scene.medium
+        self.solved = Problem(scene).solve(progress)
+        self.beam = Sunbeam(self.medium)
+        self._weight = (
+            spectrum.LUMINOUS_EFFICACY_LM_PER_W
+            * spectrum.solar_at_visible(config.solar_spectrum)
+            * spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
+        )
+
+    def luminous(self, factor: np.ndarray) -> np.ndarray:
+        """Luminance [cd m^-2] or illuminance [lx] of sun-normalised spectra (..., W)."""
+        return spectrum.integrate(factor, self.medium.wavelength_nm, self._weight)
+
+    def illuminance_lux(self, sun_elevation_deg: float) -> tuple[float, float]:
+        """(sun, sky and night together; night alone): illuminance of level ground at the medium's foot [lx]."""
+        sun = float(self.luminous(disc_irradiance(self.beam.beam, self.medium, sun_elevation_deg)))
+        elevation, azimuth, weight = hemisphere(sun_elevation_deg)
+        radiance = self.solved.radiance(sun_elevation_deg, elevation, azimuth)
+        sky = float(self.luminous(weight @ radiance))
+        night = self._night(np.arcsin(np.sqrt((np.arange(20) + 0.5) / 20)), 24, sun_elevation_deg, None)
+        lux = float(np.pi * np.mean(night)) if night is not None else 0.0  # rows of equal cosine x solid angle
+        return sun + sky + lux, lux
+
+    def zenith_luminance(self, sun_elevation_deg: float, site: Site) -> tuple[float, float]:
+        """(sky and night together; night alone): luminance of the zenith at a site [cd m^-2]."""
+        altitude_km = max(site.altitude_km, self.medium.bottom_km)
+        factor = self.solved.radiance(sun_elevation_deg, [90.0], [0.0], observer_altitude_km=altitude_km)
+        night = self._night(np.array([np.pi / 2]), 1, sun_elevation_deg, site)
+        floor = float(night[0, 0]) if night is not None else 0.0
+        return float(self.luminous(factor)[0]) + floor, floor
+
+    def transmission(self, altitude_km: float) -> float:
+        """Vertical photopic transmission of the air above an altitude: of sunlight, by V(lambda)."""
+        out = self.beam.at(90.0, max(altitude_km, self.medium.bottom_km)).irradiance
+        return float(self.luminous(out) / self.luminous(np.ones_like(out)))
+
+    def _night(self, elevation_rad: np.ndarray, columns: int, sun_deg: float, site: Site | None) -> np.ndarray | None:
+        """Luminance of the night sky (E, A) [cd m^-2], None where the configuration has none."""
+        if self.config.night is None:
+            return None
+        from twilight.sky.night import Place, night_radiance
+
+        sun_azimuth, place = None, None
+        if site is not None:
+            moment, sun_azimuth = evening(site, sun_deg)
+            place = Place(site.latitude_deg, site.longitude_deg, moment)
+        radiance = night_radiance(
+            self.medium,
+            np.degrees(elevation_rad),
+            np.arange(columns) * (360.0 / columns),
+            levels_of(self.config.night),
+            sun_elevation_deg=sun_deg,
+            sun_azimuth_deg=sun_azimuth,
+            place=place,
+            observer_altitude_km=self.medium.bottom_km if site is None else site.altitude_km,
+        )
+        return self.luminous(
+            radiance / spectrum.solar_irradiance(self.medium.wavelength_nm, self.config.solar_spectrum)
+        )
+
+
+def disc_irradiance(beam: Any, medium: Medium, sun_elevation_deg: float) -> np.ndarray:
+    """Irradiance of level ground by the sun's disc over F0, (W,): uniform disc in horizontal strips, each refracted."""
+    from twilight.transport.beam import beam_at
+
+    # Gauss-Chebyshev nodes of the second kind: strips of a disc weigh by their chord
+    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
+    total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
+    for offset, fraction in zip(np.cos(k), 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2, strict=True):
+        true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
+        bending = beam_at(beam, medium.bottom_km, np.sin(true), out)
+        total += fraction * max(0.0, float(np.sin(true + bending))) * out
+    return total
+
+
+def hemisphere(sun_elevation_deg: float, rows: int = 24, columns: int = 20):
+    """Directions (elevation, azimuth) [deg] and weights whose sum over radiance is horizontal irradiance, each (D,).
+
+    Gauss-Legendre in sin^2 of the elevation, with the sun's elevation as an edge, and in the root of the azimuth: dense
+    about the sun; 2e-4 in continental air.  The other half of the sky is the mirror image.
+    """
+    edge = float(np.sin(np.radians(min(max(sun_elevation_deg, 0.0), 90.0))) ** 2)
+    edges = [0.0, edge, 1.0] if 0.01 < edge < 0.99 else [0.0, 1.0]
+    x, w = np.polynomial.legendre.leggauss(rows // (len(edges) - 1))
+    square, row_weight = [], []
+    for low, high in pairwise(edges):
+        square.append(low + 0.5 * (high - low) * (x + 1))
+        row_weight.append(0.5 * (high - low) * w)
+    s, sw = np.concatenate(square), np.concatenate(row_weight)
+    u, uw = np.polynomial.legendre.leggauss(columns)
+    root = 0.5 * (u + 1)
+    azimuth, aw = np.pi * root**2, np.pi * root * uw
+    grid = np.meshgrid(np.degrees(np.arcsin(np.sqrt(s))), np.degrees(azimuth), indexing="ij")
+    # cos dOmega = d(sin^2)/2 dA, both halves
+    return grid[0].ravel(), grid[1].ravel(), np.outer(sw, aw).ravel()
+
+
+def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
+    """The moment of the site's evening when the sun stands at an elevation [deg], and the sun's azimuth [deg]."""
+    from twilight.sky.ephemeris import sun_position
+
+    low, high = site.evening, site.evening + timedelta(hours=12)
+    for _ in range(24):
+        middle = low + (high - low) / 2
+        at = sun_position(middle, site.latitude_deg, site.longitude_deg, site.altitude_km)
+        low, high = (middle, high) if float(at.elevation_deg) > sun_elevation_deg else (low, middle)
+    return middle, float(at.azimuth_deg)
+
+
+def photometry(config: Config, progress: Progress | None = None) -> tuple[list[PhotometricPoint], dict[str, float]]:
+    """All points of one climate, and the vertical photopic transmission above each site.
+
+    Raises TwilightError for a configuration with a solver other than zones.
+    """
+    tell = progress or silent
+    meter = Photometer(config, part_of(tell, 0.0, 0.4))
+    name, points = config.climate.name, []
+    for i, sun in enumerate(SUNS_DEG):
+        tell("illuminance", 0.4 + 0.2 * i / len(SUNS_DEG))
+        computed, night = meter.illuminance_lux(sun)
+        measured = float(references.horizontal_illuminance_lux(sun))
+        points.append(
+            PhotometricPoint(
+                name, "illuminance", references.ILLUMINANCE_SOURCE, "ground", 0.0, sun, computed, night, measured
+            )
+        )
+    at_site = {}
+    for site in KOOMEN_SITES:
+        there = meter
+        if site.altitude_km - meter.medium.bottom_km > HIGH_SITE_KM:
+            there = Photometer(config, part_of(tell, 0.6, 0.35), site.altitude_km)
+        at_site[site.name] = there
+        suns, values = references.zenith_luminance_cd_m2(site.name)
+        known = dict(zip(suns.tolist(), values.tolist(), strict=True))
+        for sun in ZENITH_SUNS_DEG:
+            tell(f"zenith, {site.name}", 0.97)
+            computed, night = there.zenith_luminance(sun, site)
+            measured = known.get(float(sun), float("nan"))
+            where = (site.name, site.altitude_km)
+            points.append(
+                PhotometricPoint(
+                    name, "zenith luminance", references.LUMINANCE_SOURCE, *where, sun, computed, night, measured
+                )
+            )
+    tell("done", 1.0)
+    return points, {site.name: at_site[site.name].transmission(site.altitude_km) for site in KOOMEN_SITES}
+
+
+def levels(points: Iterable[PhotometricPoint]) -> list[Level]:
+    """Level and slope over every range that holds two measured points or more."""
+    groups: dict[tuple[str, str, str], list[PhotometricPoint]] = {}
+    for point in points:
+        if np.isfinite(point.measured):
+            groups.setdefault((point.climate, point.quantity, point.site), []).append(point)
+    out = []
+    for (climate, quantity, site), group in groups.items():
+        for low, high in ILLUMINANCE_RANGES_DEG if quantity == "illuminance" else LUMINANCE_RANGES_DEG:
+            inside = [p for p in group if low <= p.sun_elevation_deg <= high]
+            if len(inside) < 2:
+                continue
+            ratio = np.array([p.log_ratio for p in inside])
+            slope = np.polyfit([p.sun_elevation_deg for p in inside], ratio, 1)[0]
+            spread = (float(ratio.mean()), float(ratio.min()), float(ratio.max()))
+            out.append(Level(climate, quantity, site, low, high, len(inside), *spread, float(slope)))
+    return out

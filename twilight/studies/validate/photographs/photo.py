@@ -1,0 +1,367 @@
+"""A photograph against a computed sky: both on one grid of colours, after one free exposure.
+
+A photograph has no spectrum, so both become XYZ (CIE 1931, which camera profiles are made for): luminance in the
+photograph's own scale and chromaticity, on the texture of the sky (cells of elevation and azimuth relative to the sun),
+NaN where masked.  A cell of the photograph is the mean of its clear fine cells, and the computed sky is averaged over
+the very same ones, so a cell half behind a tree compares like with like.
+
+    photo = photo_sky(panorama, mask.valid, cell_deg)
+    comparison = compare(photo, sky)                          # everything of the report
+    residual_vector(photo, simulated_sky(sky, photo))         # for a fit
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.sky import Sky
+from twilight.studies.validate.photographs.panorama import Panorama
+
+OBSERVER = "cie1931_2deg"
+LEAST_CLEAR_FRACTION = 0.5
+"""A cell counts where at least this fraction of its fine cells is clear sky."""
+LEAST_CELLS = 20
+"""Cells of clear sky that a comparison needs."""
+CHROMATICITY_SCALE = 0.01
+"""Difference in u', v' that weighs as much as LOG_SCALE in ln(luminance) in ``residual_vector``."""
+LOG_SCALE = 0.1
+"""Difference of ln(luminance) that is one unit of ``residual_vector``."""
+PROFILE_HALF_WIDTH_DEG = 3.0
+"""Profiles are means of what lies this near to the meridian."""
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoSky:
+    """The colours of a sky on its texture, NaN where not known: a photograph, or a sky seen through its mask.
+
+    elevation_deg (E,), azimuth_deg (A,): cell centres, azimuths relative to the sun.
+    xyz (E, A, 3): luminance in Y, in the photograph's scale (or cd m^-2 for a computed sky).
+    solid_angle_sr (E, A): of the clear part of every cell, 0 where it does not count.
+    fine_xyz (e, a, 3), fine_valid (e, a), fine_elevation_deg (e,), fine_azimuth_deg (a,): the same above the horizon on
+        the fine grid, not masked, and the mask.
+    colour_known: False for a grey photograph.
+    sun_azimuth_deg: in the azimuths of the camera.
+    """
+
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    xyz: np.ndarray
+    solid_angle_sr: np.ndarray
+    fine_xyz: np.ndarray
+    fine_valid: np.ndarray
+    fine_elevation_deg: np.ndarray
+    fine_azimuth_deg: np.ndarray
+    colour_known: bool = True
+    sun_azimuth_deg: float = 0.0
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(E, A): the cell takes part in the comparison."""
+        return self.solid_angle_sr > 0
+
+
+def photo_sky(panorama: Panorama, valid: np.ndarray, cell_deg: float) -> PhotoSky:
+    """A panorama whose origin is the sun's azimuth, averaged over the clear fine cells of every cell.
+
+    valid (E, A) on the panorama's grid (``mask.make_mask``).  Errors: TwilightError where hardly any sky is left.
+    """
+    above = panorama.elevation_deg > 0
+    to_xyz = np.linalg.inv(spectrum.xyz_to_rgb_matrix(OBSERVER))
+    fine = panorama.rgb[above] @ to_xyz.T
+    with np.errstate(invalid="ignore"):
+        clear = valid[above] & (fine[..., 1] > 0)
+    k = round(cell_deg / panorama.step_deg)
+    rows = panorama.elevation_deg[above]
+    xyz, solid_angle = _average(fine, clear, rows, k, panorama.step_deg)
+    if (solid_angle > 0).sum() < LEAST_CELLS:
+        raise TwilightError(
+            f"photo: only {(solid_angle > 0).sum()} cells of {cell_deg:g} deg hold clear sky after masking, and "
+            f"{LEAST_CELLS} are needed; see the mask options"
+        )
+    return PhotoSky(
+        elevation_deg=rows.reshape(-1, k).mean(axis=1),
+        azimuth_deg=np.arange(panorama.azimuth_deg.size // k) * cell_deg,
+        xyz=xyz,
+        solid_angle_sr=solid_angle,
+        fine_xyz=fine,
+        fine_valid=clear,
+        fine_elevation_deg=rows,
+        fine_azimuth_deg=panorama.azimuth_deg,
+        colour_known=not panorama.grey,
+        sun_azimuth_deg=panorama.origin_deg,
+    )
+
+
+def simulated_sky(sky: Sky, photo: PhotoSky) -> PhotoSky:
+    """The computed sky on the grid of a photograph, averaged over the same clear fine cells; Y in cd m^-2."""
+    fine, averaged = seen_as(photo, sky, colour.sky_to_xyz(sky, observer=OBSERVER))
+    return replace(photo, xyz=averaged, fine_xyz=fine, colour_known=colour.colour_is_defined(sky.wavelength_nm))
+
+
+def seen_as(photo: PhotoSky, sky: Sky, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """XYZ, of one sky or more, on the grid of ``sky`` taken to the fine grid (e, a, N) and the cells (E, A, N) of a
+    photograph."""
+    rows, columns = photo.fine_elevation_deg, photo.fine_azimuth_deg
+    fine = np.asarray(sky.smooth(xyz, rows[:, None], columns[None, :]), float)
+    k = rows.size // photo.elevation_deg.size
+    averaged, _ = _average(fine, photo.fine_valid, rows, k, 90.0 / rows.size)
+    return fine, averaged
+
+
+def _average(
+    fine: np.ndarray, clear: np.ndarray, rows_deg: np.ndarray, k: int, step_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means (E, A, N) over clear fine cells (e, a, N) by solid angle, NaN where too few; their solid angle (E, A)."""
+    weight = clear * np.cos(np.radians(rows_deg))[:, None]
+    e, a = fine.shape[0] // k, fine.shape[1] // k
+    total = np.where(clear[..., None], fine, 0.0) * weight[..., None]
+    total = total.reshape(e, k, a, k, -1).sum(axis=(1, 3))
+    weights = weight.reshape(e, k, a, k).sum(axis=(1, 3))
+    enough = clear.reshape(e, k, a, k).mean(axis=(1, 3)) >= LEAST_CLEAR_FRACTION
+    with np.errstate(divide="ignore", invalid="ignore"):
+        xyz = np.where(enough[..., None], total / weights[..., None], np.nan)
+    return xyz, np.where(enough, weights, 0.0) * np.radians(step_deg) ** 2
+
+
+# Comparison -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """What brings a photograph onto the computed sky: xyz' = exposure x matrix x xyz.
+
+    exposure: cd m^-2 of the simulation per unit of the photograph's Y (by the weighted mean of ln(luminance)).
+    gains (3,): of red, green, blue (linear Rec. 709), luminance of white 1 as before; ones without a white balance.
+    """
+
+    exposure: float
+    gains: np.ndarray
+
+    def apply(self, xyz: np.ndarray) -> np.ndarray:
+        """XYZ (..., 3) of the photograph, balanced and exposed."""
+        to_rgb = spectrum.xyz_to_rgb_matrix(OBSERVER)
+        matrix = np.linalg.inv(to_rgb) @ np.diag(self.gains) @ to_rgb
+        return self.exposure * (xyz @ matrix.T)
+
+
+def balance(photo: PhotoSky, simulated: PhotoSky, white_balance: bool = False) -> Balance:
+    """One free exposure and, on request, one free white balance (a gain for red, green and blue).
+
+    The gains make the weighted mean of ln(channel) the same in both, over cells where all channels are positive; the
+    exposure then makes the weighted mean of ln(luminance) the same.  Errors: TwilightError where one has no colour.
+    """
+    weight, there = photo.solid_angle_sr, photo.counts & (simulated.xyz[..., 1] > 0)
+    if not there.any():
+        raise TwilightError("photo: the computed sky is black where the photograph shows clear sky")
+    gains = np.ones(3)
+    if white_balance:
+        if not (photo.colour_known and simulated.colour_known):
+            raise TwilightError("white balance: needs a colour photograph and wavelengths from 480 to 600 nm at least")
+        one, other = (colour.xyz_to_linear_rgb(s.xyz, OBSERVER) for s in (photo, simulated))
+        with np.errstate(invalid="ignore"):
+            good = there & (one > 0).all(axis=-1) & (other > 0).all(axis=-1)
+        if not good.any():
+            raise TwilightError("white balance: no cell has a colour within Rec. 709 in both")
+        fraction = weight[good] / weight[good].sum()
+        gains = np.exp(fraction @ np.log(other[good] / one[good]))
+        gains /= gains @ colour.REC709_LUMINANCE
+    balanced = Balance(1.0, gains).apply(photo.xyz)[..., 1]
+    with np.errstate(invalid="ignore"):
+        there &= balanced > 0
+    fraction = weight[there] / weight[there].sum()
+    return Balance(float(np.exp(fraction @ np.log(simulated.xyz[..., 1][there] / balanced[there]))), gains)
+
+
+@dataclass(frozen=True, eq=False)
+class MeridianProfile:
+    """Both skies along a great circle through the zenith.
+
+    angle_deg (N,): 0 at the horizon below the sun (solar meridian) or 90 deg to its right (perpendicular), 90 in the
+    zenith, 180 at the opposite horizon.  photo, simulated (N, 3): XYZ, NaN where masked.
+    """
+
+    angle_deg: np.ndarray
+    photo: np.ndarray
+    simulated: np.ndarray
+
+    @property
+    def log_ratio(self) -> np.ndarray:
+        """ln(photograph / simulation) of the luminance, (N,)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.log(self.photo[:, 1] / self.simulated[:, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A photograph and a computed sky on one grid, and the figures of their difference.
+
+    photo, simulated: as compared; ``photo_xyz`` (E, A, 3) is balanced and exposed.
+    log_ratio (E, A): ln(photograph / simulation) of the luminance.
+    delta_uv (E, A): distance in u', v'.  delta_e (E, A): CIEDE2000 with luminance, delta_e_colour (E, A): with the
+        photograph's luminance set to the simulation's; white is five times the log-mean luminance of the simulation.
+    figures: numbers of the report, JSON values.
+    """
+
+    photo: PhotoSky
+    simulated: PhotoSky
+    balance: Balance
+    photo_xyz: np.ndarray
+    log_ratio: np.ndarray
+    delta_uv: np.ndarray
+    delta_e: np.ndarray
+    delta_e_colour: np.ndarray
+    solar: MeridianProfile
+    perpendicular: MeridianProfile
+    figures: dict[str, Any]
+
+
+def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False) -> Comparison:
+    """Everything that the report holds.  Errors: TwilightError as ``balance``."""
+    simulated = simulated_sky(sky, photo)
+    found = balance(photo, simulated, white_balance)
+    photo_xyz = found.apply(photo.xyz)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        log_ratio = np.log(photo_xyz[..., 1] / simulated.xyz[..., 1])
+    log_ratio[~np.isfinite(log_ratio)] = np.nan
+    has_colour = photo.colour_known and simulated.colour_known
+    difference = (
+        colour.uv_of_xyz(photo_xyz) - colour.uv_of_xyz(simulated.xyz)
+        if has_colour
+        else np.full((*log_ratio.shape, 2), np.nan)
+    )
+    delta_uv = np.hypot(difference[..., 0], difference[..., 1])
+    delta_e, delta_e_colour = (np.full(log_ratio.shape, np.nan) for _ in range(2))
+    if has_colour:
+        delta_e, delta_e_colour = _ciede2000(photo_xyz, simulated.xyz, photo.solid_angle_sr)
+    fine = found.apply(photo.fine_xyz)
+    solar, across = (meridian_profile(photo, fine, simulated.fine_xyz, turn) for turn in (0.0, 90.0))
+    figures = _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_colour, (solar, across))
+    return Comparison(
+        photo, simulated, found, photo_xyz, log_ratio, delta_uv, delta_e, delta_e_colour, solar, across, figures
+    )
+
+
+def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """CIEDE2000 of XYZ (..., 3) with and without the difference in luminance, NaN where masked."""
+    import colour as science
+
+    there = (weight > 0) & np.isfinite(one).all(axis=-1) & (one[..., 1] > 0) & (other[..., 1] > 0)
+    a, b, w = one[there], other[there], weight[there]
+    white_xy = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[OBSERVER]]["D65"]
+    white = 5.0 * np.exp(np.average(np.log(b[:, 1]), weights=w))
+    results = []
+    for first in (a, a * (b[:, 1] / a[:, 1])[:, None]):
+        lab_first, lab_b = (science.XYZ_to_Lab(np.maximum(xyz, 0.0) / white, white_xy) for xyz in (first, b))
+        out = np.full(weight.shape, np.nan)
+        out[there] = science.delta_E(lab_first, lab_b, method="CIE 2000")
+        results.append(out)
+    return results[0], results[1]
+
+
+def meridian_profile(
+    photo: PhotoSky, photo_xyz: np.ndarray, simulated_xyz: np.ndarray, turn_deg: float
+) -> MeridianProfile:
+    """Means over bins of one cell along the great circle through the zenith, ``turn_deg`` from the sun's azimuth.
+
+    photo_xyz, simulated_xyz (e, a, 3) on the fine grid; only cells that are clear count, in both.
+    """
+    elevation = np.radians(photo.fine_elevation_deg)[:, None]
+    azimuth = np.radians(photo.fine_azimuth_deg - turn_deg)[None, :]
+    off = np.degrees(np.arcsin(np.cos(elevation) * np.sin(azimuth)))
+    along = np.degrees(np.arctan2(np.sin(elevation), np.cos(elevation) * np.cos(azimuth)))
+    n = 2 * photo.elevation_deg.size
+    use = photo.fine_valid & (np.abs(off) <= PROFILE_HALF_WIDTH_DEG) & (photo_xyz[..., 1] > 0)
+    index = np.clip((along[use] / (180.0 / n)).astype(int), 0, n - 1)
+    weight = np.broadcast_to(np.cos(elevation), use.shape)[use]
+    total = np.bincount(index, weight, n)
+    means = []
+    for xyz in (photo_xyz, simulated_xyz):
+        sums = np.stack([np.bincount(index, weight * xyz[use][:, c], n) for c in range(3)], axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            means.append(np.where(total[:, None] > 0, sums / total[:, None], np.nan))
+    return MeridianProfile((np.arange(n) + 0.5) * 180.0 / n, means[0], means[1])
+
+
+def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_colour, profiles) -> dict[str, Any]:
+    there = photo.counts & np.isfinite(log_ratio)
+    weight = photo.solid_angle_sr[there]
+    fraction = weight / weight.sum()
+    ratio = log_ratio[there]
+
+    other = np.log(simulated.xyz[..., 1][there])
+    one = ratio + other
+    one, other = one - fraction @ one, other - fraction @ other
+    spread = np.sqrt((fraction @ one**2) * (fraction @ other**2))
+    figures: dict[str, Any] = {
+        "cells": int(there.sum()),
+        "share_of_hemisphere": float(weight.sum() / (2 * np.pi)),
+        "exposure_cd_per_m2": found.exposure,
+        "white_balance_gains": [float(g) for g in found.gains],
+        "luminance_rms_percent": 100 * float(np.sqrt(fraction @ ratio**2)),
+        "luminance_median_percent": 100 * _quantile(np.abs(ratio), weight, 0.5),
+        "luminance_p95_percent": 100 * _quantile(np.abs(ratio), weight, 0.95),
+        "correlation_of_log_luminance": float(fraction @ (one * other) / spread) if spread > 0 else None,
+    }
+    for name, profile in zip(("solar_meridian", "perpendicular_meridian"), profiles, strict=True):
+        values = profile.log_ratio[np.isfinite(profile.log_ratio)]
+        figures[f"{name}_rms_percent"] = 100 * float(np.sqrt(np.mean(values**2))) if values.size else None
+        figures[f"{name}_shape_rms_percent"] = 100 * float(np.std(values)) if values.size else None
+    if np.isfinite(delta_e).any():
+        du, dv = difference[there].T
+        distance = np.hypot(du, dv)
+        figures |= {
+            "uv_distance_mean": float(fraction @ distance),
+            "uv_distance_median": _quantile(distance, weight, 0.5),
+            "uv_distance_p95": _quantile(distance, weight, 0.95),
+            "uv_offset": [float(fraction @ du), float(fraction @ dv)],
+            "ciede2000_median": _quantile(delta_e[there], weight, 0.5),
+            "ciede2000_p95": _quantile(delta_e[there], weight, 0.95),
+            "ciede2000_colour_median": _quantile(delta_e_colour[there], weight, 0.5),
+            "ciede2000_colour_p95": _quantile(delta_e_colour[there], weight, 0.95),
+        }
+    return figures
+
+
+def _quantile(values: np.ndarray, weight: np.ndarray, q: float) -> float:
+    known = np.isfinite(values)
+    order = np.argsort(values[known])
+    total = np.cumsum(weight[known][order])
+    return float(values[known][order][np.searchsorted(total, q * total[-1])])
+
+
+# For a fit ------------------------------------------------------------------------------------------------------
+
+
+def residual_vector(
+    photo: PhotoSky, simulated: PhotoSky | np.ndarray, *, white_balance: bool = False, with_colour: bool = True
+) -> np.ndarray:
+    """Residuals (n,) whose sum of squares measures how far a simulation is from a photograph.
+
+    For every cell that counts ln(photograph / simulation) / LOG_SCALE and, with colour, the differences in u' and v' /
+    CHROMATICITY_SCALE, each times the root of its fraction of the solid angle, after the free exposure (and white
+    balance).  simulated: a PhotoSky, or XYZ (E, A, 3) on the photograph's grid.
+    """
+    if isinstance(simulated, np.ndarray):
+        simulated = _with_xyz(photo, simulated)
+    found = balance(photo, simulated, white_balance)
+    there = photo.counts & (simulated.xyz[..., 1] > 0)
+    one, other = found.apply(photo.xyz)[there], simulated.xyz[there]
+    with np.errstate(invalid="ignore"):
+        lit = one[:, 1] > 0
+    one, other, weight = one[lit], other[lit], photo.solid_angle_sr[there][lit]
+    root = np.sqrt(weight / weight.sum())
+    parts = [root * np.log(one[:, 1] / other[:, 1]) / LOG_SCALE]
+    if with_colour and photo.colour_known:
+        parts += list((root[:, None] * (colour.uv_of_xyz(one) - colour.uv_of_xyz(other)) / CHROMATICITY_SCALE).T)
+    return np.concatenate(parts)
+
+
+def _with_xyz(photo: PhotoSky, xyz: np.ndarray) -> PhotoSky:
+    return replace(photo, xyz=xyz, colour_known=True)

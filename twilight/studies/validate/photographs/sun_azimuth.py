@@ -1,0 +1,211 @@
+"""Where the sun is in a photograph of the sky: the azimuth about which a clear sky is its own mirror image.
+
+Two things are measured.  *Symmetry*: ln(luminance) is mirrored about a trial azimuth and compared with itself where
+both are clear sky; the best trial is the solar meridian or its opposite, and of the two the brighter low sky is the
+sun's.  *The disc*: where the sun is up and its disc or its glare stands out, the centre of that light is taken instead,
+which is more exact.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.studies.validate.photographs.mask import separation_deg
+from twilight.studies.validate.photographs.panorama import Panorama
+
+LEAST_OVERLAP = 0.1
+"""Fraction of the clear sky that must have a mirror image for a trial azimuth to count."""
+DISC_CONTRAST = 2.5
+"""ln of the brightest light over the sky 5 to 8 deg away beyond which it is the sun's disc."""
+DISC_NEAR_DEG = 12.0
+"""The disc is looked for this near to the meridian of symmetry."""
+LARGEST_UNCERTAINTY_DEG = 20.0
+"""A meridian of symmetry that is less certain is refused."""
+
+
+@dataclass(frozen=True)
+class SunAzimuth:
+    """azimuth_deg, uncertainty_deg: in the camera's azimuths, one standard deviation.  method: ``disc`` or
+    ``symmetry``.  symmetry_deg: what the symmetry alone says.  elevation_deg: apparent, of the disc, else None.
+    """
+
+    azimuth_deg: float
+    uncertainty_deg: float
+    method: str
+    symmetry_deg: float
+    elevation_deg: float | None = None
+
+    @property
+    def true_elevation_deg(self) -> float | None:
+        """Of the disc without standard refraction (Bennett 1982, J. Navigation 35, 255, eq. G: 0.07' from 0 deg up);
+        None where no disc was found."""
+        if self.elevation_deg is None:
+            return None
+        h = max(self.elevation_deg, -1.0)
+        return self.elevation_deg - 1.0 / np.tan(np.radians(h + 7.31 / (h + 4.4))) / 60.0
+
+
+def find_sun_azimuth(panorama: Panorama, valid: np.ndarray) -> SunAzimuth:
+    """The sun's azimuth in a photograph; valid (E, A): cells of clear sky (``mask.make_mask`` without a sun).
+
+    The uncertainty of the symmetry is the scatter of what bands of elevation say one by one, at least a quarter of a
+    cell.  Errors: TwilightError where too little of the sky has a mirror image, or the sky has no meridian of symmetry
+    that stands out.
+    """
+    rows = panorama.elevation_deg
+    above = valid & (rows[:, None] > 0)
+    if not above.any():
+        raise TwilightError("sun azimuth: no clear sky is left after masking; give --sun-azimuth")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithm = np.log(panorama.luminance)
+    bands = _bands(above)
+    costs, overlaps = zip(*(_mirror_cost(logarithm, above, rows, band) for band in bands), strict=True)
+    total = _sum_costs(costs, overlaps, _all_weight(above, rows))
+    n = total.size
+    if not np.isfinite(total).any():
+        raise TwilightError("sun azimuth: too little of the photograph has a mirror image; give --sun-azimuth")
+    best = _towards_the_light(total, logarithm, above, panorama)
+    symmetry = _axis_deg(panorama, best + _vertex(total, best))
+    scatter = _scatter(costs, overlaps, best, above, rows)
+    uncertainty = float(np.hypot(scatter, 0.25 * panorama.step_deg))
+    contrast = np.nanmedian(total) / total[best % n]
+    disc = _find_disc(panorama, symmetry)
+    if disc is not None:
+        return SunAzimuth(disc[0], disc[2], "disc", symmetry, disc[1])
+    if contrast < 1.5 or uncertainty > LARGEST_UNCERTAINTY_DEG or n < 8:
+        raise TwilightError(
+            f"sun azimuth: the sky has no clear meridian of symmetry (best guess {symmetry:.0f} +- {uncertainty:.0f} "
+            "deg); give --sun-azimuth"
+        )
+    return SunAzimuth(symmetry, uncertainty, "symmetry", symmetry)
+
+
+def _bands(above: np.ndarray, count: int = 8) -> list[slice]:
+    """Bands of rows that hold about equally many clear cells."""
+    total = np.cumsum(above.sum(axis=1))
+    edges = np.searchsorted(total, np.linspace(0, total[-1], count + 1)[1:-1])
+    edges = np.unique(np.concatenate([[0], edges, [above.shape[0]]]))
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+
+def _mirror_cost(
+    logarithm: np.ndarray, above: np.ndarray, rows: np.ndarray, band: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """For every axis k (A,): sum of squared differences between a band and its mirror image, and the weight of both.
+
+    The mirror image about the axis k / 2 takes column j to (k - j) mod A, so all axes at half cells are exact, and the
+    sums are circular convolutions: sum w (f_j - f_{k-j})^2 = 2 (w f^2 * w) - 2 (w f * w f) with w the clear cells.
+    """
+    w = above[band].astype(float)
+    f = np.where(above[band], logarithm[band], 0.0)
+    middle = f.sum() / max(w.sum(), 1.0)
+    f = (f - middle) * w
+    weight = np.cos(np.radians(rows[band]))[:, None]
+    wt, ft, f2t = (np.fft.rfft(x, axis=1) for x in (w, f, f * f))
+    n = w.shape[1]
+    squares = np.fft.irfft(2 * f2t * wt - 2 * ft * ft, n, axis=1)
+    pairs = np.fft.irfft(wt * wt, n, axis=1)
+    return (weight * squares).sum(axis=0), (weight * pairs).sum(axis=0)
+
+
+def _all_weight(above: np.ndarray, rows: np.ndarray) -> float:
+    return float((above * np.cos(np.radians(rows))[:, None]).sum())
+
+
+def _sum_costs(costs, overlaps, all_weight: float) -> np.ndarray:
+    """Mean squared difference of every axis (A,), NaN where too little overlaps."""
+    squares, overlap = np.sum(costs, axis=0), np.sum(overlaps, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.where(overlap > LEAST_OVERLAP * all_weight, squares / overlap, np.nan)
+    return np.maximum(mean, 1e-9)
+
+
+def _towards_the_light(total: np.ndarray, logarithm: np.ndarray, above: np.ndarray, panorama: Panorama) -> int:
+    """The best axis k: of the axes that are nearly as symmetric as the best, the one with the brightest low sky.
+
+    An axis k is that of k / 2 and of k / 2 + A / 2, the two ends of the meridian: k runs over A values, and the end is
+    chosen by the light.  Returned is k in 0..2A - 1, whose azimuth is k / 2 cells.
+    """
+    n = total.size
+    finite = np.where(np.isfinite(total), total, np.inf)
+    k = int(finite.argmin())
+    rows = panorama.elevation_deg
+    low = above & (rows[:, None] < max(30.0, float(rows[above.any(axis=1)].min()) + 10.0))
+    ends = []
+    for end in (k, k + n):
+        turn = separation_deg(0.0, panorama.azimuth_deg, 0.0, panorama.azimuth_deg[0] + 0.5 * end * panorama.step_deg)
+        near = low & (turn[None, :] < 45.0)
+        ends.append(logarithm[near].mean() if near.any() else -np.inf)
+    return k if ends[0] >= ends[1] else k + n
+
+
+def _vertex(total: np.ndarray, best: int, reach: int = 8) -> float:
+    """Where the minimum lies between the axes, by a parabola through its surroundings [axes]."""
+    n = total.size
+    offsets = np.arange(-reach, reach + 1)
+    values = total[(best + offsets) % n]
+    known = np.isfinite(values)
+    if known.sum() < 5:
+        return 0.0
+    a, b, _ = np.polyfit(offsets[known], values[known], 2)
+    return float(np.clip(-b / (2 * a), -reach, reach)) if a > 0 else 0.0
+
+
+def _axis_deg(panorama: Panorama, k: float) -> float:
+    """Azimuth of the axis k in the camera's azimuths, [0, 360)."""
+    return float(np.mod(panorama.origin_deg + panorama.azimuth_deg[0] + 0.5 * k * panorama.step_deg, 360.0))
+
+
+def _scatter(costs, overlaps, best: int, above: np.ndarray, rows: np.ndarray) -> float:
+    """Standard deviation of the axis [deg] by the jackknife over bands of elevation."""
+    found = []
+    step = 360.0 / above.shape[1]
+    all_weight = _all_weight(above, rows)
+    for left_out in range(len(costs)):
+        others = [i for i in range(len(costs)) if i != left_out]
+        if not others:
+            return 90.0
+        total = _sum_costs(
+            [costs[i] for i in others], [overlaps[i] for i in others], all_weight * len(others) / len(costs)
+        )
+        n = total.size
+        near = (best + np.arange(-n // 8, n // 8 + 1)) % n
+        values = np.where(np.isfinite(total[near]), total[near], np.inf)
+        if not np.isfinite(values).any():
+            continue
+        k = near[int(values.argmin())]
+        away = (k - best + n // 2) % n - n // 2 + _vertex(total, int(k))
+        found.append(0.5 * step * away)
+    if len(found) < 2:
+        return 90.0
+    m = len(found)
+    return float(np.sqrt((m - 1) / m * ((found - np.mean(found)) ** 2).sum()))
+
+
+def _find_disc(panorama: Panorama, symmetry_deg: float) -> tuple[float, float, float] | None:
+    """(azimuth, elevation, uncertainty) [deg] of the sun's disc or its saturated glare near the meridian, or None."""
+    light = np.where(np.isfinite(panorama.luminance), panorama.luminance, 0.0)
+    light = np.where(panorama.elevation_deg[:, None] > -1.0, light, 0.0)
+    light[panorama.saturated] = light.max() * 1.5
+    azimuth = panorama.azimuth_deg + panorama.origin_deg
+    turn = np.abs(np.mod(azimuth - symmetry_deg + 180.0, 360.0) - 180.0)
+    near = np.where(turn[None, :] < DISC_NEAR_DEG, light, 0.0)
+    row, column = np.unravel_index(int(near.argmax()), near.shape)
+    peak = near[row, column]
+    away = separation_deg(
+        panorama.elevation_deg[:, None], azimuth[None, :], panorama.elevation_deg[row], azimuth[column]
+    )
+    ring = (away > 5.0) & (away < 8.0) & (light > 0) & (panorama.elevation_deg[:, None] > 0)
+    if not ring.any() or not np.log(peak / np.median(light[ring])) > DISC_CONTRAST:
+        return None
+    disc = (away < 3.0) & (light > 0.5 * peak)
+    weight = light * disc * np.cos(np.radians(panorama.elevation_deg))[:, None]
+    offset = np.mod(azimuth - azimuth[column] + 180.0, 360.0) - 180.0
+    found = azimuth[column] + float((weight * offset[None, :]).sum() / weight.sum())
+    elevation = float((weight * panorama.elevation_deg[:, None]).sum() / weight.sum())
+    spread = float(np.sqrt((weight * offset[None, :] ** 2).sum() / weight.sum() - (found - azimuth[column]) ** 2))
+    return float(np.mod(found, 360.0)), elevation, max(0.3 * panorama.step_deg, 0.3 * spread)

@@ -1,0 +1,159 @@
+"""Where stars and planets stand over a place at a moment, by astropy (the extra `stars`), without any download."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.base.extras import missing
+from twilight.sky.stars import Stars, bright_stars
+from twilight.studies.validate.stars.refraction import lifted
+
+LOWEST_RAD = np.radians(2.0)
+"""Stars nearer to the horizon are left out: haze hides them, and their refraction depends on the air of the day."""
+PLANETS = {"Mercury": -0.6, "Venus": -4.4, "Mars": -1.6, "Jupiter": -9.4, "Saturn": -9.4}
+"""Magnitudes at 1 au from the sun and the Earth, fully lit (Meeus 1998, Astronomical Algorithms, ch. 41), Saturn with
+its ring half open; phases are left out, which is well within what a match allows."""
+FIRST_YEAR = 1900
+"""Proper motions and planets are used from this year on."""
+LAST_YEAR = 2100
+"""They are used up to this year."""
+
+
+@dataclass(frozen=True)
+class StarSite:
+    """Where the camera stood."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_km: float = 0.0
+
+
+def horizontal(place: StarSite, moment: datetime, pressure_hpa: float, temperature_c: float) -> Stars:
+    """Stars and planets more than 2 deg up: apparent directions east, north, up, with refraction; brightest first.
+
+    moment: with its time zone; UT1 is taken for UTC, which is good to 0.9 s, or 14 arcsec.  Precession, nutation,
+    aberration and the planets (to an arcminute) are astropy's.
+    Errors: TwilightError where astropy is missing, or a moment is outside the years 1900 to 2100.
+    """
+    check_year(moment.year)
+    zenith = np.array([0.0, 0.0, 1.0])
+    with _astropy() as (coordinates, units):
+        time = _time(moment)
+        stars = bright_stars(float(time.jyear))
+        site = coordinates.EarthLocation(
+            lat=place.latitude_deg * units.deg, lon=place.longitude_deg * units.deg, height=place.altitude_km * units.km
+        )
+        local = coordinates.AltAz(obstime=time, location=site, pressure=0.0 * units.hPa)
+        x, y, z = stars.directions.T
+        fixed = coordinates.SkyCoord(
+            ra=np.arctan2(y, x) * units.rad, dec=np.arcsin(np.clip(z, -1.0, 1.0)) * units.rad, frame="icrs"
+        )
+        true = _east_north_up(fixed.transform_to(local))
+        bodies, magnitudes = [], []
+        sun = coordinates.get_body_barycentric("sun", time, ephemeris="builtin")
+        for name, magnitude in PLANETS.items():
+            seen = coordinates.get_body(name.lower(), time, site, ephemeris="builtin")
+            from_sun = (coordinates.get_body_barycentric(name.lower(), time, ephemeris="builtin") - sun).norm()
+            bodies.append(_east_north_up(seen.transform_to(local)))
+            magnitudes.append(magnitude + 5.0 * np.log10(from_sun.to_value("au") * seen.distance.to_value("au")))
+    all_of_them = Stars(
+        np.concatenate([true, np.array(bodies)]),
+        np.concatenate([stars.magnitude, magnitudes]),
+        np.concatenate([stars.hip, np.zeros(len(bodies), dtype=stars.hip.dtype)]),
+        np.concatenate([stars.names.astype(object), np.array(list(PLANETS), dtype=object)]),
+    )
+    up = all_of_them.directions[:, 2] > np.sin(LOWEST_RAD)
+    seen_stars = all_of_them.take(up).take(np.argsort(all_of_them.magnitude[up], kind="stable"))
+    return seen_stars.turned(lifted(seen_stars.directions, zenith, pressure_hpa, temperature_c))
+
+
+def equatorial(year: float) -> Stars:
+    """All stars in the axes of the mean equator and equinox of a Julian year, brightest first.
+
+    Where place and moment are unknown, so are aberration (20 arcsec) and nutation (17 arcsec): they are left out.
+    """
+    check_year(year)
+    stars = bright_stars(year)
+    return stars.turned(stars.directions @ precession(year).T)
+
+
+def precession(year: float) -> np.ndarray:
+    """Matrix (3, 3) from the axes of the ICRS to those of the mean equator and equinox of a Julian year."""
+    with _astropy() as (coordinates, units):
+        from astropy.time import Time
+
+        frame = coordinates.FK5(equinox=Time(year, format="jyear"))
+        axes = coordinates.SkyCoord(ra=[0.0, 90.0, 0.0] * units.deg, dec=[0.0, 0.0, 90.0] * units.deg, frame="icrs")
+        return np.asarray(axes.transform_to(frame).cartesian.xyz.value)
+
+
+def planet_tracks(first_year: float, last_year: float, step_days: float) -> tuple[np.ndarray, np.ndarray]:
+    """(Julian years (T,), directions (T, planets, 3) from the Earth's centre, axes of the ICRS), in PLANETS' order.
+
+    Light time and aberration, which move them by less than an arcminute, are left out.
+    """
+    with _astropy() as (coordinates, _):
+        from astropy.time import Time
+
+        time = Time(np.arange(first_year, last_year, step_days / 365.25), format="jyear")
+        earth = coordinates.get_body_barycentric("earth", time, ephemeris="builtin").xyz.value
+        tracks = [
+            coordinates.get_body_barycentric(name.lower(), time, ephemeris="builtin").xyz.value - earth
+            for name in PLANETS
+        ]
+        directions = np.moveaxis(np.array(tracks), (0, 1, 2), (1, 2, 0))
+        return time.jyear, directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+def check_year(year: float) -> None:
+    """Raise TwilightError unless proper motions and planets are known well in that year."""
+    if not FIRST_YEAR <= year <= LAST_YEAR:
+        raise TwilightError(f"the year {year:g} must be from {FIRST_YEAR} to {LAST_YEAR}")
+
+
+def _time(moment: datetime) -> Any:
+    """The moment as astropy has it, without leap-second tables beyond those installed."""
+    from astropy.time import Time
+
+    return Time(moment.astimezone(UTC).replace(tzinfo=None), scale="utc")
+
+
+def _east_north_up(frame: Any) -> np.ndarray:
+    azimuth, elevation = frame.az.rad, frame.alt.rad
+    return np.stack(
+        [np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)], axis=-1
+    )
+
+
+@contextmanager
+def _astropy() -> Iterator[tuple[Any, Any]]:
+    """(astropy.coordinates, astropy.units), with an Earth that turns evenly: UT1 = UTC, and no motion of the poles.
+
+    The tables of how it does turn come over the network, or take astropy 10 s to read; they hold less than 0.9 s, less
+    than a camera's clock is off, and 0.5 arcsec.
+    """
+    try:
+        from astropy import coordinates, units
+        from astropy.utils import iers
+    except ImportError:
+        raise missing("astropy", "calibration from stars") from None
+    import warnings
+
+    level = iers.IERS(
+        {
+            "MJD": [0.0, 1e5] * units.d,
+            "UT1_UTC": [0.0, 0.0] * units.s,
+            "PM_x": [0.0, 0.0] * units.arcsec,
+            "PM_y": [0.0, 0.0] * units.arcsec,
+        }
+    )
+    with warnings.catch_warnings(), iers.conf.set_temp("auto_download", False), iers.earth_orientation_table.set(level):
+        warnings.simplefilter("ignore")
+        yield coordinates, units

@@ -1,0 +1,185 @@
+"""Which way a camera points among the stars, without any guess: "lost in space".
+
+Two bright sources and two bright stars at the same distance from each other make an attitude; of the attitudes so made
+the right one puts other sources, too, where there are stars, and no wrong one does.  The method needs distances that
+are right to a per cent or two, so that a guess of the focal length is tried in steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twilight.sky.stars import Stars
+
+SEEDS = 26
+"""Sources that pairs are made of."""
+WITNESSES = 30
+"""Sources near a pair that a hypothesis is judged by."""
+NEAREST_PAIR_RAD = np.radians(3.0)
+"""Least distance of two seeds that make a pair."""
+FARTHEST_PAIR_RAD = np.radians(35.0)
+"""Largest distance of two seeds that make a pair."""
+NEIGHBOURHOOD_RAD = np.radians(40.0)
+"""Radius around a pair from which its witnesses come."""
+SCALE_UNCERTAINTY = 0.015
+"""Of distances in the picture, relative: what is left between two steps of the focal length, and by distortion."""
+CHANCE_OF_A_HIT = 0.05
+"""Fraction of the sky near enough to a star to count as a hit."""
+DECISIVE = 6.0
+"""Powers of ten between the chance of the best hypothesis and one over the number of hypotheses tried."""
+MAP_STEP_DEG = 0.25
+"""Side of the cells of the map of the sky near stars."""
+MOST_CATALOGUE = 1500
+"""Brightest stars of the catalogue that pairs are compared with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """How the sky lies in the camera: own = matrix @ sky (own axes right, forward, up).
+
+    matrix (3, 3).  surprise: powers of ten of (chance that witnesses hit stars that often) x (hypotheses tried), with
+    the sign turned: above 3 is as good as certain.  centre (3,): middle of the pair, own axes.
+    """
+
+    matrix: np.ndarray
+    surprise: float
+    hits: int
+    witnesses: int
+    centre: np.ndarray
+
+
+def spread(own: np.ndarray, number: int, side_rad: float, at_most: int = 3) -> np.ndarray:
+    """Indices of the first `number` directions (N, 3), with at most so many in any cell of the given side.
+
+    Keeps lamps, a skyline or the Milky Way from being all that is used.
+    """
+    cells = np.floor(own / side_rad + 0.5).astype(int)
+    count: dict[tuple[int, ...], int] = {}
+    chosen = []
+    for i, cell in enumerate(map(tuple, cells.tolist())):
+        count[cell] = count.get(cell, 0) + 1
+        if count[cell] <= at_most:
+            chosen.append(i)
+        if len(chosen) == number:
+            break
+    return np.array(chosen, dtype=int)
+
+
+def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: float, error_rad: float) -> Attitude | None:
+    """The best attitude, None where there are too few sources.
+
+    own (N, 3): directions of sources in the camera's own axes, brightest first.  stars: brightest first, over sky_sr of
+    sky.  picture_sr: solid angle of sky in the picture.  error_rad: of a source's direction.
+    """
+    from scipy.special import bdtrc
+
+    if len(own) < 6 or len(stars) < 6:
+        return None
+    fraction = np.clip(picture_sr / sky_sr, 1e-4, 1.0)
+    side = np.clip(np.sqrt(picture_sr / 12.0), np.radians(2.0), np.radians(25.0))
+    listed = own[spread(own, 4 * WITNESSES, side, 6)]
+    seeds = listed[spread(listed, SEEDS, side, 2)]
+    number = int(np.clip(3.0 * len(seeds) / fraction, 150, MOST_CATALOGUE))
+    bright = stars.directions[:number]
+    map_number = int(np.clip(1.5 * len(listed) / fraction, 200, len(stars)))
+    near, chance = _hit_map(stars.directions[:map_number], sky_sr, error_rad)
+    first, second, distance = _pairs_by_distance(bright)
+    best: Attitude | None = None
+    tried = 0
+    seed_pairs = sorted(
+        ((i, j) for j in range(len(seeds)) for i in range(j)), key=lambda pair: (pair[0] + pair[1], pair[1])
+    )
+    for i, j in seed_pairs:
+        a, b = seeds[i], seeds[j]
+        between = _angle(a, b)
+        if not NEAREST_PAIR_RAD <= between <= FARTHEST_PAIR_RAD:
+            continue
+        tolerance = 1.5 * error_rad + SCALE_UNCERTAINTY * between
+        low, high = np.searchsorted(distance, [between - tolerance, between + tolerance])
+        if low == high:
+            continue
+        one, two = first[low:high], second[low:high]
+        starts, ends = np.concatenate([one, two]), np.concatenate([two, one])
+        matrices = _frame(a, b)[None].transpose(0, 2, 1) @ _frame(bright[starts], bright[ends])
+        middle = (a + b) / np.linalg.norm(a + b)
+        judges = _witnesses(listed, middle, a, b)
+        if len(judges) < 4:
+            continue
+        tried += len(matrices)
+        hits = _count_hits(matrices, judges, near)
+        top = int(hits.argmax())
+        probability = max(float(bdtrc(hits[top] - 1, len(judges), chance)), 1e-300) if hits[top] else 1.0
+        surprise = -np.log10(probability)
+        if best is None or surprise > best.surprise:
+            best = Attitude(matrices[top], surprise, int(hits[top]), len(judges), middle)
+        if best.surprise - np.log10(tried) > DECISIVE:
+            break
+    if best is None:
+        return None
+    return Attitude(best.matrix, best.surprise - np.log10(max(tried, 1)), best.hits, best.witnesses, best.centre)
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _pairs_by_distance(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Index pairs (i < j) of all stars near enough to each other, and their distances [rad], sorted by distance."""
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(directions).query_pairs(2.0 * np.sin(0.5 * FARTHEST_PAIR_RAD * 1.05), output_type="ndarray")
+    chord = np.linalg.norm(directions[pairs[:, 0]] - directions[pairs[:, 1]], axis=1)
+    distance = 2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))
+    order = np.argsort(distance)
+    return pairs[order, 0], pairs[order, 1], distance[order]
+
+
+def _frame(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Right-handed axes (..., 3, 3) as rows: the middle of a and b, the normal of their great circle, and the third."""
+    middle = a + b
+    middle = middle / np.linalg.norm(middle, axis=-1, keepdims=True)
+    normal = np.cross(a, b)
+    normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    return np.stack([middle, normal, np.cross(middle, normal)], axis=-2)
+
+
+def _witnesses(listed: np.ndarray, middle: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The first sources of the list around the pair, without the pair itself."""
+    around = (listed @ middle > np.cos(NEIGHBOURHOOD_RAD)) & (listed @ a < np.cos(1e-6)) & (listed @ b < np.cos(1e-6))
+    return listed[around][:WITNESSES]
+
+
+def _hit_map(directions: np.ndarray, sky_sr: float, error_rad: float) -> tuple[np.ndarray, float]:
+    """Cells (declination, right ascension) near enough to a star, and the fraction of the sky that they cover."""
+    from scipy.spatial import cKDTree
+
+    density = len(directions) / sky_sr
+    radius = np.sqrt(CHANCE_OF_A_HIT / (np.pi * density))
+    radius = np.clip(radius, min(2.5 * error_rad, np.radians(1.0)), np.radians(1.0))
+    rows, columns = round(180 / MAP_STEP_DEG), round(360 / MAP_STEP_DEG)
+    latitude = np.radians((np.arange(rows) + 0.5) * MAP_STEP_DEG - 90.0)[:, None]
+    longitude = np.radians((np.arange(columns) + 0.5) * MAP_STEP_DEG)[None, :]
+    cells = np.stack(
+        np.broadcast_arrays(
+            np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
+        ),
+        axis=-1,
+    )
+    chord, _ = cKDTree(directions).query(cells.reshape(-1, 3), distance_upper_bound=2.0 * np.sin(0.5 * radius))
+    near = np.isfinite(chord).reshape(rows, columns)
+    covered = float((near * np.cos(latitude)).sum() / (columns * np.cos(latitude).sum()) * 4.0 * np.pi / sky_sr)
+    return near, min(covered, 0.5)
+
+
+def _count_hits(matrices: np.ndarray, judges: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """How many of the judges (K, 3) fall near a star under each attitude (H, 3, 3)."""
+    rows, columns = near.shape
+    hits = np.empty(len(matrices), dtype=int)
+    for start in range(0, len(matrices), 4096):
+        sky = judges @ matrices[start : start + 4096]  # own = matrix @ sky, so sky = own @ matrix
+        row = ((np.arcsin(np.clip(sky[..., 2], -1.0, 1.0)) / np.pi + 0.5) * rows).astype(int)
+        column = np.mod((np.arctan2(sky[..., 1], sky[..., 0]) / (2.0 * np.pi) * columns).astype(int), columns)
+        hits[start : start + 4096] = near[np.minimum(row, rows - 1), column].sum(axis=-1)
+    return hits

@@ -1,0 +1,92 @@
+"""The page itself: one HTML file that needs no other, made of `twilight/web` and the packed tables."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+from twilight.base.whole_files import whole_file
+from twilight.viewer import tones
+from twilight.viewer.pack import Pack
+
+SCRIPTS = (
+    "state.js",
+    "vector.js",
+    "sun.js",
+    "tables.js",
+    "space.js",
+    "night.js",
+    "projection.js",
+    "gpu.js",
+    "exposure.js",
+    "overlay.js",
+    "probe.js",
+    "command.js",
+    "controls.js",
+    "main.js",
+)
+"""In the order in which they are read; they share one scope."""
+SHADERS = ("whole.vert", "sky.frag", "stars.vert", "stars.frag", "linear.frag", "blur.frag", "tone.frag")
+
+
+@lru_cache(maxsize=1)
+def _program() -> dict[str, str]:
+    folder = resources.files("twilight").joinpath("viewer/web")
+
+    def text(name: str) -> str:
+        return folder.joinpath(name).read_text(encoding="utf-8")
+
+    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "tone.glsl")}
+    shaders["tone.glsl"] = shaders["tone.glsl"].replace("//#include constants.glsl", tones.shader_constants())
+    script = "\n".join(text(name) for name in SCRIPTS)
+    return {
+        "page": text("page.html"),
+        "style": text("style.css"),
+        "script": f"const SHADERS = {json.dumps(shaders)};\n{script}".replace("</script", "<\\/script"),
+    }
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that shows a sky in a browser; in a notebook it shows itself."""
+
+    pack: Pack
+    title: str
+
+    @property
+    def html(self) -> str:
+        """The whole file; it needs WebGL 2 and no network."""
+        made = _program()
+        head, data = self.pack.text()
+        page = made["page"]
+        parts = {
+            "TITLE": escape(self.title),
+            "STYLE": made["style"],
+            "HEAD": head,
+            "DATA": data,
+            "SCRIPT": f'"use strict";\n(() => {{\n{made["script"]}\n}})();',
+        }
+        before, *rest = page.split("{{")
+        out = [before]
+        for piece in rest:
+            name, _, after = piece.partition("}}")
+            out += [parts[name], after]
+        return "".join(out)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file, whole or not at all.
+
+        Errors: TwilightError where it cannot be written.
+        """
+        path = Path(path)
+        with whole_file(path) as temporary:
+            temporary.write_text(self.html, encoding="utf-8")
+        return path
+
+    def _repr_html_(self) -> str:
+        frame = "width:100%;height:560px;border:0"
+        return f'<iframe style="{frame}" allow="fullscreen; clipboard-write" srcdoc="{escape(self.html)}"></iframe>'

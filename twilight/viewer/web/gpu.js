@@ -1,0 +1,230 @@
+// WebGL 2: the sky into a float picture, the stars beside it, then both to the screen.
+const canvas = byId("sky");
+let gl, programs, targets = {}, slots = {}, starCount = 0;
+
+function shader(kind, name) {
+  const made = gl.createShader(kind);
+  gl.shaderSource(made, SHADERS[name].replace(/\/\/#include (\S+)/g, (_, part) => SHADERS[part]));
+  gl.compileShader(made);
+  if (!gl.getShaderParameter(made, gl.COMPILE_STATUS)) throw new Error(`${name}: ${gl.getShaderInfoLog(made)}`);
+  return made;
+}
+
+function program(vertex, fragment) {
+  const made = gl.createProgram(), places = {};
+  gl.attachShader(made, shader(gl.VERTEX_SHADER, vertex));
+  gl.attachShader(made, shader(gl.FRAGMENT_SHADER, fragment));
+  gl.linkProgram(made);
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(`${fragment}: ${gl.getProgramInfoLog(made)}`);
+  return { made, at: (name) => (places[name] ??= gl.getUniformLocation(made, name)) };
+}
+
+// A texture without filtering in a unit of its own; data of C channels.
+function texture(name, width, height, channels, data) {
+  const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
+  gl.activeTexture(gl.TEXTURE0 + slot.unit);
+  gl.bindTexture(gl.TEXTURE_2D, slot.made);
+  for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST],
+    [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) gl.texParameteri(gl.TEXTURE_2D, key, value);
+  const [inside, outside] = channels === 4 ? [gl.RGBA32F, gl.RGBA] : [gl.R32F, gl.RED];
+  gl.texImage2D(gl.TEXTURE_2D, 0, inside, width, height, 0, outside, gl.FLOAT, data);
+}
+
+// The same in three dimensions, of 4 channels; data null: one texel, so that its sampler has something to read.
+function texture3d(name, width, height, depth, data) {
+  const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
+  gl.activeTexture(gl.TEXTURE0 + slot.unit);
+  gl.bindTexture(gl.TEXTURE_3D, slot.made);
+  for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST]]) gl.texParameteri(gl.TEXTURE_3D, key, value);
+  gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA32F, width, height, depth, 0, gl.RGBA, gl.FLOAT, data);
+}
+
+function target(name, width, height, half = false) {
+  const there = targets[name];
+  if (there && there.width === width && there.height === height) return there;
+  const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
+  gl.activeTexture(gl.TEXTURE0 + slot.unit);
+  gl.bindTexture(gl.TEXTURE_2D, slot.made);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  gl.texImage2D(gl.TEXTURE_2D, 0, half ? gl.RGBA16F : gl.RGBA32F, width, height, 0, gl.RGBA, half ? gl.HALF_FLOAT : gl.FLOAT, null);
+  const buffer = there?.buffer ?? gl.createFramebuffer();
+  gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, slot.made, 0);
+  return (targets[name] = { buffer, width, height, unit: slot.unit });
+}
+
+function startGpu() {
+  gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
+  if (!gl) throw new Error("this browser has no WebGL 2");
+  if (!gl.getExtension("EXT_color_buffer_float")) throw new Error("this graphics card cannot draw floating-point pictures");
+  programs = { sky: program("whole.vert", "sky.frag"), stars: program("stars.vert", "stars.frag"),
+    linear: program("whole.vert", "linear.frag"), blur: program("whole.vert", "blur.frag"), tone: program("whole.vert", "tone.frag") };
+  const [luminances, ratios] = HEAD.arrays.adaptation_coefficient.shape;
+  texture("uAdaptation", ratios, luminances, 1, tables.adaptation_coefficient);
+  const [n, m] = HEAD.arrays.zodiacal?.shape ?? [2, 2], flipped = new Float32Array(n * m);
+  if (tables.zodiacal) for (let i = 0; i < n; i++) for (let j = 0; j < m; j++) flipped[j * n + i] = tables.zodiacal[i * m + j];
+  texture("uZodiac", n, m, 1, flipped);
+  texture3d("uSpace", 1, 1, 1, null);
+  if (tables.stars) {
+    starCount = HEAD.arrays.stars.shape[0];
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ARRAY_BUFFER, tables.stars, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 4, gl.FLOAT, false, 0, 0);
+  }
+}
+
+// The tables under this sun, kept until the sun or the altitude is another.
+let sliced = "";
+function uploadTables(sun) {
+  const key = `${sun.shown} ${state.altitude}`;
+  if (key === sliced) return;
+  sliced = key;
+  if (inSpace()) uploadSpace();
+  const t = HEAD.texels, grid = HEAD.kind === "sky", rows = grid ? t.sky : t.ground + t.haze + t.sky + 1, size = rows * t.azimuth * 4;
+  const parts = [], lines = new Float32Array(HEAD.fields.length * 8 * 256 * 4);
+  HEAD.fields.forEach((_, k) => {
+    parts.push(underSun(`sky${k}`, sun.shown));
+    parts.push(tables[`aureole${k}`] ? underSun(`aureole${k}`, sun.shown) : new Float32Array(grid ? 0 : size));
+    if (grid) return;
+    const put = (row, values) => lines.set(values, (8 * k + row) * 1024);
+    if (tables[`phase${k}`]) put(0, tables[`phase${k}`]);
+    put(1, atAltitude("beam", k));
+    atAltitude("refraction_deg", k).forEach((v, i) => { lines[(8 * k + 2) * 1024 + 4 * i] = v * DEG; });
+    put(3, atAltitude("night", k));
+  });
+  const whole = new Float32Array(parts.reduce((sum, p) => sum + p.length, 0));
+  parts.reduce((start, p) => { whole.set(p, start); return start + p.length; }, 0);
+  texture("uSlice", t.azimuth, whole.length / (4 * t.azimuth), 4, whole);
+  texture("uLines", 256, HEAD.fields.length * 8, 4, lines);
+}
+
+function setView(p, aspect) {
+  gl.useProgram(p.made);
+  const { right, forward, up } = camera();
+  gl.uniform1i(p.at("uProjection"), ["perspective", "fisheye", "latlong"].indexOf(state.projection));
+  gl.uniform1f(p.at("uFov"), state.fov * DEG);
+  gl.uniform1f(p.at("uAspect"), aspect);
+  gl.uniformMatrix3fv(p.at("uCamera"), false, [...right, ...forward, ...up]);
+  gl.uniform2f(p.at("uLook"), state.azimuth * DEG, state.elevation * DEG);
+  gl.uniform1f(p.at("uSplit"), 2 * splitAt() - 1);
+  gl.uniform1i(p.at("uLines"), slots.uLines.unit);
+  gl.uniform1fv(p.at("uHorizon"), twice((k) => horizonOf(k) * DEG));
+  gl.uniform1f(p.at("uOrbit"), inSpace() ? orbitRadius(0) : 0);
+  if (!HEAD.space) return;
+  gl.uniform3fv(p.at("uEarth"), twice((k) => [HEAD.fields[k].grazing_km, HEAD.fields[k].haze_km, HEAD.fields[k].top_radius_km]).flat());
+  gl.uniform1f(p.at("uLinesTo"), HEAD.space.lines_to_km);
+}
+
+const splitAt = () => (HEAD.fields.length > 1 ? state.split : 2);
+const twice = (f) => [0, 1].map((k) => f(Math.min(k, HEAD.fields.length - 1)));
+
+// X, Y, Z and scotopic luminance into a target; disc: whether the sun's disc is in it.
+function drawLight(into, aspect, sun, sky, disc) {
+  const p = programs.sky, t = HEAD.texels;
+  setView(p, aspect);
+  gl.uniform1i(p.at("uSlice"), slots.uSlice.unit);
+  gl.uniform1i(p.at("uZodiac"), slots.uZodiac.unit);
+  gl.uniform1i(p.at("uSpace"), slots.uSpace.unit);
+  gl.uniform1i(p.at("uLimb"), HEAD.space?.limb ?? 0);
+  gl.uniform3fv(p.at("uSunAxis"), HEAD.sun_axis ?? [0, 0, 1]);
+  gl.uniform4i(p.at("uTexels"), t.ground, t.haze, t.sky, t.azimuth);
+  gl.uniform2fv(p.at("uHaze"), twice((k) => hazeOf(k).map((e) => e * DEG)).flat());
+  gl.uniform1i(p.at("uGrid"), HEAD.kind === "sky" ? 1 : 0);
+  gl.uniform1f(p.at("uAzimuthPower"), HEAD.azimuth_power ?? 1);
+  gl.uniform1iv(p.at("uAureole"), twice((k) => (tables[`aureole${k}`] ? 1 : 0)));
+  gl.uniform3fv(p.at("uSun"), sun.direction);
+  gl.uniform2f(p.at("uSunSide"), Math.sin(sun.azimuth * DEG), Math.cos(sun.azimuth * DEG));
+  gl.uniform1f(p.at("uSunRadius"), 0.26656 / sun.distance * DEG);
+  gl.uniform1f(p.at("uNear"), 1 / sun.distance ** 2);
+  gl.uniform1i(p.at("uDisc"), disc && HEAD.kind === "field" ? 1 : 0);
+  gl.uniform1i(p.at("uNight"), state.night && HEAD.kind === "field" ? 1 : 0);
+  if (state.night && HEAD.kind === "field") {
+    const mean = nightMeans(sky);
+    gl.uniform3fv(p.at("uGalacticPole"), sky.galacticPole);
+    gl.uniform3fv(p.at("uEclipticPole"), sky.eclipticPole);
+    gl.uniform3fv(p.at("uEclipticSun"), sky.eclipticSun);
+    gl.uniform2fv(p.at("uNightMean"), mean);
+    const grounds = twice((k) => atAltitude("night_ground", k)).map((g) => [0, 1, 2, 3].map((c) => g[c] + g[4 + c] * mean[0] + g[8 + c] * mean[1]));
+    gl.uniform4fv(p.at("uNightGround"), grounds.flat());
+  }
+  gl.bindFramebuffer(gl.FRAMEBUFFER, into.buffer);
+  gl.viewport(0, 0, into.width, into.height);
+  gl.drawArrays(gl.TRIANGLES, 0, 3);
+}
+
+// Light of the stars in units of 1 / unit cd m^-2: half floats hold it, which every card can add up.
+function drawStars(aspect, sky, unit) {
+  const into = target("stars", canvas.width, canvas.height, true), p = programs.stars;
+  gl.bindFramebuffer(gl.FRAMEBUFFER, into.buffer);
+  gl.viewport(0, 0, into.width, into.height);
+  gl.clearColor(0, 0, 0, 0);
+  gl.clear(gl.COLOR_BUFFER_BIT);
+  if (!state.stars || !starCount) return;
+  setView(p, aspect);
+  const r = sky.rows;
+  gl.uniformMatrix3fv(p.at("uToWorld"), false, [0, 1, 2].flatMap((j) => [r[0][j], r[1][j], r[2][j]]));
+  gl.uniform1f(p.at("uUnit"), unit);
+  gl.uniform1f(p.at("uPixel"), pixelAngle(aspect) ** 2);
+  gl.enable(gl.BLEND);
+  gl.blendFunc(gl.ONE, gl.ONE);
+  gl.drawArrays(gl.POINTS, 0, starCount);
+  gl.disable(gl.BLEND);
+}
+
+// Angle of a pixel in the picture's centre, rad.
+function pixelAngle(aspect) {
+  const w = canvas.width, fov = state.fov * DEG;
+  if (state.projection === "perspective") return 2 * Math.tan(fov / 2) / w;
+  return fov / (state.projection === "fisheye" ? Math.min(w, canvas.height) : w);
+}
+
+function drawInto(into, p) {
+  gl.bindFramebuffer(gl.FRAMEBUFFER, into?.buffer ?? null);
+  gl.viewport(0, 0, canvas.width, canvas.height);
+  gl.drawArrays(gl.TRIANGLES, 0, 3);
+}
+
+// Light and stars as a tone shows them, blurred as an eye's acuity has it, to the screen; shot: of exposureNow.
+function drawTone(shot) {
+  const p = programs.linear, linear = target("linear", canvas.width, canvas.height);
+  gl.useProgram(p.made);
+  gl.uniform1i(p.at("uLight"), targets.light.unit);
+  gl.uniform1i(p.at("uStars"), targets.stars.unit);
+  gl.uniform1i(p.at("uAdaptation"), slots.uAdaptation.unit);
+  gl.uniform1f(p.at("uExposed"), shot.exposed);
+  gl.uniform1f(p.at("uStarUnit"), shot.exposed);
+  gl.uniform1i(p.at("uEye"), state.tone === "eye" ? 1 : 0);
+  drawInto(linear, p);
+  if (shot.sigma > 0) blur(linear, shot.sigma);
+  gl.useProgram(programs.tone.made);
+  gl.uniform1i(programs.tone.at("uLinear"), linear.unit);
+  drawInto(null, programs.tone);
+}
+
+// A Gaussian of sigma pixels.  A wide one is made of narrower ones whose variances sum to its own: what one has
+// smoothed the next may read in larger steps.
+function blur(picture, sigma) {
+  const p = programs.blur, other = target("blurred", canvas.width, canvas.height);
+  gl.useProgram(p.made);
+  let left = sigma * sigma;
+  for (let most = 8; left > 0; most *= 8) {
+    const part = Math.min(Math.sqrt(left), most), step = Math.ceil(part / 8);
+    left = part < most ? 0 : left - part * part;
+    for (const [from, into, direction] of [[picture, other, [step, 0]], [other, picture, [0, step]]]) {
+      gl.uniform1i(p.at("uLinear"), from.unit);
+      gl.uniform2i(p.at("uStep"), ...direction);
+      gl.uniform1f(p.at("uSigma"), part / step);
+      drawInto(into, p);
+    }
+  }
+}
+
+// X, Y, Z, scotopic of pixels, rows from the bottom.
+function readLight(from, x = 0, y = 0, width = from.width, height = from.height) {
+  const out = new Float32Array(4 * width * height);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, from.buffer);
+  gl.readPixels(x, y, width, height, gl.RGBA, gl.FLOAT, out);
+  return out;
+}
