@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import results
 
+import twilight
 from twilight.base.digest import files_of
 from twilight.solvers import DEFAULT, SOLVERS
 
@@ -211,7 +212,12 @@ def code_of(script: str) -> list[str]:
     if program or not (solvers or "twilight.solvers" in text):
         solvers.append(SOLVERS[DEFAULT])
     modules = [*scripts, *solvers, *program]
-    return sorted(file.relative_to(ROOT).as_posix() for file in files_of(*modules) if file.is_relative_to(ROOT))
+    roots = (Path(twilight.__file__).parents[1], ROOT)  # the package may be installed, outside the tree
+    return sorted(
+        next(file.relative_to(root).as_posix() for root in roots if file.is_relative_to(root))
+        for file in files_of(*modules)
+        if any(file.is_relative_to(root) for root in roots)
+    )
 
 
 @functools.cache
@@ -221,8 +227,14 @@ def former_names(commit: str) -> dict[str, str]:
     return {new: old for _, old, new in (line.split("\t") for line in moved.splitlines())}
 
 
-def commits_since(commit: str, files: list[str]) -> int:
-    """Commits after this one that changed any of these files, under their names of today or of then."""
+def commits_since(commit: str, files: list[str]) -> int | None:
+    """Commits after this one that changed any of these files, under their names of today or of then.
+
+    None where the history does not hold the commit: a table that was made on another branch is old.
+    """
+    known = subprocess.run(["git", "merge-base", "--is-ancestor", commit, "HEAD"], cwd=ROOT, capture_output=True)
+    if known.returncode != 0:
+        return None
     former = former_names(commit)
     names = [*files, *(former[file] for file in files if file in former)]
     return int(_git("rev-list", "--count", f"{commit}..HEAD", "--", *names))
@@ -233,7 +245,7 @@ def _git(*arguments: str) -> str:
 
 
 def ages() -> list[tuple[str, str, str, int | None]]:
-    """(table, script, commit, commits of its code since) of every table that has a stamp; None: no such script."""
+    """(table, script, commit, commits of its code since) of every stamped table; None: no such script or commit."""
     sys.path.insert(0, str(HERE))
     cached_code = functools.cache(code_of)
     found: list[tuple[str, str, str, int | None]] = []
@@ -252,7 +264,8 @@ def old() -> None:
     rows = ages()
     late = [row for row in rows if row[3] is None or row[3] > MOST_COMMITS]
     for table, script, commit, count in late:
-        print(f"{table:42} {script:24} {commit:10}", "its script is gone" if count is None else f"{count} commits")
+        since = "its script or its commit is gone" if count is None else f"{count} commits"
+        print(f"{table:42} {script:24} {commit:10}", since)
     print(f"{len(late)} of {len(rows)} tables have more than {MOST_COMMITS} commits of their code since they were made")
 
 

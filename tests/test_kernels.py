@@ -18,6 +18,7 @@ from twilight.base.errors import TwilightError
 from twilight.jit.kernels import OLDEST_NUMBA, UNTESTED_NUMBA, check_numba, njit
 
 PACKAGE = Path(twilight.__file__).parent
+ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
 SHARED = re.compile(r"Arguments\s+that\s+kernels\s+share:\s+`(\w+)`")
 """A file's head refers with these words to the module beside it that explains what kernels share."""
@@ -114,7 +115,7 @@ def test_versions_of_numba_that_were_not_tested_are_refused():
 def test_pyproject_allows_the_versions_of_numba_that_are_not_refused():
     """pip would install a version that is then refused."""
     oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
-    assert f'"numba>={oldest},<{untested}"' in (PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8")
+    assert f'"numba>={oldest},<{untested}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
 UNTESTED = """
