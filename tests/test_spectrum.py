@@ -128,26 +128,17 @@ def test_integrate_by_five_nm_is_the_sum_over_one_nm(samples):
     np.testing.assert_allclose(spectrum.integrate(factor, wavelength, weight), expected, rtol=2e-5)
 
 
-def test_observers_are_cached_on_disk_and_made_again_when_damaged(tmp_path, monkeypatch):
-    """A damaged cache would change all colours."""
+@pytest.mark.parametrize("name", list(spectrum.OBSERVERS))
+def test_observers_are_those_of_colour_science(name):
+    """The shipped table, which is read in place of an import of seconds, would change all colours."""
     import colour as science
 
-    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(spectrum, "_observer_tables", spectrum._observer_tables.__wrapped__)
-    first = spectrum.colour_matching_functions("cie1931_2deg")
-    np.testing.assert_array_equal(first, science.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].values)
-    (path,) = tmp_path.rglob("*.f8")
-    assert science.__version__ in path.name
-    whole = path.read_bytes()
-    monkeypatch.setattr(spectrum, "_observer_from_colour_science", None)  # a second import would fail
-    np.testing.assert_array_equal(spectrum.colour_matching_functions("cie1931_2deg"), first)
-    monkeypatch.undo()
-    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(spectrum, "_observer_tables", spectrum._observer_tables.__wrapped__)
-    path.write_bytes(whole[:100] + b"x" + whole[101:])
-    np.testing.assert_array_equal(spectrum.colour_matching_functions("cie1931_2deg"), first)
-    assert path.read_bytes() == whole
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
+    functions = science.MSDS_CMFS[spectrum.OBSERVERS[name]]
+    np.testing.assert_array_equal(spectrum.VISIBLE_NM, functions.wavelengths)
+    np.testing.assert_array_equal(spectrum.colour_matching_functions(name), functions.values)
+    white = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[name]]["D65"]
+    rgb = spectrum.xyz_to_rgb_matrix(name) @ science.xy_to_XYZ(white)
+    np.testing.assert_allclose(rgb, 1.0, atol=1e-4)
 
 
 def test_a_cache_folder_that_cannot_be_made_is_no_error(tmp_path, monkeypatch):

@@ -4,7 +4,6 @@
     FOLDER/skies/KEY.npz       skies that a study has computed      TWILIGHT_CACHE_GB; the files that were
     FOLDER/models/KEY.npz      compact models fitted on first use   used longest ago go first
     FOLDER/optics/KEY.f8       optics of particles by Mie theory    small, not limited
-    FOLDER/observers/KEY.f8    colour matching functions            small, not limited
 
 FOLDER is TWILIGHT_CACHE_DIR, else the platform's cache folder for `twilight`.  A folder that is full or cannot be
 written is no error: what was computed is used, a warning of one sentence says that it is not there for the next time.
@@ -49,8 +48,7 @@ FIELDS = Kind("fields", ".h5", "solved fields", True)
 SKIES = Kind("skies", ".npz", "skies of studies", True)
 MODELS = Kind("models", ".npz", "compact models", True)
 OPTICS = Kind("optics", ".f8", "optics of particles", False)
-OBSERVERS = Kind("observers", ".f8", "colour matching functions", False)
-KINDS = (FIELDS, SKIES, MODELS, OPTICS, OBSERVERS)
+KINDS = (FIELDS, SKIES, MODELS, OPTICS)
 
 
 class CachedFile(NamedTuple):

@@ -1,4 +1,4 @@
-"""The first run of a solver says that it compiles, and for how long, and compiles on two cores where there are two."""
+"""The first run of a solver says that it compiles, and for how long."""
 
 from __future__ import annotations
 
@@ -27,17 +27,14 @@ def compiles_first(package: str) -> bool:
 
 
 def say_that_it_compiles(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled; a part of it then begins in a second process."""
+    """One sentence on stderr where a solver has to be compiled."""
     from twilight import solvers
     from twilight.cli import terminal
-    from twilight.jit import precompile
 
-    able = solvers.load(solver).CAPABILITIES
+    solvers.load(solver)
     if compiles_first(solvers.SOLVERS[solver]):
         terminal.compiling = True
         print(f"twilight: {SENTENCE}", file=sys.stderr)
-        if able.precompile_module:
-            precompile.start(able.precompile_module)
 
 
 def own_models(cases: Sequence[Any]) -> list[Any]:

@@ -78,6 +78,9 @@ def render(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
     ] = False,
+    no_preview: Annotated[
+        bool, typer.Option("--no-preview", help="No picture of a fitted model while the sky is computed.")
+    ] = False,
     plan: Annotated[
         bool, typer.Option("--plan", help="Only say what the scene leaves out and why, and its size.")
     ] = False,
@@ -127,6 +130,7 @@ def render(
         _print_plans(cases)
         return
     from twilight.cli.first_run import own_models, say_that_it_compiles
+    from twilight.cli.preview import shown
     from twilight.cli.render_files import check_cases, render_files
     from twilight.config.sun import SunElevation
 
@@ -142,7 +146,7 @@ def render(
     cases = own_models(cases)
     for name in sorted({case.config.chosen_solver.name for case in cases}):
         say_that_it_compiles(name)
-    render_files(cases, scene, chosen, output, overwrite)
+    render_files(cases, scene, chosen, output, overwrite, None if no_preview else shown)
 
 
 def _has_default_sun(config: Any) -> bool:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
+from twilight.cli.preview import PREVIEW
 from twilight.cli.terminal import print_table, progress_bar
 
 LONGEST_NAME = 120
@@ -44,9 +46,17 @@ def check_cases(cases: Sequence[Any]) -> None:
 
 
 def render_files(
-    cases: Sequence[Any], scene: str, settings: Mapping[str, Any], output: Path | None, overwrite: bool
+    cases: Sequence[Any],
+    scene: str,
+    settings: Mapping[str, Any],
+    output: Path | None,
+    overwrite: bool,
+    preview: Callable[[Any, str, Path], AbstractContextManager[None]] | None = None,
 ) -> None:
-    """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept."""
+    """Render all cases into one folder; a sky that is there, of the same configuration and program, is kept.
+
+    preview: shows one for the first sky that is not there, by its configuration, sun and folder, while it is computed.
+    """
     from twilight.base.whole_files import check_folder
     from twilight.io.folder import JOURNAL, open_folder
 
@@ -54,7 +64,10 @@ def render_files(
     root = output or _default_folder(cases, scene, settings, asked)
     check_folder(root)
     with open_folder(root, wanted, _code(cases), overwrite=overwrite) as folder, progress_bar() as progress:
-        rows = _compute(cases, asked, wanted, folder, progress)
+        first = next((one for one in asked if one.folder not in folder.there), None)
+        shown = preview(first.case.config, first.sun, root / first.folder) if preview and first else nullcontext()
+        with shown:
+            rows = _compute(cases, asked, wanted, folder, progress)
         rows = {one.folder: rows[one.folder] for one in asked}
         one_exposure = [one for one in asked if _by_series(one.case.config)] if len(asked) > 1 else []
         if one_exposure:
@@ -140,6 +153,7 @@ def _compute(
             one = of_case[frame.name]
             folder.begin(one.folder, wanted[one.folder])
             files = _write(frame, case.config, folder.root / one.folder)
+            (folder.root / one.folder / PREVIEW).unlink(missing_ok=True)
             rows[one.folder] = figures(frame.sky)
             folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
         done += len(of_case)

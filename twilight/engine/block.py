@@ -17,7 +17,6 @@ from twilight.base.progress import Progress
 from twilight.engine.answer import Answer, answer_of_stokes, join_rows, sum_terms
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
-from twilight.jit import precompile
 from twilight.numerics.grids import half_of
 from twilight.solvers.base import Field
 
@@ -74,7 +73,6 @@ class Block:
         """Solve the field of some wavelengths for the observer of the scene; arguments as of the class."""
         block = cls(problem, wavelengths, medium, bands, progress)
         block.field = block._prepare(block._altitude_km)
-        precompile.wait()  # for the kernels that evaluate the field
         return block
 
     def _prepare(self, altitude_km: float) -> Field:

@@ -1,1 +1,1 @@
-"""Compiled kernels: the decorator, eight wavelengths in one register, kernels that a second process compiles."""
+"""Compiled kernels: the decorator, eight wavelengths in one register."""

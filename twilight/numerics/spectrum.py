@@ -10,11 +10,9 @@ from __future__ import annotations
 import csv
 from functools import lru_cache
 from importlib import resources
-from importlib.metadata import version
 
 import numpy as np
 
-from twilight.base import cache
 from twilight.base.errors import TwilightError
 
 LUMINOUS_EFFICACY_LM_PER_W = 683.002
@@ -103,7 +101,7 @@ def solar_irradiance(
 
 
 def colour_matching_functions(observer: str = "cie1964_10deg") -> np.ndarray:
-    """Colour matching functions (471, 3) of a standard observer at ``VISIBLE_NM``, from colour-science.
+    """Colour matching functions (471, 3) of a standard observer at ``VISIBLE_NM`` (data/colour/observers.csv).
 
     The second column of ``cie1931_2deg`` is the luminous efficiency function V(lambda).  Raises TwilightError for an
     observer that is not in ``OBSERVERS``.
@@ -112,7 +110,7 @@ def colour_matching_functions(observer: str = "cie1964_10deg") -> np.ndarray:
 
 
 def xyz_to_rgb_matrix(observer: str = "cie1964_10deg") -> np.ndarray:
-    """Matrix (3, 3) from XYZ of an observer to linear Rec. 709, from colour-science.
+    """Matrix (3, 3) from XYZ of an observer to linear Rec. 709 (data/colour/observers.csv).
 
     For the 10 deg observer a Bradford adaptation takes its D65 white to that of Rec. 709 (defined for 2 deg), so that
     D65 is neutral with either observer.  Raises TwilightError for an observer that is not in ``OBSERVERS``.
@@ -123,35 +121,18 @@ def xyz_to_rgb_matrix(observer: str = "cie1964_10deg") -> np.ndarray:
 def _observer(name: str) -> np.ndarray:
     if name not in OBSERVERS:
         raise TwilightError(f"observer: '{name}' is not known, choose one of {', '.join(OBSERVERS)}")
-    return _observer_tables()[list(OBSERVERS).index(name)]
+    return _observer_tables()[name]
 
 
 @lru_cache(maxsize=1)
-def _observer_tables() -> np.ndarray:
-    """Matching functions and, below them, the RGB matrix of every observer, (2, 474, 3).
-
-    Importing colour-science takes seconds, so its numbers are cached under its version.
-    """
-    key, shape = f"colour-science-{version('colour-science')}", (len(OBSERVERS), VISIBLE_NM.size + 3, 3)
-    tables = cache.read_array(cache.OBSERVERS, key, shape)
-    if tables is None:
-        tables = np.stack([_observer_from_colour_science(name) for name in OBSERVERS.values()])
-        cache.store_array(cache.OBSERVERS, key, tables)
-    tables.flags.writeable = False
+def _observer_tables() -> dict[str, np.ndarray]:
+    """Matching functions and, below them, the RGB matrix of every observer, (474, 3) each."""
+    text = resources.files("twilight").joinpath("data/colour/observers.csv").read_text(encoding="utf-8")
+    rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))[1:]
+    tables = {name: np.array([row[2:] for row in rows if row[0] == name], float) for name in OBSERVERS}
+    for table in tables.values():
+        table.flags.writeable = False
     return tables
-
-
-def _observer_from_colour_science(name: str) -> np.ndarray:
-    import colour
-
-    functions = colour.MSDS_CMFS[name]
-    if not np.array_equal(functions.wavelengths, VISIBLE_NM):
-        raise TwilightError(f"observer: colour-science {colour.__version__} tabulates '{name}' on another grid")
-    space = colour.RGB_COLOURSPACES["ITU-R BT.709"].copy()
-    space.use_derived_transformation_matrices(True)
-    white = colour.CCS_ILLUMINANTS[name]["D65"]
-    rows = colour.XYZ_to_RGB(np.eye(3), space, illuminant=white, chromatic_adaptation_transform="Bradford")
-    return np.concatenate([functions.values, np.transpose(rows)])
 
 
 def hermite_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

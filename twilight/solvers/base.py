@@ -80,8 +80,6 @@ class Capabilities:
     field_file: the settings have `field_file`, where the field of one block of wavelengths is stored
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
-    precompile_module: name of a module that, run by itself, compiles the kernels that evaluate a field
-        (`twilight.jit.precompile`)
     numpy_only: the solver has no compiled kernel; the engine then takes the sun's light at the ground from numpy alone
     spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
         solved in one block, where each would move the other's radiance; None: no wavelength moves another
@@ -105,7 +103,6 @@ class Capabilities:
     field_file: bool = False
     reads_files: bool = False
     wavelengths_at_once: int = 32
-    precompile_module: str = ""
     numpy_only: bool = False
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     formula: bool = False

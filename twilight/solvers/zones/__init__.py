@@ -16,7 +16,6 @@ CAPABILITIES = Capabilities(
     water=True,
     target_error=True,
     field_file=True,
-    precompile_module="twilight.solvers.zones.precompile",
     spectral_groups=spectral_groups,
     cost=cost,
 )

@@ -22,9 +22,9 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
 from twilight.solvers.compact.compact_sky import CompactSky, SkySplines, TuckerTerm, spline_matrix
 from twilight.solvers.compact.recognise import air_of
-from twilight.solvers.compact.splines import spline_coefficients
 from twilight.studies.fit.compact import training
 from twilight.studies.fit.compact.decompose import absorption_spectra, decompose, refine_wavelengths
+from twilight.studies.fit.compact.terms import GROUND_ALBEDOS, added_light, ground_light, splines_of
 from twilight.studies.fit.compact.training import Clock, Skies, TrainingAir, compute_skies
 
 GRID = SkySplines(
@@ -34,8 +34,6 @@ RANKS = {"dark": (70, 32, 12, 8), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8,
 """Of direction, sun, wavelength and amount."""
 SMOOTH_QUALITY = "draft"
 """Of the light of the ground and the change with ozone, which are small parts of the light."""
-GROUND_ALBEDOS = (0.5, 0.9)
-"""Two albedos give the ground's light A L / (1 - s A): its amount L and the fraction s that comes back."""
 GROUND_DEPTHS = 4
 """Aerosol loads at which the light of the ground is computed."""
 GROUND_SUNS = 2
@@ -182,18 +180,7 @@ def _dark(config: Config, solver: Solver, settings: Any, depths: Sequence[float]
             part_of(tell, i / len(depths), 1.0 / len(depths), f"optical depth {depth:g},"),
         )
         out.append(skies)
-    return _splines(out[0], [skies.radiance for skies in out])
-
-
-def _splines(where: Skies, radiance: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-    """Coefficients (K, S, W, N) of the logarithms of N sets of skies, all of the suns and directions of `where`."""
-    made = []
-    for s, sun in enumerate(where.sun_elevation_deg):
-        values = np.log(np.stack([one[s] for one in radiance], axis=-1))
-        flat = values.reshape(values.shape[0], -1)
-        found = spline_coefficients(GRID, sun, where.elevation_deg[s], where.azimuth_deg[s], flat)
-        made.append(found.reshape(-1, *values.shape[1:]))
-    return np.stack(made, axis=1)
+    return splines_of(GRID, out[0], [skies.radiance for skies in out])
 
 
 def _smooth_terms(
@@ -221,8 +208,8 @@ def _smooth_terms(
     middle = few[len(few) // 2]
     for depth in few:
         black = at(TrainingAir(depth))
-        fraction, light = _ground_light(
-            [_added(black, at(TrainingAir(depth, albedo)), albedo) for albedo in GROUND_ALBEDOS]
+        fraction, light = ground_light(
+            [added_light(black, at(TrainingAir(depth, albedo)), albedo) for albedo in GROUND_ALBEDOS]
         )
         lights.append(light)
         fractions.append(fraction)
@@ -230,7 +217,7 @@ def _smooth_terms(
             skies = {factor: at(TrainingAir(depth, 0.0, factor * reference_du)).radiance for factor in factors}
             skies[1.0] = black.radiance
     columns = sorted(skies)
-    splines = _splines(black, [*lights, *(skies[factor] for factor in columns)])
+    splines = splines_of(GRID, black, [*lights, *(skies[factor] for factor in columns)])
     grounds, ozone = splines[..., : len(few)], splines[..., len(few) :]
     ozone = ozone - ozone[..., [columns.index(1.0)]]
     loads = np.log(np.array(few) + training.LOAD_OFFSET), np.log(np.array(depths) + training.LOAD_OFFSET)
@@ -238,21 +225,6 @@ def _smooth_terms(
     ground = np.einsum("kswt,Tt,Ss->kSwT", grounds, to_loads, to_suns, optimize=True)
     returned = np.stack(fractions, axis=-1) @ to_loads.T
     return ground, returned, np.einsum("kswz,Ss->kSwz", ozone, to_suns), reference_du * np.array(columns)
-
-
-def _added(black: Skies, bright: Skies, albedo: float) -> list[np.ndarray]:
-    return [(b - a) / albedo for a, b in zip(black.radiance, bright.radiance, strict=True)]
-
-
-def _ground_light(added: Sequence[list[np.ndarray]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(r (W,), light of the ground at albedo -> 0) from (L(A) - L(0)) / A = light / (1 - A r) at two albedos."""
-    low, high = GROUND_ALBEDOS
-    found = []
-    for one, other in zip(*added, strict=True):
-        slope = (1.0 / one - 1.0 / other) / (high - low)
-        found.append(slope / (1.0 / one + low * slope))
-    fraction = np.median(np.concatenate(found), axis=0)
-    return fraction, [one * (1.0 - low * fraction) for one in added[0]]
 
 
 def _term(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config
@@ -159,11 +160,25 @@ def compute_skies(
     progress: Progress | None = None,
 ) -> Skies:
     """Skies of one air by a solver with these settings; `directions` gives those of a sun."""
+    medium = medium_of(config, air, np.asarray(wavelength_nm, float))
+    return skies_in(medium, air, solver, settings, sun_elevation_deg, directions, progress)
+
+
+def skies_in(
+    medium: Medium,
+    air: TrainingAir,
+    solver: Solver,
+    settings: Any,
+    sun_elevation_deg: Sequence[float] | np.ndarray,
+    directions: Directions,
+    progress: Progress | None = None,
+) -> Skies:
+    """Skies of a medium, which is that of `air`; the rest as of `compute_skies`."""
     tell = progress or silent
-    wavelength, suns = np.asarray(wavelength_nm, float), np.asarray(sun_elevation_deg, float)
+    wavelength, suns = medium.wavelength_nm, np.asarray(sun_elevation_deg, float)
     where = [directions(float(sun)) for sun in suns]
     parts: list[list[np.ndarray]] = [[] for _ in suns]
-    problem = Problem(Scene(medium_of(config, air, wavelength), None, solver, settings, title=config.title))
+    problem = Problem(Scene(medium, None, solver, settings, title=medium.name))
     count = len(problem.slices)
     for b in range(count):
         tell("solving", b / count)
