@@ -5,7 +5,7 @@
     python benchmarks/bruneton2008.py cie       # bruneton2008_cie.csv, ../docs/bruneton2008-cie.png (fig. 6 and 7)
 
 error: his air (climates/bruneton2008.yaml, nothing refracted) at 550 nm, seen from the ground in random directions; how
-far the solver `tables` and tables filled with exact values are from `zones`, and `zones` from the referee.
+far the solver `tables` and tables filled with exact values are from `zones`, and `zones` from the reference solution.
 cie: luminance over that of the zenith against CIE standard sky 12, for his two aerosols.
 """
 
@@ -41,7 +41,7 @@ from twilight.studies.export.field_values import FieldSource
 
 HERE = Path(__file__).parent
 SUNS_DEG = (30.3, 10.3, 5.2, 2.1, 0.2, -2.1, -4.2, -6.1, -9.1, -12.1, -15.1, -17.9)
-DIRECTIONS, REFEREE_DIRECTIONS = 400, 24
+DIRECTIONS, REFERENCE_DIRECTIONS = 400, 24
 GREEN = 1
 HORIZON_KM, HORIZON_SUN_DEG = 2.0, 10.3
 AEROSOLS = {"fig. 6": (2.0e-2, 0.76), "fig. 7": (2.2e-2, 0.73)}
@@ -88,13 +88,13 @@ class Errors:
             self.rows.append([name, f"{size / 1e6:.1f}", f"{seconds:.1f}", f"{sun:g}", *row])
             print(*self.rows[-1], flush=True)
 
-    def referee(self) -> None:
+    def reference(self) -> None:
         """The truth itself, in some of the directions, against Monte-Carlo."""
         field = load("montecarlo").prepare(air([550.0]), MonteCarloSettings(target_stderr=0.004, polarisation=False))
-        some = tuple(np.append(angles[:REFEREE_DIRECTIONS], angles[-1]) for angles in self.where)
+        some = tuple(np.append(angles[:REFERENCE_DIRECTIONS], angles[-1]) for angles in self.where)
         for sun in SUNS_DEG:
             found = field.radiance(sun, *some)[..., 0]
-            exact = np.append(self.exact[sun][:REFEREE_DIRECTIONS], self.exact[sun][-1])
+            exact = np.append(self.exact[sun][:REFERENCE_DIRECTIONS], self.exact[sun][-1])
             off = 100.0 * (exact / found - 1.0)
             row = [f"{np.median(off[:-1]):.2f}", f"{np.quantile(np.abs(off[:-1]), 0.95):.2f}", f"{off[-1]:.2f}"]
             self.rows.append(["zones against montecarlo", "", "", f"{sun:g}", *row])
@@ -103,14 +103,14 @@ class Errors:
 
 def error() -> None:
     table = Errors()
-    table.referee()
+    table.reference()
     filled(table)
     solved(table)
     columns = ("tables", "megabytes", "cpu_s", "sun_deg", "median_percent", "p95_percent", "zenith_percent")
     notes = [
         f"550 nm, his air; against zones standard in {DIRECTIONS} directions above 0.3 deg; median and zenith signed",
         "solved: the solver tables; exact: texels hold what zones has; cpu_s: to solve, or to fill the lowest row of r",
-        f"zones against montecarlo: in {REFEREE_DIRECTIONS} of the directions, to 0.4 % standard error each",
+        f"zones against montecarlo: in {REFERENCE_DIRECTIONS} of the directions, to 0.4 % standard error each",
     ]
     write(HERE / "bruneton2008_error.csv", columns, table.rows, notes=notes)
 

@@ -1,11 +1,11 @@
-"""Odd air against the referee: python benchmarks/odd_air.py [odd] [layers] [SECONDS | keep]
+"""Odd air against the reference solution: python benchmarks/odd_air.py [odd] [layers] [SECONDS | keep]
 
 Scalar theory, one wavelength, no refraction.  `odd` writes benchmarks/odd_air.csv: air that ends at 20 km, ozone of 20
 times the usual depth, aerosol of asymmetry 0.99, haze in stripes; `layers` writes benchmarks/sharp_layers.csv: single
-layers from 10 m to 1 km seen from below, from inside and from above.  Each row has the referee's radiance, its standard
-error, and what `zones` at draft and standard differ by, in per cent of the referee.
+layers from 10 m to 1 km seen from below, from inside and from above.  Each row has the reference's radiance, its
+standard error, and what `zones` at draft and standard differ by, in per cent of the reference solution.
 
-The referee samples until 0.5 % (layers: 1 %) or for SECONDS for each sun and observer (60); with `keep` its columns
+The reference samples until 0.5 % (layers: 1 %) or for SECONDS for each sun and observer (60); with `keep` its columns
 stay as the table has them, and only `zones` is solved anew.
 """
 
@@ -33,11 +33,11 @@ SUNS_DEG = (30.0, -6.0)
 ELEVATION_DEG = np.array([1.0, 1.0, 5.0, 20.0, 90.0])
 AZIMUTH_DEG = np.array([0.0, 180.0, 0.0, 90.0, 0.0])
 COLUMNS = (
-    "case,sun_elevation_deg,observer_km,elevation_deg,azimuth_deg,referee_per_sr,referee_percent,untrusted,"
+    "case,sun_elevation_deg,observer_km,elevation_deg,azimuth_deg,reference_per_sr,reference_percent,untrusted,"
     "draft_percent,standard_percent"
 )
 
-KEPT = ("the referee's columns are those of an earlier run, whose solver has not changed since",)
+KEPT = ("the reference solution's columns are those of an earlier run, whose solver has not changed since",)
 
 
 def air(levels_km: np.ndarray = LEVELS_KM, **depths: float) -> Medium:
@@ -82,8 +82,8 @@ class Place(NamedTuple):
     azimuth_deg: np.ndarray
 
 
-def compare(case: str, medium: Medium, places: Sequence[Place], referee: Callable[..., list]) -> list[list]:
-    """Rows of the table.  referee: its columns for (case, medium, place), a row for each sun and direction."""
+def compare(case: str, medium: Medium, places: Sequence[Place], reference: Callable[..., list]) -> list[list]:
+    """Rows of the table.  reference: its columns for (case, medium, place), a row for each sun and direction."""
     fields = [
         zones.prepare(
             medium,
@@ -96,7 +96,7 @@ def compare(case: str, medium: Medium, places: Sequence[Place], referee: Callabl
     rows = []
     for place in places:
         at = {"observer_altitude_km": place.altitude_km}
-        own = iter(referee(case, medium, place))
+        own = iter(reference(case, medium, place))
         for sun in SUNS_DEG:
             skies = [field.radiance(sun, place.elevation_deg, place.azimuth_deg, **at)[:, 0] for field in fields]
             for d in range(place.elevation_deg.size):
@@ -109,7 +109,7 @@ def compare(case: str, medium: Medium, places: Sequence[Place], referee: Callabl
 
 
 def sampled(error: float, seconds: float) -> Callable[..., list]:
-    """The referee, that samples until this relative error or for so long for each sun and observer."""
+    """The reference solution, that samples until this relative error or for so long for each sun and observer."""
 
     def of(case: str, medium: Medium, place: Place) -> list:
         settings = montecarlo.MonteCarloSettings(target_stderr=error, time_limit_s=seconds, polarisation=False)
@@ -127,18 +127,18 @@ def sampled(error: float, seconds: float) -> Callable[..., list]:
 
 
 def kept(table: Path) -> Callable[..., list]:
-    """The referee as it is in a table."""
+    """The reference solution as it is in a table."""
     rows = results.read_rows(table)
 
     def of(case: str, medium: Medium, place: Place) -> list:
         there = [row for row in rows if row["case"] == case and row["observer_km"] == f"{place.altitude_km:g}"]
-        return [[row["referee_per_sr"], row["referee_percent"], row["untrusted"]] for row in there]
+        return [[row["reference_per_sr"], row["reference_percent"], row["untrusted"]] for row in there]
 
     return of
 
 
 def compile_first() -> None:
-    """The referee's time is not that of its compilation."""
+    """The reference solution's time is not that of its compilation."""
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=2, polarisation=False)
     field = montecarlo.prepare(air(), settings, observer_altitude_km=0.0)
     for sun in SUNS_DEG:
@@ -153,13 +153,13 @@ def main(arguments: list[str]) -> None:
         compile_first()
     if "odd" in kinds:
         table = HERE / "odd_air.csv"
-        referee = kept(table) if keep else sampled(0.005, seconds)
+        reference = kept(table) if keep else sampled(0.005, seconds)
         ground = [Place(0.0, ELEVATION_DEG, AZIMUTH_DEG)]
-        rows = [row for case, medium in ODD.items() for row in compare(case, medium(), ground, referee)]
+        rows = [row for case, medium in ODD.items() for row in compare(case, medium(), ground, reference)]
         results.write(table, COLUMNS.split(","), rows, notes=KEPT if keep else ())
     if "layers" in kinds:
         table = HERE / "sharp_layers.csv"
-        referee = kept(table) if keep else sampled(0.01, seconds)
+        reference = kept(table) if keep else sampled(0.01, seconds)
         rows = []
         for case, (base, thickness, depth, ramp) in LAYERS.items():
             below, inside, above = (3.0, 20.0, 90.0), (-20.0, 0.5, 20.0), (-90.0, -20.0, 10.0)
@@ -168,7 +168,7 @@ def main(arguments: list[str]) -> None:
                 Place(altitude, np.array(views), np.full(len(views), 40.0))
                 for altitude, views in zip(altitudes, (below, inside, above), strict=True)
             ]
-            rows += compare(case, layered(base, thickness, depth, ramp), places, referee)
+            rows += compare(case, layered(base, thickness, depth, ramp), places, reference)
         results.write(table, COLUMNS.split(","), rows, notes=KEPT if keep else ())
 
 

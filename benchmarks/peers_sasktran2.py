@@ -1,10 +1,10 @@
-"""Side by side with sasktran2 on exactly the same air: error against the Monte-Carlo referee, time, memory, ratios.
+"""Side by side with sasktran2 on exactly the same air: error against the Monte-Carlo reference, time, memory, ratios.
 
     python benchmarks/peers_sasktran2.py [--models sasktran2:standard zones:standard ...] [--tasks error one thirty]
-                                         [--threads 1 2] [--referee TABLE.csv] [--output TABLE.csv]
+                                         [--threads 1 2] [--reference TABLE.csv] [--output TABLE.csv]
 
 Needs `pip install '.[peers]'`.  The air is the climate `continental-average` with straight light (no refraction), at
-eight wavelengths from 380 to 720 nm for times and at the referee's for errors.  Every job runs in a process of its own.
+eight wavelengths from 380 to 720 nm for times and at the reference's for errors.  Every job has a process of its own.
 Writes two tables: errors per model and sun, and costs per model; prints the ratios between models.
 """
 
@@ -24,7 +24,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import results  # noqa: E402
-from peers.case import REFERENCE, Referee, compare  # noqa: E402
+from peers.case import REFERENCE, ReferenceSolution, compare  # noqa: E402
 
 MODELS = ("sasktran2:draft", "sasktran2:standard", "zones:draft", "zones:standard", "zones:reference")
 ERROR_COLUMNS = (
@@ -35,7 +35,7 @@ ERROR_COLUMNS = (
     "p95_percent",
     "worst_percent",
     "bias_percent",
-    "referee_error_percent",
+    "reference_error_percent",
     "worst_elevation_deg",
     "worst_azimuth_deg",
     "worst_wavelength_nm",
@@ -61,17 +61,17 @@ def run_job(folder: Path, job: dict) -> tuple[dict, np.ndarray] | None:
     return json.loads(done.stdout.strip().splitlines()[-1]), np.load(job["output"])["radiance"]
 
 
-def error_rows(model: str, referee: Referee, radiance: np.ndarray) -> list[list]:
+def error_rows(model: str, reference: ReferenceSolution, radiance: np.ndarray) -> list[list]:
     """One row per sun; radiance (suns, directions, wavelengths)."""
-    elevation, azimuth = referee.directions()
+    elevation, azimuth = reference.directions()
     place = {pair: i for i, pair in enumerate(zip(elevation.tolist(), azimuth.tolist(), strict=True))}
-    wavelengths = referee.wavelengths()
+    wavelengths = reference.wavelengths()
     rows = []
-    for sky, sun in zip(radiance, referee.suns_deg, strict=True):
-        some = referee.at(sun)
+    for sky, sun in zip(radiance, reference.suns_deg, strict=True):
+        some = reference.at(sun)
         direction = [place[p] for p in zip(some.elevation_deg.tolist(), some.azimuth_deg.tolist(), strict=True)]
         found = compare(some, sky[direction, np.searchsorted(wavelengths, some.wavelength_nm)])
-        numbers = (found.median, found.mean, found.p95, found.worst, found.bias, found.referee)
+        numbers = (found.median, found.mean, found.p95, found.worst, found.bias, found.reference)
         rows.append([model, f"{sun:g}", *(f"{x:.2f}" for x in numbers), *(f"{x:g}" for x in found.worst_at)])
     return rows
 
@@ -97,21 +97,21 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", default=list(MODELS))
     parser.add_argument("--tasks", nargs="+", default=["error", "one", "thirty"], choices=["error", "one", "thirty"])
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--referee", type=Path, default=REFERENCE / "continental-average-unrefracted.csv")
-    parser.add_argument("--suns", nargs="+", type=float, help="only these of the referee's suns [deg]")
+    parser.add_argument("--reference", type=Path, default=REFERENCE / "continental-average-unrefracted.csv")
+    parser.add_argument("--suns", nargs="+", type=float, help="only these of the reference solution's suns [deg]")
     parser.add_argument("--output", type=Path, default=HERE / "peers_sasktran2.csv")
     arguments = parser.parse_args()
-    referee = Referee.read(arguments.referee, arguments.suns) if "error" in arguments.tasks else None
+    reference = ReferenceSolution.read(arguments.reference, arguments.suns) if "error" in arguments.tasks else None
     errors: list[list] = []
     costs: list[list] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for model in arguments.models:
-            if referee is not None:
+            if reference is not None:
                 job = {"model": model, "task": "error", "threads": max(arguments.threads)}
-                done = run_job(folder, job | {"referee": str(arguments.referee), "suns": arguments.suns})
+                done = run_job(folder, job | {"reference": str(arguments.reference), "suns": arguments.suns})
                 if done is not None:
-                    rows = error_rows(model, referee, done[1])
+                    rows = error_rows(model, reference, done[1])
                     for row in rows:
                         print(*row, sep="\t", flush=True)
                     errors.extend(rows)

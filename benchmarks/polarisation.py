@@ -1,7 +1,7 @@
 """What leaving polarisation out costs, and how well `zones` follows it.
 
     python benchmarks/polarisation.py scalar     error of scalar theory in I, luminance and colour: polarisation.csv
-    python benchmarks/polarisation.py referee    `zones` against `montecarlo` in I, Q and U: polarisation_referee.csv
+    python benchmarks/polarisation.py reference  `zones` against `montecarlo` in I, Q and U: polarisation_reference.csv
     python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv, and
                                                  docs/polarisation.png
     python benchmarks/polarisation.py volcano    the same under volcanic stratospheres: polarisation_volcano.csv, and
@@ -9,12 +9,12 @@
 
     python benchmarks/polarisation.py cost       time and memory of polarised and scalar fields: polarisation_cost.csv
 
-    python benchmarks/polarisation.py stored     the referee's Stokes vectors in clear air that a test of `zones` reads
+    python benchmarks/polarisation.py stored     the reference's Stokes vectors in clear air for a test of `zones`
 
-Names of climates behind limit the table to them; `referee` takes all that have a reference.  Errors of the first are
+Names of climates behind limit the table to them; `reference` takes all that have a reference.  Errors of the first are
 those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
 and `volcano` use `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
-The referee's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
+The reference's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
 directions.
 """
 
@@ -57,7 +57,7 @@ SKY_COLUMNS = [
 ]  # fmt: skip
 SKY_NOTES = ["Babinet's and Brewster's points from the sun, Arago's from the antisolar point; empty: not above 0.5 deg"]
 NOISE = 2e-3
-"""Standard error of I that the referee works to."""
+"""Standard error of I that the reference solution works to."""
 
 
 def texture() -> tuple[np.ndarray, np.ndarray]:
@@ -97,11 +97,11 @@ def scalar(climates) -> None:
 
 
 def reference_file(climate: str) -> Path:
-    """Where montecarlo_reference.py keeps the referee's Stokes vectors of a climate."""
+    """Where montecarlo_reference.py keeps the reference solution's Stokes vectors of a climate."""
     return HERE / "reference" / f"{'pure-air-climate' if climate == 'pure-air' else climate}.csv"
 
 
-def referee(climates) -> None:
+def reference(climates) -> None:
     rows = []
     for climate in climates or [c for c in montecarlo_reference.CLIMATES if reference_file(c).exists()]:
         file = reference_file(climate)
@@ -123,14 +123,14 @@ def referee(climates) -> None:
         "degree_p95,degree_noise,degree_excess,angle_p95_deg,angle_noise_deg,angle_excess_deg"
     )
     notes = [
-        "all directions and wavelengths of a sun; angles where the degree exceeds 0.05; noise: the referee's, median",
+        "all directions and wavelengths of a sun; angles where the degree exceeds 0.05; noise: the reference's, median",
         "excess: what 95 % of normally distributed errors stay below, of a mean square less the noise",
     ]
-    results.write(HERE / "polarisation_referee.csv", columns.split(","), rows, notes=notes)
+    results.write(HERE / "polarisation_reference.csv", columns.split(","), rows, notes=notes)
 
 
 def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
-    """Errors of I, degree and angle from Stokes vectors (N, 3); noise (N, 3): the referee's standard errors over I."""
+    """Errors of I, degree and angle from Stokes vectors (N, 3); noise (N, 3): standard errors over I."""
     degree, found = (np.hypot(s[:, 1], s[:, 2]) / s[:, 0] for s in (right, ours))
     turn = 0.5 * np.degrees(np.arctan2(ours[:, 2], ours[:, 1]) - np.arctan2(right[:, 2], right[:, 1]))
     turn = (turn + 90.0) % 180.0 - 90.0
@@ -274,7 +274,7 @@ def draw_volcano(drawn: dict) -> None:
 
 
 if __name__ == "__main__":
-    tables = {"scalar": scalar, "referee": referee, "sky": sky, "stored": stored, "volcano": volcano}
+    tables = {"scalar": scalar, "reference": reference, "sky": sky, "stored": stored, "volcano": volcano}
     tables |= {"cost": cost, "one_cost": one_cost}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")

@@ -7,7 +7,7 @@ Each file's long tests run as `pytest -m slow tests/FILE` in one process; the pr
 all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files that were not run now stay as
 they are, and then the page: slow_tests.csv, and how many odd airs (odd_air.csv, sharp_layers.csv) there were and how
 many went wrong.  A radiance of `standard` is wrong that is more than
-1 % (sharp layers 3 %) and three of the referee's standard errors off.
+1 % (sharp layers 3 %) and three of the reference solution's standard errors off.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def tried() -> str:
         found: dict[str, list[bool]] = {}
         for row in results.read_rows(HERE / name):
             off = abs(float(row["standard_percent"]))
-            found.setdefault(row["case"], []).append(off > allowed and off > 3.0 * float(row["referee_percent"]))
+            found.setdefault(row["case"], []).append(off > allowed and off > 3.0 * float(row["reference_percent"]))
         for case, wrong in found.items():
             rows.append([f"air: {case}", f"{len(wrong)} radiances", str(sum(wrong)), f"`benchmarks/{name}`"])
     return _table(("tried", "how many", "wrong", "table"), rows)

@@ -81,8 +81,8 @@ BENCHMARKS = {
     "polarisation_scalar": Benchmark(
         "polarisation.py scalar", "polarisation.csv", "what leaving polarisation out costs"
     ),
-    "polarisation_referee": Benchmark(
-        "polarisation.py referee", "polarisation_referee.csv", "I, Q, U of `zones` against the referee"
+    "polarisation_reference": Benchmark(
+        "polarisation.py reference", "polarisation_reference.csv", "I, Q, U of `zones` against the reference solution"
     ),
     "polarisation_sky": Benchmark(
         "polarisation.py sky", "polarisation_sky.csv, ../docs/polarisation.png", "neutral points, zenith's polarisation"
@@ -97,7 +97,7 @@ BENCHMARKS = {
     ),
     "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
     "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
-    "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the referee"),
+    "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the reference solution"),
     "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
@@ -149,7 +149,7 @@ BENCHMARKS = {
     "bruneton2008_cie": Benchmark(
         "bruneton2008.py cie", "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png", "their fig. 6 and 7"
     ),
-    "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the referee"),
+    "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the reference solution"),
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
     "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
     "tables_time": Benchmark("tables.py times", "tables_time.csv", "how long whole exports take"),

@@ -77,7 +77,7 @@ def read_numbers(path: Path) -> np.ndarray:
 
 
 def excess(error: np.ndarray, own: np.ndarray) -> float:
-    """What 95 % of normally distributed errors would stay below, when the referee's own standard errors are taken out.
+    """What 95 % of normally distributed errors would stay below, without the reference's own standard errors.
 
     error, own: shares of the radiance
     """

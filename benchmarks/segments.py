@@ -2,9 +2,9 @@
 
     python benchmarks/segments.py [--climate NAME] [--solvers zones,tables,tables:fine] [--wavelengths 550] [--keep]
 
-Writes benchmarks/segments.csv: for each solver, sun and distance how far it is from the referee in percent of the
+Writes benchmarks/segments.csv: for each solver, sun and distance how far it is from the reference in percent of the
 radiance scale (the largest sky radiance of the wavelength in the same directions): median, 95th percentile and largest
-over directions and wavelengths, and the median standard error of the referee.  Observers stand on the ground and fly at
+over directions and wavelengths, and the median standard error of that.  Observers stand on the ground and fly at
 3 km.  `tables` refract nothing; it is judged in the air without refraction.
 """
 
@@ -40,7 +40,7 @@ def questions(directions, distances) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def truth(air: Medium, error: float) -> dict:
-    """(radiance, standard error, transmittance) of the referee by (altitude, sun)."""
+    """(radiance, standard error, transmittance) of the reference solution by (altitude, sun)."""
     found = {}
     for altitude, directions in PLACES:
         settings = MonteCarloSettings(target_stderr=error)
@@ -48,7 +48,7 @@ def truth(air: Medium, error: float) -> dict:
         for sun in SUNS_DEG:
             seen, passed = field.inscatter_with_error(sun, *questions(directions, DISTANCES_KM))
             found[altitude, sun] = seen.radiance, seen.standard_error, passed
-            print(f"referee {altitude:g} km, sun {sun:+g}", flush=True)
+            print(f"reference {altitude:g} km, sun {sun:+g}", flush=True)
     return found
 
 
@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("--climate", default="continental-average")
     parser.add_argument("--solvers", default="zones,tables,tables:fine", help="SOLVER or SOLVER:QUALITY, standard")
     parser.add_argument("--wavelengths", default="550")
-    parser.add_argument("--error", type=float, default=0.004, help="relative standard error of the referee")
+    parser.add_argument("--error", type=float, default=0.004, help="relative standard error of the reference solution")
     parser.add_argument("--keep", action="store_true", help="keep the rows of other solvers")
     args = parser.parse_args()
     medium = climate_medium(load_climate(args.climate), np.array([float(w) for w in args.wavelengths.split(",")]))
@@ -116,8 +116,9 @@ def main() -> None:
         if bent not in true:
             true[bent] = truth(air, args.error)
         rows += judged(name, air, quality or "standard", true[bent])
-    columns = "solver,sun_deg,distance_km,median_percent,p95_percent,largest_percent,referee_percent,transmittance_off"
-    note = f"{args.climate}, {args.wavelengths} nm, standard unless said; referee to {100 * args.error:g} % each"
+    columns = "solver,sun_deg,distance_km,median_percent,p95_percent,largest_percent,reference_percent,"
+    columns += "transmittance_off"
+    note = f"{args.climate}, {args.wavelengths} nm, standard unless said; reference to {100 * args.error:g} % each"
     notes = [note, "percent of the largest radiance of the sky in the directions", *before]
     write(OUT, columns.split(","), kept + rows, notes=notes)
 

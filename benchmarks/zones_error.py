@@ -1,4 +1,4 @@
-"""Error of the zones solver against the committed Monte-Carlo referee, by climate, with time and memory.
+"""Error of the zones solver against the committed Monte-Carlo reference solution, by climate, with time and memory.
 
     python benchmarks/zones_error.py                      draft and standard, all climates whose tables are there
     python benchmarks/zones_error.py standard             one quality
@@ -6,7 +6,7 @@
 
 Writes benchmarks/zones_error.csv, which then holds what was asked for: relative errors of the radiance over all
 directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as that of `standard` and
-`reference` is; `draft` is scalar.  The referee's own standard error is subtracted in the mean square: `excess_percent`
+`reference` is; `draft` is scalar.  The table's standard error is subtracted in the mean square: `excess_percent`
 is what 95 % of normally distributed errors of the rest would stay below.  Times are of the processor,
 for all suns and the three wavelengths, which take as long as eight do (a block of the solver), compilation apart;
 memory is the peak of the process while the field is made (Linux).
@@ -45,13 +45,13 @@ CLIMATES = {
 }
 USUAL = ("draft", "standard")
 HEADER = (
-    "climate,quality,sun_elevation_deg,median_percent,p95_percent,max_percent,mean_percent,referee_percent,"
+    "climate,quality,sun_elevation_deg,median_percent,p95_percent,max_percent,mean_percent,reference_percent,"
     "excess_percent,set_up_processor_s,peak_mib"
 )
 
 
 def errors(field, table: np.ndarray) -> list[tuple[float, ...]]:
-    """(sun, median, 95th percentile, largest, mean, the referee's own, excess) in percent, per sun."""
+    """(sun, median, 95th percentile, largest, mean, the reference solution's own, excess) in percent, per sun."""
     rows = []
     for sun in sorted(set(table["sun_elevation_deg"]), reverse=True):
         some = table[table["sun_elevation_deg"] == sun]

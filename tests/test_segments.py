@@ -53,9 +53,9 @@ def test_transmittance_is_that_of_the_air(air, field):
 
 
 @pytest.mark.parametrize("sun", [20.0, -4.0])
-def test_zones_against_the_referee(air, field, sun):
-    referee = montecarlo.prepare(air, MonteCarloSettings(samples=300), observer_altitude_km=ALTITUDE)
-    found, seen = referee.inscatter_with_error(sun, ELEVATION, AZIMUTH, DISTANCE)
+def test_zones_against_the_reference_solution(air, field, sun):
+    reference = montecarlo.prepare(air, MonteCarloSettings(samples=300), observer_altitude_km=ALTITUDE)
+    found, seen = reference.inscatter_with_error(sun, ELEVATION, AZIMUTH, DISTANCE)
     light, passed = ask(field, sun, DISTANCE)
     scale = field.radiance(sun, ELEVATION, AZIMUTH, observer_altitude_km=ALTITUDE).max()
     np.testing.assert_allclose(passed, seen, atol=2e-3)

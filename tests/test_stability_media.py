@@ -209,7 +209,7 @@ def test_observers_from_the_ground_to_orbit(plain_zones, altitude_km):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("altitude_km", [0.0, 8.0, 50.0, 100.0, 400.0])
-def test_observers_of_the_referee(altitude_km):
+def test_observers_of_the_reference_solution(altitude_km):
     horizon = horizon_deg(altitude_km)
     field = solvers.load("montecarlo").prepare(medium_of(Air()), MONTECARLO, observer_altitude_km=altitude_km)
     for sun in (30.0, horizon, -6.0):

@@ -150,7 +150,7 @@ AZIMUTH = np.array([20.0, 20.0, 70.0, 20.0, 20.0, 110.0])
 
 @pytest.fixture(scope="module")
 def hazy_sea():
-    """Fields by the referee, by `zones`, and by `zones` without the water."""
+    """Fields by the reference solution, by `zones`, and by `zones` without the water."""
     air = replace(hazy_earth(ground=0.02), water_mean_square_slope=WIND_5)
     draft = replace(zones.QUALITIES["draft"], polarisation=True)
     exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.5)

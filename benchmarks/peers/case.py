@@ -1,4 +1,4 @@
-"""The comparison's air, its texture, and the referee's answers."""
+"""The comparison's air, its texture, and the reference solution's answers."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def texture() -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Referee:
-    """Rows of the Monte-Carlo referee: sun, elevation, azimuth, wavelength, radiance, standard error."""
+class ReferenceSolution:
+    """Rows of the Monte-Carlo reference solution: sun, elevation, azimuth, wavelength, radiance, standard error."""
 
     sun_deg: np.ndarray
     elevation_deg: np.ndarray
@@ -43,14 +43,14 @@ class Referee:
     error: np.ndarray
 
     @staticmethod
-    def read(path: Path, suns_deg: list[float] | None = None) -> Referee:
+    def read(path: Path, suns_deg: list[float] | None = None) -> ReferenceSolution:
         """A table as benchmarks/montecarlo_reference.py writes it, or some of its suns; black skies are left out."""
         rows = results.read_numbers(path)
         rows = rows[rows["radiance_per_sr"] > 0]
         if suns_deg is not None:
             rows = rows[np.isin(rows["sun_elevation_deg"], suns_deg)]
         names = ("sun_elevation_deg", "elevation_deg", "azimuth_deg", "wavelength_nm", "radiance_per_sr")
-        return Referee(*(rows[n] for n in names), rows["standard_error_per_sr"])
+        return ReferenceSolution(*(rows[n] for n in names), rows["standard_error_per_sr"])
 
     @property
     def suns_deg(self) -> np.ndarray:
@@ -59,7 +59,7 @@ class Referee:
     def wavelengths(self) -> np.ndarray:
         return np.unique(self.wavelength_nm)
 
-    def at(self, sun_deg: float) -> Referee:
+    def at(self, sun_deg: float) -> ReferenceSolution:
         here = self.sun_deg == sun_deg
         return replace(self, **{k: getattr(self, k)[here] for k in self.__dataclass_fields__})
 
@@ -71,25 +71,25 @@ class Referee:
 
 @dataclass(frozen=True)
 class Errors:
-    """Statistics of |L / L_referee - 1| in per cent; the referee's own noise is taken out in quadrature."""
+    """Statistics of |L / L_ref - 1| in per cent; the reference solution's own noise is taken out in quadrature."""
 
     median: float
     mean: float
     p95: float
     worst: float
     bias: float
-    referee: float
+    reference: float
     worst_at: tuple[float, float, float]
 
 
-def compare(referee: Referee, radiance: np.ndarray) -> Errors:
-    """Errors of radiances (N,) given in the order of the referee's rows.
+def compare(reference: ReferenceSolution, radiance: np.ndarray) -> Errors:
+    """Errors of radiances (N,) given in the order of the reference solution's rows.
 
     For normal noise of standard deviation s the median, mean and 95th percentile of its size are 0.674, 0.798 and
     1.960 s: that much is subtracted in quadrature; from the largest, one standard error of that row.
     """
-    difference = 100.0 * (radiance / referee.radiance - 1.0)
-    noise = 100.0 * referee.error / referee.radiance
+    difference = 100.0 * (radiance / reference.radiance - 1.0)
+    noise = 100.0 * reference.error / reference.radiance
     typical = float(np.sqrt(np.mean(noise**2)))
     size = np.abs(difference)
     w = int(np.argmax(size))
@@ -104,5 +104,5 @@ def compare(referee: Referee, radiance: np.ndarray) -> Errors:
         less(float(size[w]), float(noise[w])),
         float(difference.mean()),
         float(np.median(noise)),
-        (float(referee.elevation_deg[w]), float(referee.azimuth_deg[w]), float(referee.wavelength_nm[w])),
+        (float(reference.elevation_deg[w]), float(reference.azimuth_deg[w]), float(reference.wavelength_nm[w])),
     )

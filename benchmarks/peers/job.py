@@ -1,8 +1,8 @@
 """One job in a process of its own, so that time and peak memory are its own: python -m peers.job JOB.json
 
 The job: {"model": "SOLVER:QUALITY", "task": "error" | "one" | "thirty", "threads": n,
-"referee": path, "suns": some of its suns [deg] or null, "output": path of an .npz}.  `error` gives the radiances of the
-referee's rows; `one` and `thirty` are whole half-skies at eight wavelengths for one sun or thirty.
+"reference": path, "suns": some of its suns [deg] or null, "output": path.npz}.  `error` gives the radiances of the
+reference's rows; `one` and `thirty` are whole half-skies at eight wavelengths for one sun or thirty.
 Writes {"wall_s", "cpu_s", "memory_mib", "memory_before_mib"} to standard output.
 """
 
@@ -27,7 +27,7 @@ def main() -> None:
 
     model, _, variant = job["model"].partition(":")
     if job["task"] == "error":
-        medium = case.straight_air(case.Referee.read(job["referee"], job["suns"]).wavelengths())
+        medium = case.straight_air(case.ReferenceSolution.read(job["reference"], job["suns"]).wavelengths())
     else:
         medium = case.straight_air(case.WAVELENGTHS_NM)
     set_up = _solver(model, variant, job)
@@ -44,13 +44,13 @@ def _peak_mib() -> float:
 
 
 def _questions(job: dict) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """(sun, elevations, azimuths) of every sky that is asked for; rows of the referee in its own order."""
+    """(sun, elevations, azimuths) of every sky that is asked for; rows of the reference solution in its own order."""
     from peers import case
 
     if job["task"] == "error":
-        referee = case.Referee.read(job["referee"], job["suns"])
-        directions = referee.directions()
-        return [(float(sun), *directions) for sun in referee.suns_deg]
+        reference = case.ReferenceSolution.read(job["reference"], job["suns"])
+        directions = reference.directions()
+        return [(float(sun), *directions) for sun in reference.suns_deg]
     suns = case.THIRTY_SUNS_DEG if job["task"] == "thirty" else (case.ONE_SUN_DEG,)
     return [(sun, *case.texture()) for sun in suns]
 
