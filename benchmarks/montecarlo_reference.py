@@ -2,7 +2,6 @@
 
     python benchmarks/montecarlo_reference.py                            all that follows
     python benchmarks/montecarlo_reference.py urban desert               writes reference/urban.csv, desert.csv
-    python benchmarks/montecarlo_reference.py continental-average-unrefracted
     python benchmarks/montecarlo_reference.py hazy-air-albedo-0 pure-air-albedo-0
     python benchmarks/montecarlo_reference.py media                      writes reference/pure-air.csv, hazy-air.csv
 
@@ -44,7 +43,6 @@ CLIMATES = (
     "volcanic-stratosphere",
 )
 CLIMATE_SUNS_DEG = (30.0, 10.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -18.0)
-UNREFRACTED_SUNS_DEG = (30.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -15.0)
 CLIMATE_DIRECTIONS_DEG = (
     *((elevation, azimuth) for elevation in (1.0, 2.5, 6.0, 12.0) for azimuth in (0.0, 180.0)),
     *((elevation, azimuth) for elevation in (20.0, 35.0) for azimuth in (30.0, 105.0, 180.0)),
@@ -118,14 +116,12 @@ def of_medium(name: str) -> None:
 
 
 def of_climate(name: str) -> None:
-    """A shipped climate, polarised, with all refraction, or without any (NAME-unrefracted)."""
+    """A shipped climate, polarised, with all refraction."""
     from twilight.config.load import load_climate
     from twilight.scene.medium import climate_medium
 
-    climate = name.removesuffix("-unrefracted")
-    refraction = climate == name
-    medium = climate_medium(load_climate(climate), np.array(WAVELENGTHS_NM))
-    field, settings = prepared(medium, refraction=refraction)
+    medium = climate_medium(load_climate(name), np.array(WAVELENGTHS_NM))
+    field, settings = prepared(medium)
     elevation, azimuth = np.array(CLIMATE_DIRECTIONS_DEG).T
 
     def rows(sun: float):
@@ -135,8 +131,7 @@ def of_climate(name: str) -> None:
         columns = [a[:, k] for k in range(3) for a in (found.stokes, found.standard_error)]
         yield from numbers(sun, CLIMATE_DIRECTIONS_DEG, medium, found.samples, *columns)
 
-    suns = CLIMATE_SUNS_DEG if refraction else UNREFRACTED_SUNS_DEG
-    compute("pure-air-climate" if name == "pure-air" else name, suns, rows, STOKES_COLUMNS)
+    compute("pure-air-climate" if name == "pure-air" else name, CLIMATE_SUNS_DEG, rows, STOKES_COLUMNS)
 
 
 def prepared(medium, **change):
@@ -174,7 +169,7 @@ def compute(name: str, suns_deg, rows_of: Callable, columns) -> None:
 MEDIA = ("hazy-air-albedo-0", "pure-air-albedo-0")
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or (*CLIMATES, "continental-average-unrefracted", *MEDIA):
+    for name in sys.argv[1:] or (*CLIMATES, *MEDIA):
         if name == "media":
             write_media()
         elif "-albedo-" in name:

@@ -95,8 +95,6 @@ BENCHMARKS = {
     "polarisation_cost": Benchmark(
         "polarisation.py cost", "polarisation_cost.csv", "what polarisation costs in time and memory"
     ),
-    "cells_error": Benchmark("cells_error.py", "cells_error.csv", "error of `cells`"),
-    "cells_haber2005": Benchmark("cells_haber2005.py", "", "time and memory of `cells` in Haber's own configuration"),
     "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the reference solution"),
     "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
     "compare": Benchmark(
@@ -153,9 +151,6 @@ BENCHMARKS = {
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
     "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
     "tables_time": Benchmark("tables.py times", "tables_time.csv", "how long whole exports take"),
-    "peers_sasktran2": Benchmark(
-        "peers_sasktran2.py", "peers_sasktran2*.csv", "beside another program (extra `peers`)"
-    ),
 }
 
 

@@ -1,6 +1,5 @@
-"""Preetham 1999: sun, sunlight, turbidity, sky, and what the solver refuses."""
+"""Preetham 1999: sunlight, turbidity, sky, and what the solver refuses."""
 
-import datetime as dt
 import warnings
 
 import numpy as np
@@ -10,37 +9,12 @@ from airs import as_sky, turbid
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.sky.ephemeris import sun_position
 from twilight.solvers.analytic import preetham, sunlight
 from twilight.solvers.analytic.coefficients import load_coefficients, parse_coefficients, shipped_sets
 from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y
 from twilight.solvers.analytic.perez import angles, perez_ratio
 from twilight.solvers.analytic.preetham import PreethamSettings
-from twilight.solvers.analytic.sun_position import solar_time_h, sun_angles
 from twilight.solvers.analytic.turbidity import turbidity_of
-
-# --- sun ---
-
-
-@pytest.mark.parametrize(("latitude", "longitude"), [(50.0, 8.0), (0.0, 0.0), (-33.0, 151.0), (10.0, 77.0)])
-def test_the_sun_of_the_paper_is_that_of_the_ephemeris_to_a_degree(latitude, longitude):
-    """The paper's formulae for the sun would be mistyped."""
-    start = dt.datetime(2025, 1, 1, tzinfo=dt.UTC)
-    times = [(day, hour) for day in range(1, 366, 13) for hour in range(0, 24, 2)]
-    kept = sun_position([start + dt.timedelta(days=d - 1, hours=h) for d, h in times], latitude, longitude)
-    day, hour = np.array(times, float).T
-    made = sun_angles(solar_time_h(hour, day, longitude), day, latitude)
-    assert np.abs(made.elevation_deg - kept.elevation_deg).max() < 1.0
-    clear = np.abs(kept.elevation_deg) < 60.0
-    turn = np.mod(made.azimuth_deg - kept.azimuth_deg + 180.0, 360.0) - 180.0
-    assert np.abs(turn[clear]).max() < 2.0
-
-
-def test_standard_meridian_moves_the_clock():
-    """The standard meridian would move the sun the wrong way."""
-    assert solar_time_h(12.0, 100, 15.0, 15.0) == pytest.approx(solar_time_h(12.0, 100, 0.0))
-    assert solar_time_h(12.0, 100, 16.0, 15.0) > solar_time_h(12.0, 100, 15.0, 15.0)
-
 
 # --- sunlight ---
 
@@ -73,16 +47,6 @@ def test_sunlight_is_dimmed_by_each_constituent_and_reddened_by_the_path():
     assert (low < product).all() and low[0] / product[0] < low[-10] / product[-10]
     none = sunlight.transmittances(wavelength, 60.0, 3.0, ozone_cm=0.0, precipitable_water_cm=0.0)
     assert (none["ozone"] == 1).all() and (none["water"] == 1).all()
-
-
-def test_the_papers_sun_has_the_solar_irradiance():
-    """The paper's table of sunlight would be in another unit."""
-    wavelength = np.arange(400.0, 741.0, 10.0)
-    disc = sunlight.sun_radiance(wavelength, 30.0, 2.0) / sunlight.direct_transmittance(wavelength, 30.0, 2.0)
-    irradiance = disc * 6.8e-5  # solid angle of the disc [sr]
-    assert irradiance / spectrum.solar_irradiance(wavelength) == pytest.approx(1.0, abs=0.08)
-    with pytest.raises(TwilightError, match="380 to 750"):
-        sunlight.sun_radiance([800.0], 30.0, 2.0)
 
 
 # --- spectra ---

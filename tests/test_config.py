@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
 import warnings
@@ -12,6 +13,7 @@ from typing import Annotated, Union, get_args, get_origin
 import pytest
 from pydantic import BaseModel
 
+from twilight import solvers
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate, load_series
 from twilight.config.document import parse_yaml
@@ -234,6 +236,23 @@ def test_the_json_schema_describes_every_key():
         for part in (schema, *schema["$defs"].values()):
             assert part["additionalProperties"] is False
             assert all("description" in key or "$ref" in key for key in part["properties"].values())
+
+
+def test_the_json_schema_has_the_options_of_every_solver():
+    """An editor would neither complete solver.max_orders nor mark solver.max_ordres."""
+    parts = {
+        part["properties"]["name"]["const"]: part
+        for part in Config.model_json_schema()["properties"]["solver"]["oneOf"]
+    }
+    assert parts.keys() == set(solvers.SOLVERS)
+    assert "required" not in parts[solvers.DEFAULT] and parts["cells"]["required"] == ["name"]
+    for name, part in parts.items():
+        preset = solvers.load(name).QUALITIES["standard"]
+        options = {**part["properties"], **part["properties"].get("expert", {"properties": {}})["properties"]}
+        assert set(options) - {"name", "quality", "expert"} == {f.name for f in dataclasses.fields(preset)}
+        assert all(option["description"] for key, option in options.items() if key not in ("name", "quality", "expert"))
+    orders = parts["zones"]["properties"]["max_orders"]
+    assert orders["type"] == "integer" and orders["default"] == solvers.load("zones").QUALITIES["standard"].max_orders
 
 
 @pytest.mark.parametrize(

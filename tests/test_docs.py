@@ -17,7 +17,7 @@ DOCS = ROOT / "docs"
 MADE = "command-line.md"
 """The page that the build of the site writes."""
 PAGES = [ROOT / "README.md", *(page for page in sorted(DOCS.rglob("*.md")) if page.name != MADE)]
-OTHERS = ("CONTRIBUTING.md", "benchmarks/README.md", "benchmarks/peers/README.md")
+OTHERS = ("CONTRIBUTING.md", "benchmarks/README.md")
 TEXTS = [*PAGES, *(ROOT / name for name in OTHERS)]
 
 

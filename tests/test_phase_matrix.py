@@ -121,12 +121,12 @@ def test_tables_give_their_own_matrix_and_henyey_greenstein_has_none():
     )
     c = np.linspace(-1, 1, 33)
     np.testing.assert_allclose(table.matrix(c)[:, 0], rayleigh_matrix.py_func(c, 0.1), atol=2e-5)
-    assert table.polarises and table.select(slice(0, 1)).polarises
+    assert np.any(table.ratios) and np.any(table.select(slice(0, 1)).ratios)
     plain = PhaseFunction.henyey_greenstein([0.6, 0.7])
-    assert not plain.polarises
+    assert not np.any(plain.ratios)
     np.testing.assert_array_equal(plain.matrix(c)[0], plain(c))
     assert not np.any(plain.matrix(c)[1:])
-    assert not PhaseFunction.from_samples(angle, p11[None]).polarises
+    assert not np.any(PhaseFunction.from_samples(angle, p11[None]).ratios)
     with pytest.raises(TwilightError, match="both p12_ratio and p33_ratio"):
         PhaseFunction.from_samples(angle, p11[None], p12_ratio=p12 / p11)
     with pytest.raises(TwilightError, match="between -1 and 1"):

@@ -5,6 +5,10 @@ import numpy as np
 from twilight.numerics.grids import texture_grid
 from twilight.sky.sky import Sky
 
+SUN_AZIMUTH = 235.0
+GLOW_ELEVATION = 25.0
+DARK = 1e-12
+
 
 def unit_vector(elevation_deg, azimuth_deg):
     """East, north, up."""
@@ -30,3 +34,19 @@ def glow_sky(
     glow = np.exp((cosine - 1.0) / np.radians(width_deg) ** 2)
     blue = floor * (1.0 + directions[..., 2:3]) * (wavelength / 550.0) ** -4
     return Sky(wavelength, elevation, azimuth, blue + glow[..., None], fields.pop("sun_elevation_deg", 5.0), **fields)
+
+
+def spot(**fields):
+    """One round glow on a black sky, 25 deg high at the sun's azimuth (south-west)."""
+    return glow_sky(glow_elevation_deg=GLOW_ELEVATION, floor=DARK, sun_azimuth_deg=SUN_AZIMUTH, **fields)
+
+
+def brightest_uv(picture):
+    """Centroid of the brightest tenth in units of the picture, from its upper left."""
+    light = picture.sum(axis=-1)
+    light = np.where(light > 0.9 * light.max(), light, 0.0)
+    v, u = np.indices(light.shape)
+    return (
+        ((u + 0.5) * light).sum() / light.sum() / light.shape[1],
+        ((v + 0.5) * light).sum() / light.sum() / light.shape[0],
+    )

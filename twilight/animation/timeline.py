@@ -12,10 +12,13 @@ from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunInterval, SunTimes
 
 SUNSET_DEG = (6.0, -12.0)
+"""Elevations of the sun at the film's begin and end [deg] where neither is said: golden hour to nautical dusk."""
 FALL_DEG_PER_S = 15.0 / 3600.0
 """How fast the sun moves where there is no place: straight up or down, as over the equator at an equinox."""
 LOWEST_DEG = -18.0
+"""Lowest sun of a film [deg]: the end of astronomical twilight."""
 MOST_FRAMES = 100_000
+"""Frames of one film."""
 
 
 @dataclass(frozen=True)

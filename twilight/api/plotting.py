@@ -13,6 +13,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
 
 MAX_SHEET_PIXELS = 6000
+"""Longest side of a contact sheet [pixels]."""
 
 
 def contact_sheet(pictures: Sequence[tuple[str, Path]], path: Path) -> None:

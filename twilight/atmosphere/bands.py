@@ -38,7 +38,10 @@ from twilight.atmosphere.profiles import AirProfile, load_profile
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
-WATER_VAPOUR, OXYGEN = "water vapour", "oxygen"
+WATER_VAPOUR = "water vapour"
+
+OXYGEN = "oxygen"
+
 GASES = (WATER_VAPOUR, OXYGEN)
 """Absorbers whose bands are exponential sums."""
 
@@ -82,11 +85,8 @@ FITTED_MASSES = np.geomspace(0.02, 40.0, 90)
 WELL_FITTED_MASSES = (0.5, 12.0)
 """Range of m in which the error is FIT_ERROR relative to T; 12 is a sun 4 deg above the horizon."""
 
-LARGEST_MASS = 40.0
-"""Vertical columns that the sun's light crosses of either gas on its longest path, about."""
-
 WEAK = 1e-3
-"""A gas that absorbs less than this fraction over LARGEST_MASS columns has no terms."""
+"""A gas that absorbs less than this fraction over the largest of FITTED_MASSES has no terms."""
 
 
 @dataclass(frozen=True)

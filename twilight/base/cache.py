@@ -32,7 +32,7 @@ LIMIT_VARIABLE = "TWILIGHT_CACHE_GB"
 DEFAULT_LIMIT_GB = 2.0
 """Some hundred fields of a climate at eight wavelengths."""
 _DIGEST_BYTES = 32
-"""Of the SHA-256 in front of an array."""
+"""Length of the SHA-256 in front of an array."""
 
 
 class Kind(NamedTuple):

@@ -19,7 +19,7 @@ SMALL_BYTES = 1_000_000
 """What a file may say to hold whatever its size [bytes]."""
 
 MEMORY_SHARE = 0.5
-"""Of this machine's memory, the most that one file may fill."""
+"""Largest fraction of this machine's memory that one file may fill."""
 
 
 def memory_bytes() -> float:

@@ -13,12 +13,17 @@ from twilight.cli.options import option, settings_of
 from twilight.cli.terminal import print_table, progress_bar, sentences
 
 TURBIDITIES = (2.0, 3.0, 4.0, 5.0, 6.0)
+"""Turbidities that the coefficients are fitted to (Preetham 1999 sec. 3.2)."""
 SUNS = 12
+"""Elevations of the sun that the coefficients are fitted to (Preetham 1999 sec. 3.2)."""
 LOWEST_SUN_DEG = 5.0
+"""Lowest of these elevations [deg]."""
 DIRECTIONS = 343
-"""Preetham 1999 sec. 3.2: five turbidities, twelve suns, 343 directions."""
+"""Directions of each sky that the coefficients are fitted to (Preetham 1999 sec. 3.2)."""
 HELD_OUT_TURBIDITIES = (2.5, 4.5, 5.5)
+"""Turbidities, between those of the fit, in which its error is reported."""
 HELD_OUT_SUN_ZENITH_DEG = (12.0, 43.0, 66.0, 81.0)
+"""Solar zenith angles [deg], between those of the fit, in which its error is reported."""
 
 
 def perez(

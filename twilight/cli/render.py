@@ -167,8 +167,9 @@ def _exposure(text: str | None) -> tuple[str, Any]:
 PERSPECTIVE_UP_DEG = 15.0
 """Where a pinhole camera looks unless told otherwise: the horizon stays in the lower part of the picture."""
 USUAL_WIDTH = {"perspective": 1600, "cylinder": 1600, "latlong": 1600, "panorama": 1600, "cube": 1600, "limb": 1600}
-"""Of pictures wider than high [pixels]; square ones are SQUARE wide."""
+"""Width of pictures wider than high [pixels]."""
 SQUARE = 1024
+"""Width of square pictures [pixels]."""
 
 
 def _view(projection: str, size: str | None) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
 
 LINE_EVERY_S = 15.0
+"""Seconds between lines of progress where the output is no terminal."""
 
 
 def sentences(command: Callable[..., None]) -> Callable[..., None]:

@@ -29,7 +29,9 @@ from twilight.cli.terminal import print_table, progress_bar
 from twilight.cli.validate_photo import _azimuth
 
 SUN_STEP_DEG = 1.0
+"""Distance of the suns that an estimate is made for from each other [deg]."""
 MOST_SUNS = 25
+"""Suns that an estimate is made for, at most."""
 
 
 def estimate(

@@ -12,6 +12,7 @@ from twilight.cli.options import option
 from twilight.cli.terminal import print_table
 
 FIRST_DIGITAL_YEAR = 2000.0
+"""Year from which the date of a picture is searched by its planets."""
 
 
 def stars(

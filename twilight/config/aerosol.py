@@ -76,7 +76,7 @@ class MineralTransported(Section):
 
 
 class RefractiveIndex(Section):
-    """Of the particles, one value for all wavelengths or one for each; linear in between and constant outside."""
+    """Refractive index of the particles, for all wavelengths or at some; linear in between and constant outside."""
 
     wavelength_nm: tuple[Number, ...] = key(
         (550.0,), "wavelengths, increasing", unit="nm", min_length=1, max_length=2000

@@ -22,6 +22,7 @@ from twilight.config.validate import Origins, unknown, validate
 from twilight.config.vary import Axis, axes_of
 
 MAX_CASES = 1000
+"""Scenes of a series that is rendered to files; a sweep takes more."""
 
 
 @dataclass(frozen=True)

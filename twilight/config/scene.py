@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
 from twilight.config.output import Output
-from twilight.config.solver import ChosenSolver, choose_solver
+from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
 from twilight.config.sun import Sun, SunElevation
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
@@ -154,7 +154,9 @@ class Config(Section):
         None, "where the radiance is computed; unset: 8 from 380 to 720 nm, or those of a tabulated medium"
     )
     solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
-    solver: dict[str, Any] = key(dict, "name, quality, and any option of that solver (see `twilight solvers`)")
+    solver: Annotated[dict[str, Any], SolverOptions()] = key(
+        dict, "name, quality, and any option of that solver (see `twilight solvers`)"
+    )
     night: Night | None = key(None, "airglow, starlight and zodiacal light; unset: none, {}: all as usual")
     terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
     texture: Texture = key(Texture, "directions")

@@ -11,8 +11,11 @@ from twilight.config.scene import Config
 LOWEST_OZONE_DU = 70.0
 """NASA Ozone Watch has 73 DU as the lowest column measured (30 September 1994)."""
 HIGHEST_CLOSE_VIEW_KM = 100.0
+"""Altitude [km] from which a picture of the upper hemisphere alone is dark: the Karman line."""
 LARGEST_USUAL_DEPTH = 5.0
+"""Vertical optical depth at 550 nm above which a slip is likelier than a dust storm."""
 LOWEST_CO2_PPM = 100.0
+"""Least carbon dioxide that is no slip [ppm]: the last 800 000 years had 172 and more (Luethi et al. 2008)."""
 
 
 def warn_of_slips(config: Config) -> None:

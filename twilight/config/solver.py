@@ -125,5 +125,30 @@ def explain_options(settings: type) -> dict[str, str]:
     }
 
 
+class SolverOptions:
+    """Annotates the `solver:` section: its JSON schema has every solver's options, with their values at `standard`."""
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        return {"oneOf": [_schema_of(name) for name in solvers.SOLVERS]}
+
+
+def _schema_of(name: str) -> dict[str, Any]:
+    qualities = solvers.load(name).QUALITIES
+    standard = qualities["standard"]
+    hints, why, values = get_type_hints(type(standard)), explain_options(type(standard)), asdict(standard)
+    common, expert = (
+        {
+            key: TypeAdapter(hints[key]).json_schema() | {"default": values[key], "description": why.get(key, "")}
+            for key in keys
+        }
+        for keys in option_names(type(standard))
+    )
+    named: dict[str, Any] = {"name": {"const": name}, "quality": {"enum": list(qualities), "default": "standard"}}
+    made = {"type": "object", "additionalProperties": False, "properties": named | common}
+    if expert:
+        made["properties"]["expert"] = {"type": "object", "additionalProperties": False, "properties": expert}
+    return made | ({} if name == solvers.DEFAULT else {"required": ["name"]})
+
+
 def _error(origins: Origins, path: tuple[str, ...], text: str) -> TwilightError:
     return TwilightError(f"{origins.describe(('solver', *path))[0]}: {text}")

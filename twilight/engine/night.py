@@ -70,7 +70,7 @@ class NightLight:
         return out
 
     def over(self, irradiance: np.ndarray) -> NightLight:
-        """The same over an irradiance (K,)."""
+        """This light over an irradiance (K,)."""
         stars = self.stars
         if stars is not None:
             stars = replace(stars, irradiance=stars.irradiance / irradiance)

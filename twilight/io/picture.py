@@ -25,6 +25,7 @@ View = Literal["wide", "panorama", "fisheye"]
 VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
 DEFAULT_VIEW: View = "wide"
 DEFAULT_WIDTH = {"wide": 1600, "panorama": 1440, "fisheye": 720}
+"""Width of each view [pixels]."""
 
 WIDE_FIELD_DEG = 110.0
 """Horizontal field of view of the wide picture: that of the eyes' common field."""

@@ -23,8 +23,9 @@ MARGIN = 12
 TITLE_HEIGHT = 24
 """Height of the titles [pixel]."""
 FONT_SIZE = 13
-"""Of titles and numbers [pixel]."""
+"""Height of titles and numbers [pixel]."""
 WAVELENGTH_NM = 550.0
+"""Wavelength that is drawn: the sky's nearest to it [nm]."""
 VIRIDIS = (
     "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
     "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"

@@ -27,9 +27,14 @@ LANES = 8
 _FLOAT, _INT = ir.FloatType(), ir.IntType(32)
 _VECTOR, _INTS = ir.VectorType(_FLOAT, LANES), ir.VectorType(_INT, LANES)
 _FUSED = ("contract", "nsz")
-_LOWEST, _HIGHEST = -87.0, 88.0
-"""Exponents below give 0, those above count as this: float32 holds no more."""
-_LN2_HIGH, _LN2_LOW = 0.693359375, -2.12194440e-4
+_LOWEST = -87.0
+"""Exponents below give 0: e^-87.3 is the smallest normal float32."""
+_HIGHEST = 88.0
+"""Exponents above count as this: e^88.7 is the largest float32."""
+_LN2_HIGH = 0.693359375
+"""ln 2 to nine bits, whose product with an exponent is exact (Cephes' `expf`)."""
+_LN2_LOW = -2.12194440e-4
+"""ln 2 less _LN2_HIGH (Cephes' `expf`)."""
 _SERIES = (1.9875691500e-4, 1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 1.6666665459e-1, 5.0000001201e-1)
 """(exp(r) - 1 - r) / r^2 for |r| < ln(2) / 2, highest power first: Cephes' minimax polynomial of `expf`."""
 

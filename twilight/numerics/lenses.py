@@ -30,7 +30,7 @@ _LARGEST_RADIUS = {
     "perspective": np.inf,
 }
 _MOST_STEPS = 80
-"""Of the safeguarded Newton iteration; bisection alone needs some 60 for a double."""
+"""Steps of the safeguarded Newton iteration; bisection alone needs some 60 for a double."""
 
 
 def ideal_radius(projection: str, sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:

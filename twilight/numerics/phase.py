@@ -143,11 +143,6 @@ class PhaseFunction:
                 f"phase function {self.name}: ratios of the phase matrix to P11 must be between -1 and 1"
             )
 
-    @property
-    def polarises(self) -> bool:
-        """Whether light that was scattered by it can be polarised."""
-        return bool(np.any(self.ratios))
-
     def select(self, wavelengths: slice | np.ndarray) -> PhaseFunction:
         """The same phase function at some of its wavelengths."""
         s = wavelengths
@@ -285,22 +280,11 @@ def phase_arrays(phase_functions: Sequence[PhaseFunction], n_wavelengths: int) -
 
 
 @njit(cache=True, inline="always")
-def aerosol_phase(kind, asymmetry, log_table_row, cos_angle):
-    """p [sr^-1] of one phase function at one wavelength.
-
-    kind: HENYEY_GREENSTEIN, with `asymmetry`, or TABLE, with log_table_row (N,) of ln p; cos_angle: cosine of the
-    scattering angle.
-    """
-    if kind == HENYEY_GREENSTEIN:
-        return henyey_greenstein(cos_angle, asymmetry)
-    return table_phase(cos_angle, log_table_row.shape[0] - 1, log_table_row)
-
-
-@njit(cache=True, inline="always")
 def aerosol_matrix(kind, asymmetry, log_table_row, ratios, cos_angle):
     """(P11, P12, P22, P33) [sr^-1] of one phase function at one wavelength.
 
-    ratios (4, N): of the elements to P11; kind, asymmetry, log_table_row, cos_angle: as in `aerosol_phase`.
+    kind: HENYEY_GREENSTEIN, with `asymmetry`, or TABLE, with log_table_row (N,) of ln p and the ratios (4, N) of the
+    elements to P11; cos_angle: cosine of the scattering angle.
     """
     if kind == HENYEY_GREENSTEIN:
         return henyey_greenstein(cos_angle, asymmetry), 0.0, 0.0, 0.0

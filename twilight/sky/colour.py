@@ -19,6 +19,7 @@ TONE_MAPPINGS: tuple[str, ...] = ("photographic", "filmic", "gamma")
 DEFAULT_TONE_MAPPING: ToneMapping = "photographic"
 
 MIDDLE_GREY = 0.18
+"""Reflectance of middle grey."""
 GREY_LUMINANCE_AT_EV100_0 = 0.125
 """Luminance [cd m^-2] that an exposure meter (ISO 2720, K = 12.5) puts on middle grey at EV100 = 0."""
 
@@ -36,7 +37,7 @@ _KEPT: WeakKeyDictionary[Sky, dict[str, np.ndarray]] = WeakKeyDictionary()
 """XYZ of a sky's grid by observer: several files are made from the same."""
 
 _COLOUR_NEEDS_NM = (480.0, 600.0)
-"""A colour is reported only if the samples reach at least from the first to the second wavelength."""
+"""Range [nm] that samples must cover for a colour to be reported."""
 
 
 def check_names(tone_mapping: str, observer: str) -> None:

@@ -18,8 +18,10 @@ SOLAR_RADIUS_DEG = 959.63 / 3600.0
 """Angular radius of the sun at 1 au [deg] (Auwers; IAU 1976)."""
 
 LIMB_RANGE_NM = (300.0, 1100.0)
+"""Range of the fits to limb darkening [nm]; its ends stand for wavelengths beyond."""
 
 _LIMB_BANDS_NM = (372.98, 422.57)
+"""Wavelengths [nm] at which one of the three fits of `_LIMB` follows on another."""
 # rows: A0 .. A5; columns: constant, of 1/wavelength, of 1/wavelength^5 (wavelength in um)
 _LIMB = (
     np.array(

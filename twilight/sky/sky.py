@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import interpolation, spectrum
-from twilight.numerics.grids import latlong_grid
 from twilight.sky.disc import Disc
 
 if TYPE_CHECKING:
@@ -313,10 +312,6 @@ class Sky:
             polarisation_error=None,
             night_radiance=layers["night_radiance"],
         )
-
-    def to_latlong(self, width: int) -> Sky:
-        """The sky at the pixel centres of a latitude-longitude picture (``latlong_grid``)."""
-        return self.resample(*latlong_grid(width, self.sun_azimuth_deg))
 
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K): `interpolate_cubic`."""

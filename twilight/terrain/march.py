@@ -31,6 +31,7 @@ from twilight.transport.beam import beam_at
 SHADOW_STEP = 0.5
 """Steps towards the sun in cells of the field near a place; they grow with the distance."""
 SHADOW_GROWTH = 0.002
+"""Length of a step towards the sun over the distance from the place."""
 
 
 @njit(cache=True, inline="always")

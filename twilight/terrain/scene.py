@@ -48,12 +48,10 @@ class Viewpoint(NamedTuple):
 
 
 class TerrainView(NamedTuple):
-    """radiance (H, W, K) [sr^-1]; distance_km (H, W): of the terrain, inf where there is none; dark_km (H, W): length
-    of the shadowed parts of the line of sight."""
+    """radiance (H, W, K) [sr^-1]; distance_km (H, W): of the terrain, inf where there is none."""
 
     radiance: np.ndarray
     distance_km: np.ndarray
-    dark_km: np.ndarray
 
 
 def add_terrain(
@@ -88,19 +86,15 @@ def add_terrain(
     )
     sun = float(np.radians(place.sun_elevation_deg + place.bending_deg))
     scene = _Lines(heights, field, medium, beam, place, albedo, shadows, sun, e, a, far)
-    light, dark = np.array(sky[inside], dtype=np.float32), np.zeros(e.size)
+    light = np.array(sky[inside], dtype=np.float32)
     for start in range(0, e.size, LINES_AT_ONCE):
         part = slice(start, start + LINES_AT_ONCE)
-        light[part], dark[part] = scene.see(part, light[part].astype(float))
+        light[part] = scene.see(part, light[part].astype(float))
     whole = np.array(sky, dtype=np.float32)
     whole[inside] = light
-    return TerrainView(whole, _spread(inside, far), _spread(inside, dark))
-
-
-def _spread(inside: np.ndarray, values: np.ndarray) -> np.ndarray:
-    out = np.full((*inside.shape, *values.shape[1:]), np.nan)
-    out[inside] = values
-    return out
+    distance = np.full(inside.shape, np.nan)
+    distance[inside] = far
+    return TerrainView(whole, distance)
 
 
 class _Lines:
@@ -123,8 +117,8 @@ class _Lines:
         if hit.any():
             self.sky = _SkyIrradiance(field, place, self.radius, medium.bottom_km, ahead_km, altitude_km)
 
-    def see(self, part: slice, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(radiance (D, W) of some lines, length (D,) [km] of their dark parts); light (D, W): of the sky behind."""
+    def see(self, part: slice, light: np.ndarray) -> np.ndarray:
+        """Radiance (D, W) of some lines; light (D, W): of the sky behind."""
         e, a, far = self.e[part], self.a[part], self.far[part]
         hit = np.isfinite(far)
         lit = np.ones((e.size, len(self.forward_fraction) + 1, light.shape[1]))
@@ -146,7 +140,7 @@ class _Lines:
             if some.any():
                 light[some] -= self.bridge.at(e[some], a[some], dark[some], phase[some])[0]
                 light[some] = np.maximum(light[some], 0.0)
-        return light, dark
+        return light
 
     def _phase(self, e: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Phase functions (D, S, W) [sr^-1] at the angles from the sun where it is seen."""

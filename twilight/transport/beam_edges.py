@@ -54,7 +54,7 @@ MOST_CUTS = 32
 N_POWER = 4
 """Coefficients of a piece's cubic."""
 
-X_TOP, SPAN, TOP_KM, BOTTOM_KM, N_EDGE_RECORD = range(5)
+_, SPAN, TOP_KM, BOTTOM_KM, N_EDGE_RECORD = range(5)
 """Columns of `Edges.record`: x at the top [km], D = x_top^2 - x_bottom^2 [km^2], altitudes of top and bottom [km]."""
 
 

@@ -22,10 +22,11 @@ from twilight.transport.beam_edges import dispersion_lag, edge_depth
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
 DEPTH_SCALE = 0.05
-"""The same for the distance from the edge of the shadow in the first guess of the bending."""
+"""s of the nodes of the distance from the shadow's edge in the first guess of the bending."""
 NEAR_KM = 300.0
 """Nodes of the distance u from the lowest point of a ray are uniform in u/(u + 300 km)."""
 MAX_DISTANCE_KM = 5.0e4
+"""Distance u from the lowest point of a ray at the last node [km]."""
 LARGEST_LOG = 0.2
 """Bound on log(E/F0): cubic interpolation overshoots next to layers of very large optical depth."""
 TOUCHING = 1.0 - 1e-12

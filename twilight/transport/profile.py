@@ -22,7 +22,7 @@ SMOOTH_CHANGE = 0.6
 """Air is not layered where ln of its coefficients changes by no more than this over SMOOTH_STEP_KM, grown."""
 
 SMOOTH_PER_KM = 0.6
-"""Nor where ln of its coefficients changes by no more than this per km: so the stratosphere never is."""
+"""Air is not layered where ln of its coefficients changes by no more than this per km: the stratosphere never is."""
 
 LAYER_STEP = 0.35
 """Change of ln of a coefficient between two stops, beyond that of air that is not layered."""

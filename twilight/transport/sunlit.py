@@ -33,7 +33,7 @@ DIM_FRACTION = 1e-3
 LEAST_INTERVALS_BY_DAY = 8
 """Fewest intervals of a series with the sun above the horizon: with fewer, azimuths between happen to be right."""
 LEAST_INTERVALS_IN_TWILIGHT = 16
-"""The same with the sun below the horizon, where they happen to be right more often."""
+"""Fewest intervals of a series with the sun below the horizon, where azimuths between happen to be right more often."""
 HOPELESS_ERROR = 0.1
 """Error, from nine azimuths on, that more azimuths will not mend: every direction is then followed by itself."""
 FLOOR_FRACTION = 1e-3

@@ -9,6 +9,7 @@ from twilight.sky.tone import Light, Tone
 from twilight.sky.tone.eye import Eye
 
 CHANNELS = 4
+"""X, Y, Z and scotopic luminance."""
 
 
 class Channels:

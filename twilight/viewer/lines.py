@@ -12,7 +12,9 @@ from twilight.sky.night.veil import veil
 from twilight.viewer.colours import Channels
 
 NODES = 256
+"""Elevations at which a line of the sky is held."""
 MEAN_ROWS_DEG = (np.arange(30) + 0.5) * 3.0
+"""Elevations of the directions over which light that falls from above is averaged [deg]."""
 
 
 def sky_elevations(horizon_deg: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 LEVELS = 65535
+"""Largest sample of 16 bits."""
 
 
 @dataclass

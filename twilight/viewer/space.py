@@ -63,7 +63,7 @@ class Geometry:
 
     @classmethod
     def of(cls, source: FieldSource) -> Geometry:
-        """Of the medium of a field."""
+        """Geometry of the medium of a field."""
         medium = source.medium
         radius = medium.earth_radius_km + medium.top_km
         lowest = medium.bottom_km, source.haze_top_km()

@@ -14,14 +14,16 @@ from twilight.numerics import spectrum
 RAYLEIGH_PHOTONS = 1e10 / (4.0 * np.pi)
 """1 rayleigh in photons m^-2 s^-1 sr^-1 (Hunten, Roach and Chamberlain 1956)."""
 _PLANCK_TIMES_LIGHT_J_NM = 6.62607015e-34 * 2.99792458e8 * 1e9
+"""h c [J nm] (SI 2019)."""
 
 S10_550NM = 1.19e-11
 """One 10th magnitude (V) star per square degree [W m^-2 nm^-1 sr^-1] at 550 nm: 27.78 mag arcsec^-2 with
 3.631e-11 W m^-2 nm^-1 for V = 0 (Bessell, Castelli and Plez 1998)."""
 
-STARLIGHT_POLE_S10, STARLIGHT_PLANE_S10 = 30.0, 250.0
-"""All stars together at the galactic poles and, averaged over longitude, in the plane (Roach and Gordon 1973; 160 to
-640 along the plane)."""
+STARLIGHT_POLE_S10 = 30.0
+"""All stars together at the galactic poles [S10(V)] (Roach and Gordon 1973)."""
+STARLIGHT_PLANE_S10 = 250.0
+"""All stars together in the galactic plane [S10(V)], mean over longitude (Roach and Gordon 1973: 160 to 640)."""
 GALACTIC_LIGHT_FRACTION = 0.25
 """Share of diffuse galactic light (starlight scattered by dust) in the light of the Milky Way: 0.2 to 0.3 (Leinert et
 al. 1998 sec. 11)."""
@@ -33,6 +35,7 @@ night sky at Paranal in UBVRI at solar maximum (Patat 2003, A&A 400, 1183: 22.28
 the lines, zodiacal light of 1.2e-9 W m^-2 nm^-1 sr^-1 at 500 nm and 15 S10 of scattered starlight.  4 R/nm at 545 nm is
 the 0.3 to 0.5 R/A that is usually quoted (Leinert et al. 1998 sec. 6)."""
 CONTINUUM_ALTITUDE_KM = 90.0
+"""Altitude of the layer that the continuum shines from [km], that of OH."""
 SOLAR_MAXIMUM = 4.0 / 3.0
 """Airglow at the strong solar maximum for which lines and continuum hold, over its mean in a solar cycle (level 1)."""
 

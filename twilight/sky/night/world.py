@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 OBLIQUITY_DEG = 23.4393
-"""Of the ecliptic, J2000."""
+"""Angle between ecliptic and equator, J2000 [deg]."""
 GALACTIC_POLE_DEG = (192.8595, 27.1283)
 """Right ascension and declination of the north galactic pole, J2000 (Hipparcos catalogue vol. 1 sec. 1.5.3)."""
 ECLIPTIC_TILT_DEG = 60.0

@@ -25,13 +25,21 @@ from twilight.sky.tone import Light, Shot, to_display, weights_at_1nm
 SENSORS = {"nikon_5100": "Nikon 5100 (NPL)", "sigma_sd_merrill": "Sigma SDMerill (NPL)"}
 """Names here and in colour-science."""
 EXPOSURE_Q = 0.65
+"""Exposure H [lx s] over L t / N^2 [cd s m^-2]: a lens of 90 %, 10 deg off its axis (ISO 12232)."""
 SATURATION_LX_S = 78.0
+"""Exposure that saturates a sensor at ISO 1 [lx s] (ISO 12232)."""
 METERED = EXPOSURE_Q * 12.5 / SATURATION_LX_S
-"""Share of saturation that the meter gives the mean luminance."""
-FULL_WELL_ELECTRONS, READ_NOISE_ELECTRONS, DARK_ELECTRONS_PER_S = 60_000.0, 3.0, 0.1
-FASTEST_S, SLOWEST_S = 1.0 / 8000.0, 30.0
-"""What the meter may choose."""
-
+"""Fraction of saturation that the meter gives the mean luminance (ISO 2720, K = 12.5 cd s m^-2)."""
+FULL_WELL_ELECTRONS = 60_000.0
+"""Electrons of a saturated pixel at ISO 100: a full-frame sensor."""
+READ_NOISE_ELECTRONS = 3.0
+"""Standard deviation of reading a pixel [electrons]: a full-frame sensor."""
+DARK_ELECTRONS_PER_S = 0.1
+"""Dark current of a pixel [electrons / s]: a full-frame sensor."""
+FASTEST_S = 1.0 / 8000.0
+"""Shortest exposure time that the meter chooses [s], as full-frame cameras have it."""
+SLOWEST_S = 30.0
+"""Longest exposure time that the meter chooses [s], as full-frame cameras have it."""
 
 SATURATED_LINEAR = colour.MIDDLE_GREY / METERED
 """What a saturated sensor is on the scale of the curve, where the metered mean is middle grey; it is shown white."""

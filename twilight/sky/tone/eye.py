@@ -25,22 +25,29 @@ from twilight.sky import colour
 from twilight.sky.tone import Light, Shot, to_display, weights_at_1nm
 
 SCOTOPIC_EFFICACY_LM_PER_W = 1700.06
-"""Of the maximum of V'(lambda), 683 lm/W at 555.016 nm (CIE 018:2019)."""
+"""Luminous efficacy at the maximum of V'(lambda), 683 lm/W at 555.016 nm (CIE 018:2019)."""
 MESOPIC_RATIO = 683.0 / 1699.0
 """V'(555 nm) as CIE 191:2010 has it."""
 DISPLAY_WHITE_CD_PER_M2 = 100.0
+"""Luminance of white on a display."""
 DISPLAY_ADAPTATION_CD_PER_M2 = 27.0
 """What a picture at the meter's 1.5 times middle grey adapts its viewer to."""
 NIGHT_BLUE_XY = (0.25, 0.25)
 """Chromaticity of what rods alone see (Jensen et al. 2000)."""
-MESOPIC_OFFSET, MESOPIC_PER_DECADE = 0.7670, 0.3334
-"""m at 1 cd m^-2 and its change for a factor of ten (CIE 191:2010)."""
+MESOPIC_OFFSET = 0.7670
+"""m at 1 cd m^-2 (CIE 191:2010)."""
+MESOPIC_PER_DECADE = 0.3334
+"""Change of m for a factor of ten in luminance (CIE 191:2010)."""
 NEWTON_STEPS = 6
-"""Of the equation of m: it is solved within 1e-15 for scotopic over photopic luminance from 0.5 to 6, 0.005 at 0.1."""
-CONES_S, RODS_S = 110.0, 400.0
-"""Time constants of dark adaptation (Pattanaik et al. 2000)."""
-DAY_CD_PER_M2, NIGHT_CD_PER_M2 = 5.0, 0.005
-"""Adaptation above which the time constant is that of cones, and below which it is that of rods."""
+"""Newton steps for the equation of m: m is within 1e-15 for scotopic over photopic light 0.5 to 6, 0.005 at 0.1."""
+CONES_S = 110.0
+"""Time constant of the dark adaptation of cones [s] (Pattanaik et al. 2000)."""
+RODS_S = 400.0
+"""Time constant of the dark adaptation of rods [s] (Pattanaik et al. 2000)."""
+DAY_CD_PER_M2 = 5.0
+"""Luminance above which an adapted eye has day vision alone, and the time constant of cones (CIE 191:2010)."""
+NIGHT_CD_PER_M2 = 0.005
+"""Luminance below which an adapted eye has night vision alone, and the time constant of rods (CIE 191:2010)."""
 SIGMA_CYCLES = float(np.sqrt(2.0 * np.log(2.0)) / (2.0 * np.pi))
 """Standard deviation of the blur times the finest grating that is seen: half of that grating's contrast is left."""
 

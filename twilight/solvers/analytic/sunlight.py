@@ -13,9 +13,6 @@ ANGSTROM_EXPONENT = 1.3
 RAYLEIGH_EXPONENT = 4.08
 """Exponent of the air's optical depth in wavelength."""
 
-SUN_RADIANCE_UNIT_W_PER_M2_NM_SR = 10.0
-"""1 W cm^-2 um^-1 sr^-1, the unit of the paper's solar radiance, in W m^-2 nm^-1 sr^-1."""
-
 
 def relative_optical_mass(sun_zenith_deg) -> np.ndarray:
     """m = 1 / (cos z + 0.15 (93.885 - z)^-1.253), z the sun's zenith angle [deg], 0 to 90 (Kasten 1966)."""
@@ -65,19 +62,3 @@ def transmittances(
 def direct_transmittance(wavelength_nm, sun_zenith_deg: float, turbidity: float, **amounts: float) -> np.ndarray:
     """Product of all ``transmittances``: direct sunlight at the ground at normal incidence over F0, (W,)."""
     return np.prod(list(transmittances(wavelength_nm, sun_zenith_deg, turbidity, **amounts).values()), axis=0)
-
-
-def sun_radiance(wavelength_nm, sun_zenith_deg: float, turbidity: float, **amounts: float) -> np.ndarray:
-    """Spectral radiance of the sun's disc seen from the ground [W m^-2 nm^-1 sr^-1], (W,), 380 to 750 nm.
-
-    The paper's own spectrum above the air (NASA, Thekaekara 1974), for its figures; skies use
-    ``twilight.numerics.spectrum``.
-    """
-    wavelength = np.atleast_1d(np.asarray(wavelength_nm, float))
-    if not ((wavelength >= 380) & (wavelength <= 750)).all():
-        raise TwilightError("wavelength_nm must be from 380 to 750: the paper tabulates the sun's radiance there only")
-    above = column("preetham1999_spectra", "sun_radiance")
-    known = np.isfinite(above)
-    grid = column("preetham1999_spectra", "wavelength_nm")[known]
-    radiance = np.interp(wavelength, grid, above[known]) * SUN_RADIANCE_UNIT_W_PER_M2_NM_SR
-    return radiance * direct_transmittance(wavelength, sun_zenith_deg, turbidity, **amounts)

@@ -57,10 +57,6 @@ class CellGrid:
     def n_shells(self) -> int:
         return self.shell_radius_km.size - 1
 
-    @property
-    def n_cells(self) -> int:
-        return self.n_rings * self.azimuth_cells
-
 
 def make_grid(
     azimuth_cells: int,

@@ -24,7 +24,7 @@ from twilight.solvers.montecarlo.kernel import INNER
 N_ROOTS = 1024
 """Steps of the root of the relative height in which altitudes are looked up."""
 N_ROOTS_THICK = 16384
-"""The same in thick air, whose tables have altitudes closer to one another."""
+"""Steps of that root in thick air, whose tables have altitudes closer to one another."""
 N_HINTS = 4096
 """Parts of -1 .. 1 in which the cosine of the solar zenith angle is looked up."""
 N_SOURCE_ROWS = 12

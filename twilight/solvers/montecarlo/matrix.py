@@ -29,6 +29,7 @@ from twilight.numerics.phase import aerosol_matrix, rayleigh_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 
 N_STOKES = 3
+"""Stokes parameters of light: I, Q, U."""
 
 
 @njit(inner=True, **INNER)

@@ -22,7 +22,7 @@ from twilight.base.reading import MEMORY_SHARE, first_line, memory_bytes
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
 BYTES_PER_PIXEL = 16
-"""Of a picture being read: linear RGB and what was stored."""
+"""Memory for a pixel of a picture being read: linear RGB and what was stored."""
 
 SATURATED_FRACTION = 0.98
 """An integer sample above this fraction of the full scale counts as saturated."""

@@ -9,6 +9,7 @@ from twilight.numerics.grids import half_of, texture_centres
 from twilight.scene.suns import suns_of
 
 _GOLDEN = 0.6180339887498949
+"""Golden section: its multiples modulo 1 spread evenly."""
 
 
 def half_texture(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

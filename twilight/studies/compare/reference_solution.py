@@ -35,6 +35,7 @@ COLUMNS = (
     "standard_error_per_sr",
 )
 MAX_BYTES = 200_000_000
+"""Largest file that is read."""
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ SMALLEST = 1e-9
 
 
 ANY_TURBIDITY = (1.0, 100.0)
+"""Range of turbidity of coefficients that do not depend on it."""
 
 
 @dataclass(frozen=True)

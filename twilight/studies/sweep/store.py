@@ -39,7 +39,7 @@ REFUSED = 2
 RESERVE_BYTES = 64 * 2**20
 """Free space beside the dataset's without which a sweep is not begun."""
 COMPRESSED_FRACTION = 0.4
-"""Of the bytes of radiances, at least this many remain after compression: less space than that is refused at once."""
+"""Least fraction of the bytes of radiances that remains after compression: less space is refused at once."""
 
 _RADIANCE = "sun_normalised_radiance"
 _DIRECTIONS = ("elevation", "azimuth", "wavelength")

@@ -104,7 +104,7 @@ class Sweep:
 
     @property
     def bytes(self) -> int:
-        """Of all radiances, before compression."""
+        """Bytes of all radiances, before compression."""
         return self.scenes * self._sky_bytes
 
     @property

@@ -51,7 +51,7 @@ class DatasetBlock:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Its shape in that array."""
+        """Shape of the block in an array over the sweep's dimensions."""
         return (1,) * len(self.index) + tuple(stop - start for start, stop in self.ranges)
 
     def scenes(self) -> Iterator[tuple[int, ...]]:

@@ -31,9 +31,9 @@ GRID = SkySplines(
     elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5
 )
 RANKS = {"dark": (70, 32, 12, 8), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
-"""Of direction, sun, wavelength and amount."""
+"""Ranks of each term of the Tucker decomposition in direction, sun, wavelength and amount."""
 SMOOTH_QUALITY = "draft"
-"""Of the light of the ground and the change with ozone, which are small parts of the light."""
+"""Quality of `zones` for the light of the ground and the change with ozone, which are small parts of the light."""
 GROUND_DEPTHS = 4
 """Aerosol loads at which the light of the ground is computed."""
 GROUND_SUNS = 2

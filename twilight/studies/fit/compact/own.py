@@ -24,7 +24,7 @@ from twilight.solvers.compact.recognise import OtherAir, recognise
 from twilight.studies.fit.compact.build import fit_compact, write_model
 
 FITTED_BY = {"name": "zones", "quality": "draft", "polarisation": True}
-"""As the shipped model is."""
+"""Solver, quality and settings by which an own model is fitted: those of the shipped models."""
 
 
 def needs_fit(config: Config) -> bool:

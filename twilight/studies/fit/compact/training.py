@@ -101,7 +101,7 @@ def fine_directions(sun_elevation_deg: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coarse_directions(sun_elevation_deg: float) -> tuple[np.ndarray, np.ndarray]:
-    """The same for every sun: a grid, finer at the horizon."""
+    """Directions for every sun: a grid, finer at the horizon."""
     return _product(90.0 * np.linspace(0.0, 1.0, COARSE_ROWS) ** 2, np.linspace(0.0, 180.0, COARSE_COLUMNS))
 
 
@@ -193,7 +193,7 @@ def skies_in(
 
 
 HELD_OUT_SEED = 20260101
-"""Of the generator that draws the held-out airs: always the same ones."""
+"""Seed of the generator that draws the held-out airs: always the same ones."""
 HELD_OUT_AIRS = 6
 """Airs, drawn at random, whose computed skies the model is compared with."""
 HELD_OUT_WAVELENGTHS = 8

@@ -36,12 +36,15 @@ WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0,
 SUNS_DEG = (60, 50, 40, 30, 25, 20, 15, 10, 8, 6, 5, 4, 3, 2, 1, 0, -0.8, *range(-1, -19, -1))
 """Sun elevations for illuminance."""
 ZENITH_SUNS_DEG = (0, *range(-1, -19, -1))
+"""Sun elevations for luminance of the zenith [deg]."""
 
 ILLUMINANCE_RANGES_DEG = ((20, 60), (5, 20), (-0.8, 5), (-5, -0.8), (-12, -5), (-18, -12))
 """The pieces of Janiczek and DeYoung."""
 LUMINANCE_RANGES_DEG = ((-6, 0), (-12, -6), (-15, -12))
+"""Sun elevations [deg] over which errors of the luminance are summed up."""
 
 DISC_STRIPS = 12
+"""Horizontal strips of the sun's disc, at the nodes of Gauss and Chebyshev's second kind."""
 
 HIGH_SITE_KM = 0.5
 """A site this far above the climate's ground gets the same climate with its ground at the site's altitude."""

@@ -111,7 +111,7 @@ class _Problem:
         self.places = max(float(photo.solid_angle_sr.sum()) / CORRELATED_SR, 1.0)
 
     def variance(self, q: float) -> float:
-        """Of the mean over the sky of one number, for a best sum of squares q."""
+        """Variance of the mean over the sky of one number, for a best sum of squares q."""
         seen = float(self.photo.solid_angle_sr.sum()) / (2.0 * np.pi)
         library = (self.library.luminance_error / LOG_SCALE) ** 2
         if self.with_colour:

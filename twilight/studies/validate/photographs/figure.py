@@ -16,6 +16,7 @@ from twilight.studies.validate.photographs.photo import OBSERVER, Comparison, Me
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
 UV_LIMIT = 0.04
+"""Largest distance in u'v' on the scale of its map."""
 
 
 def write_figure(

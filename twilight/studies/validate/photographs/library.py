@@ -79,7 +79,7 @@ SUN = "sun"
 HELD_OUT = 2
 """Climates in which emulated skies are compared with computed ones."""
 HELD_OUT_SEED = 20260315
-"""Of the generator that draws them: always the same ones."""
+"""Seed of the generator that draws held-out climates: always the same ones."""
 AT_ONCE = 16
 """Skies that are laid over a photograph together."""
 LOWEST_DEG = 3.0

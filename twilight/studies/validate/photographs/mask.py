@@ -32,11 +32,11 @@ GROW_DEG = 1.0
 CLOUD_BRIGHTER = 0.04
 """Excess of ln(luminance) over the mean of two directions at the same elevation, left and right, that makes a cloud."""
 CLOUD_REDDER = 0.04
-"""The same for ln(red / blue)."""
+"""Excess of ln(red / blue) over the mean of those two directions that makes a cloud."""
 CLOUD_DISTANCES_DEG = (3.0, 6.0)
-"""How far off the directions to the left and right are."""
+"""Angles at which directions to the left and right are compared [deg]."""
 CLOUD_SMALLEST_SQUARE_DEG = 1.0
-"""What is smaller is noise."""
+"""Cloudy cells that together are smaller than this are noise [deg^2]."""
 AUREOLE_DEG = 20.0
 """Nearer to the sun the sky itself is peaked, in brightness and in colour: there a cloud shows by its edges only."""
 SUN_GLARE_DEG = 6.0

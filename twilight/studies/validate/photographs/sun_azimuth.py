@@ -41,8 +41,8 @@ class SunAzimuth:
 
     @property
     def true_elevation_deg(self) -> float | None:
-        """Of the disc without standard refraction (Bennett 1982, J. Navigation 35, 255, eq. G: 0.07' from 0 deg up);
-        None where no disc was found."""
+        """Elevation of the disc without standard refraction (Bennett 1982, J. Navigation 35, 255, eq. G: 0.07' from
+        0 deg up); None where no disc was found."""
         if self.elevation_deg is None:
             return None
         h = max(self.elevation_deg, -1.0)

@@ -31,7 +31,7 @@ FIRST_RADIUS_RAD = np.radians(1.0)
 LOWEST_SIN = np.sin(np.radians(2.0))
 """Sources and stars nearer to a known horizon are left to the landscape."""
 LARGEST_CHANCE = 1e-6
-"""Of as many accidental matches as were found; a solution must be less likely than that to be none."""
+"""Largest chance of as many accidental matches as were found, with which a solution is taken."""
 SOURCES_IN_SEARCH = 300
 """Brightest sources that the search of the attitude uses."""
 
@@ -187,7 +187,7 @@ def _search(
 
 
 def _solid_angle(camera: CameraModel) -> float:
-    """Of the picture [sr], at most of a half space; by counting evenly spread directions."""
+    """Solid angle of the picture [sr], at most of a half space; by counting evenly spread directions."""
     if camera.projection == "latlong":
         return 2.0 * np.pi
     n = 20000

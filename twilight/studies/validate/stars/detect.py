@@ -15,7 +15,7 @@ SMOOTHING_PX = 1.0
 LEAST_NOISE = 0.2
 """Smallest noise that is believed, as a fraction of the picture's median noise."""
 BLACK_SKY_NOISE = 1e-3
-"""The same as a fraction of the brightest star, where the median is 0."""
+"""Noise as a fraction of the brightest star, where the median is 0."""
 WIDEST = 2.5
 """Sources this many times wider than usual are clouds."""
 HALF_PATCH = 5

@@ -13,7 +13,7 @@ from twilight.studies.validate.stars.coordinates import PLANETS, planet_tracks, 
 from twilight.studies.validate.stars.refraction import lifted
 
 FAINTEST_MAG = 1.5
-"""Of a source that may be a planet; Mars at its faintest, and Mercury, are missed."""
+"""Magnitude of the faintest source that may be a planet; Mars at its faintest, and Mercury, are missed."""
 STEP_DAYS = 2.0
 REACH_RAD = np.radians(1.0)
 """How far a planet may be from its source: stitched panoramas are bent by that much."""

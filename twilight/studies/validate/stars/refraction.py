@@ -9,7 +9,7 @@ STANDARD_TEMPERATURE_C = 10.0
 """Air for which Bennett's coefficients hold."""
 LOWEST_DEG = -1.0
 _STEPS = 6
-"""Of the iteration from true to apparent elevations, whose error falls to a sixth or less with each."""
+"""Steps of the iteration from true to apparent elevations, whose error falls to a sixth or less with each."""
 
 
 def refraction_rad(true_elevation_rad: np.ndarray, pressure_hpa: float, temperature_c: float) -> np.ndarray:

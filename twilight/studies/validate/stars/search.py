@@ -24,7 +24,7 @@ FARTHEST_PAIR_RAD = np.radians(35.0)
 NEIGHBOURHOOD_RAD = np.radians(40.0)
 """Radius around a pair from which its witnesses come."""
 SCALE_UNCERTAINTY = 0.015
-"""Of distances in the picture, relative: what is left between two steps of the focal length, and by distortion."""
+"""Relative uncertainty of distances in the picture: between two steps of the focal length, and by distortion."""
 CHANCE_OF_A_HIT = 0.05
 """Fraction of the sky near enough to a star to count as a hit."""
 DECISIVE = 6.0

@@ -16,13 +16,13 @@ NEIGHBOURHOODS_DEG = (35.0, 55.0, 80.0, 180.0, 180.0, 180.0, 180.0)
 CLIP_SIGMA = 3.5
 """Matches farther off than this many standard deviations of the others are dropped."""
 SMALLEST_RADIUS_PX = 0.7
-"""Of matching: centres of faint stars err by a few tenths of a pixel."""
+"""Smallest radius of matching [pixel]: centres of faint stars err by a few tenths of a pixel."""
 LEAST_MATCHES = 5
 """Stars that a solution needs."""
 FREE_FROM = {"focal_length": (6, 0.0), "principal_point": (16, 55.0), "k1": (16, 55.0), "k2": (30, 80.0)}
 """Matches and neighbourhood [deg] from which on a parameter is free."""
 FREE_FROM_LATER = (60, 180.0)
-"""The same for the higher coefficients of distortion."""
+"""Matches and neighbourhood [deg] from which on the higher coefficients of distortion are free."""
 PRINCIPAL_POINT_FRACTION = 0.03
 """Width of the prior of the principal point, as a fraction of the picture's width.  A prior holds near the guess what
 the stars do not tell; it counts as much as one star that is one sigma off."""
