@@ -20,7 +20,7 @@ SHEETS = {"contact-sheet.png", "series.csv", "series.nc", "skies.jsonl"}
 FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"}
 TABLE = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
 TABLE += "aerosol_asymmetry,absorption_per_km,refractivity\n"
-TABLE_NM = (420, 500, 580, 660)
+TABLE_NM = (420, 495, 570, 645)
 SMALL = ["texture={azimuth_count: 36, elevation_count: 9}", "output.width=64", "output.spectral_width=32"]
 
 

@@ -111,8 +111,8 @@ def test_a_series_is_lazy_and_that_of_one_sun_is_a_series(monkeypatch):
     with pytest.raises(IndexError):
         skies[3]
     data = skies.to_xarray()
-    assert list(data.sun_elevation.values) == suns
-    assert np.array_equal(data.sel(sun_elevation=30.0).sun_normalised_radiance, skies[1].sun_normalised_radiance)
+    assert list(data.sun_elevation_deg.values) == suns
+    assert np.array_equal(data.sel(sun_elevation_deg=30.0).sun_normalised_radiance, skies[1].sun_normalised_radiance)
     one = twilight.render("urban", sun_elevation_deg=[60.0], **FEW)
     assert isinstance(one, twilight.SkySeries) and len(one) == 1
     assert np.array_equal(one[0].radiance, skies[2].radiance)

@@ -1,8 +1,13 @@
+import warnings
+from dataclasses import replace
+
 import colour as science
 import numpy as np
 import pytest
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.config.scene import Wavelengths
+from twilight.io.picture import render_view
 from twilight.numerics import spectrum
 from twilight.numerics.grids import texture_grid
 from twilight.sky import colour
@@ -160,3 +165,31 @@ def test_what_is_far_brighter_than_white_burns_out_and_the_sky_keeps_its_hue():
     as_before = colour.photographic(6.0 * orange)
     assert sky[2] < 0.75 * sky[0] and as_before[2] < 0.8 * as_before[0]
     assert disc.min() > 0.95 and colour.photographic(np.array([1e3, 100.0, 0.0])).min() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("wavelength", "says"),
+    [
+        ([450, 550, 650], "the 3 from 450 to 650 nm give wrong ones"),
+        ([440, 550, 680], "the 3 from 440 to 680 nm give wrong ones"),
+        ([400, 480, 560, 640, 720], "at most 78 nm apart; the 5 from 400 to 720 nm"),
+        ([500, 550, 590], "the 3 from 500 to 590 nm give a grey picture"),
+        ([550], "550 nm alone gives a grey picture"),
+        ([420, 490, 560, 630, 700], None),
+        ([300, 420, 490, 560, 630, 700, 1000], None),
+        (Wavelengths().wavelength_nm, None),
+        (Wavelengths(count=8).wavelength_nm, None),
+    ],
+)
+def test_too_few_wavelengths_for_a_colour_are_said_wherever_one_is_made(wavelength, says):
+    sky = one_colour_sky(np.full(len(wavelength), 0.01), np.array(wavelength, float))
+    makers = [lambda: colour.sky_to_linear_rgb(replace(sky))]
+    tones = ("photographic", "eye", "camera") if says is None or "wrong" in says else ("photographic", "eye")
+    makers += [lambda name=name: render_view(sky, width=8, tone_mapping=name) for name in tones]
+    for make in makers:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            make()
+        said = {str(one.message) for one in caught if issubclass(one.category, TwilightWarning)}
+        assert len(said) == (says is not None) and all(says in sentence for sentence in said), said
+        assert all("420, 490, 560, 630 and 700 nm" in sentence for sentence in said)

@@ -6,6 +6,7 @@ import base64
 import io
 import re
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from importlib.resources import files
 
 import numpy as np
@@ -13,8 +14,9 @@ import pytest
 import xarray as xr
 from toy_sky import glow_sky
 
-from twilight.api import representation  # noqa: F401 - attaches what draws a sky
+from twilight.api.representation import SkySeries, open_dataset
 from twilight.base.errors import TwilightError
+from twilight.io.netcdf import write_sky
 from twilight.solvers.compact.compact_sky import CompactSky
 
 
@@ -99,3 +101,39 @@ def test_half_skies_and_sequences_say_the_same_lazily(sky):
         half.sky.scene(sun=2)
     with pytest.raises(TwilightError, match="has no sun_normalised_radiance"):
         xr.Dataset().sky.scene()
+
+
+def every_layer(sky):
+    """The sky with all that a file can hold of one."""
+    grid = sky.sun_normalised_radiance
+    return replace(
+        sky,
+        night_radiance=np.full(grid.shape, 1e-6),
+        standard_error=0.01 * grid,
+        polarisation=0.1 * np.stack([grid, -grid], axis=2),
+        polarisation_error=0.01 * np.stack([grid, grid], axis=2),
+        apparent_sun_elevation_deg=5.2,
+        sun_azimuth_deg=280.0,
+        latitude_deg=52.5,
+        longitude_deg=13.4,
+        observer_altitude_km=0.1,
+        time=datetime(2026, 6, 21, 20, tzinfo=UTC),
+    )
+
+
+def test_axes_are_a_few_words_with_a_unit_and_time_is_a_time(sky, tmp_path):
+    full = every_layer(sky)
+    write_sky(full, tmp_path / "sky.h5")
+    later = replace(full, time=full.time + timedelta(minutes=5), sun_elevation_deg=4.0)
+    several = [SkySeries([full, later]), SkySeries([sky, replace(sky, sun_elevation_deg=4.0)])]
+    for data in (full.to_xarray(), open_dataset(tmp_path / "sky.h5"), *(series.to_xarray() for series in several)):
+        named = {str(n): v for n, v in data.variables.items() if not str(n).endswith("_bnds")}
+        assert len(named) > 10
+        for name, variable in named.items():
+            text = variable.attrs["long_name"]
+            assert 1 < len(text) <= 36 and not set(text) & set(";:"), (name, text)
+            # of a decoded time xarray keeps the unit in the encoding
+            assert "units" in (variable.encoding if name == "time" else variable.attrs), name
+        if "time" in data.variables:
+            assert data.time.dtype.kind == "M" and data.time.values.flat[0] == np.datetime64("2026-06-21T20:00")
+    assert several[1].to_xarray().sun_elevation_deg.values.tolist() == [5.0, 4.0]

@@ -16,10 +16,13 @@ import twilight.api.accessor  # noqa: F401 - registers .sky
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
+from twilight.config.climate import Climate
 from twilight.config.load import load_axes, load_series
+from twilight.config.scene import Config
 from twilight.engine import run
 from twilight.scene import resolve
-from twilight.studies.sweep.dimensions import describe_key
+from twilight.studies.sweep.dimensions import IDLE_KEYS, SEVERAL_SUNS, SHAPE_KEYS
+from twilight.studies.sweep.labels import TEXTS, key_attributes
 from twilight.studies.sweep.store import JOURNAL, open_store
 from twilight.studies.sweep.sweep import Sweep
 from twilight.studies.sweep.work import compute, forget
@@ -247,10 +250,51 @@ def test_times_and_places_become_coordinates(toy, client, tmp_path):
     assert np.allclose(sky.radiance, again.radiance, rtol=1e-6)
 
 
-def test_units_and_help_of_any_key_are_found():
-    assert describe_key("aerosol.optical_depth_550nm")[0] == "1" and "550 nm" in describe_key("sun.at")[1] + "550 nm"
-    assert describe_key("observer.altitude_km")[0] == "km" and describe_key("sun.elevation_deg")[0] == "deg"
-    assert describe_key("solver.expert.degree") == ("", "")
+def varied_keys():
+    """Every key of a configuration and of a climate that is not a section."""
+
+    def walk(model, prefix):
+        for name, info in model.model_fields.items():
+            inner = models(info.annotation)
+            if not inner or name == "albedo":  # a number or a section
+                yield f"{prefix}{name}"
+            for one in inner:
+                yield from walk(one, f"{prefix}{name}.")
+
+    found = dict.fromkeys([*walk(Config, ""), *walk(Climate, "")])
+    heads = {*SHAPE_KEYS, *IDLE_KEYS, "climate", "solver"}
+    return [key for key in found if key.split(".")[0] not in heads and key not in SEVERAL_SUNS]
+
+
+def models(annotation):
+    if hasattr(annotation, "model_fields"):
+        return [annotation]
+    return [model for inner in getattr(annotation, "__args__", ()) for model in models(inner)]
+
+
+def test_every_key_that_may_vary_has_a_label_for_an_axis():
+    keys = varied_keys()
+    assert {"aerosol.optical_depth_550nm", "sun.elevation_deg", "terrain.height_km"} <= {*keys} and len(keys) > 60
+    assert {*TEXTS} <= {*keys}
+    for key in keys:
+        made = key_attributes(key)
+        assert 1 < len(made["long_name"]) <= 36 and not set(made["long_name"]) & set(";:_."), (key, made)
+        assert made["comment"] != made["long_name"] and made["key"] == key
+        assert "units" not in made or made["units"] not in ("deg", "au", "cm^-3", "m/s"), (key, made)
+    assert len({key_attributes(key)["long_name"] for key in keys}) == len(keys)
+    made = key_attributes("aerosol.optical_depth_550nm")
+    assert (made["long_name"], made["units"]) == ("aerosol optical depth at 550 nm", "1")
+    assert key_attributes("sun.elevation_deg")["units"] == "degree"
+    assert key_attributes("solver.expert.degree") == {"long_name": "degree", "key": "solver.expert.degree"}
+
+
+def test_axes_and_legends_of_a_sweep_are_a_few_words(toy, client, tmp_path):
+    swept(planned({"ground.albedo": [0.1, 0.3], "sun.elevation_deg": SUNS}), client, tmp_path / "a.zarr")
+    with xr.open_zarr(tmp_path / "a.zarr") as data:
+        said = {str(name): data[name].attrs.get("long_name", "") for name in data.variables}
+    assert said.pop("status") == ""
+    assert all(1 < len(text) <= 36 for text in said.values()), said
+    assert (said["ground_albedo"], said["sun_elevation_deg"]) == ("albedo of the ground", "sun elevation")
 
 
 def test_one_scene_is_a_sweep_of_one(toy, client, tmp_path, log):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
+from twilight.io import picture
 from twilight.numerics.orientation import direction
 from twilight.numerics.projections import PROJECTIONS, cube_face, view_directions, view_rays
 from twilight.studies.camera import CameraModel
@@ -106,3 +107,15 @@ def test_a_strip_along_the_limb_has_rows_of_one_elevation():
     np.testing.assert_allclose(azimuth[0], np.mod(10.0 - 175.0 + 10.0 * np.arange(36), 360.0))
     with pytest.raises(TwilightError, match="must rise"):
         view_rays("limb", 36, 5, band_deg=(5.0, 5.0))
+
+
+def test_a_cylinder_shows_the_sky_and_its_upright_lines_are_upright():
+    e, a = view_directions("cylinder", 400)
+    wide = picture.view_directions("wide", 400)
+    assert np.allclose(e, wide[0], atol=0.05) and np.allclose((a + 180.0) % 360.0 - 180.0, wide[1])
+    assert (e > 0.0).mean() == pytest.approx(picture.WIDE_HORIZON, abs=0.006)
+    for up in (-40.0, 0.0, 60.0):
+        e, a = view_directions("cylinder", 64, 33, elevation_deg=up)
+        assert np.ptp(a, axis=0).max() < 1e-9 and e[16] == pytest.approx(up)
+    with pytest.raises(TwilightError, match="elevation_deg: 85 is not allowed for a view cylinder, -80 to 80 is"):
+        view_directions("cylinder", 64, elevation_deg=85.0)

@@ -126,7 +126,7 @@ def series_to_xarray(self: SkySeries) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        Along `time` (UTC) where the skies know theirs, else along `sun_elevation` [deg].
+        Along `time` (UTC) where the skies know theirs, else along `sun_elevation_deg`.
 
     Raises
     ------

@@ -35,7 +35,11 @@ class View(Section):
         0.0, "of the picture's middle, clockwise from the sun's azimuth", unit="deg", ge=-360.0, le=360.0
     )
     elevation_deg: Number | None = key(
-        None, "of the picture's middle; unset: 0, the zenith for fisheye and octahedral", unit="deg", ge=-90.0, le=90.0
+        None,
+        "of the picture's middle; unset: 0, the zenith for fisheye and octahedral, 17.3 for cylinder",
+        unit="deg",
+        ge=-90.0,
+        le=90.0,
     )
     roll_deg: Number = key(0.0, "the camera is turned clockwise about its axis", unit="deg", ge=-180.0, le=180.0)
     band_deg: tuple[Number, ...] | None = key(

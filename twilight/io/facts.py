@@ -5,85 +5,54 @@ A new one is a field of `Sky` and a line here; `sky.h5`, the headers of EXR file
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from twilight.io.labels import attributes
 from twilight.sky.sky import Sky
 
 
 class Fact(NamedTuple):
     """One number.
 
-    field: of `Sky`; variable: of `sky.h5` and of datasets, with its CF attributes; swept: what a sweep over the key
-    calls its coordinate; header: attribute of EXR files, which holds `header_per` times the number.
+    field: of `Sky`; variable: of `sky.h5` and of datasets, which `labels` describes; more: its other attributes;
+    swept: what a sweep over the key calls its coordinate; header: attribute of EXR files, which holds `header_per`
+    times the number.
     """
 
     field: str
     variable: str
-    attributes: dict[str, str]
+    more: Mapping[str, str] = MappingProxyType({})
     swept: str | None = None
     header: str | None = None
     header_per: float = 1.0
 
 
 FACTS = (
-    Fact(
-        "sun_elevation_deg",
-        "solar_elevation_angle",
-        {
-            "standard_name": "solar_elevation_angle",
-            "long_name": "true (unrefracted) elevation of the centre of the sun's disc",
-            "units": "degree",
-        },
-    ),
-    Fact(
-        "apparent_sun_elevation_deg",
-        "apparent_solar_elevation_angle",
-        {"long_name": "refracted elevation of the centre of the sun's disc", "units": "degree"},
-    ),
-    Fact(
-        "sun_azimuth_deg",
-        "solar_azimuth_angle",
-        {
-            "standard_name": "solar_azimuth_angle",
-            "long_name": "azimuth of the sun, clockwise from north",
-            "units": "degree",
-        },
-    ),
-    Fact(
-        "distance_au",
-        "earth_sun_distance",
-        {"long_name": "distance between the Earth and the sun", "units": "astronomical_unit"},
-    ),
+    Fact("sun_elevation_deg", "solar_elevation_angle"),
+    Fact("apparent_sun_elevation_deg", "apparent_solar_elevation_angle"),
+    Fact("sun_azimuth_deg", "solar_azimuth_angle"),
+    Fact("distance_au", "earth_sun_distance"),
     Fact(
         "observer_altitude_km",
         "observer_altitude",
-        {"standard_name": "altitude", "long_name": "altitude of the observer", "units": "km", "positive": "up"},
+        {"positive": "up"},
         swept="observer_altitude_km",
         header="altitude",
         header_per=1000.0,
     ),
-    Fact(
-        "latitude_deg",
-        "latitude",
-        {"standard_name": "latitude", "units": "degrees_north"},
-        swept="sun_latitude_deg",
-        header="latitude",
-    ),
-    Fact(
-        "longitude_deg",
-        "longitude",
-        {"standard_name": "longitude", "units": "degrees_east"},
-        swept="sun_longitude_deg",
-        header="longitude",
-    ),
+    Fact("latitude_deg", "latitude", swept="sun_latitude_deg", header="latitude"),
+    Fact("longitude_deg", "longitude", swept="sun_longitude_deg", header="longitude"),
 )
 
 
 def coordinates_of(sky: Sky) -> dict[str, tuple[tuple[()], float, dict[str, str]]]:
     """The facts that a sky knows, as scalar coordinates of a dataset."""
     known = ((fact, getattr(sky, fact.field)) for fact in FACTS)
-    return {fact.variable: ((), value, fact.attributes) for fact, value in known if value is not None}
+    return {
+        fact.variable: ((), value, attributes(fact.variable) | fact.more) for fact, value in known if value is not None
+    }
 
 
 def header_of(sky: Sky) -> dict[str, float]:

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5py
 import numpy as np
 
-from twilight.base.conventions import STOKES_REFERENCE
 from twilight.base.errors import TwilightError
 from twilight.base.reading import check_expansion, first_line
 from twilight.base.whole_files import whole_content
 from twilight.io.facts import coordinates_of, fields_from
+from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.numerics.spectrum import wavelength_bounds
@@ -50,9 +50,9 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
 
     made = xarray.Dataset(*_contents(sky))
     if sky.time is not None:
-        attributes = dict(made["time"].attrs)
-        encoding = {name: attributes.pop(name) for name in ("units", "calendar")} | {"dtype": "float64"}
-        time = xarray.Variable((), np.datetime64(sky.time.astimezone(UTC).replace(tzinfo=None), "us"), attributes)
+        about = dict(made["time"].attrs)
+        encoding = {name: about.pop(name) for name in ("units", "calendar")} | {"dtype": "float64"}
+        time = xarray.Variable((), np.datetime64(sky.time.astimezone(UTC).replace(tzinfo=None), "us"), about)
         made = made.assign_coords(time=time)
         made["time"].encoding = encoding
     return made
@@ -60,121 +60,42 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
 
 def _contents(sky: Sky) -> _Contents:
     coords: dict = {
-        "wavelength": (
-            "wavelength",
-            sky.wavelength_nm,
-            {
-                "standard_name": "radiation_wavelength",
-                "long_name": "wavelength in vacuum",
-                "units": "nm",
-                "bounds": "wavelength_bnds",
-            },
-        ),
-        "elevation": (
-            "elevation",
-            sky.elevation_deg,
-            {
-                "long_name": "elevation of the line of sight above the geometric horizon",
-                "units": "degree",
-                "bounds": "elevation_bnds",
-            },
-        ),
-        "azimuth": (
-            "azimuth",
-            sky.azimuth_deg,
-            {
-                "long_name": "azimuth of the line of sight relative to the sun, clockwise seen from above",
-                "units": "degree",
-            },
-        ),
+        "wavelength": ("wavelength", sky.wavelength_nm, attributes("wavelength") | {"bounds": "wavelength_bnds"}),
+        "elevation": ("elevation", sky.elevation_deg, attributes("elevation") | {"bounds": "elevation_bnds"}),
+        "azimuth": ("azimuth", sky.azimuth_deg, attributes("azimuth")),
     }
     coords |= coordinates_of(sky)
     if sky.time is not None:
-        coords["time"] = (
-            (),
-            sky.time.timestamp(),
-            {
-                "standard_name": "time",
-                "units": "seconds since 1970-01-01 00:00:00",
-                "calendar": "standard",
-                "units_metadata": "leap_seconds: none",
-                "axis": "T",
-            },
-        )
+        about = {"calendar": "standard", "units_metadata": "leap_seconds: none", "axis": "T"}
+        coords["time"] = ((), sky.time.timestamp(), attributes("time") | about)
     edges = sky.elevation_edges_deg
-    radiance_attrs = {
-        "units": "sr-1",
-        "long_name": "spectral radiance divided by the solar irradiance on top of the air",
-    }
     variables: dict = {
         "wavelength_bnds": (("wavelength", "nv"), wavelength_bounds(sky.wavelength_nm, sky.solar_spectrum)),
         "elevation_bnds": (("elevation", "nv"), np.stack([edges[:-1], edges[1:]], axis=1)),
-        "radiance": (
-            _GRID,
-            sky.radiance,
-            {
-                "standard_name": "downwelling_radiance_per_unit_wavelength_in_air",
-                "long_name": "spectral radiance of the sky without the sun's disc",
-                "units": "W m-2 nm-1 sr-1",
-                "comment": "sun_normalised_radiance times solar_irradiance"
-                + ("" if sky.night_radiance is None else ", plus night_radiance"),
-            },
-        ),
-        "sun_normalised_radiance": (_GRID, sky.sun_normalised_radiance, radiance_attrs),
-        "luminance": (
-            _DIRECTIONS,
-            sky.luminance(),
-            {"long_name": "luminance, V(lambda) of the CIE 1931 observer, integrated at 1 nm", "units": "cd m-2"},
-        ),
+        "radiance": (_GRID, sky.radiance, attributes("radiance")),
+        _RADIANCE: (_GRID, sky.sun_normalised_radiance, attributes(_RADIANCE)),
+        "luminance": (_DIRECTIONS, sky.luminance(), attributes("luminance")),
         "solar_irradiance": (
             "wavelength",
             sky.solar_irradiance,
-            {
-                "standard_name": "solar_irradiance_per_unit_wavelength",
-                "long_name": "solar irradiance on top of the atmosphere, mean over wavelength_bnds",
-                "units": "W m-2 nm-1",
-                "source": sky.solar_spectrum,
-            },
+            attributes("solar_irradiance") | {"source": sky.solar_spectrum},
         ),
-        "surface_albedo": (
-            "wavelength",
-            sky.ground_albedo,
-            {"standard_name": "surface_albedo", "long_name": "Lambertian albedo of the ground", "units": "1"},
-        ),
+        "surface_albedo": ("wavelength", sky.ground_albedo, attributes("surface_albedo")),
     }
     if sky.standard_error is not None:
-        radiance_attrs["ancillary_variables"] = "standard_error"
-        variables["standard_error"] = (
-            _GRID,
-            sky.standard_error,
-            {"long_name": "standard error of sun_normalised_radiance", "units": "sr-1"},
-        )
+        variables[_RADIANCE][2]["ancillary_variables"] = "standard_error"
+        variables["standard_error"] = (_GRID, sky.standard_error, attributes("standard_error"))
     if sky.polarisation is not None:
         variables |= _polarisation(sky)
     if sky.night_radiance is not None:
-        variables["night_radiance"] = (
-            _GRID,
-            sky.night_radiance,
-            {
-                "long_name": "spectral radiance of airglow, starlight and zodiacal light at the observer, mean over "
-                "wavelength_bnds",
-                "units": "W m-2 nm-1 sr-1",
-            },
-        )
+        variables["night_radiance"] = (_GRID, sky.night_radiance, attributes("night_radiance"))
     if sky.direct_irradiance is not None:
-        variables["direct_irradiance_factor"] = (
-            "wavelength",
-            sky.direct_irradiance,
-            {
-                "long_name": "irradiance of the sun's beam at the observer, normal to it, divided by that on top "
-                "of the atmosphere",
-                "units": "1",
-            },
-        )
+        direct = "direct_irradiance_factor"
+        variables[direct] = ("wavelength", sky.direct_irradiance, attributes(direct))
     if sky.disc is not None:
         variables |= _disc_variables(sky.disc)
     fields = provenance_fields(sky.provenance)
-    attributes: dict = {
+    about_all: dict = {
         "Conventions": CONVENTIONS,
         "title": f"Radiance of the sky, sun at {sky.sun_elevation_deg:g} degrees elevation",
         "source": f"twilight {fields['twilight_version']}",
@@ -183,70 +104,42 @@ def _contents(sky: Sky) -> _Contents:
         "solar_spectrum": sky.solar_spectrum,
     }
     if sky.time is not None:
-        attributes["time_iso8601"] = sky.time.isoformat()
+        about_all["time_iso8601"] = sky.time.isoformat()
     for name, value in fields.items():
         if isinstance(value, str) and len(value.encode()) > _ATTRIBUTE_LIMIT:
             variables[name] = ((), np.array(value, dtype=object), {"long_name": f"{name}, JSON"})
         else:
-            attributes[name] = value
-    return _Contents(variables, coords, attributes)
+            about_all[name] = value
+    return _Contents(variables, coords, about_all)
 
 
 def _polarisation(sky: Sky) -> dict:
     """The variables of a polarised sky."""
     assert sky.polarisation is not None
     found: dict = {}
-    for i, name in enumerate("qu"):
-        long_name = f"Stokes parameter {name.upper()} divided by the solar irradiance on top of the air"
-        attributes = {"units": "sr-1", "long_name": long_name, "comment": STOKES_REFERENCE}
-        found[f"{_RADIANCE}_{name}"] = (_GRID, sky.polarisation[:, :, i], attributes)
+    for i, letter in enumerate("qu"):
+        name, error = f"{_RADIANCE}_{letter}", f"standard_error_{letter}"
+        found[name] = (_GRID, sky.polarisation[:, :, i], attributes(name))
         if sky.polarisation_error is not None:
-            error = f"standard_error_{name}"
-            attributes["ancillary_variables"] = error
-            about = {"long_name": f"standard error of {_RADIANCE}_{name}", "units": "sr-1"}
-            found[error] = (_GRID, sky.polarisation_error[:, :, i], about)
-    found["degree_of_linear_polarisation"] = (
-        _GRID,
-        sky.degree_of_linear_polarisation,
-        {"units": "1", "long_name": "degree of linear polarisation of all light", "comment": "sqrt(Q^2 + U^2) / I"},
-    )
-    found["angle_of_linear_polarisation"] = (
-        _GRID,
-        sky.angle_of_linear_polarisation_deg,
-        {
-            "units": "degree",
-            "long_name": "angle of vibration from the vertical, clockwise seen along the line of sight",
-            "comment": f"atan2(U, Q) / 2; {STOKES_REFERENCE}",
-        },
-    )
+            found[name][2]["ancillary_variables"] = error
+            found[error] = (_GRID, sky.polarisation_error[:, :, i], attributes(error))
+    for name, values in (
+        ("degree_of_linear_polarisation", sky.degree_of_linear_polarisation),
+        ("angle_of_linear_polarisation", sky.angle_of_linear_polarisation_deg),
+    ):
+        found[name] = (_GRID, values, attributes(name))
     return found
 
 
 def _disc_variables(disc: Disc) -> dict:
     """The variables of a sky that knows the sun's disc."""
-    rows = ("disc_elevation", "wavelength")
-    return {
-        "disc_elevation": (
-            "disc_elevation",
-            disc.elevation_deg,
-            {"long_name": "apparent elevation of a line of sight to the sun's disc", "units": "degree"},
-        ),
-        "disc_true_elevation": (
-            rows,
-            disc.true_elevation_deg,
-            {"long_name": "true elevation that the line of sight comes from", "units": "degree"},
-        ),
-        "disc_transmittance": (
-            rows,
-            disc.transmittance,
-            {
-                "long_name": "transmittance of the line of sight times the square of the observer's refractive index",
-                "units": "1",
-                "comment": "0: the line of sight meets the ground or is caught in a duct",
-            },
-        ),
-        "disc_radius": ((), disc.radius_deg, {"long_name": "angular radius above the air", "units": "degree"}),
+    found: dict = {
+        "disc_elevation": ("disc_elevation", disc.elevation_deg),
+        "disc_true_elevation": (("disc_elevation", "wavelength"), disc.true_elevation_deg),
+        "disc_transmittance": (("disc_elevation", "wavelength"), disc.transmittance),
+        "disc_radius": ((), disc.radius_deg),
     }
+    return {name: (dims, values, attributes(name)) for name, (dims, values) in found.items()}
 
 
 def write_sky(sky: Sky, path: str | Path) -> Path:
@@ -273,10 +166,10 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
             dtype = h5py.string_dtype() if values.dtype == object else values.dtype
             variable = file.create_variable(name, dims, dtype, **options)
             variable[...] = values
-            attributes = dict(about[0]) if about else {}
+            described = dict(about[0]) if about else {}
             if name in contents.variables and scalars and not name.endswith("_bnds"):
-                attributes["coordinates"] = scalars
-            for key, value in attributes.items():
+                described["coordinates"] = scalars
+            for key, value in described.items():
                 variable.attrs[key] = value
         for key, value in contents.attributes.items():
             file.attrs[key] = value

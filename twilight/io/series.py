@@ -15,6 +15,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.reading import MEMORY_SHARE, memory_bytes
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.io.folder import NUMBERED, numbered_files
+from twilight.io.labels import attributes
 from twilight.io.netcdf import read_sky, sky_to_dataset
 from twilight.sky.sky import Sky
 
@@ -93,7 +94,7 @@ def write_dataset(files: Mapping[str, Path], path: Path) -> str:
             return f"the skies ({total / 1e9:.3g} GB compressed) are more than fits into the memory"
         if not _same_grid(parts[0], parts[-1]):
             return "the skies have different wavelengths or directions"
-    made = _concatenated(parts, xarray.DataArray(list(files), dims="scene", name="scene"))
+    made = _concatenated(parts, xarray.DataArray(list(files), dims="scene", name="scene", attrs=attributes("scene")))
     encoding = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _EACH if name in made.variables}
     with whole_file(path) as temporary:
         made.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
@@ -101,7 +102,7 @@ def write_dataset(files: Mapping[str, Path], path: Path) -> str:
 
 
 def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
-    """Skies as one dataset, along `time` (UTC) where all of them know theirs, else along `sun_elevation` [deg].
+    """Skies as one dataset, along `time` (UTC) where all of them know theirs, else along `sun_elevation_deg`.
 
     Errors: TwilightError for skies on different grids.
     """
@@ -117,8 +118,8 @@ def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
         parts = [part.drop_vars("time") for part in parts]
     else:
         suns = [float(part["solar_elevation_angle"]) for part in parts]
-        attributes = {"long_name": "true elevation of the sun", "units": "degree"}
-        along = xarray.DataArray(suns, dims="sun_elevation", name="sun_elevation", attrs=attributes)
+        name = "sun_elevation_deg"
+        along = xarray.DataArray(suns, dims=name, name=name, attrs=attributes(name))
     return _concatenated(parts, along)
 
 

@@ -13,12 +13,13 @@ panorama      all round, from the horizontal to the zenith      the azimuth     
 octahedral    the whole sphere on a square (Meyer et al. 2010)  where it points     = width
 cube          six faces as a cross: up over front over down,    where it points     3/4 width
               left, front, right and back in its middle row
-cylinder      upright lines straight, field of view across      where it points     any
+cylinder      upright lines upright, field of view across       where it points     any
 limb          a strip: azimuth across, elevation upwards        the azimuth         any
               between the edges of its band
 
 `fisheye` and `octahedral` point to the zenith unless told otherwise; azimuth_deg is then at the lower edge, as for
-somebody who faces it and looks up.
+somebody who faces it and looks up.  `cylinder` is not tilted but shifted to the elevation in its middle, as a lens that
+shifts does it; unless told otherwise the horizon is at 0.86 of its height, and above it is the sky.
 """
 
 from __future__ import annotations
@@ -33,13 +34,18 @@ from twilight.numerics.orientation import azimuth_elevation, camera_axes
 
 WHOLE = (-90.0, 90.0)
 """The band from the nadir to the zenith [deg]."""
+CYLINDER_ELEVATION_DEG = 17.3
+"""Of a cylinder's middle: the horizon is then at 0.86 of the height of 20 : 9, where `wide` has it."""
+LARGEST_SHIFT_DEG = 80.0
+"""Elevations in the middle of a cylinder lie within this: it never holds the zenith."""
 
 
 @dataclass(frozen=True)
 class ImagePlane:
     """A picture's size in pixels, its field of view across [deg], the elevations of its lower and upper edge [deg].
 
-    rows: the first that is wanted and the one after the last; None: all.
+    rows: the first that is wanted and the one after the last; None: all.  rise: tangent of the elevation in the middle
+    of a picture that shifts.
     """
 
     width: int
@@ -47,6 +53,7 @@ class ImagePlane:
     field_deg: float
     band_deg: tuple[float, float]
     rows: tuple[int, int] | None = None
+    rise: float = 0.0
 
     @property
     def span(self) -> tuple[int, int]:
@@ -72,7 +79,8 @@ class Projection:
 
     own: directions in the view's own axes; aspect: width over height; free: whether other aspects are allowed;
     field_deg: usual field of view across the width [deg], at most largest_deg; elevation_deg: where it usually points;
-    turns: whether it can be raised and rolled; banded: whether it is a strip between two elevations
+    turns: whether it can be raised and rolled; shifts: whether it is raised by a shift, which leaves upright lines
+    upright; banded: whether it is a strip between two elevations
     """
 
     own: Own
@@ -82,6 +90,7 @@ class Projection:
     largest_deg: float = 360.0
     elevation_deg: float = 0.0
     turns: bool = True
+    shifts: bool = False
     banded: bool = False
 
 
@@ -124,7 +133,7 @@ def _panorama(frame: ImagePlane) -> np.ndarray:
 def _cylinder(frame: ImagePlane) -> np.ndarray:
     x, y = frame.centres
     half = np.radians(0.5 * frame.field_deg)
-    return around(half * x, np.arctan(half * y * frame.height / frame.width))
+    return around(half * x, np.arctan(frame.rise + half * y * frame.height / frame.width))
 
 
 def _octahedral(frame: ImagePlane) -> np.ndarray:
@@ -177,7 +186,9 @@ def _cube(frame: ImagePlane) -> np.ndarray:
 
 PROJECTIONS: dict[str, Projection] = {
     "perspective": Projection(_perspective, 16 / 9, free=True, field_deg=60.0, largest_deg=170.0),
-    "cylinder": Projection(_cylinder, 20 / 9, free=True, field_deg=110.0),
+    "cylinder": Projection(
+        _cylinder, 20 / 9, free=True, field_deg=110.0, elevation_deg=CYLINDER_ELEVATION_DEG, shifts=True
+    ),
     "fisheye": Projection(_fisheye, 1.0, field_deg=180.0, elevation_deg=90.0),
     "latlong": Projection(_latlong, 2.0),
     "panorama": Projection(_panorama, 4.0, turns=False),
@@ -244,7 +255,15 @@ def view_rays(
     if not -90.0 <= band[0] < band[1] <= 90.0:
         raise TwilightError(f"band_deg: {band[0]:g} to {band[1]:g} must rise within -90 to 90")
     up = kind.elevation_deg if elevation_deg is None else float(elevation_deg)
-    return kind.own(ImagePlane(wide, high, field, band, rows)) @ camera_axes(azimuth_deg, up, roll_deg)
+    rise = 0.0
+    if kind.shifts:
+        if abs(up) > LARGEST_SHIFT_DEG:
+            raise TwilightError(
+                f"elevation_deg: {up:g} is not allowed for a view {name}, -{LARGEST_SHIFT_DEG:g} to "
+                f"{LARGEST_SHIFT_DEG:g} is"
+            )
+        rise, up = float(np.tan(np.radians(up))), 0.0
+    return kind.own(ImagePlane(wide, high, field, band, rows, rise)) @ camera_axes(azimuth_deg, up, roll_deg)
 
 
 def view_directions(name: str, width: int, height: int | None = None, **pointing) -> tuple[np.ndarray, np.ndarray]:

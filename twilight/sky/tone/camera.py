@@ -135,6 +135,7 @@ class Camera:
         """
         if not colour.colour_is_defined(np.asarray(wavelength_nm)):
             raise TwilightError("output.tone_mapping: camera needs wavelengths from 480 nm or less to 600 nm or more")
+        colour.warn_of_wrong_colour(wavelength_nm)
         gains, _ = balance(self.sensor, self.white_balance_k)
         luminance = spectrum.LUMINOUS_EFFICACY_LM_PER_W * spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
         red, green, blue = (sensor_response(self.sensor) * gains).T[..., None]

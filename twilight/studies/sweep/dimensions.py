@@ -9,7 +9,6 @@ from typing import Any
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
-from twilight.config.climate import Climate
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevations, SunInterval, SunTimes
 from twilight.config.vary import LATIN_HYPERCUBE, LIST, Axis
@@ -94,30 +93,6 @@ def everywhere_observer(axes: Iterable[Axis], first: Config) -> bool:
 def solver_of(config: Config) -> str:
     """Name of the solver of a configuration."""
     return config.solver.get("name", solvers.DEFAULT)
-
-
-def describe_key(key: str) -> tuple[str, str]:
-    """(unit, one line of help) of a dotted key, empty where there is none."""
-    parts = key.removeprefix("climate.").split(".")
-    for model in (Config, Climate):
-        owner: Any = model
-        info = None
-        for part in parts:
-            info = next((m.model_fields[part] for m in _models(owner) if part in m.model_fields), None)
-            if info is None:
-                break
-            owner = info.annotation
-        if info is not None:
-            extra = info.json_schema_extra
-            return (str(extra.get("unit", "")) if isinstance(extra, dict) else "", info.description or "")
-    return "", ""
-
-
-def _models(annotation: Any) -> list[Any]:
-    """All models in an annotation, through unions."""
-    if hasattr(annotation, "model_fields"):
-        return [annotation]
-    return [model for inner in getattr(annotation, "__args__", ()) for model in _models(inner)]
 
 
 def _own_suns(axes: tuple[Axis, ...], first: Config, where: str) -> Dimension | None:

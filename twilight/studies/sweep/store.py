@@ -19,14 +19,15 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.base.conventions import STOKES_REFERENCE
 from twilight.base.errors import TwilightError
 from twilight.io.journal import Journal, open_journal, read_journal
+from twilight.io.labels import attributes
 from twilight.io.provenance import differences, to_json
 from twilight.numerics.spectrum import solar_irradiance
-from twilight.studies.sweep.dimensions import describe_key, variable_name
+from twilight.studies.sweep.dimensions import variable_name
+from twilight.studies.sweep.labels import key_attributes
 from twilight.studies.sweep.sweep import Sweep
-from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, DatasetBlock, Task
+from twilight.studies.sweep.task import STANDARD_ERROR, DatasetBlock, Task
 from twilight.studies.sweep.work import TaskResult
 
 JOURNAL = "tasks.jsonl"
@@ -172,8 +173,8 @@ def _finished(path: Path) -> dict[str, dict[str, Any]]:
 
 def _check_same(path: Path, sweep: Sweep) -> None:
     try:
-        attributes = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
-        stored, stored_hash = json.loads(attributes["sweep"]), attributes["sweep_hash"]
+        written = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
+        stored, stored_hash = json.loads(written["sweep"]), written["sweep_hash"]
     except (OSError, ValueError, KeyError, TypeError):
         raise TwilightError(f"{path}: is there and is not the dataset of a sweep; give another --output") from None
     if stored_hash != sweep.hash:
@@ -238,7 +239,7 @@ def _results(group: Any, sweep: Sweep) -> None:
     grid = (sweep.elevation_deg.size, sweep.azimuth_deg.size, sweep.wavelength_nm.size)
     names = tuple(d.name for d in sweep.dimensions)
 
-    def add(name: str, last: tuple[str, ...], shape: tuple[int, ...], **attributes: str) -> None:
+    def add(name: str, last: tuple[str, ...], shape: tuple[int, ...], **more: str) -> None:
         from numcodecs import CRC32, Blosc
 
         group.create_array(
@@ -250,31 +251,15 @@ def _results(group: Any, sweep: Sweep) -> None:
             filters=[CRC32()],
             compressors=[Blosc(cname="zstd", clevel=5, shuffle=Blosc.SHUFFLE)],
             chunk_key_encoding={"name": "v2", "separator": "/"},
-            attributes={"_ARRAY_DIMENSIONS": [*names, *last], **attributes},
+            attributes={"_ARRAY_DIMENSIONS": [*names, *last], **attributes(name), **more},
         )
 
-    add(
-        _RADIANCE,
-        _DIRECTIONS,
-        grid,
-        units="sr-1",
-        long_name="spectral radiance of the sky divided by the solar irradiance on top of the air",
-        **({"ancillary_variables": STANDARD_ERROR} if STANDARD_ERROR in sweep.layers else {}),
-    )
-    about = {STANDARD_ERROR: f"standard error of {_RADIANCE}"}
-    about |= {name: f"Stokes parameter {name[-1].upper()} divided by the solar irradiance" for name in STOKES}
-    about |= {name: f"standard error of {_RADIANCE}_{name[-1]}" for name in STOKES_ERROR}
+    ancillary = {"ancillary_variables": STANDARD_ERROR} if STANDARD_ERROR in sweep.layers else {}
+    add(_RADIANCE, _DIRECTIONS, grid, **ancillary)
     for name in sweep.layers:
-        comment = {"comment": STOKES_REFERENCE} if name in STOKES else {}
-        add(name, _DIRECTIONS, grid, units="sr-1", long_name=about[name], **comment)
-    add(
-        "direct_irradiance_factor",
-        ("wavelength",),
-        grid[2:],
-        units="1",
-        long_name="irradiance of the sun's beam at the observer, normal to it, divided by that on top of the air",
-    )
-    add("solar_bending", (), (), units="degree", long_name="apparent minus true elevation of the sun")
+        add(name, _DIRECTIONS, grid)
+    add("direct_irradiance_factor", ("wavelength",), grid[2:])
+    add("solar_bending", (), ())
     _array(
         group,
         "status",
@@ -286,40 +271,22 @@ def _results(group: Any, sweep: Sweep) -> None:
 
 
 def _coordinates(group: Any, sweep: Sweep) -> None:
-    _array(group, "wavelength", ("wavelength",), sweep.wavelength_nm, units="nm", long_name="wavelength in vacuum")
-    _array(
-        group,
-        "elevation",
-        ("elevation",),
-        sweep.elevation_deg,
-        units="degree",
-        long_name="elevation of the line of sight above the geometric horizon",
-    )
-    _array(
-        group,
-        "azimuth",
-        ("azimuth",),
-        sweep.azimuth_deg,
-        units="degree",
-        long_name="azimuth of the line of sight relative to the sun, clockwise seen from above",
-    )
-    _array(
-        group,
-        "solar_irradiance",
-        ("wavelength",),
-        solar_irradiance(sweep.wavelength_nm, sweep.first.solar_spectrum, 1.0),
-        units="W m-2 nm-1",
-        long_name="solar irradiance on top of the atmosphere at 1 au",
-    )
+    for name, values in (
+        ("wavelength", sweep.wavelength_nm),
+        ("elevation", sweep.elevation_deg),
+        ("azimuth", sweep.azimuth_deg),
+    ):
+        _array(group, name, (name,), values, **attributes(name))
+    irradiance = solar_irradiance(sweep.wavelength_nm, sweep.first.solar_spectrum, 1.0)
+    about = attributes("solar_irradiance") | {"comment": "on top of the atmosphere, at 1 au"}
+    _array(group, "solar_irradiance", ("wavelength",), irradiance, **about)
     for dimension in sweep.dimensions:
         if dimension.axis is None:
             _own_suns(group, sweep, dimension.name)
             continue
         for key in dimension.axis.points[0]:
             values = _plain([point[key] for point in dimension.axis.points])
-            unit, text = describe_key(key)
-            attributes = {"units": unit, "long_name": text, "key": key}
-            _array(group, variable_name(key), (dimension.name,), values, **{k: v for k, v in attributes.items() if v})
+            _array(group, variable_name(key), (dimension.name,), values, **key_attributes(key))
     _sun_positions(group, sweep)
 
 
@@ -331,10 +298,10 @@ def _own_suns(group: Any, sweep: Sweep, name: str) -> None:
     positions = [sweep.position(scene) for scene in scenes]
     if name == "time":
         values = np.array([p.time_s for p in positions], float)
-        _array(group, name, (name,), values, units="seconds since 1970-01-01 00:00:00", calendar="standard")
+        _array(group, name, (name,), values, calendar="standard", **attributes(name))
     else:
         values = np.array([p.sun_elevation_deg for p in positions])
-        _array(group, name, (name,), values, units="deg", long_name="true (unrefracted) elevation of the sun")
+        _array(group, name, (name,), values, **attributes(name))
 
 
 def _sun_positions(group: Any, sweep: Sweep) -> None:
@@ -349,10 +316,9 @@ def _sun_positions(group: Any, sweep: Sweep) -> None:
         position = sweep.position(tuple(next(along) if moved else 0 for moved in moves))
         azimuth = np.nan if position.sun_azimuth_deg is None else position.sun_azimuth_deg
         values[(slice(None), *index)] = position.sun_elevation_deg, azimuth, position.distance_au
-    _array(group, "solar_elevation_angle", names, values[0], units="degree", long_name="true elevation of the sun")
-    if not np.isnan(values[1]).all():
-        _array(group, "solar_azimuth_angle", names, values[1], units="degree", long_name="clockwise from north")
-    _array(group, "earth_sun_distance", names, values[2], units="astronomical_unit", long_name="distance to the sun")
+    for name, found in zip(("solar_elevation_angle", "solar_azimuth_angle", "earth_sun_distance"), values, strict=True):
+        if not np.isnan(found).all():
+            _array(group, name, names, found, **attributes(name))
 
 
 def _plain(values: list[Any]) -> np.ndarray:
@@ -362,13 +328,13 @@ def _plain(values: list[Any]) -> np.ndarray:
     return np.array([v if isinstance(v, str) else to_json(v) for v in values])
 
 
-def _array(group: Any, name: str, dimensions: Any, values: np.ndarray, **attributes: Any) -> None:
+def _array(group: Any, name: str, dimensions: Any, values: np.ndarray, **about: Any) -> None:
     array = group.create_array(
         name,
         shape=values.shape,
         chunks=values.shape or "auto",
         dtype=values.dtype,
         fill_value=None,
-        attributes={"_ARRAY_DIMENSIONS": list(dimensions), **attributes},
+        attributes={"_ARRAY_DIMENSIONS": list(dimensions), **about},
     )
     array[...] = values
