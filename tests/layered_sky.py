@@ -13,6 +13,10 @@ from twilight.atmosphere.medium import Medium
 from twilight.numerics.phase import PhaseFunction
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(6)
+UNSEEN = 1e-20
+"""What a point of a line of sight may add to L/F0 [sr^-1] at most for no ray to the sun to be followed from it."""
+RAYS_AT_ONCE = 2000
+"""Rays to the sun that are followed together: of 20 levels, some tens of megabytes."""
 
 
 def layered(base: float, thickness: float, depth: float, ramp_km: float = 0.0, g: float = 0.7) -> Medium:
@@ -71,16 +75,31 @@ def _points(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (edges[:-1] + half)[:, None] + half[:, None] * NODE, half[:, None] * WEIGHT
 
 
-def depth_to_space(medium: Medium, r: float, cos_zenith: float) -> float:
-    """Optical depth from the radius r [km] along a straight ray; infinite where it meets the ground."""
-    perigee, start = r * np.sqrt(max(0.0, 1.0 - cos_zenith**2)), r * cos_zenith
-    if cos_zenith < 0 and perigee < medium.earth_radius_km:
-        return np.inf
-    top = medium.earth_radius_km + medium.top_km
-    edges = _crossings(medium, perigee, start, np.sqrt((top - perigee) * (top + perigee)))
-    edges = np.unique(np.concatenate([np.linspace(a, b, 2 + int((b - a) / 20.0)) for a, b in pairwise(edges)]))
-    t, weight = _points(edges)
-    return float((_extinction(medium, perigee, t)[0] * weight).sum())
+def depth_to_space(medium: Medium, r, cos_zenith) -> np.ndarray:
+    """Optical depths from the radii r [km] along straight rays; infinite where one meets the ground.
+
+    All rays at once: pieces of no length do nothing.
+    """
+    r, cos_zenith = np.broadcast_arrays(np.asarray(r, dtype=float), np.asarray(cos_zenith, dtype=float))
+    shape, r, cos_zenith = r.shape, r.ravel(), cos_zenith.ravel()
+    perigee, start = r * np.sqrt(np.maximum(0.0, 1.0 - cos_zenith**2)), r * cos_zenith
+    depth = np.where((cos_zenith < 0.0) & (perigee < medium.earth_radius_km), np.inf, 0.0)
+    free = np.flatnonzero(np.isfinite(depth))
+    levels = medium.earth_radius_km + np.unique(medium.altitude_km)
+    for some in np.array_split(free, 1 + free.size // RAYS_AT_ONCE):
+        p, low = perigee[some, None], start[some, None]
+        t = np.sqrt(np.maximum(0.0, (levels - p) * (levels + p)))  # (rays, levels), up to the top
+        marks = np.sort(np.clip(np.hstack([t, -t, 0.0 * low, low]), low, t[:, -1:]), axis=1)
+        begin, length = marks[:, :-1].ravel(), np.diff(marks, axis=1).ravel()
+        parts = np.where(length > 0.0, 1 + (length / 20.0).astype(int), 0)
+        piece = np.repeat(np.arange(length.size), parts)
+        part = np.arange(piece.size) - np.repeat(np.cumsum(parts) - parts, parts)
+        half = 0.5 * (length / np.maximum(parts, 1))[piece]
+        ray = piece // (marks.shape[1] - 1)
+        at = (begin[piece] + (2 * part + 1) * half)[:, None] + half[:, None] * NODE
+        inside = (_extinction(medium, p[ray], at)[0] * WEIGHT).sum(axis=1) * half
+        depth[some] = np.bincount(ray, inside, minlength=some.size)
+    return depth.reshape(shape)
 
 
 def scattered_once(medium: Medium, observer_km: float, elevation_deg: float, azimuth_deg: float, sun_deg: float):
@@ -123,8 +142,5 @@ def scattered_once(medium: Medium, observer_km: float, elevation_deg: float, azi
     s = t - start
     r = radius + z
     cos_sun = (r0 * np.sin(h) + s * cosine) / r
-    total = 0.0
-    for i in np.ndindex(s.shape):
-        if source[i] > 1e-25 * source.max():
-            total += source[i] * np.exp(-depth_to_space(medium, r[i], cos_sun[i]))
-    return total
+    seen = source > UNSEEN
+    return float(source[seen] @ np.exp(-depth_to_space(medium, r[seen], cos_sun[seen])))
