@@ -1,6 +1,7 @@
 """Fixtures of several files, the order of files, thirds of the long tests; no test finds a field left on disk."""
 
 import csv
+import functools
 import hashlib
 import os
 import pickle
@@ -9,6 +10,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hazy_zones import SCALAR
 from rendering import plain, table
 from sweeping import log, toy
@@ -95,6 +97,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def coarse_draft(monkeypatch):
     """`draft` of `zones` is coarser than it is, for tests of what is done with a sky, whatever it looks like."""
     monkeypatch.setitem(zones.QUALITIES, "draft", SCALAR)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def the_command_line_is_built_once():
+    """`CliRunner` builds all commands with their options anew for every call, which takes 0.05 s."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", functools.cache(typer.testing._get_command))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

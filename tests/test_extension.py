@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.registry import Registry
+from twilight.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "docs" / "examples" / "extension"
@@ -29,48 +32,46 @@ def installed(tmp_path_factory):
     return folder
 
 
-def twilight(installed, folder, *words):
+CALLS = """
+import json, sys
+from typer.testing import CliRunner
+from twilight.cli.app import app
+for words in json.loads(sys.argv[1]):
+    done = CliRunner().invoke(app, words)
+    print(json.dumps([done.exit_code, done.stdout, done.stderr]))
+"""
+
+
+def twilight(installed, folder, *commands):
+    """(exit code, output, errors) of commands, one after the other in one process beside what is installed."""
     env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(installed), str(ROOT)])}
-    command = [sys.executable, "-m", "twilight", *words]
-    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=120)
+    command = [sys.executable, "-c", CALLS, json.dumps(commands)]
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=120, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(installed, tmp_path):
-    words = [
-        "render",
-        "pure-air",
-        "--sun-elevation",
-        "5",
-        "--solver",
-        "uniform",
-        "--set",
-        "solver.radiance=0.02",
-        *SMALL,
-    ]
-    done = twilight(installed, tmp_path, *words, "--only", "luminance-csv,h5", "--output", "out")
-    assert done.returncode == 0, done.stderr
+    uniform = ["render", "pure-air", "--sun-elevation", "5", "--solver", "uniform", *SMALL]
+    words = [*uniform, "--set", "solver.radiance=0.02", "--only", "luminance-csv,h5", "--output", "out"]
+    slips = ([*uniform, "--set", f"solver.{slip}"] for slip in ("radiance=-1", "radiants=1"))
+    done, again, listed, wrong, misspelt = twilight(installed, tmp_path, words, words, ["solvers", "uniform"], *slips)
+    assert done[0] == 0, done
     assert {"sky.h5", "sky.luminance.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
     luminance = np.loadtxt(tmp_path / "out" / "sky.luminance.csv", delimiter=",")
     assert luminance.shape == (6, 24) and luminance.min() > 0.0 and np.ptp(luminance) == 0.0
-    again = twilight(installed, tmp_path, *words, "--only", "luminance-csv,h5", "--output", "out")
-    assert again.returncode == 0 and "1 of 1 were there already" in again.stderr
-    listed = twilight(installed, tmp_path, "solvers", "uniform").stdout
-    assert "sun-normalised [sr^-1]" in listed
+    assert again[0] == 0 and "1 of 1 were there already" in again[2]
+    assert "sun-normalised [sr^-1]" in listed[1]
+    # a slip in its options is one sentence
+    assert wrong[0] == 2 and "allowed is 0 and more" in wrong[2] and "Traceback" not in wrong[2]
+    assert misspelt[0] == 2 and "did you mean radiance" in misspelt[2]
 
 
-def test_a_slip_in_its_options_is_one_sentence(installed, tmp_path):
-    words = ("render", "pure-air", "--sun-elevation", "5", "--solver", "uniform", *SMALL)
-    done = twilight(installed, tmp_path, *words, "--set", "solver.radiance=-1")
-    assert done.returncode == 2 and "allowed is 0 and more" in done.stderr and "Traceback" not in done.stderr
-    done = twilight(installed, tmp_path, *words, "--set", "solver.radiants=1")
-    assert done.returncode == 2 and "did you mean radiance" in done.stderr
-
-
-def test_without_the_package_its_names_are_unknown(tmp_path):
-    done = twilight(tmp_path, tmp_path, "render", "pure-air", "--solver", "uniform", "--sun-elevation", "5")
-    assert done.returncode == 2 and "uniform is not a solver" in done.stderr
-    done = twilight(tmp_path, tmp_path, "render", "pure-air", "--only", "luminance-csv", "--sun-elevation", "5")
-    assert done.returncode == 2 and "is not a file of a render" in done.stderr
+def test_without_the_package_its_names_are_unknown():
+    render = ["render", "pure-air", "--sun-elevation", "5"]
+    done = CliRunner().invoke(app, [*render, "--solver", "uniform"])
+    assert done.exit_code == 2 and "uniform is not a solver" in done.stderr
+    done = CliRunner().invoke(app, [*render, "--only", "luminance-csv"])
+    assert done.exit_code == 2 and "is not a file of a render" in done.stderr
 
 
 def registry_with(monkeypatch, name, value):

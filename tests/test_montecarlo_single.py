@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from layered_sky import depth_to_space
 from montecarlo_media import assert_all_agree, hazy_earth
 from scipy.optimize import bisect
 
@@ -58,51 +59,51 @@ def depth_along(medium, s, weight, z):
 
 
 def straight_beam(medium, z, cos_sun):
-    """Transmittance to the sun along straight rays, and no bending; cells of 20 and of 2 km differ by 1e-5 of it."""
-    if cos_sun < 0 and (medium.earth_radius_km + z) * np.sqrt(1 - cos_sun**2) < medium.earth_radius_km:
-        return 0.0, 0.0
-    _, weight, zz, _, _ = line(medium, z, np.degrees(np.arcsin(cos_sun)), cell_km=20.0)
-    return np.exp(-(medium.at(zz).extinction[..., 0] * weight).sum()), 0.0
+    """Transmittance to the sun along straight rays, and no bending."""
+    return np.exp(-depth_to_space(medium, medium.earth_radius_km + z, cos_sun)), 0.0 * z
+
+
+def bent_beam(beam, z, cos_sun):
+    """Irradiance over F0 and bending, one point after the other."""
+    found = np.array([beam_at_one(beam, *one, 0) for one in zip(z.ravel(), cos_sun.ravel(), strict=True)])
+    return tuple(column.reshape(z.shape) for column in found.T)
 
 
 def single_scattering(medium, height, sun_deg, elevation_deg, azimuth_deg, beam):
-    """L/F0 [sr^-1] by quadrature; `beam(z, cos_sun)` gives irradiance and bending."""
+    """L/F0 [sr^-1] by quadrature; `beam(z, cos_sun)` gives irradiance and bending of arrays."""
     e, a, h = np.radians([elevation_deg, azimuth_deg, sun_deg])
     d = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     sun = np.array([np.cos(h), 0.0, np.sin(h)])
     start = np.array([0.0, 0.0, medium.earth_radius_km + height])
 
-    def towards_sun(point):
-        up = point / np.linalg.norm(point)
+    def towards_sun(x):
+        """Irradiance (...) at distances [km], the sunlight's apparent direction and the vertical (..., 3)."""
+        point = start + np.asarray(x)[..., None] * d
+        r = np.linalg.norm(point, axis=-1)
+        up = point / r[..., None]
         cos_sun = up @ sun
-        irradiance, bending = beam(np.linalg.norm(point) - medium.earth_radius_km, cos_sun)
-        across = (up - cos_sun * sun) / np.sqrt(1 - cos_sun**2)
-        return irradiance, np.cos(bending) * sun + np.sin(bending) * across, up
+        irradiance, bending = (one[..., None] for one in beam(r - medium.earth_radius_km, cos_sun))
+        across = (up - cos_sun[..., None] * sun) / np.sqrt(1 - cos_sun[..., None] ** 2)
+        return irradiance[..., 0], np.cos(bending) * sun + np.sin(bending) * across, up
 
     # a cell ends where the shadow does: without that one node decides the third digit
     s, weight, z, lands, end = line(medium, height, elevation_deg)
-    lit = [towards_sun(start + x * d)[0] > 0.0 for x in s.ravel()]
+    lit = towards_sun(s.ravel())[0] > 0.0
     edges = [
-        bisect(lambda x: (towards_sun(start + x * d)[0] > 0.0) - 0.5, s.ravel()[i], s.ravel()[i + 1], xtol=1e-9)
-        for i in range(s.size - 1)
-        if lit[i] != lit[i + 1]
+        bisect(lambda x: (towards_sun(x)[0] > 0.0) - 0.5, s.ravel()[i], s.ravel()[i + 1], xtol=1e-9)
+        for i in np.flatnonzero(lit[1:] != lit[:-1])
     ]
     s, weight, z, lands, end = line(medium, height, elevation_deg, edges)
     depth, whole = depth_along(medium, s, weight, z)
-    total = 0.0
     rho = medium.depolarisation[0]
-    for i in np.ndindex(s.shape):
-        irradiance, apparent, _ = towards_sun(start + s[i] * d)
-        if irradiance == 0.0:
-            continue
-        mu = float(np.clip(apparent @ d, -1, 1))
-        c = medium.at(z[i])
-        rayleigh = 3 / (8 * np.pi * (2 + rho)) * ((1 + rho) + (1 - rho) * mu**2)
-        source = c.air_scattering[0] * rayleigh
-        source += c.aerosol_scattering[0] * medium.phase_functions[0](np.array(mu))[0]
-        total += weight[i] * np.exp(-depth[i]) * source * irradiance
+    irradiance, apparent, _ = towards_sun(s)
+    mu = np.clip(apparent @ d, -1, 1)
+    c = medium.at(z)
+    source = c.air_scattering[..., 0] * 3 / (8 * np.pi * (2 + rho)) * ((1 + rho) + (1 - rho) * mu**2)
+    source += c.aerosol_scattering[..., 0] * medium.phase_functions[0](mu)[0]
+    total = (weight * np.exp(-depth) * source * irradiance).sum()
     if lands:
-        irradiance, apparent, up = towards_sun(start + end * d)
+        irradiance, apparent, up = towards_sun(end)
         total += np.exp(-whole) * medium.ground_albedo[0] / np.pi * irradiance * max(0.0, apparent @ up)
     return float(total)
 
@@ -138,7 +139,7 @@ def test_single_scattering_straight():
 
 def test_single_scattering_refracted():
     """With the refracted beam: fails if sunlight's bending or spreading is applied wrongly."""
-    compare(hazy_earth(), True, lambda field: lambda z, c: beam_at_one(field.sun.beam, z, c, 0))
+    compare(hazy_earth(), True, lambda field: lambda z, c: bent_beam(field.sun.beam, z, c))
 
 
 def test_refraction_brightens_twilight():

@@ -52,9 +52,13 @@ def test_transmittance_is_that_of_the_air(air, field):
         np.testing.assert_allclose(found, np.exp(-depth), rtol=1e-3)
 
 
+@pytest.fixture(scope="module")
+def reference(air):
+    return montecarlo.prepare(air, MonteCarloSettings(samples=300), observer_altitude_km=ALTITUDE)
+
+
 @pytest.mark.parametrize("sun", [20.0, -4.0])
-def test_zones_against_the_reference_solution(air, field, sun):
-    reference = montecarlo.prepare(air, MonteCarloSettings(samples=300), observer_altitude_km=ALTITUDE)
+def test_zones_against_the_reference_solution(field, reference, sun):
     found, seen = reference.inscatter_with_error(sun, ELEVATION, AZIMUTH, DISTANCE)
     light, passed = ask(field, sun, DISTANCE)
     scale = field.radiance(sun, ELEVATION, AZIMUTH, observer_altitude_km=ALTITUDE).max()
