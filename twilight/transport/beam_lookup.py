@@ -18,6 +18,7 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.transport.beam_edges import dispersion_lag, edge_depth
+from twilight.transport.beam_interpolation import bicubic, cubic, even_nodes, weights
 
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
@@ -88,20 +89,6 @@ class Beam(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def _weights(f):
-    """Cubic Lagrange weights for nodes 0, 1, 2, 3.
-
-    f: the position among them, 0 to 3.
-    """
-    a = f - 1.0
-    b = f - 2.0
-    c = f - 3.0
-    bc = b * c
-    fa = f * a
-    return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
-
-
-@njit(cache=True, inline="always")
 def _locate(pool, index, value, low, bins, at, n, at_hash):
     """First of four nodes and the position behind it (0..3) for the value of a coordinate that is cut in segments.
 
@@ -126,19 +113,9 @@ def _locate(pool, index, value, low, bins, at, n, at_hash):
 
 
 @njit(cache=True, inline="always")
-def _uniform(position, n):
-    """First of four nodes and the position behind it.
-
-    position: 0 to n, among n + 1 nodes; n: number of intervals, 3 or more.
-    """
-    first = min(n - 3, max(0, int(position) - 1))
-    return first, position - first
-
-
-@njit(cache=True, inline="always")
-def _cubic(pool, at, w0, w1, w2, w3):
-    """Four values of the pool from the place `at` on, weighted."""
-    return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
+def _limb_node(pool, index, p):
+    """First of four nodes among the rays' lowest points, and the position behind it, of the invariant p [km]."""
+    return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
 
 
 @njit(cache=True, inline="always")
@@ -158,7 +135,7 @@ def _ray(pool, index, z, c):
     u = r * c
     lit = c >= 0.0 or p >= p_ground * TOUCHING
     if index[REFRACTING] == 1:
-        w0, w1, w2, w3 = _weights(fz)
+        w0, w1, w2, w3 = weights(fz)
         k = index[AT_ALTITUDE] + 2 * jz
         edge = w0 * pool[k + 1] + w1 * pool[k + 3] + w2 * pool[k + 5] + w3 * pool[k + 7]
         edge = pool[EDGE] + math.copysign(math.sqrt(abs(edge)), edge)
@@ -188,21 +165,19 @@ def _ray(pool, index, z, c):
             cos_i = c * cb + s * sb
             a = abs(cos_i)
             n_c = index[N_COSINE]
-            m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
-            v0, v1, v2, v3 = _weights(fm)
+            m, fm = even_nodes(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
+            v0, v1, v2, v3 = weights(fm)
             row = n_c + 1
             k = index[AT_UP_BENDING] + jz * row + m
-            value = w0 * _cubic(pool, k, v0, v1, v2, v3)
-            value += w1 * _cubic(pool, k + row, v0, v1, v2, v3)
-            value += w2 * _cubic(pool, k + 2 * row, v0, v1, v2, v3)
-            value += w3 * _cubic(pool, k + 3 * row, v0, v1, v2, v3)
+            value = w0 * cubic(pool, k, v0, v1, v2, v3)
+            value += w1 * cubic(pool, k + row, v0, v1, v2, v3)
+            value += w2 * cubic(pool, k + 2 * row, v0, v1, v2, v3)
+            value += w3 * cubic(pool, k + 3 * row, v0, v1, v2, v3)
             if cos_i < 0.0:
                 p = x * (s * cb - c * sb)
-                ky, fy = _locate(
-                    pool, index, p, p_ground, pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
-                )
-                v0, v1, v2, v3 = _weights(fy)
-                value = _cubic(pool, index[AT_LIMB_BENDING] + ky, v0, v1, v2, v3) - value
+                ky, fy = _limb_node(pool, index, p)
+                v0, v1, v2, v3 = weights(fy)
+                value = cubic(pool, index[AT_LIMB_BENDING] + ky, v0, v1, v2, v3) - value
             bending = max(0.0, bending + (value - bending) / (1.0 + slope))
             sb = math.sin(bending)
             cb = math.cos(bending)
@@ -228,38 +203,14 @@ def _ray_from_space(pool, index, z, c):
         return False, 0.0, 0.0, 0.0
     for _ in range(48):
         p = 0.5 * (lo + hi)
-        ky, fy = _locate(
-            pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH]
-        )
-        w0, w1, w2, w3 = _weights(fy)
-        bending = _cubic(pool, index[AT_LIMB_BENDING] + ky, w0, w1, w2, w3)
+        ky, fy = _limb_node(pool, index, p)
+        w0, w1, w2, w3 = weights(fy)
+        bending = cubic(pool, index[AT_LIMB_BENDING] + ky, w0, w1, w2, w3)
         if math.pi - math.asin(p / r) + bending > chi:
             lo = p
         else:
             hi = p
     return True, bending, p, -math.sqrt((r - p) * (r + p))
-
-
-@njit(cache=True, inline="always")
-def _bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
-    """Sixteen values of the pool at `at` + i row + k step, weighted with w_i v_k, i and k being 0 to 3.
-
-    row, step: distances in the pool between nodes of the first and of the second coordinate.  Unsigned offsets save the
-    inner loop a test for negative indices.
-    """
-    k0 = np.uint64(at)
-    s1 = np.uint64(step)
-    s2 = s1 + s1
-    s3 = s2 + s1
-    k1 = k0 + np.uint64(row)
-    k2 = k1 + np.uint64(row)
-    k3 = k2 + np.uint64(row)
-    return (
-        w0 * (v0 * pool[k0] + v1 * pool[k0 + s1] + v2 * pool[k0 + s2] + v3 * pool[k0 + s3])
-        + w1 * (v0 * pool[k1] + v1 * pool[k1 + s1] + v2 * pool[k1 + s2] + v3 * pool[k1 + s3])
-        + w2 * (v0 * pool[k2] + v1 * pool[k2 + s1] + v2 * pool[k2 + s2] + v3 * pool[k2 + s3])
-        + w3 * (v0 * pool[k3] + v1 * pool[k3 + s1] + v2 * pool[k3 + s2] + v3 * pool[k3 + s3])
-    )
 
 
 @njit(cache=True, inline="always")
@@ -285,14 +236,8 @@ def _place_up(index, p, u, jz):
     """
     n_c = index[N_COSINE]
     a = abs(u) / math.sqrt(u * u + p * p)
-    m, fm = _uniform(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
+    m, fm = even_nodes(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
     return index[AT_UP] + (jz * (n_c + 1) + m) * index[N_W], fm
-
-
-@njit(cache=True, inline="always")
-def _limb_node(pool, index, p):
-    """First of four nodes among the rays' lowest points, and the position behind it, of the invariant p [km]."""
-    return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
 
 
 @njit(cache=True, inline="always")
@@ -300,14 +245,14 @@ def _place_down(pool, index, p, u):
     """(first distance node, position behind it, shift of the lowest point per unit of dispersion [km])."""
     n_d = index[N_DISTANCE]
     a = u / (u - NEAR_KM) * ((MAX_DISTANCE_KM + NEAR_KM) / MAX_DISTANCE_KM)
-    d, fd = _uniform(min(1.0, a) * n_d, n_d)
+    d, fd = even_nodes(min(1.0, a) * n_d, n_d)
     shift = 0.0
     if index[DISPERSING] == 1:
         ky, fy = _limb_node(pool, index, p)
-        w0, w1, w2, w3 = _weights(fy)
-        v0, v1, v2, v3 = _weights(fd)
+        w0, w1, w2, w3 = weights(fy)
+        v0, v1, v2, v3 = weights(fd)
         row = n_d + 1
-        shift = _bicubic(pool, index[AT_SHIFT] + ky * row + d, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+        shift = bicubic(pool, index[AT_SHIFT] + ky * row + d, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
     return d, fd, shift
 
 
@@ -348,12 +293,12 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
         out[w] = -pool[k + w]
     if jz >= 0:
         at, fm = _place_up(index, p, u, jz)
-        w0, w1, w2, w3 = _weights(fz)
-        v0, v1, v2, v3 = _weights(fm)
+        w0, w1, w2, w3 = weights(fz)
+        v0, v1, v2, v3 = weights(fm)
         sign = 1.0 if u >= 0.0 else -1.0
         row = (index[N_COSINE] + 1) * n_w
         for w in range(n_w):
-            out[w] += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
+            out[w] += sign * bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
     xx = p * p + u * u
     if u >= 0.0:
         for w in range(n_w):
@@ -363,10 +308,10 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
             out[w] = math.exp(min(out[w], LARGEST_LOG))
         return bending
     d, fd, shift = _place_down(pool, index, p, u)
-    v0, v1, v2, v3 = _weights(fd)
+    v0, v1, v2, v3 = weights(fd)
     row = index[N_DISTANCE] + 1
     ky, fy = _limb_node(pool, index, p)
-    w0, w1, w2, w3 = _weights(fy)
+    w0, w1, w2, w3 = weights(fy)
     factor = 1.0 / (1.0 - u / pool[FAR])
     limit = LARGEST_LOG - math.log(factor)
     for w in range(n_w):
@@ -378,9 +323,9 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
                 out[w] = 0.0
                 continue
             ky, fy = _limb_node(pool, index, own)
-            w0, w1, w2, w3 = _weights(fy)
+            w0, w1, w2, w3 = weights(fy)
         k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
-        value = out[w] + _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+        value = out[w] + bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
         own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
         value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
         out[w] = factor * math.exp(min(value, limit))
@@ -412,11 +357,11 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     value = -pool[index[AT_OVERHEAD] + w]
     if jz >= 0:
         at, fm = _place_up(index, p, u, jz)
-        w0, w1, w2, w3 = _weights(fz)
-        v0, v1, v2, v3 = _weights(fm)
+        w0, w1, w2, w3 = weights(fz)
+        v0, v1, v2, v3 = weights(fm)
         sign = 1.0 if u >= 0.0 else -1.0
         row = (index[N_COSINE] + 1) * n_w
-        value += sign * _bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
+        value += sign * bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
     xx = p * p + u * u
     if u >= 0.0:
         if jz >= 0:
@@ -427,12 +372,12 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     own = p + pool[index[AT_DISPERSION] + w] * shift
     if own < pool[P_GROUND] * TOUCHING:
         return 0.0, bending
-    v0, v1, v2, v3 = _weights(fd)
+    v0, v1, v2, v3 = weights(fd)
     ky, fy = _limb_node(pool, index, own)
-    w0, w1, w2, w3 = _weights(fy)
+    w0, w1, w2, w3 = weights(fy)
     row = index[N_DISTANCE] + 1
     k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
-    value += _bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
+    value += bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
     own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
     value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
     factor = 1.0 / (1.0 - u / pool[FAR])

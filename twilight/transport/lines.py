@@ -1,14 +1,7 @@
 """Lines of sight as a few points each: straight or bent by refraction, short steps where the air changes.
 
-A line is followed by fourth-order Runge-Kutta steps in altitude z, geocentric angle psi and the elevation a of the ray
-above the local horizontal,
-    dz/ds = sin a,   dpsi/ds = cos a / (R + z),   da/ds = cos a (1/(R + z) + d ln n/dz),
-which pass a lowest point without a singularity; with n = 1 the line is straight.
-
-A step is never longer than about 0.7 optical depths.  It ends where the line turns (sin a = 0), so that the altitude
-goes one way within it, and at every one of the profile's `stop_km`, between which the air changes smoothly: a step
-whose end lies beyond a stop is shortened to end on it.  So no layer, however thin, is stepped over.  Within a step
-optical depth and scattered light are two-point Gauss sums.
+A line is followed by the steps of `ray_steps`.  Within a step optical depth and scattered light are two-point Gauss
+sums.
 
 Arguments that the kernels share: profile: `Profile`; altitude_km, z [km]: of the point; psi [rad]: geocentric angle
 from the start of the line; a [rad]: elevation of the line at the point; travelled, s [km]: its length up to there.
@@ -25,7 +18,8 @@ from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.jit.kernels import njit
 from twilight.numerics.geometry import distance_to_sphere
-from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, Profile, locate
+from twilight.transport.profile import Profile, locate
+from twilight.transport.ray_steps import advance, step, step_length
 
 GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)
 """The nearer of the two Gauss points of a step, as a fraction of it."""
@@ -54,12 +48,6 @@ THICK_FINENESS = 1.0
 With 0.4, 1.7 optical depths a step, thick haze was 3 % too bright after tens of orders of scattering.
 """
 
-DEEP = 8.0
-"""Optical depth at the clearest of the wavelengths that steps are made for, behind which steps in thick air grow."""
-
-DEEP_GROWTH = 5.0
-"""Largest factor by which steps grow behind DEEP, with the square of the optical depth."""
-
 DARK = 40.0
 """Optical depth at the clearest wavelength behind which a line is not followed.
 
@@ -67,23 +55,11 @@ In deep twilight light of a far, lit place is brighter by that much.  With 25, 3
 3.5 % off with the sun at -18 deg.
 """
 
-BLACK = 30.0
-"""Optical depth by which the largest extinction counts as black: it then shortens no step of the other wavelengths."""
-
-LONGEST_STEP_KM = 30.0
-"""Longest step at fineness 1 [km]."""
-
-STEP_DEPTH = 0.7
-"""Optical depth of a step at fineness 1, at the extinction that steps are made for."""
-
 _INSIDE_KM = 1e-9
 """Coefficients at a stop are those this far inside the interval that the step is in [km]."""
 
 _SAME_KM = 1e-9
 """Distances that differ by less are the same [km]."""
-
-SHORTEST_KM = 1e-6
-"""Optical depth shortens no step to less [km]."""
 
 SIGHT_NM = 550.0
 """Wavelength whose index bends lines of sight at all wavelengths [nm]."""
@@ -150,112 +126,6 @@ def horizon_cosine(profile: Profile, altitude_km: np.ndarray) -> np.ndarray:
     return -np.sqrt(-np.expm1(2.0 * log_sine))
 
 
-@njit(cache=True, inline="always")
-def _ray_curvature(profile, z):
-    """da/ds over cos a of a level ray, 1/(R + z) + d ln n/dz, and dpsi/ds over cos a, 1/(R + z), at altitude z."""
-    i, f = locate(profile, z)
-    flat = 1.0 / (profile.earth_radius_km + z)
-    gradient = profile.gradient_per_km
-    return flat + gradient[i] * (1.0 - f) + gradient[i + 1] * f, flat
-
-
-@njit(inner=True, cache=True)
-def advance(profile, z, psi, a, h):
-    """One Runge-Kutta step of length h [km]: altitude z [km], geocentric angle psi and elevation a [rad] at its end."""
-    k1, f1 = _ray_curvature(profile, z)
-    c1, s1 = math.cos(a), math.sin(a)
-    a2 = a + 0.5 * h * c1 * k1
-    k2, f2 = _ray_curvature(profile, z + 0.5 * h * s1)
-    c2, s2 = math.cos(a2), math.sin(a2)
-    a3 = a + 0.5 * h * c2 * k2
-    k3, f3 = _ray_curvature(profile, z + 0.5 * h * s2)
-    c3, s3 = math.cos(a3), math.sin(a3)
-    a4 = a + h * c3 * k3
-    k4, f4 = _ray_curvature(profile, z + h * s3)
-    c4, s4 = math.cos(a4), math.sin(a4)
-    return (
-        z + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4),
-        psi + h / 6.0 * (c1 * f1 + 2.0 * c2 * f2 + 2.0 * c3 * f3 + c4 * f4),
-        a + h / 6.0 * (c1 * k1 + 2.0 * c2 * k2 + 2.0 * c3 * k3 + c4 * k4),
-    )
-
-
-@njit(inner=True, cache=True)
-def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, darkest):
-    """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
-
-    z [km]: inside the interval between stops that the step is in; travelled [km]; fineness: of the steps, 1 is usual;
-    thick_fineness: of steps that follow the extinction; depth: optical depth so far at the clearest wavelength that
-    steps are made for; darkest: optical depth so far of air whose extinction the steps follow
-    """
-    height = max(z - profile.altitude_km[0], 0.0)
-    ds = min(LONGEST_STEP_KM, max(0.4, 0.25 * travelled + 0.02 * height)) / fineness
-    dz = (SMOOTH_STEP_KM + SMOOTH_STEP_GROWTH * height) / fineness
-    # |slope| ds + ds^2 / 2R is the change of altitude
-    ds = min(ds, 2.0 * dz / (abs(slope) + math.sqrt(slope * slope + 2.0 * dz / profile.earth_radius_km)))
-    i, f = locate(profile, z)
-    k_max = profile.thickest_per_km[i] * (1.0 - f) + profile.thickest_per_km[i + 1] * f
-    if k_max * ds * fineness > STEP_DEPTH:
-        followed = profile.guide_per_km[i] * (1.0 - f) + profile.guide_per_km[i + 1] * f >= k_max
-        limit = STEP_DEPTH * min(DEEP_GROWTH, max(1.0, (depth / DEEP) ** 2))
-        shortest = max(limit / (k_max * (thick_fineness if followed else fineness)), SHORTEST_KM)
-        if darkest > BLACK:
-            # a wavelength that is black by now must not use up the steps of the others
-            shortest = max(shortest, 0.25 * travelled / fineness)
-        ds = min(ds, shortest)
-    return ds
-
-
-@njit(cache=True)
-def _step(profile, j, z, psi, a, h):
-    """A step of at most h [km] from (z, psi, a) in the interval stop_km[j]..stop_km[j + 1].
-
-    Returns (h, z, psi, a, j) at its end, on a stop with the interval behind it.
-    """
-    stop = profile.stop_km
-    z_end, psi_end, a_end = advance(profile, z, psi, a, h)
-    if a * a_end < 0.0:
-        curvature = (a_end - a) / h
-        s = h * a / (a - a_end)
-        for _ in range(3):
-            z_end, psi_end, a_end = advance(profile, z, psi, a, s)
-            s = min(h, max(0.0, s - a_end / curvature))
-        h = s
-        z_end, psi_end, _ = advance(profile, z, psi, a, h)
-        a_end = 0.0
-    beyond = 0
-    if z_end > stop[j + 1]:
-        beyond = 1
-    elif z_end < stop[j]:
-        beyond = -1
-    if beyond != 0:
-        target = stop[j + 1] if beyond > 0 else stop[j]
-        low, high = 0.0, h
-        # the altitude is a parabola but for parts in a thousand: its root, then Newton steps kept between bounds
-        b, c = math.sin(a), z - target
-        mean = (z_end - z) / h
-        q = (mean - b) / h
-        root = math.sqrt(max(0.0, b * b - 4.0 * q * c))
-        s = -2.0 * c / (b + beyond * root) if b + beyond * root != 0.0 else 0.0
-        for _ in range(12):
-            if not low <= s <= high:
-                s = 0.5 * (low + high)
-            z_end, psi_end, a_end = advance(profile, z, psi, a, s)
-            miss = z_end - target
-            if abs(miss) < 1e-12 * (1.0 + target):
-                break
-            if miss * beyond > 0.0:
-                high = s
-            else:
-                low = s
-            slope = math.sin(a_end)
-            s = s - miss / slope if abs(slope) > 1e-9 else -1.0
-        h = s if low <= s <= high else 0.5 * (low + high)
-        z_end = target
-        j += beyond
-    return h, z_end, psi_end, a_end, j
-
-
 @njit(cache=True)
 def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=math.inf):
     """Follow a line of sight and fill `line`; returns (number of points, OUT or GROUND).
@@ -310,7 +180,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
         fine, thick_fine = left * fineness, left * max(fineness, THICK_FINENESS)
         h = step_length(profile, inside, math.sin(a), travelled - start, fine, thick_fine, depth, darkest)
         h = min(h, far_km - travelled)
-        h, z_end, psi_end, a_end, j_end = _step(profile, j, z, psi, a, h)
+        h, z_end, psi_end, a_end, j_end = step(profile, j, z, psi, a, h)
         if h > 0.0:
             z0, psi0, a0 = advance(profile, z, psi, a, GAUSS_LOW * h)
             z1, psi1, a1 = advance(profile, z, psi, a, GAUSS_HIGH * h)

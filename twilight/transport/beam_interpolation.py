@@ -1,0 +1,63 @@
+"""Cubic interpolation between four nodes of each coordinate, in the one array that holds all tables of a sunbeam.
+
+Arguments that the kernels share: pool: the array `pool` of `beam_lookup.Beam`; at: place in the pool; (w0, w1, w2, w3),
+(v0, v1, v2, v3): weights of four nodes each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twilight.jit.kernels import njit
+
+
+@njit(cache=True, inline="always")
+def weights(f):
+    """Cubic Lagrange weights for nodes 0, 1, 2, 3.
+
+    f: the position among them, 0 to 3.
+    """
+    a = f - 1.0
+    b = f - 2.0
+    c = f - 3.0
+    bc = b * c
+    fa = f * a
+    return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
+
+
+@njit(cache=True, inline="always")
+def even_nodes(position, n):
+    """First of four nodes and the position behind it.
+
+    position: 0 to n, among n + 1 nodes; n: number of intervals, 3 or more.
+    """
+    first = min(n - 3, max(0, int(position) - 1))
+    return first, position - first
+
+
+@njit(cache=True, inline="always")
+def cubic(pool, at, w0, w1, w2, w3):
+    """Four values of the pool from the place `at` on, weighted."""
+    return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
+
+
+@njit(cache=True, inline="always")
+def bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
+    """Sixteen values of the pool at `at` + i row + k step, weighted with w_i v_k, i and k being 0 to 3.
+
+    row, step: distances in the pool between nodes of the first and of the second coordinate.  Unsigned offsets save the
+    inner loop a test for negative indices.
+    """
+    k0 = np.uint64(at)
+    s1 = np.uint64(step)
+    s2 = s1 + s1
+    s3 = s2 + s1
+    k1 = k0 + np.uint64(row)
+    k2 = k1 + np.uint64(row)
+    k3 = k2 + np.uint64(row)
+    return (
+        w0 * (v0 * pool[k0] + v1 * pool[k0 + s1] + v2 * pool[k0 + s2] + v3 * pool[k0 + s3])
+        + w1 * (v0 * pool[k1] + v1 * pool[k1 + s1] + v2 * pool[k1 + s2] + v3 * pool[k1 + s3])
+        + w2 * (v0 * pool[k2] + v1 * pool[k2 + s1] + v2 * pool[k2 + s2] + v3 * pool[k2 + s3])
+        + w3 * (v0 * pool[k3] + v1 * pool[k3 + s1] + v2 * pool[k3 + s2] + v3 * pool[k3 + s3])
+    )
