@@ -111,9 +111,21 @@ def _find_shipped_files(climate: dict[str, Any]) -> None:
 
 
 def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:
-    """The one configuration that `target` describes; see :func:`load_series`.
+    """The one configuration of a climate, a configuration file or a mapping.
 
-    Errors: TwilightError also when `target` describes a series.
+    Parameters
+    ----------
+    target, settings
+        As of `load_series`.
+
+    Returns
+    -------
+    Config
+
+    Raises
+    ------
+    TwilightError
+        As of `load_series`, and for a target that describes a series.
     """
     cases = load_series(target, settings)
     if len(cases) > 1:
@@ -124,14 +136,27 @@ def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:
 def load_series(
     target: Target, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
 ) -> list[Case]:
-    """All configurations that `target` describes: one, or the product of its `vary` axes.
+    """All configurations that a target describes: one, or the product of the axes of its `vary` section.
 
-    target: name of a climate or configuration, path of such a file, or the same as a mapping.
-    settings: dotted keys and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95};
-        keys of a climate and of a configuration may be mixed.  Replacing the whole of `sun` takes {"sun": {...}}.
-    names: what to call a setting in errors, e.g. {"sun": "--sun-elevation"}; its key otherwise.
+    Parameters
+    ----------
+    target
+        Name of a climate or configuration, path of such a file, or its content as a mapping.
+    settings
+        Dotted keys and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95}; keys of
+        a climate and of a configuration may be mixed.  Replacing the whole of `sun` takes {"sun": {...}}.
+    names
+        What to call a setting in errors, e.g. {"sun": "--sun-elevation"}; its key otherwise.
 
-    Errors: TwilightError that names the file or setting, the key, and what is allowed.
+    Returns
+    -------
+    list of Case
+        Name, empty without `vary`, and configuration of each.
+
+    Raises
+    ------
+    TwilightError
+        Names the file or setting, the key, and what is allowed.
     """
     series = load_axes(target, settings, names)
     if not series.axes:
@@ -191,7 +216,24 @@ def load_axes(
 def load_climate(
     target: str | Path, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
 ) -> Climate:
-    """The climate of that name or file, without a sun or an observer; settings and names as `load_series`."""
+    """The climate of a name or a file, without a sun or an observer.
+
+    Parameters
+    ----------
+    target
+        Name of a climate, or path of its file.
+    settings, names
+        As of `load_series`.
+
+    Returns
+    -------
+    Climate
+
+    Raises
+    ------
+    TwilightError
+        As of `load_series`.
+    """
     draft = _read(target, ("climates",))
     _put(draft, settings, names)
     draft.data.pop("vary", None)

@@ -56,10 +56,25 @@ class Frame:
 
 
 def run(scene: Scene, progress: Progress | None = None, *, numpy_only_sun: bool = False) -> Sky:
-    """The sky of a scene with one sun; numpy_only_sun: as of `Problem`.
+    """The sky of a scene with one sun.
 
-    Errors: TwilightError for a scene with several suns (`frames` gives them one by one), and for whatever in it cannot
-    be computed.
+    Parameters
+    ----------
+    scene
+        A scene that was resolved from a configuration.
+    progress
+        Called as progress(doing, fraction) now and then.
+    numpy_only_sun
+        As of `Problem`.
+
+    Returns
+    -------
+    Sky
+
+    Raises
+    ------
+    TwilightError
+        For a scene with several suns (`frames` gives them one by one), and for whatever in it cannot be computed.
     """
     count = len(scene.suns)
     if count > 1:

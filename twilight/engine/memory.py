@@ -140,7 +140,18 @@ def cost(config: Config) -> SceneCost:
 
 
 def check_size(config: Config) -> None:
-    """Raise TwilightError where the sky and its pictures alone would not fit into this machine's memory."""
+    """Refuse a configuration whose sky and pictures alone would not fit into this machine's memory.
+
+    Parameters
+    ----------
+    config
+        Any configuration.
+
+    Raises
+    ------
+    TwilightError
+        Says how much memory the sky and its pictures need, and what makes them smaller.
+    """
     rows, columns = config.texture.shape
     sizes = cost(config)
     n_wavelengths, needed = sizes.wavelengths, sizes.sky_bytes

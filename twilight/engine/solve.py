@@ -246,6 +246,26 @@ class Solved:
 
 
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
-    """Solve a scene with the user's cache, for the suns [deg] that will be asked for or for any (None), and hold it."""
+    """Solve a scene with the user's cache, and hold it.
+
+    Parameters
+    ----------
+    scene
+        A scene that was resolved from a configuration.
+    sun_elevations_deg
+        True elevations of all the suns that will be asked for [deg]; None: any.
+    progress
+        Called as progress(doing, fraction) now and then.
+
+    Returns
+    -------
+    Solved
+        Answers radiance for directions, suns and, with most solvers, observers.
+
+    Raises
+    ------
+    TwilightError
+        For what the solver cannot do.
+    """
     known = None if sun_elevations_deg is None else tuple(sun_elevations_deg)
     return Problem(scene, known, cached=True).solve(progress)

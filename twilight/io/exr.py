@@ -119,11 +119,34 @@ def write_rgb_exr(
     """Write the environment map as linear Rec. 709 (D65), float32, channels R, G, B and nothing else.
 
     1 stands for 683 cd m^-2 (header ``whiteLuminance``), so that the values are radiances weighted with V(lambda),
-    W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values with ``openexr`` and
-    are moved into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).
-    Orientation and width: ``io.environment``.  The lower hemisphere is the Lambertian ground.  ``disc``: whether the
-    sun's disc (``Sky.disc``) is in it, its light in the pixels that it comes from.  Raises TwilightError for an unknown
-    renderer.
+    W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values with ``openexr`` and are moved
+    into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).  The lower
+    hemisphere is the Lambertian ground.
+
+    Parameters
+    ----------
+    sky
+        The sky that is drawn.
+    path
+        The file, which is written whole or not at all.
+    renderer
+        Whose axes the map has: a name of `RENDERERS` of `twilight.io.environment`.
+    width
+        Of the picture [pixel], a multiple of 4; that of a square for `pbrt` is half of it.
+    observer
+        Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
+    disc
+        Whether the sun's disc (`Sky.disc`) is in it, its light in the pixels that it comes from.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    TwilightError
+        For an unknown renderer or observer, another width, and a file that cannot be written.
     """
     rgb = environment_rgb(sky, renderer, width, observer, disc=disc)
     planes = {name: rgb[..., i] for i, name in enumerate("RGB")}
@@ -154,9 +177,25 @@ def write_spectral_exr(
 ) -> Path:
     """Write the spectral environment map in the layout of Fichet, Pacanowski and Wilkie 2021 (JCGT 10(3)).
 
-    One channel ``S0.550,000000nm`` per wavelength with the radiance in W m^-2 sr^-1 nm^-1 (float32), and a preview R,
-    G, B as in ``write_rgb_exr``.  The layout's ``emissiveUnits`` has no form per nm and its reference reader accepts
-    one string only; ``twilightRadianceUnits`` states the unit, ``twilightWavelengthBoundsNm`` the bins.
+    One channel ``S0.550,000000nm`` per wavelength with the radiance in W m^-2 sr^-1 nm^-1 (float32), S1 and S2 beside
+    it where the sky is polarised, and a preview R, G, B as in `write_rgb_exr`.  The layout's ``emissiveUnits`` has no
+    form per nm and its reference reader accepts one string only; ``twilightRadianceUnits`` states the unit,
+    ``twilightWavelengthBoundsNm`` the bins.
+
+    Parameters
+    ----------
+    sky, path, renderer, width, observer, disc
+        As of `write_rgb_exr`.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    TwilightError
+        As of `write_rgb_exr`, and for wavelengths closer than 1e-6 nm.
     """
     sun = sky.solar_irradiance
     spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), renderer, width).astype(float)
@@ -258,7 +297,23 @@ def _part_bytes(path: Path, header: dict[str, Any]) -> float:
 
 
 def read_latlong_exr(path: str | Path) -> LatLong:
-    """Read an RGB environment map.  Raises TwilightError where the file is not a complete EXR or has no R, G, B."""
+    """Read an RGB environment map.
+
+    Parameters
+    ----------
+    path
+        An OpenEXR file with channels R, G, B.
+
+    Returns
+    -------
+    LatLong
+        Pixels (height, width, 3) as stored, and the file's attributes.
+
+    Raises
+    ------
+    TwilightError
+        Where the file is not a complete EXR or has no R, G, B.
+    """
     header, channels = _read(path)
     if not {"R", "G", "B"} <= channels.keys():
         raise TwilightError(f"{path}: has the channels {', '.join(sorted(channels))}, expected R, G and B")
@@ -266,9 +321,26 @@ def read_latlong_exr(path: str | Path) -> LatLong:
 
 
 def read_spectral_exr(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """Wavelengths [nm] (W,) increasing, values (height, width, W) and the attributes of a spectral EXR.
+    """Read a spectral environment map in the layout of `write_spectral_exr`.
 
-    Raises TwilightError where the file is not a complete EXR or has no channel of the layout.
+    Parameters
+    ----------
+    path
+        An OpenEXR file with channels like ``S0.550,0nm``.
+
+    Returns
+    -------
+    wavelength_nm : (W,)
+        Wavelengths [nm], increasing.
+    values : (height, width, W)
+        Radiance in the unit that the attributes say.
+    attributes : dict
+        Of the file's header.
+
+    Raises
+    ------
+    TwilightError
+        Where the file is not a complete EXR or has no channel of the layout.
     """
     header, channels = _read(path)
     planes = {

@@ -45,7 +45,18 @@ class _Contents(NamedTuple):
 
 
 def sky_to_dataset(sky: Sky) -> xarray.Dataset:
-    """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``; its time as numpy's datetime64."""
+    """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``.
+
+    Parameters
+    ----------
+    sky
+        Any sky.
+
+    Returns
+    -------
+    xarray.Dataset
+        CF-1.11; the time, where the sky has one, as numpy's datetime64 in UTC.
+    """
     import xarray  # start-up
 
     made = xarray.Dataset(*_contents(sky))
@@ -143,7 +154,25 @@ def _disc_variables(disc: Disc) -> dict:
 
 
 def write_sky(sky: Sky, path: str | Path) -> Path:
-    """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path."""
+    """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.
+
+    Parameters
+    ----------
+    sky
+        Any sky.
+    path
+        The file.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    TwilightError
+        Where the file cannot be written.
+    """
     import h5netcdf
 
     if not hasattr(h5netcdf.File, "_closed"):
@@ -182,9 +211,21 @@ def write_h5(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
 
 
 def read_sky(path: str | Path) -> Sky:
-    """Read what ``write_sky`` wrote; every array comes back bit for bit.
+    """Read what `write_sky` wrote; every array comes back bit for bit.
 
-    Raises TwilightError where the file is missing, not complete, or not a sky.
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Sky
+
+    Raises
+    ------
+    TwilightError
+        Where the file is missing, not complete, or not a sky.
     """
     path = Path(path)
     if not isfile(path):

@@ -24,15 +24,34 @@ def write_outputs(
     views: Sequence[str] = (DEFAULT_VIEW,),
     **options: Any,
 ) -> list[Path]:
-    """Write files of a sky into ``folder`` (made if it is not there) and return their paths.
+    """Write files of a sky into a folder; each is whole or absent.
 
-    ``files``: names of ``twilight.base.formats.FORMATS``; None: all of them, without the pictures of the
-    polarisation, of
-    the disc and of a view where there is none; with ``view`` (what ``engine.view`` saw) those of a view alone.
-    ``panorama`` is the same sky on a finer grid (``sky.latlong_grid(width, sun_azimuth_deg)`` goes into the RGB EXR
-    pixel by pixel); the pictures and environment maps are made from it where it is given, ``sky.h5`` always holds
-    ``sky``.  ``views``, ``options``: ``io.rendered.Options``.
-    Each file is whole or absent.  Raises TwilightError for an unknown option or where the folder cannot be written.
+    Parameters
+    ----------
+    sky
+        What ``sky.h5`` holds.
+    folder
+        Where the files go; made if it is not there.
+    panorama
+        The same sky on a finer grid, from which pictures and environment maps are made (None: from `sky`); one of
+        `twilight.numerics.grids.latlong_grid` goes into the RGB EXR pixel by pixel.
+    view
+        What `engine.view` saw, for the file `view`.
+    files
+        Names of `twilight.base.formats.FORMATS`; None: all of them, without pictures of the polarisation, the disc and
+        a view where there is none; with `view` those of a view alone.
+    views, options
+        As of `twilight.io.rendered.Options`.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    TwilightError
+        For an unknown option, and where the folder cannot be written.
     """
     folder = Path(folder)
     try:

@@ -40,7 +40,20 @@ GROUND_SEEN_UP_TO_KM = 0.1
 
 
 def sky_exposure_ev100(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> float:
-    """The exposure value that ``exposure="auto"`` takes for a sky (``colour.auto_exposure_ev100``), for sequences."""
+    """The exposure value that ``exposure="auto"`` takes for a sky (`colour.auto_exposure_ev100`), for sequences.
+
+    Parameters
+    ----------
+    sky
+        Any sky.
+    observer
+        Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
+
+    Returns
+    -------
+    float
+        EV100.
+    """
     luminance = colour.sky_to_xyz(sky, observer=observer)[..., 1]
     return colour.auto_exposure_ev100(luminance, np.broadcast_to(sky.solid_angle_sr()[:, None], luminance.shape))
 
@@ -92,9 +105,24 @@ def render_view(
     tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
 ) -> tuple[np.ndarray, float]:
-    """Display values 0..1 (height, width, 3) and the EV100 used; outside the circle of a fisheye NaN.
+    """Develop a picture of a sky.
 
-    What ``develop_view`` does with the tone ``tone.tone_of(tone_mapping, observer)``.
+    Parameters
+    ----------
+    sky, view, width, exposure, tone_mapping, observer
+        As of `write_png`.
+
+    Returns
+    -------
+    display : (height, width, 3)
+        sRGB values 0 to 1; NaN outside the circle of a fisheye.
+    ev100 : float
+        The exposure value that was used.
+
+    Raises
+    ------
+    TwilightError
+        For unknown options.
     """
     check_options(exposure, tone_mapping, observer)
     display, ev100, _ = develop_view(sky, tone_of(tone_mapping, observer), view=view, width=width, exposure=exposure)
@@ -180,11 +208,35 @@ def write_png(
 ) -> Path:
     """Write a picture of the sky as 8 bit sRGB PNG, whole or not at all; the provenance is in its text chunks.
 
-    ``exposure`` is an exposure value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step = a
-    factor 2, or ``auto``; the value used is in the text chunk ``exposure_ev100``, so that the other pictures of a
-    sequence can be given the same.  Tone mapping and its settings: ``twilight.sky.tone``, and what a tone set or
-    found is in the text chunks.  ``label`` writes sun, climate and zenith
-    luminance into the lower left corner (``label_of``).  Raises TwilightError for unknown options.
+    Parameters
+    ----------
+    sky
+        The sky that is drawn.
+    path
+        The file.
+    view
+        What it shows: `wide`, `panorama` or `fisheye` (`view_directions`).
+    width
+        Of the picture [pixel]; None: as `DEFAULT_WIDTH` says.
+    exposure
+        Exposure value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step a factor 2, or
+        ``auto``; the value used is in the text chunk ``exposure_ev100``, for the other pictures of a sequence.
+    tone_mapping, tone_settings
+        Name of a tone of `twilight.sky.tone` and its settings; what the tone set or found is in the text chunks.
+    observer
+        Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
+    label
+        Whether sun, climate and zenith luminance are written into the lower left corner (`label_of`).
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    TwilightError
+        For unknown options, and a file that cannot be written.
     """
     check_options(exposure, tone_mapping, observer)
     tone = tone_of(tone_mapping, observer, tone_settings)

@@ -56,7 +56,22 @@ def polarisation_maps(sky: Sky, width: int = WIDTH) -> tuple[np.ndarray, np.ndar
 def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
     """Draw the whole sky, the zenith in the middle and the sun's azimuth at the bottom: degree, and angle of vibration.
 
-    Whole or not at all.  Errors: TwilightError for a sky without Stokes parameters.
+    Parameters
+    ----------
+    sky
+        A sky with Stokes parameters.
+    path
+        The file, which is written whole or not at all.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    TwilightError
+        For a sky without Stokes parameters.
     """
     from PIL import Image, ImageDraw, ImageFont  # start-up
     from PIL.PngImagePlugin import PngInfo  # start-up

@@ -55,11 +55,28 @@ def write_hdr(
     observer: str = colour.DEFAULT_OBSERVER,
     disc: bool = False,
 ) -> Path:
-    """Write the environment map of ``write_rgb_exr`` in Radiance's RGBE format (8 bit mantissa), whole or not at all.
+    """Write the environment map of `write_rgb_exr` in Radiance's RGBE format (8 bit mantissa), whole or not at all.
 
     The values are scaled so that 179 lm/W times the Rec. 709 luminance of a pixel is its luminance, as Radiance's tools
     expect; colours outside the gamut are moved into it.  In a scene:
     ``void colorpict sky 7 red green blue sky.rgb.hdr . 'Atan2(Dy,Dx)/PI+1' '1-Acos(Dz)/PI'``, +X east, +Y north.
+
+    Parameters
+    ----------
+    sky, path, renderer, observer, disc
+        As of `write_rgb_exr`.
+    width
+        Of the picture [pixel], 8 to 32767.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    TwilightError
+        As of `write_rgb_exr`, and for a width that the format does not have.
     """
     if not 8 <= width < 32768:
         raise TwilightError(f"width: {width} must be between 8 and 32767 for a Radiance picture")

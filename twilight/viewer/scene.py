@@ -39,7 +39,24 @@ GRID_COLUMNS = 180
 
 
 def view_field(solved: Solved, **options: Any) -> Page:
-    """The page of one field; options as `view_fields`."""
+    """The page of one field.
+
+    Parameters
+    ----------
+    solved
+        The field.
+    options
+        Keywords of `view_fields`.
+
+    Returns
+    -------
+    Page
+
+    Raises
+    ------
+    TwilightError
+        As of `view_fields`.
+    """
     return view_fields([solved], **options)
 
 
@@ -56,12 +73,35 @@ def view_fields(
 ) -> Page:
     """The page of one field, or of two side by side.
 
-    names: what the page calls them; scenes: what `twilight render` is given to compute them, for a
-    shell; None: the page has no command to copy.  altitudes_km: of the
-    observer, increasing, above sea level; None: the one of the field.  Between several the page interpolates; one above
-    the air, the last, lets it go up to there, with tables of the top of the air.  `ground_to_orbit` has a usual choice.
-    start: the page's first settings, by the names of `web/state.js`.
-    Errors: TwilightError for a field that cannot show every sun and direction, and an altitude it does not reach.
+    Parameters
+    ----------
+    fields
+        One or two fields, solved for all suns.
+    names
+        What the page calls them; None: the names of their media.
+    scenes
+        What `twilight render` is given to compute them, for a shell; None: the page has no command to copy.
+    altitudes_km
+        Altitudes of the observer above sea level [km], increasing; None: the one of the field.  Between several the
+        page interpolates; one above the air, the last, lets it go up to there, with tables of the top of the air.
+        `ground_to_orbit` has a usual choice.
+    solar_spectrum
+        Name of the solar spectrum that radiances are multiplied with.
+    start
+        The page's first settings, by the names of `web/state.js`.
+    sizes
+        Texels of the tables; None: the usual ones.
+    progress
+        Called as progress(doing, fraction) now and then.
+
+    Returns
+    -------
+    Page
+
+    Raises
+    ------
+    TwilightError
+        For a field that cannot show every sun and direction, and an altitude that it does not reach.
     """
     if not 1 <= len(fields) <= MOST_FIELDS:
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
@@ -173,7 +213,18 @@ def _add_lines(pack: Pack, channels: Channels, which: str, sun: tuple, night: tu
 
 
 def ground_to_orbit(medium: Medium) -> tuple[float, ...]:
-    """Altitudes of the observer [km above sea level] from the ground through the air to an orbit, for `view_fields`."""
+    """Altitudes of the observer from the ground through the air to an orbit, for `view_fields`.
+
+    Parameters
+    ----------
+    medium
+        The air.
+
+    Returns
+    -------
+    tuple of float
+        Altitudes above sea level [km], increasing.
+    """
     inner = (medium.bottom_km + z for z in INNER_KM)
     return (medium.bottom_km, *(z for z in inner if z < 0.9 * medium.top_km), medium.top_km, ORBIT_KM)
 
@@ -187,7 +238,21 @@ def within_air(medium: Medium, altitudes_km: tuple[float, ...]) -> tuple[tuple[f
 
 
 def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -> Page:
-    """The page of one computed or measured sky: one sun, and no light but what the sky holds."""
+    """The page of one computed or measured sky: one sun, and no light but what the sky holds.
+
+    Parameters
+    ----------
+    sky
+        The sky.
+    name
+        What the page calls it; empty: the name of its climate.
+    start
+        The page's first settings, by the names of `web/state.js`.
+
+    Returns
+    -------
+    Page
+    """
     configuration = sky.provenance.get("configuration") or {}
     name = name or str((configuration.get("climate") or {}).get("name") or "sky")
     pack = Pack(_about("sky", [name], [], {"sun": sky.sun_elevation_deg} | (start or {})))
@@ -231,9 +296,26 @@ def _facts(channels: Channels) -> dict[str, Any]:
 
 
 def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: str) -> tuple[float, ...]:
-    """The altitudes of the observer [km] that a page will go through, None: the one of the scene.
+    """The altitudes of the observer that a page will go through.
 
-    Errors: TwilightError for a solver that cannot show every sun and direction, and an altitude it does not reach.
+    Parameters
+    ----------
+    scene
+        What the field was solved for.
+    altitudes_km
+        As of `view_fields`.
+    name
+        What errors call the field.
+
+    Returns
+    -------
+    tuple of float
+        Altitudes above sea level [km].
+
+    Raises
+    ------
+    TwilightError
+        For a solver that cannot show every sun and direction, and an altitude that it does not reach.
     """
     able, medium = scene.capabilities, scene.medium
     if not (able.every_sun and able.below_horizon and able.looks_down) or able.standard_error:
