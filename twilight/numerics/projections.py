@@ -2,8 +2,8 @@
 
 A view has its own axes, right, forward and up, turned by where it points (`twilight.numerics.orientation.camera_axes`);
 azimuths count clockwise from whatever the caller means by 0, for pictures of the sky from the sun.  A new projection
-is one function that gives directions in its own axes for a `Frame`, and its line in `KINDS`: the configuration, the
-command line and the pictures ask this registry.
+is one function that gives directions in its own axes for an `ImagePlane`, and its line in `PROJECTIONS`, which the
+configuration, the command line and the pictures ask.
 
 kind          shows                                             its middle          height
 perspective   a pinhole camera, field of view across            where it points     any
@@ -157,7 +157,8 @@ _FACES = {(1, 0): "up", (0, 1): "left", (1, 1): "front", (2, 1): "right", (3, 1)
 
 def cube_face(face: str, size: int, rows: tuple[int, int] | None = None) -> np.ndarray:
     """Directions (size, size, 3) right, forward, up of one face of a cube seen from inside: up, left, front, right,
-    back or down; the lower edge of `up` and the upper edge of `down` join `front`.  rows: as of `Frame`."""
+    back or down; the lower edge of `up` and the upper edge of `down` join `front`.  rows: as of
+    `ImagePlane`."""
     x, y = ImagePlane(size, size, 90.0, WHOLE, rows).centres
     one = np.ones_like(x)
     ray = {
