@@ -250,10 +250,10 @@ def test_quality_ladder():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (dict(target_stderr=2.0), "target_stderr must be between"),
-        (dict(samples=1), "samples must be between"),
-        (dict(approximation="isotropic"), "approximation must be one of none, isotropic_after_first"),
-        (dict(importance_direction_fraction=1.0), "importance_direction_fraction must be between"),
+        (dict(target_stderr=2.0), r"solver\.target_stderr is .*; allowed is"),
+        (dict(samples=1), r"solver\.samples is .*; allowed is"),
+        (dict(approximation="isotropic"), r"solver\.approximation is 'isotropic'; allowed is none, isotropic_after_first"),
+        (dict(importance_direction_fraction=1.0), r"solver\.importance_direction_fraction is .*; allowed is"),
     ],
 )
 def test_bad_settings_are_refused(change, message):

@@ -188,6 +188,21 @@ class BareField:
         return False
 
 
+def check_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Raise TwilightError for an option that is neither None nor between the lowest and the highest that is allowed."""
+    for key, (low, high) in ranges.items():
+        value = getattr(settings, key)
+        if value is not None and not low <= value <= high:
+            raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
+
+
+def check_choices(settings: Any, choices: Mapping[str, Sequence[str]]) -> None:
+    """Raise TwilightError for an option that is none of its choices."""
+    for key, allowed in choices.items():
+        if getattr(settings, key) not in allowed:
+            raise TwilightError(f"solver.{key} is {getattr(settings, key)!r}; allowed is {', '.join(allowed)}")
+
+
 def observer_at(medium: Medium, altitude_km: float | None, otherwise: float = 0.0) -> float:
     """An observer's altitude [km], `otherwise` where it is None; TwilightError for one below the ground."""
     altitude = otherwise if altitude_km is None else float(altitude_km)

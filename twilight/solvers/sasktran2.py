@@ -27,7 +27,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.progress import Progress
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_ranges
 from twilight.transport.matrix_moments import matrix_moments
 
 JUMP_KM = 1e-3
@@ -95,10 +95,7 @@ class Sasktran2Settings:
             "tolerance": (1e-12, 1.0),
             "threads": (0, 1024),
         }
-        for key, (low, high) in ranges.items():
-            value = getattr(self, key)
-            if not low <= value <= high:
-                raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
+        check_ranges(self, ranges)
 
 
 QUALITIES: dict[str, Sasktran2Settings] = {

@@ -23,7 +23,7 @@ from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun,
 from twilight.solvers.analytic.perez import angles, cie, traditional_overcast
 from twilight.solvers.analytic.shipped_tables import table
 from twilight.solvers.analytic.sunlight import direct_transmittance
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
@@ -63,13 +63,8 @@ class CieSettings:
             "turbidity": (1.0, 100.0),
             "colour_temperature_k": (4000.0, 25000.0),
         }
-        for key, (low, high) in ranges.items():
-            value = getattr(self, key)
-            if value is not None and not low <= value <= high:
-                raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
-        for key, choices in (("outside", OUTSIDE), ("spectrum", ("daylight", "flat"))):
-            if getattr(self, key) not in choices:
-                raise TwilightError(f"solver.{key} is {getattr(self, key)!r}; allowed is {', '.join(choices)}")
+        check_ranges(self, ranges)
+        check_choices(self, {"outside": OUTSIDE, "spectrum": ("daylight", "flat")})
         if self.turbidity is not None and self.sky_type in WITHOUT_SUN:
             raise TwilightError(f"solver.turbidity does nothing for sky_type {self.sky_type}: leave it out")
         if self.spectrum == "flat" and self.colour_temperature_k is not None:

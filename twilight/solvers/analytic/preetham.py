@@ -23,7 +23,7 @@ from twilight.solvers.analytic.daylight import SpectralBins
 from twilight.solvers.analytic.ground import ground_radiance
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 from twilight.solvers.analytic.sunlight import direct_transmittance
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 CAPABILITIES = Capabilities(
     below_horizon=False,
@@ -55,12 +55,8 @@ class PreethamSettings:
 
     def __post_init__(self):
         ranges = {"turbidity": (1.0, 100.0), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
-        for key, (low, high) in ranges.items():
-            value = getattr(self, key)
-            if value is not None and not low <= value <= high:
-                raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
-        if self.outside not in OUTSIDE:
-            raise TwilightError(f"solver.outside is {self.outside!r}; allowed is {', '.join(OUTSIDE)}")
+        check_ranges(self, ranges)
+        check_choices(self, {"outside": OUTSIDE})
 
 
 QUALITIES: dict[str, PreethamSettings] = {"standard": PreethamSettings()}

@@ -18,7 +18,7 @@ from twilight.base.extras import missing
 from twilight.base.progress import Progress
 from twilight.numerics import spectrum
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)
 """Wavelengths of the emitter's data [nm]."""
@@ -43,12 +43,8 @@ class SunskySettings:
     outside: Literal["nearest", "refuse"] = "nearest"
 
     def __post_init__(self):
-        if self.turbidity is not None and not TURBIDITY[0] <= self.turbidity <= TURBIDITY[1]:
-            raise TwilightError(
-                f"solver.turbidity is {self.turbidity:g}; allowed is {TURBIDITY[0]:g} to {TURBIDITY[1]:g}"
-            )
-        if self.outside not in OUTSIDE:
-            raise TwilightError(f"solver.outside is {self.outside!r}; allowed is {', '.join(OUTSIDE)}")
+        check_ranges(self, {"turbidity": TURBIDITY})
+        check_choices(self, {"outside": OUTSIDE})
 
 
 QUALITIES: dict[str, SunskySettings] = {"standard": SunskySettings()}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from twilight.base.errors import TwilightError
+from twilight.solvers.base import check_choices, check_ranges
 
 
 @dataclass(frozen=True)
@@ -88,18 +89,13 @@ class CellsSettings:
             "azimuth_nodes": (4, 192),
             "node_density": (0.3, 5.0),
         }
-        for key, (low, high) in ranges.items():
-            value = getattr(self, key)
-            if not low <= value <= high:
-                raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
+        check_ranges(self, ranges)
         choices = {
             "multiple_scattering": ("exact", "isotropic", "none"),
             "operator": ("fourier", "pairs"),
             "second_order": ("table", "pairs"),
         }
-        for key, allowed in choices.items():
-            if getattr(self, key) not in allowed:
-                raise TwilightError(f"solver.{key} is {getattr(self, key)!r}; allowed is {', '.join(allowed)}")
+        check_choices(self, choices)
         if self.azimuth_cells % 2:
             raise TwilightError(f"solver.azimuth_cells is {self.azimuth_cells}; it must be even")
         if self.azimuth_nodes % self.azimuth_directions or self.azimuth_nodes % 2:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from twilight.base.errors import TwilightError
+from twilight.solvers.base import check_choices, check_ranges
 from twilight.solvers.montecarlo.paths import WalkOptions
 from twilight.solvers.montecarlo.pieces import LegOptions
 
@@ -101,7 +101,7 @@ class MonteCarloSettings:
     exact_beam_fraction: float = 0.0625
 
     def __post_init__(self):
-        limits = {
+        ranges = {
             "target_stderr": (1e-6, 1.0),
             "samples": (2, 10**12),
             "max_samples": (2, 10**12),
@@ -123,14 +123,8 @@ class MonteCarloSettings:
             "later_leg_step_depth": (0.01, 1.0),
             "exact_beam_fraction": (0.001, 1.0),
         }
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise TwilightError(f"montecarlo setting {name} must be between {low:g} and {high:g}, not {value}")
-        if self.approximation not in APPROXIMATIONS:
-            raise TwilightError(
-                f"montecarlo setting approximation must be one of {', '.join(APPROXIMATIONS)}, not {self.approximation}"
-            )
+        check_ranges(self, ranges)
+        check_choices(self, {"approximation": APPROXIMATIONS})
 
     @property
     def polarised(self) -> bool:
