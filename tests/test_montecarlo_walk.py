@@ -252,7 +252,10 @@ def test_quality_ladder():
     [
         (dict(target_stderr=2.0), r"solver\.target_stderr is .*; allowed is"),
         (dict(samples=1), r"solver\.samples is .*; allowed is"),
-        (dict(approximation="isotropic"), r"solver\.approximation is 'isotropic'; allowed is none, isotropic_after_first"),
+        (
+            dict(approximation="isotropic"),
+            r"solver\.approximation is 'isotropic'; allowed is none, isotropic_after_first",
+        ),
         (dict(importance_direction_fraction=1.0), r"solver\.importance_direction_fraction is .*; allowed is"),
     ],
 )

@@ -139,14 +139,15 @@ def _schema_of(name: str) -> dict[str, Any]:
     common, expert = (
         {
             key: TypeAdapter(hints[key]).json_schema() | {"default": values[key], "description": why.get(key, "")}
-            for key in keys
+            for key in named
         }
-        for keys in option_names(type(standard))
+        for named in option_names(type(standard))
     )
-    named: dict[str, Any] = {"name": {"const": name}, "quality": {"enum": list(qualities), "default": "standard"}}
-    made = {"type": "object", "additionalProperties": False, "properties": named | common}
+    keys: dict[str, Any] = {"name": {"const": name}, "quality": {"enum": list(qualities), "default": "standard"}}
+    keys |= common
     if expert:
-        made["properties"]["expert"] = {"type": "object", "additionalProperties": False, "properties": expert}
+        keys["expert"] = {"type": "object", "additionalProperties": False, "properties": expert}
+    made = {"type": "object", "additionalProperties": False, "properties": keys}
     return made | ({} if name == solvers.DEFAULT else {"required": ["name"]})
 
 
