@@ -17,6 +17,10 @@ from toy_sky import glow_sky
 from twilight.api.representation import SkySeries, open_dataset
 from twilight.base.errors import TwilightError
 from twilight.io.netcdf import write_sky
+from twilight.io.picture import render_view, view_directions
+from twilight.numerics.orientation import direction
+from twilight.numerics.projections import PROJECTIONS
+from twilight.sky.disc import Disc
 from twilight.solvers.compact.compact_sky import CompactSky
 
 
@@ -46,7 +50,7 @@ def test_a_notebook_sees_a_picture_and_figures(sky):
     assert "air" in text and "lx" in text and "V mag arcsec^-2" in text
 
 
-@pytest.mark.parametrize("projection", ("wide", "panorama", "fisheye"))
+@pytest.mark.parametrize("projection", ("wide", *PROJECTIONS))
 def test_a_sky_draws_itself(sky, projection):
     import matplotlib
 
@@ -137,3 +141,90 @@ def test_axes_are_a_few_words_with_a_unit_and_time_is_a_time(sky, tmp_path):
         if "time" in data.variables:
             assert data.time.dtype.kind == "M" and data.time.values.flat[0] == np.datetime64("2026-06-21T20:00")
     assert several[1].to_xarray().sun_elevation_deg.values.tolist() == [5.0, 4.0]
+
+
+def test_azimuth_is_a_circle_and_the_zenith_a_point(sky):
+    """Between the last azimuth and the first, and above the last row, xarray's own interp is NaN."""
+    full = every_layer(sky)
+    data = full.to_xarray()
+    assert np.isnan(data.interp(azimuth=358.5, elevation=20.0).radiance).all()  # the means of the dataset stay right
+    inside = data.interp(azimuth=[33.0, 71.0], elevation=[20.0, 60.0])
+    found = data.sky.interp(azimuth=[33.0, 71.0], elevation=[20.0, 60.0])
+    for name in ("radiance", "luminance", "night_radiance", "standard_error", "sun_normalised_radiance_u"):
+        assert np.allclose(found[name], inside[name], rtol=1e-12), name
+    for azimuth in (358.5, -1.5, 718.5):
+        found = data.sky.interp(azimuth=azimuth, elevation=15.0)
+        mixed = 0.15 * data.radiance.sel(azimuth=350, elevation=15) + 0.85 * data.radiance.sel(azimuth=0, elevation=15)
+        assert np.allclose(found.radiance, mixed) and float(found.azimuth) == azimuth
+    zenith = data.sky.interp(elevation=90.0)
+    assert np.allclose(zenith.radiance, data.radiance.isel(elevation=-1).mean("azimuth"))
+    right = full.sample_fractional_stokes(np.full(36, 90.0), full.azimuth_deg)
+    total = zenith.radiance / zenith.solar_irradiance
+    assert np.allclose(zenith.sun_normalised_radiance_q / total, right[:, 0], atol=1e-4)
+    assert np.allclose(zenith.sun_normalised_radiance_u / total, right[:, 1], atol=1e-4)
+    horizon = data.sky.interp(elevation=0.0, azimuth=0.0).radiance
+    assert np.allclose(horizon, full.sample(0.0, 0.0) * full.solar_irradiance, rtol=0.05)
+    assert np.isnan(data.sky.interp(elevation=-1.0, azimuth=0.0).radiance).all()
+    # a path over the sky, and other coordinates with it
+    path = {n: xr.DataArray(v, dims="step") for n, v in (("elevation", [10.0, 50.0]), ("azimuth", [355.0, 365.0]))}
+    assert data.sky.interp(**path, wavelength=600.0).radiance.dims == ("step",)
+
+
+def test_half_skies_are_whole_ones_where_they_are_interpolated(sky):
+    data = every_layer(sky).to_xarray()
+    even = replace(sky, sun_normalised_radiance=0.5 * (sky.sun_normalised_radiance
+                   + np.roll(sky.sun_normalised_radiance[:, ::-1], 1, axis=1))).to_xarray()  # fmt: skip
+    half = even.isel(azimuth=slice(0, 19)).assign_attrs(azimuth_count="36")
+    for azimuth in (3.0, 183.0, 358.5):
+        right = even.sky.interp(azimuth=azimuth, elevation=22.0).sun_normalised_radiance
+        assert np.allclose(half.sky.interp(azimuth=azimuth, elevation=22.0).sun_normalised_radiance, right)
+    u = "sun_normalised_radiance_u"
+    one_side = data.isel(azimuth=slice(0, 19)).assign_attrs(azimuth_count="36")
+    assert np.allclose(one_side.sky.interp(azimuth=-20, elevation=15)[u], -data[u].sel(azimuth=20, elevation=15))
+
+
+def test_skies_are_subtracted_and_divided(sky):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    brighter = replace(sky, sun_normalised_radiance=2.0 * sky.sun_normalised_radiance, sun_elevation_deg=7.0)
+    difference, ratio = brighter - sky, brighter / sky
+    assert np.allclose(difference.radiance, sky.radiance) and np.allclose(difference.luminance(), sky.luminance())
+    assert np.allclose(ratio.radiance, 2.0) and np.allclose((sky / brighter).luminance(), 0.5)
+    assert "difference of skies, suns at +7.00 and +5.00 deg" in repr(difference)
+    data = difference.to_xarray()
+    assert data.radiance.attrs == {"long_name": "difference of radiance", "units": "W m-2 nm-1 sr-1"}
+    assert ratio.to_xarray().luminance.attrs["units"] == "1" and np.allclose(data.luminance, sky.luminance())
+    for made, label in ((difference, "difference of luminance"), (ratio, "ratio of luminance")):
+        for projection in ("fisheye", "wide", "cube"):
+            picture, scale = made.plot(projection, width=80).axes
+            assert label in scale.get_ylabel() and "minus sun +5.0" in picture.get_title().replace("over", "minus")
+            shown = np.asarray(picture.images[0].get_array(), float)
+            assert np.isfinite(shown).mean() > 0.2 and np.isnan(shown[-1, 0])
+    assert np.nanmin(np.ma.filled(ratio.plot(wavelength_nm=550).axes[0].images[0].get_array(), np.nan)) > 1.99
+    pyplot.close("all")
+    with pytest.raises(TwilightError, match=r"600 is none of the skies' \(450, 550, 650\)"):
+        ratio.plot(wavelength_nm=600)
+    with pytest.raises(TwilightError, match=r"different wavelengths \(3 from 450 to 650 nm and 7 from 400 to 700 nm\)"):
+        sky - glow_sky(step_deg=10.0)
+    with pytest.raises(TwilightError, match=r"sky / other: the skies have different directions; take other\.resample"):
+        sky / glow_sky(step_deg=15.0, wavelength_nm=(450.0, 550.0, 650.0))
+    with pytest.raises(TypeError):
+        sky - 1.0
+
+
+def test_every_projection_draws_the_sky_with_the_sun_where_it_is():
+    """The glow and the disc stand at azimuth 0; a picture would show them elsewhere, or a ground brighter than they."""
+    sky = glow_sky(step_deg=3.0, glow_elevation_deg=20.0, width_deg=4.0, sun_elevation_deg=20.0)
+    rows, flat = np.linspace(19.7, 20.3, 61), np.ones(sky.wavelength_nm.size)
+    disc = Disc(sky.wavelength_nm, rows, rows[:, None] * flat, np.ones((61, 7)), 20.0, 0.2665)
+    for name in ("wide", *PROJECTIONS):
+        light = render_view(sky, view=name, width=400)[0].sum(axis=2)
+        elevation, azimuth = (np.broadcast_to(v, light.shape) for v in view_directions(name, 400))
+        glow = direction(azimuth, elevation) @ direction(0.0, 20.0)
+        assert np.nanmax(np.where(glow > np.cos(np.radians(3.0)), light, np.nan)) == np.nanmax(light), name
+        dark = {"view": name, "width": 400, "exposure": 20.0}
+        changed = np.abs(render_view(replace(sky, disc=disc), **dark)[0] - render_view(sky, **dark)[0]).sum(axis=2)
+        assert np.nanmax(changed) > 0.5 and np.degrees(np.arccos(glow[changed > 1e-3].min())) < 2.0, name

@@ -5,6 +5,7 @@ ds = xarray.open_zarr("sweep.zarr")
 ds.sky.magnitude("V", elevation_deg=90)            # over all dimensions of the sweep, lazily
 ds.sky.illuminance_lux()
 ds.sel(sun_elevation_deg=-4).sky.scene()           # one scene as a `Sky`
+ds.sky.interp(elevation=20, azimuth=358.5)         # between the last azimuth and the first
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import xarray
 from twilight.api.representation import Sky, plot
 from twilight.base.errors import TwilightError
 from twilight.io.facts import fields_from
+from twilight.io.labels import attributes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
 
 _GRID = ("elevation", "azimuth", "wavelength")
 _RADIANCE = "sun_normalised_radiance"
+_Q = (f"{_RADIANCE}_q", "standard_error_q")
+_U = (f"{_RADIANCE}_u", "standard_error_u")
+_DERIVED = ("degree_of_linear_polarisation", "angle_of_linear_polarisation")
 _DEFAULT_SPECTRUM = "astm_g173_etr"
 
 
@@ -103,6 +108,37 @@ class SkyAccessor:
             **facts,
         )
 
+    def interp(self, elevation: Any = None, azimuth: Any = None, **others: Any) -> xarray.Dataset:
+        """`Dataset.interp`, linear, on the sphere: azimuths go round, elevations reach from the horizon to the zenith.
+
+        Parameters
+        ----------
+        elevation, azimuth
+            Directions [deg], azimuths beyond 360 and below 0 too: numbers, arrays that span a grid, or DataArrays,
+            whose dimensions are then those of the result.  None: those of the dataset.
+        **others
+            Other coordinates and options (wavelength, time, method ...), as of `Dataset.interp`.
+
+        Returns
+        -------
+        xarray.Dataset
+            What the dataset holds, in these directions; NaN for elevations below the sky.
+        """
+        wanted: dict[str, Any] = {}
+        data = self._dataset
+        if elevation is not None or azimuth is not None:
+            data = _sphere(data)
+            wanted["elevation"] = self._dataset.elevation if elevation is None else elevation
+            wanted["azimuth"] = np.mod(self._dataset.azimuth if azimuth is None else azimuth, 360.0)
+        made = data.interp(**wanted, **others)
+        if azimuth is not None:
+            name = "azimuth"
+            made = made.assign_coords(azimuth=made[name].copy(data=np.broadcast_to(azimuth, made[name].shape)))
+            made.attrs.pop("azimuth_count", None)
+        made["azimuth"].attrs = dict(self._dataset.azimuth.attrs)
+        made["elevation"].attrs = {k: v for k, v in self._dataset.elevation.attrs.items() if k != "bounds"}
+        return _with_polarisation(made) if wanted else made
+
     def luminance(self) -> xarray.DataArray:
         """Luminance [cd m^-2] in every direction of the dataset."""
         count = self._dataset.sizes["azimuth"]
@@ -168,6 +204,75 @@ class SkyAccessor:
             output_dtypes=[float],
         )
         return made.rename(name)
+
+
+def _sphere(data: xarray.Dataset) -> xarray.Dataset:
+    """The dataset with all azimuths, another column on either side, and rows at the lower edge and in the zenith.
+
+    The zenith is the mean of the last row, of Q and U each column turned to azimuth 0, as in
+    `interpolation.interpolate_stokes`.
+    """
+    azimuth, column = _whole(data)
+    mirrored = (azimuth > 180.0) & (data.azimuth.values[column] <= 180.0)
+    whole = data.drop_vars(["elevation_bnds"], errors="ignore").isel(azimuth=column).assign_coords(azimuth=azimuth)
+    for name in _U:
+        if name in whole:
+            whole[name] = whole[name] * xarray.DataArray(np.where(mirrored, -1.0, 1.0), dims="azimuth")
+    rows = data.elevation.values
+    parts = [whole]
+    if rows[-1] < 90.0:
+        parts.append(_zenith(whole))
+    if rows.size > 1 and 0.0 < rows[0] <= rows[1] - rows[0]:
+        parts.insert(0, _edge(whole, rows[0] / (rows[1] - rows[0])))
+    closed = xarray.concat([_directed(part) for part in parts], "elevation")
+    around = [closed.isel(azimuth=[-1]), closed, closed.isel(azimuth=[0])]
+    columns = np.concatenate([azimuth[-1:] - 360.0, azimuth, azimuth[:1] + 360.0])
+    closed = xarray.concat(around, "azimuth").assign_coords(azimuth=columns)
+    rest = whole.drop_vars([*closed.data_vars, "elevation", "azimuth"])
+    return rest.drop_dims(["elevation", "azimuth"], errors="ignore").merge(closed).assign_attrs(data.attrs)
+
+
+def _directed(data: xarray.Dataset) -> xarray.Dataset:
+    """The variables over elevation and azimuth that may be interpolated."""
+    names = [n for n, v in data.data_vars.items() if {"elevation", "azimuth"} <= set(v.dims) and n not in _DERIVED]
+    return data[names].drop_vars([n for n in data.coords if n not in data.dims])
+
+
+def _edge(whole: xarray.Dataset, share: float) -> xarray.Dataset:
+    """A row at 0 deg, `share` of a row below the first: by the logarithm as `Sky.sample`, Q and U linearly."""
+    first, second = (_directed(whole).isel(elevation=[i]).assign_coords(elevation=[0.0]) for i in (0, 1))
+
+    def on(values: xarray.DataArray) -> xarray.DataArray:
+        other = second[values.name]
+        if values.name in (_Q[0], _U[0]):
+            return values + share * (values - other)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return xarray.where((values > 0.0) & (other > 0.0), values * (values / other) ** share, values)
+
+    return first.map(on)
+
+
+def _zenith(whole: xarray.Dataset) -> xarray.Dataset:
+    """A row in the zenith."""
+    top = _directed(whole).isel(elevation=[-1]).assign_coords(elevation=[90.0])
+    made = top.map(lambda values: values.mean("azimuth").broadcast_like(values))
+    turn = np.exp(2j * np.radians(top.azimuth))
+    for q, u in zip(_Q, _U, strict=True):
+        if q in top and u in top and "error" not in q:
+            polarised = ((top[q] + 1j * top[u]) / turn).mean("azimuth") * turn
+            made[q], made[u] = polarised.real, polarised.imag
+    return made.map(lambda values: values.transpose(*top[values.name].dims))
+
+
+def _with_polarisation(made: xarray.Dataset) -> xarray.Dataset:
+    """Degree and angle of the polarisation, of Q and U that were interpolated."""
+    q, u = _Q[0], _U[0]
+    if q in made and u in made and "radiance" in made:
+        total = made["radiance"] / made["solar_irradiance"]
+        derived = (np.hypot(made[q], made[u]) / total, 0.5 * np.degrees(np.arctan2(made[u], made[q])))
+        for name, values in zip(_DERIVED, derived, strict=True):
+            made[name] = values.assign_attrs(attributes(name))
+    return made
 
 
 def _whole(data: xarray.Dataset) -> tuple[np.ndarray, np.ndarray]:

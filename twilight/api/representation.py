@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twilight.base.errors import TwilightError
 from twilight.io.netcdf import read_sky
+from twilight.sky.comparison import SkyComparison
 from twilight.sky.series import SkySeries
 from twilight.sky.sky import Sky
 
@@ -68,7 +70,9 @@ def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options:
     Parameters
     ----------
     projection
-        `wide`, `panorama` or `fisheye`.
+        `wide`, or one of those of `render --projection`: `perspective`, `cylinder`, `fisheye`, `latlong`, `panorama`,
+        `octahedral`, `cube`, `limb`.  Below the horizon is the lit ground without the air before it, which `render`
+        computes.
     ax
         Axes to draw into; None: those of a new figure.
     **options
@@ -78,19 +82,128 @@ def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options:
     -------
     matplotlib.figure.Figure
         The figure, whose `savefig` writes it; its `axes` hold the picture.
-    """
-    from matplotlib import pyplot  # start-up
 
+    Warns
+    -----
+    TwilightWarning
+        Where the wavelengths are too few for colours.
+    """
     from twilight.io.picture import label_of, render_view
 
     picture, _ = render_view(self, view=projection, **options)
-    if ax is None:
-        height, width = picture.shape[:2]
-        _, ax = pyplot.subplots(figsize=(9.0, 9.0 * height / width) if width > height else (6.0, 6.0))
+    ax = ax or _axes(picture.shape)
     ax.imshow(_bytes(picture))
     ax.set_axis_off()
     ax.set_title(label_of(self), fontsize="small")
     return ax.figure  # type: ignore[return-value]
+
+
+def plot_comparison(
+    self: SkyComparison,
+    projection: str = "fisheye",
+    ax: Axes | None = None,
+    wavelength_nm: float | None = None,
+    width: int | None = None,
+) -> Figure:
+    """Draw a difference or a ratio of skies with matplotlib: blue where the first is darker, red where it is brighter.
+
+    Parameters
+    ----------
+    projection
+        As of `Sky.plot`.
+    ax
+        Axes to draw into; None: those of a new figure.
+    wavelength_nm
+        Of the radiance that is compared [nm], one of the skies' own; None: the luminance is.
+    width
+        Of the picture [pixel].
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure; its second axes hold the scale.
+
+    Raises
+    ------
+    TwilightError
+        For a wavelength that the skies do not have.
+    """
+    from matplotlib.colors import LogNorm, Normalize  # start-up
+
+    from twilight.io.picture import label_of, view_directions, width_of
+
+    elevation, azimuth = view_directions(projection, width or width_of(projection))
+    lower = float(self.first.elevation_edges_deg[0])
+    values, what, unit = _compared(self, np.fmax(elevation, lower), np.nan_to_num(azimuth), wavelength_nm)
+    values = np.where(np.broadcast_to(elevation >= lower, values.shape), values, np.nan)
+    norm: Normalize
+    if self.kind == "difference":
+        reach = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+        norm, label = Normalize(-reach, reach), f"difference of {what} [{unit}]"
+    else:
+        seen = values[np.isfinite(values) & (values > 0.0)]
+        reach = max(1.001, float(np.exp(np.abs(np.log(seen)).max(initial=0.0))))
+        norm, label = LogNorm(1.0 / reach, reach), f"ratio of {what}"
+    ax = ax or _axes(values.shape)
+    image = ax.imshow(values, cmap="RdBu_r", norm=norm)
+    ax.set_axis_off()
+    word = "minus" if self.kind == "difference" else "over"
+    ax.set_title(f"{label_of(self.first)}\n{word} {label_of(self.second)}", fontsize="small")
+    ax.figure.colorbar(image, ax=ax, label=label, shrink=0.8)
+    return ax.figure  # type: ignore[return-value]
+
+
+def _compared(
+    self: SkyComparison, elevation: np.ndarray, azimuth: np.ndarray, wavelength_nm: float | None
+) -> tuple[np.ndarray, str, str]:
+    """Values (height, width) in directions, what they are of, and the unit of that."""
+
+    def seen(sky: Sky) -> np.ndarray:
+        values = sky.luminance() if index is None else sky.radiance[..., index]
+        return sky.smooth(values[..., None], elevation, azimuth)[..., 0]
+
+    index, what, unit = None, "luminance", "cd m$^{-2}$"
+    if wavelength_nm is not None:
+        known = self.first.wavelength_nm
+        index = int(np.abs(known - wavelength_nm).argmin())
+        if abs(known[index] - wavelength_nm) > 1e-6:
+            raise TwilightError(
+                f"wavelength_nm: {wavelength_nm:g} is none of the skies' ({', '.join(f'{w:g}' for w in known)})"
+            )
+        what, unit = f"radiance at {wavelength_nm:g} nm", "W m$^{-2}$ sr$^{-1}$ nm$^{-1}$"
+    return self.of(seen(self.first), seen(self.second)), what, unit
+
+
+def comparison_to_xarray(self: SkyComparison) -> xarray.Dataset:
+    """`radiance` and `luminance` of the comparison as a dataset of xarray's."""
+    import xarray  # start-up
+
+    from twilight.io.labels import attributes
+
+    grid = ("elevation", "azimuth", "wavelength")
+    values = {"radiance": (grid, self.radiance), "luminance": (grid[:2], self.luminance())}
+    axes = (self.first.elevation_deg, self.first.azimuth_deg, self.first.wavelength_nm)
+
+    def about(name: str) -> dict[str, str]:
+        unit = attributes(name)["units"] if self.kind == "difference" else "1"
+        return {"long_name": f"{self.kind} of {attributes(name)['long_name']}", "units": unit}
+
+    return xarray.Dataset(
+        {name: (dims, array, about(name)) for name, (dims, array) in values.items()},
+        {name: (name, axis, attributes(name)) for name, axis in zip(grid, axes, strict=True)},
+        {
+            "title": f"{self.kind} of two skies, suns at {self.first.sun_elevation_deg:g} and "
+            f"{self.second.sun_elevation_deg:g} degrees"
+        },
+    )
+
+
+def _axes(shape: tuple[int, ...]) -> Axes:
+    """Axes of a new figure for a picture of a shape."""
+    from matplotlib import pyplot  # start-up
+
+    height, width = shape[:2]
+    return pyplot.subplots(figsize=(9.0, 9.0 * height / width + 0.4) if width > height else (6.0, 6.0))[1]
 
 
 def _bytes(picture: np.ndarray) -> np.ndarray:
@@ -157,7 +270,6 @@ def open_dataset(path: str) -> xarray.Dataset:
     import xarray  # start-up
 
     import twilight.api.accessor  # noqa: F401 - registers `.sky`
-    from twilight.base.errors import TwilightError
     from twilight.base.reading import first_line
 
     if not Path(path).exists():
@@ -170,6 +282,8 @@ def open_dataset(path: str) -> xarray.Dataset:
         raise TwilightError(f"{path}: is neither a sky.h5, a series.nc nor a sweep ({first_line(error)})") from None
 
 
+SkyComparison.plot = plot_comparison  # type: ignore[method-assign]
+SkyComparison.to_xarray = comparison_to_xarray  # type: ignore[method-assign]
 Sky.plot = plot  # type: ignore[method-assign]
 Sky.view = view  # type: ignore[method-assign]
 Sky.to_xarray = to_xarray  # type: ignore[method-assign]

@@ -12,7 +12,7 @@ import typer
 from twilight.base.errors import TwilightError
 from twilight.cli.options import check_polarised, numbers, option, scene_names, settings_of, solver_names
 from twilight.cli.terminal import print_table, time_of
-from twilight.numerics.projections import PROJECTIONS
+from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 
 
 def render(
@@ -164,17 +164,9 @@ def _exposure(text: str | None) -> tuple[str, Any]:
         raise TwilightError(f"--exposure: {text} must be an exposure value such as 12, or series") from None
 
 
-PERSPECTIVE_UP_DEG = 15.0
-"""Where a pinhole camera looks unless told otherwise: the horizon stays in the lower part of the picture."""
-USUAL_WIDTH = {"perspective": 1600, "cylinder": 1600, "latlong": 1600, "panorama": 1600, "cube": 1600, "limb": 1600}
-"""Width of pictures wider than high [pixels]."""
-SQUARE = 1024
-"""Width of square pictures [pixels]."""
-
-
 def _view(projection: str, size: str | None) -> dict[str, Any]:
     """`observer.view` for --projection and --size, towards the sun."""
-    view: dict[str, Any] = {"kind": projection, "width": USUAL_WIDTH.get(projection, SQUARE)}
+    view: dict[str, Any] = {"kind": projection, "width": usual_width(projection)}
     if size is not None:
         view["width"], view["height"] = _size(size)
     if projection == "perspective":

@@ -6,6 +6,7 @@ import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.io.environment import pixel_of, pixel_solid_angle
+from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.sky import colour
 from twilight.sky.disc import Disc
 from twilight.sky.sky import Sky
@@ -116,6 +117,34 @@ def add_to_picture(
         part = slice(start, start + 512)
         light = disc.radiance(e[part], a[part]).mean(axis=(1, 2))
         picture[where[0][part], where[1][part]] += tone.see(light, disc.wavelength_nm, light_of(sky))
+
+
+def add_to_view(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int = 8) -> None:
+    """As `add_to_picture` for pixels (height, width, 3) that look along unit vectors from the sun's azimuth, in any
+    projection: a pixel at a seam is taken as wide as most are."""
+    if sky.disc is None or not sky.disc.is_seen:
+        return
+    down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
+    lower, upper = sky.disc.edges_deg()
+    sun = direction(np.zeros(1), np.full(1, 0.5 * (lower + upper)))[0]
+    size = np.linalg.norm(down, axis=-1) + np.linalg.norm(right, axis=-1)
+    where = np.nonzero(rays @ sun > np.cos(np.radians(upper - lower) + size))
+    if not where[0].size:
+        return
+    disc = _fine(sky.disc)
+    offset = (np.arange(points) + 0.5) / points - 0.5
+    for start in range(0, where[0].size, 512):
+        pixels = where[0][start : start + 512], where[1][start : start + 512]
+        ray = rays[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None, None]
+        azimuth, elevation = azimuth_elevation(ray + right[pixels][:, None, None] * offset[None, :, None])
+        light = disc.radiance(elevation, np.mod(azimuth + 180.0, 360.0) - 180.0).mean(axis=(1, 2))
+        picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
+
+
+def _within_a_pixel(steps: np.ndarray) -> np.ndarray:
+    """Steps (height, width, 3) from a pixel to the next, no longer than twice their median."""
+    length = np.linalg.norm(steps, axis=-1, keepdims=True)
+    return steps * np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, 1e-30))
 
 
 def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

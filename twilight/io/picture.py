@@ -11,11 +11,14 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
-from twilight.io.disc import add_to_picture, dip_deg, light_of
+from twilight.io.disc import add_to_picture, add_to_view, dip_deg, light_of
 from twilight.io.eight_bit import to_bytes
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
+from twilight.numerics import projections
+from twilight.numerics.orientation import direction
+from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.sky.tone import NAMES, Shot, Tone, tone_of
@@ -26,6 +29,10 @@ VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
 DEFAULT_VIEW: View = "wide"
 DEFAULT_WIDTH = {"wide": 1600, "panorama": 1440, "fisheye": 720}
 """Width of each view [pixels]."""
+SHAPES = (*VIEWS, *(name for name in PROJECTIONS if name not in VIEWS))
+"""All shapes that a sky's own grid is drawn in."""
+FACING = ("wide", "perspective", "cylinder")
+"""Those that show a part of the sky about the sun's azimuth: they are exposed for what they show."""
 
 WIDE_FIELD_DEG = 110.0
 """Horizontal field of view of the wide picture: that of the eyes' common field."""
@@ -66,10 +73,16 @@ def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     ``panorama``: width x width / 4, horizon below, zenith above, the sun's azimuth in the middle, clockwise to the
     right; (height, 1) and (1, width).  ``fisheye``: width x width, equidistant, the zenith in the middle, the sun's
     azimuth at the bottom, clockwise to the right (what one sees who faces the sun and looks up); outside the circle
-    the elevation is negative.  Raises TwilightError for another view or size.
+    the elevation is negative.  Others: of ``twilight.numerics.projections``, (height, width), NaN outside; a
+    ``perspective`` looks 15 deg up and a ``limb`` strip begins at the horizon.  Raises TwilightError for another view
+    or size.
     """
+    if view not in SHAPES:
+        raise TwilightError(f"view: '{view}' is not known, choose one of {', '.join(SHAPES)}")
     if view not in VIEWS:
-        raise TwilightError(f"view: '{view}' is not known, choose one of {', '.join(VIEWS)}")
+        pointing: dict[str, Any] = {"perspective": {"elevation_deg": PERSPECTIVE_UP_DEG}}
+        pointing["limb"] = {"band_deg": (0.0, 90.0)}
+        return projections.view_directions(view, width, **pointing.get(view, {}))
     if width < 4 or width % 4:
         raise TwilightError(f"width: {width} must be a positive multiple of 4")
     if view == "wide":
@@ -85,6 +98,13 @@ def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     centre = 2 * (np.arange(width) + 0.5) / width - 1
     down, right = np.meshgrid(centre, centre, indexing="ij")
     return 90.0 * (1.0 - np.hypot(right, down)), np.degrees(np.arctan2(right, down))
+
+
+def width_of(view: str) -> int:
+    """Width of a view's picture [pixels], where none is given."""
+    if view in DEFAULT_WIDTH or view not in PROJECTIONS:
+        return DEFAULT_WIDTH.get(view, 4)
+    return usual_width(view) // 2
 
 
 def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer: str) -> None:
@@ -139,14 +159,17 @@ def develop_view(
 ) -> tuple[np.ndarray, float, dict[str, float | str]]:
     """Display values 0..1 (height, width, 3), the EV100 of the meter, and what the tone set or found.
 
-    What the tone sees of the sky's grid is interpolated smoothly (``Sky.smooth``), then developed.  ``auto``
-    exposes the wide picture for the part of the sky that it shows, the others for the whole sky
-    (``colour.auto_exposure_ev100``).  Below the horizon of the wide picture is the lit Lambertian ground.  Seen from
-    high up, where the sky's rows go below the horizontal, it shows the horizon that dips and the ground through the
-    air, and looks down by what the horizon dips beyond 3 deg; a sky that ends at 0 deg ends the picture there.
+    What the tone sees of the sky's grid is interpolated smoothly (``Sky.smooth``), then developed.  ``auto`` exposes
+    the pictures of ``FACING`` for the part of the sky that they show, the others for the whole sky
+    (``colour.auto_exposure_ev100``).  Below the horizon, where a picture has one, is the lit Lambertian ground without
+    the air before it.  The wide picture, seen from high up, where the sky's rows go below the horizontal, shows the
+    horizon that dips and the ground through the air, and looks down by what the horizon dips beyond 3 deg; a sky that
+    ends at 0 deg ends the picture there.
     """
-    elevation, azimuth = view_directions(view, width or DEFAULT_WIDTH.get(view, 0))
+    elevation, azimuth = view_directions(view, width or width_of(view))
     lower = float(sky.elevation_edges_deg[0])
+    outside = np.isnan(elevation)
+    elevation, azimuth = np.where(outside, -90.0, elevation), np.nan_to_num(azimuth)
     if view == "wide" and lower < 0.0:
         elevation = np.maximum(elevation - max(0.0, dip_deg(sky) - WIDE_DIP_DEG), -90.0)
     elif view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
@@ -155,21 +178,29 @@ def develop_view(
     picture = sky.smooth(seen, np.maximum(elevation, lower), azimuth)
     if exposure != "auto":
         ev100 = float(exposure)
-    elif view == "wide":
-        shown = picture[elevation[:, 0] > min(lower, 0.0), :, 1]
+    elif view in FACING:
+        shown = picture[np.broadcast_to(elevation > min(lower, 0.0), picture.shape[:2])][:, 1]
         ev100 = colour.auto_exposure_ev100(shown, None, tone.highlights_over_mean) + WIDE_EXPOSURE_STEPS
     else:
         weight = np.broadcast_to(sky.solid_angle_sr()[:, None], seen.shape[:2])
         ev100 = colour.auto_exposure_ev100(seen[..., 1], weight, tone.highlights_over_mean)
-    if view == "wide":
-        picture[elevation[:, 0] <= lower] = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
-    add_to_picture(sky, picture, elevation, azimuth, tone)
-    pixel_deg = float(np.abs(np.diff(elevation[:, elevation.shape[1] // 2])).max(initial=0.0))
+    if view not in ("panorama", "fisheye"):
+        ground = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
+        picture[np.broadcast_to(elevation <= lower, picture.shape[:2])] = ground
+    steps_deg = np.abs(np.diff(elevation[:, elevation.shape[1] // 2]))
+    if view in VIEWS:
+        add_to_picture(sky, picture, elevation, azimuth, tone)
+        pixel_deg = float(steps_deg.max(initial=0.0))
+    else:
+        add_to_view(sky, picture, direction(azimuth, elevation), tone)
+        pixel_deg = float(np.median(steps_deg))
     if view == "fisheye":
-        picture[elevation < 0] = 0.0
+        outside = elevation < 0
+    if outside.any():
+        picture[outside] = 0.0
     display, facts = tone.develop(picture, Shot(ev100, pixel_deg))
-    if view == "fisheye":
-        display[elevation < 0] = np.nan
+    if outside.any():
+        display[outside] = np.nan
     return display, ev100, facts
 
 

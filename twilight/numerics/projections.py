@@ -36,6 +36,8 @@ WHOLE = (-90.0, 90.0)
 """The band from the nadir to the zenith [deg]."""
 CYLINDER_ELEVATION_DEG = 17.3
 """Of a cylinder's middle: the horizon is then at 0.86 of the height of 20 : 9, where `wide` has it."""
+PERSPECTIVE_UP_DEG = 15.0
+"""Where a pinhole camera that shows the sky looks unless told otherwise: the horizon is in the lower part."""
 LARGEST_SHIFT_DEG = 80.0
 """Elevations in the middle of a cylinder lie within this: it never holds the zenith."""
 
@@ -198,6 +200,11 @@ PROJECTIONS: dict[str, Projection] = {
     "limb": Projection(_limb, 8.0, free=True, turns=False, banded=True),
 }
 """Every projection by its name."""
+
+
+def usual_width(name: str) -> int:
+    """Width of a picture of the sky [pixels]: 1600 where it is wider than high, else 1024."""
+    return 1600 if projection_of(name).aspect > 1.0 else 1024
 
 
 def projection_of(name: str) -> Projection:

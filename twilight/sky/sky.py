@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import interpolation, spectrum
+from twilight.sky.comparison import SkyComparison
 from twilight.sky.disc import Disc
 
 if TYPE_CHECKING:
@@ -150,6 +151,16 @@ class Sky:
         def view(self) -> BrowserPage: ...
         def to_xarray(self) -> xarray.Dataset: ...
         def _repr_html_(self) -> str: ...
+
+    # Comparison -------------------------------------------------------------------------------------------------
+
+    def __sub__(self, other: Sky) -> SkyComparison:
+        """Difference of the radiances of two skies with the same directions and wavelengths."""
+        return SkyComparison(self, other, "difference") if isinstance(other, Sky) else NotImplemented
+
+    def __truediv__(self, other: Sky) -> SkyComparison:
+        """Ratio of the radiances of two skies with the same directions and wavelengths."""
+        return SkyComparison(self, other, "ratio") if isinstance(other, Sky) else NotImplemented
 
     # Grid -------------------------------------------------------------------------------------------------------
 
