@@ -149,7 +149,10 @@ def plot_comparison(
     ax.set_axis_off()
     word = "minus" if self.kind == "difference" else "over"
     ax.set_title(f"{label_of(self.first)}\n{word} {label_of(self.second)}", fontsize="small")
-    ax.figure.colorbar(image, ax=ax, label=label, shrink=0.8)
+    scale = ax.figure.colorbar(image, ax=ax, label=label, shrink=0.8)
+    if self.kind == "ratio":
+        for which in (scale.ax.yaxis.set_major_formatter, scale.ax.yaxis.set_minor_formatter):
+            which("{x:g}")
     return ax.figure  # type: ignore[return-value]
 
 
