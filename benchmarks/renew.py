@@ -101,6 +101,12 @@ BENCHMARKS = {
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
+    "hyperspectral": Benchmark(
+        "hyperspectral.py", "hyperspectral.csv", "error and time of light interpolated over the spectrum"
+    ),
+    "hyperspectral_times": Benchmark(
+        "hyperspectral.py times", "hyperspectral_times.csv", "time of fields of 8, 81 and 701 wavelengths"
+    ),
     "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
     "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
     "zones_speed": Benchmark("zones_speed.py", "zones_speed.csv", "time of `zones`: a field, and one more sky of it"),

@@ -121,17 +121,24 @@ class GasBands:
         """How many terms each wavelength has, (W,)."""
         return np.bincount(self.wavelength_index)
 
-    def select(self, part: slice) -> GasBands:
-        """The terms of some of the wavelengths, which count from 0 again."""
-        inside = (self.wavelength_index >= part.start) & (self.wavelength_index < part.stop)
+    def select(self, part: slice | np.ndarray) -> GasBands:
+        """The terms of some of the wavelengths, a range or ascending indices, which count from 0 again."""
+        wanted = np.arange(part.start, part.stop) if isinstance(part, slice) else part
+        inside = np.isin(self.wavelength_index, wanted)
         return GasBands(
-            self.wavelength_index[inside] - part.start, self.weight[inside], self.absorption_per_km[:, inside]
+            np.searchsorted(wanted, self.wavelength_index[inside]),
+            self.weight[inside],
+            self.absorption_per_km[:, inside],
         )
 
-    def expand(self, medium: Medium) -> Medium:
-        """The medium with a column for each term instead of each wavelength; its grid medium is air without bands."""
-        wide = medium.select(self.wavelength_index)
-        wide = replace(wide, absorption_per_km=wide.absorption_per_km + self.absorption_per_km)
+    def expand(self, medium: Medium, terms: np.ndarray | None = None) -> Medium:
+        """The medium with a column for each term instead of each wavelength; its grid medium is air without bands.
+
+        terms: indices (n,) of some of the terms, which alone are columns; None: all.
+        """
+        which = slice(None) if terms is None else terms
+        wide = medium.select(self.wavelength_index[which])
+        wide = replace(wide, absorption_per_km=wide.absorption_per_km + self.absorption_per_km[:, which])
         without = medium.at_grid_wavelengths
         return wide if without is None else replace(wide, grid_medium=GridMedium.of(without))
 

@@ -238,7 +238,7 @@ def _print_plans(cases: list[Any]) -> None:
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
         print(sentence)
-    columns = ["scene", "suns", "wavelengths", "in blocks", "sky [GB]", "picture of the view [GB]"]
+    columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]
     print_table(columns, sizes, right=tuple(range(1, len(columns))))
 
@@ -253,4 +253,5 @@ def _sizes(scene: Any) -> list[str]:
     in_full = ["-", "-", "-"]
     if sizes.field_bytes is not None and sizes.total_bytes is not None and sizes.cpu_s is not None:
         in_full = [f"{sizes.field_bytes / 1e9:.2g}", f"{sizes.total_bytes / 1e9:.2g}", time_of(sizes.cpu_s)]
-    return [str(sizes.suns), str(sizes.wavelengths), blocks, *numbers, *in_full]
+    solved = str(sizes.solved) if sizes.solved else "-"
+    return [str(sizes.suns), str(sizes.wavelengths), blocks, solved, *numbers, *in_full]

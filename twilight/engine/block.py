@@ -80,7 +80,12 @@ class Block:
         scene = self.scene
         prepare: Any = scene.solver.prepare
         known = self.problem.sun_elevations_deg
-        more = {"sun_elevations_deg": list(known)} if known is not None and self.capabilities.takes_suns else {}
+        more: dict[str, Any] = {}
+        if known is not None and self.capabilities.takes_suns:
+            more["sun_elevations_deg"] = list(known)
+        interpolation = self.problem.interpolations[self.wavelengths.start]
+        if interpolation is not None:
+            more["interpolation"] = interpolation
 
         def solved(settings: Any) -> Field:
             return prepare(
@@ -90,7 +95,8 @@ class Block:
         settings = scene.settings
         if not self.problem.cached or not self.capabilities.field_file or settings.field_file:
             return solved(settings)
-        key = field_key(scene.solver.__name__, settings, self._term_medium, more.get("sun_elevations_deg"), altitude_km)
+        suns = more.get("sun_elevations_deg")
+        key = field_key(scene.solver.__name__, settings, self._term_medium, suns, altitude_km, interpolation)
         path = cache.find(cache.FIELDS, key)
         if path is not None:
             try:

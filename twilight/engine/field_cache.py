@@ -19,16 +19,26 @@ if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
 
 
-def field_key(solver: str, settings: Any, medium: Medium, suns_deg: Sequence[float] | None, altitude_km: float) -> str:
+def field_key(
+    solver: str,
+    settings: Any,
+    medium: Medium,
+    suns_deg: Sequence[float] | None,
+    altitude_km: float,
+    interpolation: Any = None,
+) -> str:
     """The key of the field of a problem.
 
-    solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's.
+    solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's;
+    interpolation: over the spectrum, by which light scattered more than once follows.
     """
     digest = hashlib.sha256(code_digest(solver).encode())
     about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
     digest.update(json.dumps(about, sort_keys=True, default=str).encode())
     _add(digest, medium)
     _add(digest, medium.at_grid_wavelengths)
+    if interpolation is not None:
+        _add(digest, interpolation)
     return digest.hexdigest()
 
 
@@ -41,7 +51,7 @@ def _add(digest: Any, value: Any) -> None:
             _add(digest, one)
     elif hasattr(value, "__dataclass_fields__"):
         for f in fields(value):
-            if f.name not in ("notes", "grid_medium"):
+            if f.compare and f.name != "notes":
                 digest.update(f.name.encode())
                 _add(digest, getattr(value, f.name))
     else:

@@ -53,6 +53,8 @@ class SceneCost:
     """What a scene costs.
 
     blocks: in which its wavelengths are solved, one after the other, of at most `at_once`
+    solved: of these wavelengths, or terms of exponential sums, those at which light scattered more than once is solved
+        and from which that of the rest is interpolated; 0: nothing is interpolated
     sky_bytes: of the arrays of one sky and its pictures at the same time; view_bytes: of the picture of a view.
     field_bytes: of the field of one block, while it is solved; total_bytes: the most that all take together, with the
         program; cpu_s: processor time on a quiet core of some 3 GHz, machine code being there.  None for solvers that
@@ -68,6 +70,7 @@ class SceneCost:
     field_bytes: float | None = None
     total_bytes: float | None = None
     cpu_s: float | None = None
+    solved: int = 0
 
 
 def full_cost(scene: Scene) -> SceneCost:
@@ -103,14 +106,33 @@ def full_cost(scene: Scene) -> SceneCost:
     seconds = len(suns) * (SUN_S + FILES_S + PIXEL_S * pixels)
     if config.terrain is not None:
         seconds += len(suns) * (TERRAIN_S + TERRAIN_PIXEL_S * pixels * scene.medium.n_wavelengths)
-    for n, band in zip(of_blocks, in_band, strict=True):
+    for part, n, band in zip(problem.slices, of_blocks, in_band, strict=True):
         times = found.band_cpu_factor if band else 1.0
-        seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
+        if problem.interpolations[part.start] is None:
+            seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
+        else:
+            seconds += times * found.cpu_s_per_interpolated * n
         seconds += times * found.cpu_s_per_direction * len(suns) * directions * n
+    nodes = interpolated_from(problem)
+    seconds += found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
     # one copy of a sky grows while its blocks are solved and asked; all are there while the last field still is
     held = sizes.sky_bytes / ARRAYS_AT_ONCE
     most = max(field + held, FIELD_FRACTION_HELD * field + look + held, FIELD_FRACTION_HELD * field + sizes.sky_bytes)
-    return replace(sizes, field_bytes=field, total_bytes=PROGRAM_BYTES + most + sizes.view_bytes, cpu_s=seconds)
+    return replace(
+        sizes,
+        field_bytes=field,
+        total_bytes=PROGRAM_BYTES + most + sizes.view_bytes,
+        cpu_s=seconds,
+        solved=sum(nodes.values()),
+    )
+
+
+def interpolated_from(problem: Problem) -> dict[bool, int]:
+    """Wavelengths outside bands (False), and terms in bands (True), at which light is solved for the others."""
+    nodes = {False: 0, True: 0}
+    for one in {id(each): each for each in problem.interpolations if each is not None}.values():
+        nodes[one.in_band] += one.n_nodes
+    return nodes
 
 
 def cost(config: Config) -> SceneCost:

@@ -27,7 +27,7 @@ from twilight.engine.sunbeam import Direct
 from twilight.scene.scene import Scene
 from twilight.sky.disc import Disc
 from twilight.sky.sky import BrowserPage, Sky
-from twilight.solvers.base import Cost
+from twilight.solvers.base import Cost, Interpolation
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
@@ -80,6 +80,38 @@ class Problem:
         return self.cost.max_wavelengths(most, FIELD_BYTES, self.scene.bands is not None)
 
     @cached_property
+    def _term_counts(self) -> np.ndarray:
+        """Terms of each wavelength, (W,); 1 without bands."""
+        scene = self.scene
+        return np.ones(scene.medium.n_wavelengths, int) if scene.bands is None else scene.bands.term_counts
+
+    @cached_property
+    def _groups(self) -> list[Any]:
+        """A key for each wavelength: those of different keys share no block."""
+        scene, able = self.scene, self.scene.capabilities
+        count = scene.medium.n_wavelengths
+        keys: list[Any] = [0] * count
+        if count > 1 and not (able.field_file and scene.settings.field_file):
+            if able.spectral_groups is not None:
+                keys = list(able.spectral_groups(scene.medium, scene.settings))
+            keys = [key if self._term_counts[w] == 1 else 1 for w, key in enumerate(keys)]
+        return keys
+
+    @cached_property
+    def interpolations(self) -> list[Interpolation | None]:
+        """What interpolates light over the spectral group of each wavelength; None where all of a group are solved."""
+        scene, able = self.scene, self.scene.capabilities
+        found: list[Interpolation | None] = [None] * scene.medium.n_wavelengths
+        if able.spectral_interpolation is None:
+            return found
+        for key in dict.fromkeys(self._groups):
+            members = np.array([w for w, other in enumerate(self._groups) if other == key])
+            one = able.spectral_interpolation(scene.medium, scene.bands, members, scene.settings)
+            for w in members:
+                found[w] = one
+        return found
+
+    @cached_property
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
@@ -87,14 +119,9 @@ class Problem:
         different spectral groups share no block, nor do those in a band with others, whose grids would follow the
         band's terms, unless a file is to hold them all.
         """
-        scene, able = self.scene, self.scene.capabilities
-        step, count = self.wavelengths_at_once, scene.medium.n_wavelengths
-        term_counts = np.ones(count, int) if scene.bands is None else scene.bands.term_counts
-        keys: list[Any] = [0] * count
-        if count > 1 and not (able.field_file and scene.settings.field_file):
-            if able.spectral_groups is not None:
-                keys = list(able.spectral_groups(scene.medium, scene.settings))
-            keys = [key if term_counts[w] == 1 else 1 for w, key in enumerate(keys)]
+        step, count = self.wavelengths_at_once, self.scene.medium.n_wavelengths
+        term_counts = self._term_counts
+        keys = self._groups
         starts, held = [0], int(term_counts[0])
         for w in range(1, count):
             held += int(term_counts[w])

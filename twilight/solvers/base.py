@@ -23,6 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
@@ -36,6 +37,7 @@ class Cost:
     bytes_per_wavelength, cpu_s_per_wavelength: of each wavelength; of each block of `block_size` wavelengths, begun or
         full, they count block_size times
     cpu_s_per_direction: of a wavelength in one direction, when the field is evaluated
+    cpu_s_per_interpolated: in place of cpu_s_per_wavelength where `spectral_interpolation` serves
     block_size: wavelengths that are computed as one
     band_bytes: added to fixed_bytes where the wavelengths are terms of a gas's exponential sum
     band_cpu_factor: of cpu_s_per_wavelength where they are such terms
@@ -48,6 +50,7 @@ class Cost:
     block_size: int = 1
     band_bytes: float = 0.0
     band_cpu_factor: float = 1.0
+    cpu_s_per_interpolated: float = 0.0
 
     def n_bytes(self, wavelengths: int, in_band: bool = False) -> float:
         """Bytes of a field of so many wavelengths; in_band: or so many terms of an exponential sum."""
@@ -59,6 +62,18 @@ class Cost:
         fixed = self.fixed_bytes + (self.band_bytes if in_band else 0.0)
         room = (n_bytes - fixed) / (self.bytes_per_wavelength * self.block_size)
         return max(self.block_size, min(most, self.block_size * int(max(room, 0.0))))
+
+
+class Interpolation(Protocol):
+    """What interpolates light over the wavelengths, or terms, of a spectral group."""
+
+    @property
+    def n_nodes(self) -> int:
+        """At how many of them light is solved."""
+
+    @property
+    def in_band(self) -> bool:
+        """Whether they are terms of exponential sums."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +98,9 @@ class Capabilities:
     numpy_only: the solver has no compiled kernel; the engine then takes the sun's light at the ground from numpy alone
     spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
         solved in one block, where each would move the other's radiance; None: no wavelength moves another
+    spectral_interpolation: what interpolates light over the spectrum, from (medium, exponential sums of its bands or
+        None, indices of wavelengths that share a spectral group, settings), for `prepare` to take as `interpolation`;
+        None: each of these wavelengths is solved
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
         known
@@ -105,6 +123,7 @@ class Capabilities:
     wavelengths_at_once: int = 32
     numpy_only: bool = False
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
+    spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
     formula: bool = False
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
     package: str = ""
@@ -125,12 +144,15 @@ class Convergence:
 
     orders: orders of scattering that were followed; residual: largest fraction of the light that may be missing or
     wrong because no more were followed; error: how far two qualities differ at 95 % of the directions, where a target
-    was asked for.
+    was asked for; spectral_nodes: wavelengths, or terms of exponential sums, from which light scattered more than once
+    was interpolated, where it was, and interpolation_error: what that adds at 95 % of the directions.
     """
 
     orders: int
     residual: float
     error: float | None = None
+    spectral_nodes: int | None = None
+    interpolation_error: float | None = None
 
 
 class Field(Protocol):

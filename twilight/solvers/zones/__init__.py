@@ -6,6 +6,7 @@ from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.layout import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import load, prepare
+from twilight.solvers.zones.spectral_field import interpolation
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -17,6 +18,7 @@ CAPABILITIES = Capabilities(
     target_error=True,
     field_file=True,
     spectral_groups=spectral_groups,
+    spectral_interpolation=interpolation,
     cost=cost,
 )
 

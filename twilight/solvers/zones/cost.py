@@ -30,6 +30,8 @@ PRODUCT_S = 2.8e-8
 """Processor seconds of a block per node, direction and moment (one quiet core, continental air, to 30 %)."""
 BAND_CPU_FACTOR = 1.7
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
+INTERPOLATED_S = 0.06
+"""Processor seconds of a wavelength whose light is interpolated over the spectrum: its sunbeam, above all."""
 DIRECTION_S = 5.5e-6
 """Processor seconds of a direction and wavelength, scalar."""
 POLARISED_DIRECTION_S = 1e-5
@@ -80,4 +82,5 @@ def cost(
         block_size=LANES,
         band_bytes=(BAND_POINTS_FACTOR - 1.0) * points,
         band_cpu_factor=BAND_CPU_FACTOR,
+        cpu_s_per_interpolated=INTERPOLATED_S,
     )

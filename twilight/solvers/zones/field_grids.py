@@ -54,13 +54,15 @@ class FieldGrids:
     layout: Layout
 
     @staticmethod
-    def of(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> FieldGrids:
-        """Grids for a medium under settings."""
-        of_air = settings_for(medium, settings)
+    def of(
+        medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float], of_terms: bool = False
+    ) -> FieldGrids:
+        """Grids for a medium under settings; of_terms: as of `lay_out`."""
+        of_air = settings_for(medium, settings, of_terms)
         scaled = delta_scaled(medium, of_air.degree)
         spin2_degree = settings.polarisation_degree if settings.polarisation else 0
         matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
-        layout = lay_out(medium, scaled, of_air)
+        layout = lay_out(medium, scaled, of_air, of_terms)
         bent = with_refraction(layout.profile, layout.bends)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
         return FieldGrids(

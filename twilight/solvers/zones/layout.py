@@ -40,28 +40,34 @@ class Layout(NamedTuple):
     thin_layer: bool
 
 
-def settings_for(medium: Medium, settings: ZonesSettings) -> ZonesSettings:
+def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False) -> ZonesSettings:
     """The settings with the degree that a medium needs, or that the ranges of its wavelengths need where it has their
-    grids."""
+    grids.
+
+    of_terms: as of `lay_out`
+    """
     clearest = _clearest(medium)
     fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
-    serves = fixed is not None and _serves(fixed, medium if clearest is None else medium.select(clearest)).all()
+    serves = of_terms or (
+        fixed is not None and _serves(fixed, medium if clearest is None else medium.select(clearest)).all()
+    )
     return with_degree(settings, fixed if fixed is not None and serves else medium)
 
 
-def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> Layout:
+def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_terms: bool = False) -> Layout:
     """Grids for all wavelengths of a medium: those of their ranges, if these serve; else made for the medium itself.
 
     Terms of a gas's exponential sum have the nodes and directions of the air without that gas, and steps as fine as
     TERM_FACTORS say: nodes that follow the darkest term were six times as many, and moved the light by less than nodes
     that are twice as dense move that of any wavelength; steps that follow it made each term depend on the others.
 
-    scaled: the medium with phase functions of the settings' degree; settings: of `settings_for`
+    scaled: the medium with phase functions of the settings' degree; settings: of `settings_for`; of_terms: the columns
+    are some of the terms of bands whose clearest terms the grid of the range serves
     """
     clearest = _clearest(medium)
     clear = medium if clearest is None else medium.select(clearest)
     fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
-    if fixed is None or not _serves(fixed, clear).all():
+    if fixed is None or not (of_terms or _serves(fixed, clear).all()):
         profile = prepare_profile(scaled.medium)
         of_nodes = profile if clearest is None else profile._replace(extinction=profile.extinction[:, clearest])
         nodes = _field_altitudes(medium, of_nodes, settings.altitude_density)
@@ -73,7 +79,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> La
     reference = prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
     directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
-    if not _serves(fixed, medium).all():
+    if of_terms or not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
         return Layout(near_edges(profile, reference), nodes, directions, scaled.medium, fixed, thin)
     profile = prepare_profile(scaled.medium, like=air.medium)
@@ -92,12 +98,7 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     at a low quality moves the others by per cents: only wavelengths that need the same grid share a key.  Air that is
     thicker than any that steps are made for shortens them by its own extinction: no other wavelength shares its key.
     """
-    ranges = np.array([range_of(w) for w in medium.wavelength_nm])
-    served = np.zeros(ranges.size, bool)
-    for r in np.unique(ranges):
-        fixed, of = _fixed(medium, {int(r)}), ranges == r
-        if fixed is not None:
-            served[of] = _serves(fixed, medium)[of]
+    ranges, served = [range_of(w) for w in medium.wavelength_nm], serves_range(medium)
     return [
         f"range {ranges[w]}".encode() if served[w] else _own(medium, settings, w) for w in range(medium.n_wavelengths)
     ]
@@ -113,6 +114,17 @@ def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
     directions = str(needed(settings, scaled, profile))
     return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
+
+
+def serves_range(medium: Medium) -> np.ndarray:
+    """Whether the grid of its range serves each wavelength of a medium that knows its air at fixed ones, (W,)."""
+    ranges = np.array([range_of(w) for w in medium.wavelength_nm])
+    served = np.zeros(ranges.size, bool)
+    for r in np.unique(ranges):
+        fixed, of = _fixed(medium, {int(r)}), ranges == r
+        if fixed is not None:
+            served[of] = _serves(fixed, medium)[of]
+    return served
 
 
 def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from twilight.base.errors import TwilightError
 
@@ -41,6 +41,9 @@ class ZonesSettings:
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
     bent_paths: bend the paths of light between two scatterings too
     target_error: refine until two qualities differ by less than this fraction at 95 % of the directions; 0 does not
+    spectral_interpolation: auto: where there are more than 24 wavelengths, or terms of bands of gases, light scattered
+        more than once is solved at some and interpolated to the others; light scattered once and the sun's own are
+        computed at each.  off: all is solved at each
     field_file: HDF5 file that the field is read from where it holds this very field, and written to otherwise
     """
 
@@ -77,6 +80,7 @@ class ZonesSettings:
     bent_lines_of_sight: bool = True
     bent_paths: bool = True
     target_error: float = 0.0
+    spectral_interpolation: Literal["auto", "off"] = "auto"
     field_file: str = ""
 
     def __post_init__(self):

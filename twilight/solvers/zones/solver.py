@@ -18,7 +18,9 @@ from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.field_grids import FieldGrids
 from twilight.solvers.zones.layout import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.solvers.zones.solution import Solution
 from twilight.solvers.zones.solve import solve
+from twilight.solvers.zones.spectral_field import SpectralInterpolation
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, zenith_range
 
@@ -48,6 +50,7 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
     sun_elevations_deg: Sequence[float] | None = None,
+    interpolation: SpectralInterpolation | None = None,
 ) -> Field:
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
@@ -67,6 +70,8 @@ def prepare(
         Called as progress(doing, fraction) now and then.
     sun_elevations_deg
         All the suns that will be asked for: only the zenith range that they need is then solved.  None: any sun.
+    interpolation
+        From which light scattered more than once follows; None: it is solved at each wavelength.
 
     Raises
     ------
@@ -93,7 +98,7 @@ def prepare(
     if settings.target_error > 0.0:
         field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
     else:
-        field = _solved(medium, settings, observer_altitude_km, progress or silent, needed)
+        field = _solved(medium, settings, observer_altitude_km, progress or silent, needed, interpolation)
     _warn(field, settings)
     if settings.field_file:
         field.save(settings.field_file)
@@ -106,13 +111,19 @@ def _solved(
     observer_altitude_km: float,
     progress: Progress,
     zenith_range_deg: tuple[float, float],
+    interpolation: SpectralInterpolation | None = None,
 ) -> Field:
     """The field of a medium, solved at one quality."""
     observer_at(medium, observer_altitude_km)
     grids = FieldGrids.of(medium, settings, zenith_range_deg)
     progress("sunbeam", 0.0)
     beam = grids.sunbeam()
-    solutions, convergence = solve(grids, beam, progress) if settings.max_orders > 1 else ([], None)
+    solutions: Sequence[Solution] = ()
+    convergence: Convergence | None = None
+    if interpolation is not None:
+        solutions, convergence = interpolation.light(grids, progress)
+    elif settings.max_orders > 1:
+        solutions, convergence = solve(grids, beam, progress)
     progress("field", 1.0)
     return Field(grids, beam, solutions, convergence, observer_altitude_km)
 
@@ -221,6 +232,7 @@ def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
         "bent_lines_of_sight",
         "bent_paths",
         "target_error",
+        "spectral_interpolation",
         "field_file",
     )
     return replace(QUALITIES[name], **{key: getattr(settings, key) for key in unchanged})
