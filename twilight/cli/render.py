@@ -42,10 +42,10 @@ def render(
     ] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
     target_stderr: Annotated[
-        float | None, option("SHARE", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
+        float | None, option("FRACTION", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
     ] = None,
     target_error: Annotated[
-        float | None, option("SHARE", "Refine until two qualities agree to this share, e.g. 0.01, where a solver can.")
+        float | None, option("FRACTION", "Refine until two qualities agree within it, e.g. 0.01, where a solver can.")
     ] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     renderer: Annotated[
@@ -120,11 +120,11 @@ def render(
             raise TwilightError("--size: is the size of the picture of --projection; give both")
         for key, value in zip(("width", "height"), _size(size), strict=True):
             chosen[f"observer.view.{key}"], names[f"observer.view.{key}"] = value, "--size"
-    for target_key, share in (("target_error", target_error), ("target_stderr", target_stderr)):
-        if share is not None:
+    for target_key, fraction in (("target_error", target_error), ("target_stderr", target_stderr)):
+        if fraction is not None:
             target_option = f"--{target_key.replace('_', '-')}"
             _check_target(load_series(scene, chosen, names), target_option, target_key)
-            choose(f"solver.{target_key}", share, target_option)
+            choose(f"solver.{target_key}", fraction, target_option)
     cases = load_series(scene, chosen, names)
     if plan:
         _print_plans(cases)

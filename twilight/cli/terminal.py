@@ -80,7 +80,7 @@ def _leaving_on_sigterm() -> Iterator[None]:
 def progress_bar() -> Iterator[Progress]:
     """A bar with the time left on stderr; where that is no terminal, now and then a line.
 
-    Gives a function of a few words on what is being done and the share done, 0 to 1.
+    Gives a function of a few words on what is being done and the fraction done, 0 to 1.
     """
     if not sys.stderr.isatty():
         yield _lines()
@@ -95,27 +95,29 @@ def progress_bar() -> Iterator[Progress]:
     columns = (BarColumn(bar_width=24), TaskProgressColumn(), _time_left_column(), words)
     with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda doing, share: bar.update(task, completed=share, description=escape(doing))
+        yield lambda doing, fraction: bar.update(task, completed=fraction, description=escape(doing))
 
 
 def _lines() -> Progress:
     """A line on stderr every LINE_EVERY_S seconds, so that a log says what long work is doing."""
     begin = last = time.monotonic()
 
-    def tell(doing: str, share: float) -> None:
+    def tell(doing: str, fraction: float) -> None:
         nonlocal last
         now = time.monotonic()
         if now - last >= LINE_EVERY_S:
             last = now
             print(
-                f"twilight: {100 * share:3.0f} %, {time_left(share, now - begin)}: {doing}", file=sys.stderr, flush=True
+                f"twilight: {100 * fraction:3.0f} %, {time_left(fraction, now - begin)}: {doing}",
+                file=sys.stderr,
+                flush=True,
             )
 
     return tell
 
 
 def _time_left_column() -> Any:
-    """Time left at the mean speed so far: shares come in jumps that say nothing about the speed of the moment."""
+    """Time left at the mean speed so far: fractions come in jumps that say nothing about the speed of the moment."""
     from rich.progress import ProgressColumn, Task
     from rich.text import Text
 
@@ -130,14 +132,14 @@ compiling = False
 """Whether this run compiles kernels: the time that its first half takes says nothing of the second."""
 
 
-def time_left(share: float, elapsed_s: float) -> str:
-    """`0:01:05 left` where `share` of the work took `elapsed_s`; nothing can be said before a tenth is done, which is
-    set-up, nor before 0.6 of it in a run that compiles."""
-    if compiling and share < 0.6:
+def time_left(fraction: float, elapsed_s: float) -> str:
+    """`0:01:05 left` where `fraction` of the work took `elapsed_s`; nothing can be said before a tenth is done, which
+    is set-up, nor before 0.6 of it in a run that compiles."""
+    if compiling and fraction < 0.6:
         return "compiling, time left not known"
-    if share < 0.1:
+    if fraction < 0.1:
         return "-:--:-- left"
-    seconds = round(elapsed_s * (1.0 - share) / share)
+    seconds = round(elapsed_s * (1.0 - fraction) / fraction)
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d} left"
 
 

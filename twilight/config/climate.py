@@ -166,7 +166,7 @@ class Ground(Section):
         Discriminator(_albedo_kind),
     ] = key(
         0.0,
-        "share of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; of water (to 0.2) that of the "
+        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; of water (to 0.2) that of the "
         "light from below its surface and of foam",
         unit="1",
     )

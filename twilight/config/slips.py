@@ -1,4 +1,4 @@
-"""Values that are allowed and almost surely a slip: a share meant as per cent, metres meant as kilometres."""
+"""Values that are allowed and almost surely a slip: a fraction meant as per cent, metres meant as kilometres."""
 
 from __future__ import annotations
 

@@ -128,12 +128,12 @@ def _hypercube(value: Any, where: str) -> Axis:
         # another key is added
         stream = random.Random(f"{seed}/{key}")
         order = sorted((stream.random(), i) for i in range(samples))
-        shares = [(i + stream.random()) / samples for _, i in order]
+        fractions = [(i + stream.random()) / samples for _, i in order]
         if isinstance(spread, list | tuple) and spread:
-            drawn = [spread[min(int(share * len(spread)), len(spread) - 1)] for share in shares]
+            drawn = [spread[min(int(fraction * len(spread)), len(spread) - 1)] for fraction in fractions]
         elif isinstance(spread, Mapping):
             first, last, scale = _range(spread, f"{where}.ranges: {key}")
-            drawn = [_between(first, last, scale, share) for share in shares]
+            drawn = [_between(first, last, scale, fraction) for fraction in fractions]
         else:
             raise TwilightError(f"{where}.ranges: {key} must be {{from, to, scale}} or a list of choices")
         for point, value_drawn in zip(points, drawn, strict=True):
@@ -163,12 +163,12 @@ def _range(value: Mapping[str, Any], where: str, more: tuple[str, ...] = ()) -> 
     return ends[0], ends[1], scale
 
 
-def _between(first: float, last: float, scale: str, share: float) -> float:
-    """The value at a share of the way, rounded to 12 digits so that 0.1 stays 0.1."""
+def _between(first: float, last: float, scale: str, fraction: float) -> float:
+    """The value at a fraction of the way, rounded to 12 digits so that 0.1 stays 0.1."""
     if scale == "log":
-        value = first * (last / first) ** share
+        value = first * (last / first) ** fraction
     else:
-        value = first + (last - first) * share
+        value = first + (last - first) * fraction
     return float(f"{value:.12g}")
 
 

@@ -166,14 +166,15 @@ class _Phases(Meter):
     def __init__(self, tell: Progress, blocks: int, suns: list[str]):
         super().__init__(tell)
         self.suns = suns
-        self.share = 1.0 / (blocks * (1 + len(suns)))
+        self.fraction = 1.0 / (blocks * (1 + len(suns)))
 
     def solving(self, block: int) -> None:
-        self.phase("all suns" if len(self.suns) > 1 else "", block * (1 + len(self.suns)) * self.share, self.share)
+        name = "all suns" if len(self.suns) > 1 else ""
+        self.phase(name, block * (1 + len(self.suns)) * self.fraction, self.fraction)
 
     def evaluating(self, block: int, sun: int) -> None:
-        start = (block * (1 + len(self.suns)) + 1 + sun) * self.share
-        self.phase(self.suns[sun] if len(self.suns) > 1 else "", start, self.share)
+        start = (block * (1 + len(self.suns)) + 1 + sun) * self.fraction
+        self.phase(self.suns[sun] if len(self.suns) > 1 else "", start, self.fraction)
 
 
 def _standpoint(sun: SceneSun) -> Standpoint | None:

@@ -268,9 +268,9 @@ def with_sun(seen: ViewPixels, direct: Direct, sun_elevation_deg: float) -> View
         return seen
     sun = direction(0.0, sun_elevation_deg + direct.bending_deg)
     off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(seen.rays - sun, axis=-1))))
-    share = np.clip((SOLAR_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
+    fraction = np.clip((SOLAR_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
     if seen.hidden is not None:
-        share = np.where(seen.hidden, 0.0, share)
+        fraction = np.where(seen.hidden, 0.0, fraction)
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
-    disc = np.nan_to_num(share)[..., None] * (direct.irradiance / solid_angle)
-    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=np.nan_to_num(share))
+    disc = np.nan_to_num(fraction)[..., None] * (direct.irradiance / solid_angle)
+    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=np.nan_to_num(fraction))

@@ -61,12 +61,12 @@ def _pieces(disc: Disc) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     half = disc.half_width_deg()[keep].max(axis=1)
     node = (np.arange(_NODES) + 0.5) / _NODES * 2.0 - 1.0
     azimuth = half[:, None] * node
-    share = disc.radiance(elevation[:, None], azimuth)
-    total = share.sum(axis=1, keepdims=True)
+    fraction = disc.radiance(elevation[:, None], azimuth)
+    total = fraction.sum(axis=1, keepdims=True)
     # a wavelength whose disc is narrower than the distance of the points has its light in the middle
     middle = np.full((1, _NODES, 1), 1.0 / _NODES)
-    share = np.where(total > 0.0, share / np.where(total > 0.0, total, 1.0), middle)
-    light = rows[:, None, :] * share
+    fraction = np.where(total > 0.0, fraction / np.where(total > 0.0, total, 1.0), middle)
+    light = rows[:, None, :] * fraction
     return np.repeat(elevation, _NODES), azimuth.ravel(), light.reshape(-1, light.shape[-1])
 
 

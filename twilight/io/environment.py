@@ -63,8 +63,8 @@ def _octahedral_directions(side: int) -> tuple[np.ndarray, np.ndarray]:
     r = 1 - np.abs(d)
     z = np.copysign(1 - r * r, d)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(r > 0, (np.abs(b) - np.abs(a)) / r, 0.0)
-    quarter = (share + 1) * 45.0
+        fraction = np.where(r > 0, (np.abs(b) - np.abs(a)) / r, 0.0)
+    quarter = (fraction + 1) * 45.0
     x = np.copysign(np.cos(np.radians(quarter)), a)
     y = np.copysign(np.sin(np.radians(quarter)), b)
     azimuth = np.mod(90.0 - np.degrees(np.arctan2(y, x)), 360.0)

@@ -241,8 +241,8 @@ def _stokes(sky: Sky, spectra: np.ndarray, renderer: str, width: int) -> tuple[n
     elevation, azimuth = np.broadcast_arrays(elevation, azimuth - (sky.sun_azimuth_deg or 0.0))
     above = elevation >= sky.elevation_edges_deg[0]
     q, u = np.zeros_like(spectra), np.zeros_like(spectra)
-    share = sky.sample_fractional_stokes(elevation[above], azimuth[above])
-    q[above], u[above] = share[..., 0, :] * spectra[above], share[..., 1, :] * spectra[above]
+    fraction = sky.sample_fractional_stokes(elevation[above], azimuth[above])
+    q[above], u[above] = fraction[..., 0, :] * spectra[above], fraction[..., 1, :] * spectra[above]
     return q, u
 
 

@@ -37,7 +37,7 @@ FACING = ("wide", "perspective", "cylinder")
 WIDE_FIELD_DEG = 110.0
 """Horizontal field of view of the wide picture: that of the eyes' common field."""
 WIDE_HORIZON = 0.86
-"""Where the horizon lies, as a share of the height from above."""
+"""Where the horizon lies, as a fraction of the height from above."""
 WIDE_EXPOSURE_STEPS = -0.3
 """Stops that the wide picture is given less (or more, negative) light than the meter says."""
 WIDE_DIP_DEG = 3.0

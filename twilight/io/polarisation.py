@@ -90,8 +90,8 @@ def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
     for i, (values, colours, ticks, title) in enumerate(shown):
         left = MARGIN + i * panel
         draw.text((left + 0.5 * WIDTH, MARGIN + TITLE_HEIGHT), title, fill="black", font=font, anchor="ma")
-        share = (values - ticks[0]) / (ticks[-1] - ticks[0])
-        image.paste(Image.fromarray(_coloured(share, colours)), (left, top))
+        fraction = (values - ticks[0]) / (ticks[-1] - ticks[0])
+        image.paste(Image.fromarray(_coloured(fraction, colours)), (left, top))
         bar = np.broadcast_to(1.0 - (np.arange(WIDTH)[:, None] + 0.5) / WIDTH, (WIDTH, BAR_WIDTH))
         right = left + WIDTH + MARGIN
         image.paste(Image.fromarray(_coloured(bar, colours)), (right, top))
@@ -107,12 +107,12 @@ def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
     return Path(path)
 
 
-def _coloured(share: np.ndarray, colours: str) -> np.ndarray:
-    """sRGB (H, W, 3), 8 bit, of shares 0..1 (H, W) of a colour map; white where there is none."""
+def _coloured(fraction: np.ndarray, colours: str) -> np.ndarray:
+    """sRGB (H, W, 3), 8 bit, of fractions 0..1 (H, W) of a colour map; white where there is none."""
     knots = np.array([[int(colour[i : i + 2], 16) for i in (0, 2, 4)] for colour in colours.split()])
     places = np.linspace(0.0, 1.0, len(knots))
-    rgb = np.stack([np.interp(np.nan_to_num(share), places, knots[:, c]) for c in range(3)], axis=-1)
-    return np.where(np.isnan(share)[..., None], 255, np.round(rgb)).astype(np.uint8)
+    rgb = np.stack([np.interp(np.nan_to_num(fraction), places, knots[:, c]) for c in range(3)], axis=-1)
+    return np.where(np.isnan(fraction)[..., None], 255, np.round(rgb)).astype(np.uint8)
 
 
 def write(rendered: Rendered, folder: Path, options: Options) -> list[Path]:

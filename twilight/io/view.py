@@ -18,7 +18,7 @@ from twilight.sky import colour
 from twilight.sky.tone import Light, Plain, Shot, Tone, tone_of
 
 DARKEST_FRACTION = 1e-3
-"""Pixels darker than this share of the brightest 0.5 % count as space and not for the exposure."""
+"""Pixels darker than this fraction of the brightest 0.5 % count as space and not for the exposure."""
 PIXELS_AT_ONCE = 1 << 18
 METERED_PIXELS = 1 << 21
 """A larger picture is metered on some of its rows and columns, evenly spaced."""

@@ -195,8 +195,8 @@ def auto_exposure_ev100(
     if keep.any():
         light, weight = light[keep], weight[keep]
         order = np.argsort(light)
-        share = np.cumsum(weight[order]) / weight.sum()
-        bright = light[order][min(np.searchsorted(share, HIGHLIGHT_QUANTILE), light.size - 1)]
+        fraction = np.cumsum(weight[order]) / weight.sum()
+        bright = light[order][min(np.searchsorted(fraction, HIGHLIGHT_QUANTILE), light.size - 1)]
         key = max(float(np.exp(np.average(np.log(light), weights=weight))), bright / highlights_over_mean)
     return float(np.log2(key / (METERED_GREYS * GREY_LUMINANCE_AT_EV100_0)))
 

@@ -181,14 +181,14 @@ def _size_km(file) -> tuple[float, float]:
 def _ridges(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
     """Crests by octaves of folded noise, higher away from a valley along y through the middle."""
     random = np.random.default_rng(seed)
-    total, weight, share = np.zeros_like(x), np.ones_like(x), 1.0
+    total, weight, fraction = np.zeros_like(x), np.ones_like(x), 1.0
     for octave in range(7):
         n = 5 * 2**octave
         noise = random.standard_normal((n + 3, n + 3))
         smooth = _cubic(noise, (x + 0.5) * n, (y + 0.5) * n)
         fold = np.clip(1.0 - np.abs(smooth) / 1.6, 0.0, 1.0) ** 1.5
-        total += share * weight * fold
-        weight, share = np.clip(1.8 * weight * fold, 0.05, 1.0), 0.55 * share
+        total += fraction * weight * fold
+        weight, fraction = np.clip(1.8 * weight * fold, 0.05, 1.0), 0.55 * fraction
     away = np.clip((np.hypot(x, 0.35 * y) - 0.015) / 0.12, 0.0, 1.0)
     return total * away * away * (3.0 - 2.0 * away)
 

@@ -62,13 +62,13 @@ def segment_nodes(
     size = np.empty(edges.size - 1, dtype=np.int64)
     for s, (a, b) in enumerate(pairwise(edges)):
         inside = (profile.top_km > a) & (profile.bottom_km < b)
-        share = np.minimum(profile.top_km[inside], b) - np.maximum(profile.bottom_km[inside], a)
+        fraction = np.minimum(profile.top_km[inside], b) - np.maximum(profile.bottom_km[inside], a)
         folds = 0.0
         for part in (AIR, GASES, AEROSOL):
             # an error of interpolation goes like optical depth x step^4
             weight = (_LIMB_PATH_KM * profile.coefficient[:, inside, part + BOTTOM]) ** 0.25
             q = np.abs(profile.coefficient[:, inside, part + LOG_SLOPE]) / (profile.top_km - profile.bottom_km)[inside]
-            folds = max(folds, float((np.minimum(weight, 2.0) * q * share).sum(axis=1).max()))
+            folds = max(folds, float((np.minimum(weight, 2.0) * q * fraction).sum(axis=1).max()))
         # a thin layer just above is seen from within its thickness: sqrt(b - z) must resolve that
         above = (edges[s + 2] - b) if s + 2 < edges.size else b - a
         needed = max(per_scale * max(folds, 0.2 * (b - a) ** 0.5), 2.5 * ((b - a) / above) ** 0.5)

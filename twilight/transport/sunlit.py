@@ -103,7 +103,7 @@ def _from_series(series, n, least, cos_azimuth, form, moments):
 
 @njit(inner=True, cache=True)
 def _few_azimuths(
-    beam, rays, share, r, elevation, directions, phases, floor, other, room, moments, values, least, series
+    beam, rays, fraction, r, elevation, directions, phases, floor, other, room, moments, values, least, series
 ):  # fmt: skip
     """The moments along ray r as a series in azimuth; returns its number of intervals, 0 where none was found.
 
@@ -127,7 +127,7 @@ def _few_azimuths(
             d = nearest(directions.cos_azimuth, first, end, cos_azimuth)
             row = Row(elevation, to_sun, cos_azimuth)
             here = values[j * stride]
-            along(beam, rays, share, r, row, phases, d, floor, other, room, here)
+            along(beam, rays, fraction, r, row, phases, d, floor, other, room, here)
             if n > 2:
                 _from_series(series, n // 2, least, cos_azimuth, form, moments)
             for w in range(brightest.size):
@@ -147,18 +147,18 @@ def _few_azimuths(
 
 @njit(cache=True, nogil=True)
 def scattered_once(
-    beam, rays, share, elevation, directions, phases, floor, other, ground_km, ground_albedo, out, begin, end
+    beam, rays, fraction, elevation, directions, phases, floor, other, ground_km, ground_albedo, out, begin, end
 ):  # fmt: skip
     """Light scattered once, by air or by the ground in view, added to out (D, Stokes, W) for rays begin..end.
 
     beam: of :func:`twilight.transport.beam.prepare_beam`; rays: traced with `pairs`
-    share (1 + K, P, W): of air and of each aerosol in what the points scatter
+    fraction (1 + K, P, W): of air and of each aerosol in what the points scatter
     elevation (R,) [rad]: apparent, of each ray; directions: `Directions`; phases: `Phases`
-    floor: least value of a phase function; other (D, W): light that is there besides, of which errors are shares too
+    floor: least value of a phase function; other (D, W): light that is there besides, of which errors are fractions too
     ground_km: altitude of the ground; ground_albedo (W,)
     """
     n_stokes, n_w = out.shape[1], out.shape[2]
-    n_s = share.shape[0]
+    n_s = fraction.shape[0]
     most = 0
     for r in range(begin, end):
         most = max(most, rays.first[r + 1] - rays.first[r])
@@ -172,15 +172,16 @@ def scattered_once(
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     for r in range(begin, end):
         n = _few_azimuths(
-            beam, rays, share, r, elevation[r], directions, phases, floor, other, room, moments, values, least, series
-        )
+            beam, rays, fraction, r, elevation[r], directions, phases, floor, other, room, moments, values, least,
+            series,
+        )  # fmt: skip
         for d in range(directions.first[r], directions.first[r + 1]):
             cos_azimuth = directions.cos_azimuth[d]
             if n > 0:
                 _from_series(series, n, least, cos_azimuth, form, moments)
             else:
                 row = Row(elevation[r], to_sun, cos_azimuth)
-                along(beam, rays, share, r, row, phases, d, floor, other, room, moments)
+                along(beam, rays, fraction, r, row, phases, d, floor, other, room, moments)
             for stokes in range(n_stokes):
                 for w in range(n_w):
                     out[d, stokes, w] += _seen(beam, phases, stokes, d, floor, moments, w)[0]

@@ -3,9 +3,9 @@
 The points of a ray come in pairs, the two Gauss points of each step (`Line` traced with `pairs`).  With the weight
 g = scattering coefficient x transmittance x length of each, what counts of the light is sums over points of
 
-    g x share_s x E/F0,
+    g x fraction_s x E/F0,
 
-E the sunbeam and share_s that of a species in what a point scatters.  The steps follow the air; what the beam does
+E the sunbeam and fraction_s that of a species in what a point scatters.  The steps follow the air; what the beam does
 within one depends on the sun: it begins at the edge of the Earth's shadow, and its logarithm bends where the beam
 grazes a layer.  Steps in which such a change matters are cut again.  In a cut step the density of g goes exponentially
 through its two points, with the same sum.  Its parts are small at both ends: steps end at edges of layers, beside which
@@ -13,8 +13,8 @@ light changes like a square root.  A piece that begins at the edge of the Earth'
 spaced like squares from there.
 
 Arguments that the kernels share: beam: `Beam`; rays: `Rays`, place (P, 4): theirs, k: index of the first point of a
-step; share (S, P, W): of each species in what the points scatter, s: one of them; to_sun (2,): cosine and sine of the
-solar zenith angle at the start, cos_azimuth: of the ray from the sun; phases: `Phases`, d: a direction of them; floor:
+step; fraction (S, P, W): of each species in what the points scatter, s: one of them; to_sun (2,): cosine and sine of
+the solar zenith angle at the start, cos_azimuth: of the ray from the sun; phases: `Phases`, d: a direction of them; floor:
 least value of a phase function; w: index of the wavelength; light (W,): work space.
 """
 
@@ -103,7 +103,7 @@ def _edge(beam, place, k, low, high, lit_low, to_sun, cos_azimuth, light):
 
 
 @njit(inner=True, cache=True, makes_arrays=False)
-def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, density, piece):
+def _add_part(beam, rays, fraction, row, k, begin, end, square, parts, light, density, piece):
     """Add to piece (3, S, W) the moments of the piece begin..end (fractions) of the step of points k and k + 1.
 
     row: `Row`; parts: number of pieces, each with two Gauss nodes; square: 0 where parts grow like squares from both
@@ -132,8 +132,8 @@ def _add_part(beam, rays, share, row, k, begin, end, square, parts, light, densi
             for w in range(light.size):
                 if light[w] > 0.0:
                     strength = width * density[w, 0] * math.exp(density[w, 1] * f) * light[w]
-                    for s in range(share.shape[0]):
-                        source = strength * ((1.0 - g) * share[s, k, w] + g * share[s, k + 1, w])
+                    for s in range(fraction.shape[0]):
+                        source = strength * ((1.0 - g) * fraction[s, k, w] + g * fraction[s, k + 1, w])
                         piece[0, s, w] += source
                         piece[1, s, w] += source * lifted
                         piece[2, s, w] += source * lowered
@@ -194,8 +194,8 @@ class Row(NamedTuple):
 
 
 @njit(cache=True, makes_arrays=False)
-def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
-    """Moments (3, S, W) of the light along ray r in the direction `row`: sums over points of g share_s E/F0, and of
+def along(beam, rays, fraction, r, row, phases, d, floor, other, room, moments):
+    """Moments (3, S, W) of the light along ray r in the direction `row`: sums over points of g fraction_s E/F0, and of
     that times the angles by which the sun is lifted and the ray is lowered.
 
     The phase functions of direction d, and the other light (D, W) in it, say which steps matter.
@@ -204,7 +204,7 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
     """
     light, logarithm, part, lit, bent = room.light, room.logarithm, room.part, room.lit, room.bent
     place, weight, here, total = rays.place, rays.weight, room.at_one, room.total
-    n_s, n_w = share.shape[0], weight.shape[1]
+    n_s, n_w = fraction.shape[0], weight.shape[1]
     k0 = rays.first[r]
     n = rays.first[r + 1] - k0
     for w in range(n_w):
@@ -225,7 +225,7 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
                 lit[i] = True
                 logarithm[i, w] = max(-80.0, math.log(here[w]))
                 for s in range(n_s):
-                    source += share[s, k, w] * turned(beam, phases, 0, d, s, w, lifted, lowered, floor)
+                    source += fraction[s, k, w] * turned(beam, phases, 0, d, s, w, lifted, lowered, floor)
             part[i, w] = weight[k, w] * here[w] * source
             total[w] += part[i, w]
     for i in range(0, n, 2):
@@ -236,12 +236,12 @@ def along(beam, rays, share, r, row, phases, d, floor, other, room, moments):
         all_lit = lit[before] and lit[i] and lit[i + 1] and lit[after]
         error, change = _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total)
         if error > STEP_ERROR:
-            _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments)
+            _cut(beam, rays, fraction, k0, i, row, room, all_lit, change, moments)
             continue
         for j in range(i, i + 2):
             for s in range(n_s):
                 for w in range(n_w):
-                    source = weight[k0 + j, w] * light[j, w] * share[s, k0 + j, w]
+                    source = weight[k0 + j, w] * light[j, w] * fraction[s, k0 + j, w]
                     moments[0, s, w] += source
                     moments[1, s, w] += source * bent[j, 0]
                     moments[2, s, w] += source * bent[j, 1]
@@ -292,7 +292,7 @@ def _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total)
 
 
 @njit(cache=True, makes_arrays=False)
-def _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments):
+def _cut(beam, rays, fraction, k0, i, row, room, all_lit, change, moments):
     """Add the light of the step of points k0 + i and k0 + i + 1, cut in parts, to moments (3, S, W).
 
     k0: index of the ray's first point, i: of the step's first one among them; row: `Row`; room: `Room`; all_lit:
@@ -304,7 +304,7 @@ def _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments):
     _densities(weight, k, density)
     parts = int(min(MOST_PARTS, 2.0 + math.ceil(4.0 * min(change, 10.0))))
     if all_lit:
-        _add_part(beam, rays, share, row, k, 0.0, 1.0, _FROM_ENDS, parts, at_one, density, moments)
+        _add_part(beam, rays, fraction, row, k, 0.0, 1.0, _FROM_ENDS, parts, at_one, density, moments)
         return
     mark = (0.0, GAUSS_LOW, GAUSS_HIGH, 1.0)
     start, square = 0.0, 0
@@ -327,5 +327,5 @@ def _cut(beam, rays, share, k0, i, row, room, all_lit, change, moments):
             if m < 3 or square != 0:
                 cuts = max(cuts, EDGE_PARTS)
             kind = -1 if square != 0 else (1 if m < 3 else 0)
-            _add_part(beam, rays, share, row, k, start, stop, kind, cuts, at_one, density, moments)
+            _add_part(beam, rays, fraction, row, k, start, stop, kind, cuts, at_one, density, moments)
         start, square, here_lit = stop, 1, next_lit

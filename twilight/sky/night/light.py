@@ -25,8 +25,8 @@ STARLIGHT_POLE_S10 = 30.0
 STARLIGHT_PLANE_S10 = 250.0
 """All stars together in the galactic plane [S10(V)], mean over longitude (Roach and Gordon 1973: 160 to 640)."""
 GALACTIC_LIGHT_FRACTION = 0.25
-"""Share of diffuse galactic light (starlight scattered by dust) in the light of the Milky Way: 0.2 to 0.3 (Leinert et
-al. 1998 sec. 11)."""
+"""Fraction of diffuse galactic light (starlight scattered by dust) in the light of the Milky Way: 0.2 to 0.3 (Leinert
+et al. 1998 sec. 11)."""
 
 CONTINUUM_NM = np.array([300.0, 366.0, 438.0, 500.0, 545.0, 641.0, 720.0, 798.0, 1000.0])
 CONTINUUM_RAYLEIGH_PER_NM = np.array([0.3, 0.3, 5.6, 4.0, 4.0, 12.1, 5.8, 5.8, 5.8])
@@ -113,8 +113,8 @@ def starlight_s10(galactic_latitude_deg: np.ndarray | None) -> np.ndarray:
     A level layer of stars mixed with dust: B(b) = B_pole (1 - exp(-t/sin b)) / (1 - exp(-t)), with t such that the
     plane (b = 0) has ``STARLIGHT_PLANE_S10``.  Clouds and arms of the Milky Way are not in it.
     """
-    share = STARLIGHT_POLE_S10 / STARLIGHT_PLANE_S10  # 1 - exp(-t)
-    depth = -np.log1p(-share)
+    fraction = STARLIGHT_POLE_S10 / STARLIGHT_PLANE_S10  # 1 - exp(-t)
+    depth = -np.log1p(-fraction)
     if galactic_latitude_deg is None:
         sine = (np.arange(2000) + 0.5) / 2000
         level = np.asarray(np.mean(-np.expm1(-depth / sine)))

@@ -45,7 +45,7 @@ def irradiance_above_air(magnitude: np.ndarray, b_v: np.ndarray, wavelength_nm: 
 
 @lru_cache(maxsize=1)
 def resolved_starlight_fraction() -> float:
-    """Share of these stars in the light of all stars and of dust between them, which `night_radiance` has."""
+    """Fraction of these stars in the light of all stars and of dust between them, which `night_radiance` has."""
     stars = bright_stars(2000.0)
     s10 = (10.0 ** (-0.4 * (stars.magnitude - 10.0))).sum() / (4.0 * np.pi * np.degrees(1.0) ** 2)
     return float(s10 / starlight_s10(None))
@@ -115,7 +115,7 @@ class Raster:
         self._tree = cKDTree(self._rays)
 
     def spread(self, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(pixel (M,), point (M,), share of the point's irradiance that is the pixel's radiance (M,) [sr^-1]).
+        """(pixel (M,), point (M,), fraction of the point's irradiance that is the pixel's radiance (M,) [sr^-1]).
 
         towards (N, 3): directions of the points.  A point is a Gauss curve over the sky, SPREAD_PIXELS of the largest
         distance between neighbouring pixels there: whatever the projection is, its light is kept within 1 %.
@@ -134,16 +134,16 @@ class Raster:
         pixel, which = np.concatenate([np.asarray(one, int) for one in lists]), np.repeat(np.arange(seen.size), count)
         square = ((self._rays[pixel] - towards[seen][which]) ** 2).sum(axis=-1)
         variance = width[which] ** 2
-        share = np.exp(-0.5 * square / variance) / (2.0 * np.pi * variance * -np.expm1(-0.5 * WIDEST**2))
-        return self._pixel[pixel], seen[which], share
+        fraction = np.exp(-0.5 * square / variance) / (2.0 * np.pi * variance * -np.expm1(-0.5 * WIDEST**2))
+        return self._pixel[pixel], seen[which], fraction
 
     def add(self, picture: np.ndarray, towards: np.ndarray, irradiance: np.ndarray, hidden: np.ndarray | None = None):
         """Add points of an irradiance (N, K) to a picture (H, W, K); hidden (H, W): where nothing of them is seen."""
-        pixel, point, share = self.spread(towards)
+        pixel, point, fraction = self.spread(towards)
         if hidden is not None:
-            share = np.where(hidden.ravel()[pixel], 0.0, share)
+            fraction = np.where(hidden.ravel()[pixel], 0.0, fraction)
         flat = picture.reshape(-1, picture.shape[-1])
-        np.add.at(flat, pixel, (share[:, None] * irradiance[point]).astype(picture.dtype))
+        np.add.at(flat, pixel, (fraction[:, None] * irradiance[point]).astype(picture.dtype))
 
 
 def _spacing(rays: np.ndarray, otherwise: float) -> np.ndarray:

@@ -56,8 +56,8 @@ def veil(medium: Medium, elevation_deg: np.ndarray, observer_km: float = 0.0) ->
     depth_air, depth_gas, depth_particles = ((a * above).sum(axis=0) for a in (air, gas, particles))
     scattered = (particles * albedo * above).sum(axis=0)
     g = np.zeros(scattered.size)
-    for share, phase in zip(fine.aerosol_phase_fraction, fine.phase_functions, strict=True):
-        mixed = 0.5 * (share[:-1] + share[1:])[keep]
+    for fraction, phase in zip(fine.aerosol_phase_fraction, fine.phase_functions, strict=True):
+        mixed = 0.5 * (fraction[:-1] + fraction[1:])[keep]
         g += phase.asymmetry * (mixed * particles * albedo * above).sum(axis=0)
     g = np.divide(g, scattered, out=np.zeros_like(g), where=scattered > 0)
     total = depth_air + depth_gas + depth_particles

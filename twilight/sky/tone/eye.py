@@ -6,7 +6,7 @@
 - Brightness: the display shows the mesopic luminance in multiples of the threshold of an eye that is adapted to the
   mean (by logarithm) of the picture: thresholds of cones and rods of Ferwerda et al. 1996 (SIGGRAPH, eqs. 1 and 2; 1e-6
   to 1e4 cd m^-2), mixed by m in the logarithm.
-- Colour: the rods' share (1 - m) V'(555 nm) of the mesopic luminance is grey with a shift to blue, the chromaticity
+- Colour: the rods' fraction (1 - m) V'(555 nm) of the mesopic luminance is grey with a shift to blue, the chromaticity
   (0.25, 0.25) of Jensen et al. 2000 (Night rendering, UUCS-00-016).
 - Acuity: details finer than Shlaer's 1937 limit in the fit of Ward Larson et al. 1997 (IEEE TVCG 3, 291) are gone.
 - Adaptation in time (`adapt`): the pigments' recovery, 110 s for cones and 400 s for rods (Pattanaik et al. 2000).
@@ -117,8 +117,8 @@ def adapt(time_s: np.ndarray, luminance: np.ndarray, start: float | None = None)
     for i in range(t.size):
         if i:
             span = np.log(DAY_CD_PER_M2 / NIGHT_CD_PER_M2)
-            share = float(np.clip((state - np.log(NIGHT_CD_PER_M2)) / span, 0.0, 1.0))
-            slow = RODS_S * (CONES_S / RODS_S) ** share
+            fraction = float(np.clip((state - np.log(NIGHT_CD_PER_M2)) / span, 0.0, 1.0))
+            slow = RODS_S * (CONES_S / RODS_S) ** fraction
             follow = -np.expm1(-(t[i] - t[i - 1]) / slow)
             state = light[i] if light[i] > state else state + follow * (light[i] - state)
         out[i] = state
@@ -152,11 +152,11 @@ class Eye:
         day, night = _log_mean(photopic), _log_mean(scotopic)
         if self.adapted_cd_per_m2 is not None:
             day, night = self.adapted_cd_per_m2, self.adapted_cd_per_m2 * night / day
-        share, mesopic = adaptation_coefficient(photopic, scotopic)
+        fraction, mesopic = adaptation_coefficient(photopic, scotopic)
         adapted, _ = adaptation_coefficient(np.array(day), np.array(night))
         gain = display_gain(day, night)
-        from_cones = share * photopic
-        coloured = from_cones / np.maximum(from_cones + (1.0 - share) * scotopic * MESOPIC_RATIO, 1e-300)
+        from_cones = fraction * photopic
+        coloured = from_cones / np.maximum(from_cones + (1.0 - fraction) * scotopic * MESOPIC_RATIO, 1e-300)
         hue = seen[..., :3] / np.maximum(photopic, 1e-300)[..., None]
         mixed = coloured[..., None] * hue + (1.0 - coloured[..., None]) * night_blue()
         linear = colour.xyz_to_linear_rgb(gain * mesopic[..., None] * mixed) / DISPLAY_WHITE_CD_PER_M2

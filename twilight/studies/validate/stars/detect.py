@@ -208,7 +208,7 @@ def _centres(above: np.ndarray, row: np.ndarray, column: np.ndarray) -> tuple[np
 
 
 def _largest_neighbour(above: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """The brightest of the four pixels beside the brightest pixel within one of each position, as a share of it."""
+    """The brightest of the four pixels beside the brightest pixel within one of each position, as a fraction of it."""
     offset = np.arange(-1, 2)
     around = above[row[:, None, None] + offset[None, :, None], column[:, None, None] + offset[None, None, :]]
     best = around.reshape(len(row), 9).argmax(axis=1)
