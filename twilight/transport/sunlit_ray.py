@@ -14,8 +14,8 @@ spaced like squares from there.
 
 Arguments that the kernels share: beam: `Beam`; rays: `Rays`, place (P, 4): theirs, k: index of the first point of a
 step; fraction (S, P, W): of each species in what the points scatter, s: one of them; to_sun (2,): cosine and sine of
-the solar zenith angle at the start, cos_azimuth: of the ray from the sun; phases: `Phases`, d: a direction of them; floor:
-least value of a phase function; w: index of the wavelength; light (W,): work space.
+the solar zenith angle at the start, cos_azimuth: of the ray from the sun; phases: `Phases`, d: a direction of them;
+floor: least value of a phase function; w: index of the wavelength; light (W,): work space.
 """
 
 from __future__ import annotations
