@@ -208,7 +208,7 @@ def test_a_rendered_sky_agrees_with_itself(camera, through, worst):
     assert found.figures["uv_distance_p95"] < 0.002
     assert found.figures["ciede2000_p95"] < 1.0
     assert found.figures["correlation_of_log_luminance"] > 0.999
-    assert found.figures["share_of_hemisphere"] > 0.7
+    assert found.figures["fraction_of_hemisphere"] > 0.7
 
 
 def test_exposure_and_white_balance_are_recovered():

@@ -252,14 +252,14 @@ def particles(
         radius("median_radius_um"), classes[0].size.sigma, radius("min_radius_um"), radius("max_radius_um")
     )
     dry_radius = classes[0].size.median_radius_um
-    dry_share = np.array([(dry_radius / c.size.median_radius_um) ** 3 for c in classes])
+    dry_fraction = np.array([(dry_radius / c.size.median_radius_um) ** 3 for c in classes])
     fraction = (dry_radius / size.median_radius_um) ** 3
     table = np.stack([index_of(c) for c in classes])
-    order = np.argsort(dry_share)
+    order = np.argsort(dry_fraction)
     index = np.array(
         [
-            np.interp(fraction, dry_share[order], column.real[order])
-            + 1j * np.interp(fraction, dry_share[order], column.imag[order])
+            np.interp(fraction, dry_fraction[order], column.real[order])
+            + 1j * np.interp(fraction, dry_fraction[order], column.imag[order])
             for column in table.T
         ]
     )

@@ -18,7 +18,7 @@ LARGEST_EXPANSION = 1100
 SMALL_BYTES = 1_000_000
 """What a file may say to hold whatever its size [bytes]."""
 
-MEMORY_SHARE = 0.5
+MEMORY_FRACTION = 0.5
 """Largest fraction of this machine's memory that one file may fill."""
 
 
@@ -40,7 +40,7 @@ def check_expansion(path: Path, n_bytes: float, largest_expansion: float = LARGE
         raise TwilightError(
             f"{path}: is damaged: it says that it holds {n_bytes / 1e9:.3g} GB, but its {size / 1e3:.3g} kB cannot"
         )
-    if n_bytes > MEMORY_SHARE * memory_bytes():
+    if n_bytes > MEMORY_FRACTION * memory_bytes():
         raise TwilightError(
             f"{path}: holds {n_bytes / 1e9:.3g} GB, more than half of this machine's {memory_bytes() / 1e9:.3g} GB"
         )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.reading import MEMORY_SHARE, memory_bytes
+from twilight.base.reading import MEMORY_FRACTION, memory_bytes
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.labels import attributes
@@ -90,7 +90,7 @@ def write_dataset(files: Mapping[str, Path], path: Path) -> str:
     parts: list[xarray.Dataset] = []
     for file in files.values():
         parts.append(_of_a_series(sky_to_dataset(read_sky(file))))
-        if parts[0].nbytes * len(files) * 3 > MEMORY_SHARE * memory_bytes():
+        if parts[0].nbytes * len(files) * 3 > MEMORY_FRACTION * memory_bytes():
             return f"the skies ({total / 1e9:.3g} GB compressed) are more than fits into the memory"
         if not _same_grid(parts[0], parts[-1]):
             return "the skies have different wavelengths or directions"

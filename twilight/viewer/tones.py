@@ -39,7 +39,7 @@ def header() -> dict[str, Any]:
         "metered_greys": colour.METERED_GREYS,
         "highlight_quantile": colour.HIGHLIGHT_QUANTILE,
         "highlights_over_mean": colour.HIGHLIGHTS_OVER_MEAN,
-        "darkest_share": DARKEST_FRACTION,
+        "darkest_fraction": DARKEST_FRACTION,
         "display_white": eye.DISPLAY_WHITE_CD_PER_M2,
         "sigma_cycles": eye.SIGMA_CYCLES,
         "cones_s": eye.CONES_S,

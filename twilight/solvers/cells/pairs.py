@@ -144,11 +144,11 @@ def _capture_along(rings, cell, azimuth, dx, dy, dz, distance, depth, out):
     area = rings.volume[cell] / chord
     x = area / (math.pi * distance * distance)
     root = math.sqrt(1.0 + x)
-    solid_angle_share = 0.5 * x / (root * (1.0 + root))
+    solid_angle_fraction = 0.5 * x / (root * (1.0 + root))
     for w in range(out.size):
         half = 0.5 * chord * rings.extinction[cell, w]
         front = max(depth[w] - half, 0.0)
-        out[w] = solid_angle_share * math.exp(-front) * -math.expm1(-2.0 * half)
+        out[w] = solid_angle_fraction * math.exp(-front) * -math.expm1(-2.0 * half)
 
 
 @njit(cache=True)

@@ -92,20 +92,20 @@ def ground_kernels(
                 x_ground = patch_area[patch] * cosine / (math.pi * distance * distance)
                 x_cell = size * size / (math.pi * distance * distance)
                 root = math.sqrt(1.0 + x_ground)
-                share_ground = 0.5 * x_ground / (root * (1.0 + root))
+                ground_fraction = 0.5 * x_ground / (root * (1.0 + root))
                 root = math.sqrt(1.0 + x_cell)
-                share_cell = 4.0 * cosine * 0.5 * x_cell / (root * (1.0 + root))
+                cell_fraction = 4.0 * cosine * 0.5 * x_cell / (root * (1.0 + root))
                 for w in range(n_wavelengths):
                     half = 0.5 * size * rings.extinction[ring, w]
-                    arrive = share_ground * math.exp(-depth[w])
-                    caught = share_cell * math.exp(-max(depth[w] - half, 0.0)) * -math.expm1(-2.0 * half)
+                    arrive = ground_fraction * math.exp(-depth[w])
+                    caught = cell_fraction * math.exp(-max(depth[w] - half, 0.0)) * -math.expm1(-2.0 * half)
                     for m in range(n_modes):
                         to_ground[m, w, patch, ring] += transform[m, d] * arrive
                         to_cells[m, w, ring, patch] += transform[m, d] * caught
 
 
 @njit(cache=True, nogil=True)
-def exact_shares(
+def exact_fractions(
     profile, x, z, altitude, cosine, cosine_weight, n_azimuth, observer_radius, outer, captured, ground, begin, end
 ):
     """Share of isotropic light that the air within `outer` [km] of the observer extinguishes, and that the ground gets.
@@ -267,7 +267,7 @@ def make_operator(
     to_ground = np.zeros_like(captured)
     outer = float(grid.shell_radius_km[-1])
     in_slices(
-        lambda begin, end: exact_shares(
+        lambda begin, end: exact_fractions(
             profile, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius, outer, captured, to_ground,
             begin, end,
         ),

@@ -17,7 +17,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
-from twilight.base.reading import MEMORY_SHARE, first_line, memory_bytes
+from twilight.base.reading import MEMORY_FRACTION, first_line, memory_bytes
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
@@ -103,7 +103,7 @@ def _floating(path: Path, values: np.ndarray, grey: bool = False) -> StoredImage
 def _check_size(path: Path, width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
         raise TwilightError(f"{path}: has {width} x {height} pixels; at most {MAX_PIXELS:.3g} are read")
-    if BYTES_PER_PIXEL * width * height > MEMORY_SHARE * memory_bytes():
+    if BYTES_PER_PIXEL * width * height > MEMORY_FRACTION * memory_bytes():
         raise TwilightError(
             f"{path}: its {width} x {height} pixels need {BYTES_PER_PIXEL * width * height / 1e9:.3g} GB, more than "
             f"half of this machine's {memory_bytes() / 1e9:.3g} GB"

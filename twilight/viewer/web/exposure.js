@@ -18,7 +18,7 @@ function meter(aspect, sun, sky) {
   if (!all.length) return { ev: Math.log2(1e-6 / (TONE.metered_greys * TONE.grey_luminance)), photopic: 1e-6, scotopic: 1e-6 };
   all.sort((a, b) => a - b);
   const last = all.length - 1, logs = all.map(Math.log);
-  const found = all.findIndex((v) => v >= TONE.darkest_share * all[Math.floor(TONE.highlight_quantile * last)]);
+  const found = all.findIndex((v) => v >= TONE.darkest_fraction * all[Math.floor(TONE.highlight_quantile * last)]);
   const lit = all.slice(found), grey = Math.exp(mean(logs.slice(found)));
   const bright = lit[Math.min(Math.ceil(TONE.highlight_quantile * lit.length), lit.length - 1)];
   return {

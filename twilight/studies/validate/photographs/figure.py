@@ -168,7 +168,7 @@ def summary(figures: dict[str, Any]) -> list[str]:
 
     correlation = figures["correlation_of_log_luminance"]
     lines = [
-        f"compared: {100 * figures['share_of_hemisphere']:.0f} % of the hemisphere",
+        f"compared: {100 * figures['fraction_of_hemisphere']:.0f} % of the hemisphere",
         f"luminance, median / rms / 95 %: {figures['luminance_median_percent']:.1f} / "
         f"{figures['luminance_rms_percent']:.1f} / {figures['luminance_p95_percent']:.1f} %",
         f"  solar meridian, rms: {percent('solar_meridian_rms_percent')}",

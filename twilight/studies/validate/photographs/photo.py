@@ -301,7 +301,7 @@ def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_co
     spread = np.sqrt((fraction @ one**2) * (fraction @ other**2))
     figures: dict[str, Any] = {
         "cells": int(there.sum()),
-        "share_of_hemisphere": float(weight.sum() / (2 * np.pi)),
+        "fraction_of_hemisphere": float(weight.sum() / (2 * np.pi)),
         "exposure_cd_per_m2": found.exposure,
         "white_balance_gains": [float(g) for g in found.gains],
         "luminance_rms_percent": 100 * float(np.sqrt(fraction @ ratio**2)),
