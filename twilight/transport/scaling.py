@@ -2,12 +2,15 @@
 
 Delta-M scaling (Wiscombe 1977): with f = chi_{M+1} the moment after the last one kept,
     extinction' = (1 - albedo f) extinction,  albedo' = (1 - f) albedo / (1 - albedo f),  chi'_l = (chi_l - f)/(1 - f).
+A degree between M and M + 1 takes f between chi_{M+1} and chi_{M+2}: moment M + 1 comes in from 0, and what is
+scattered follows the degree without steps.
 With M = 0 this is f = g: Haber's similarity-reduced isotropic aerosol (eq. 2), in which extinction falls with
 scattering, so that light scattered forward stays on its way instead of being lost.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,33 +23,37 @@ from twilight.numerics.phase import rayleigh_matrix, rayleigh_phase
 class ScaledMedium:
     """A delta-scaled medium.
 
-    medium: the scaled one; moments (1 + K, degree + 1, W): Legendre moments of its phase functions, air first;
-    forward_fraction (K, W): f of each aerosol phase function
+    medium: the scaled one; moments (1 + K, L, W): Legendre moments of its phase functions, air first, up to the next
+    whole degree; forward_fraction (K, W): f of each aerosol phase function; degree: that they were asked for, None for
+    none
     """
 
     medium: Medium
     moments: np.ndarray
     forward_fraction: np.ndarray
+    degree: float | None
 
 
-def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
+def delta_scaled(medium: Medium, degree: float | None) -> ScaledMedium:
     """The medium with the aerosol scaled so that Legendre moments up to `degree` describe it.
 
     degree None leaves the aerosol as it is, without moments.
     """
     if degree is None:
         k, w = len(medium.phase_functions), medium.n_wavelengths
-        return ScaledMedium(medium, np.zeros((1 + k, 0, w)), np.zeros((k, w)))
+        return ScaledMedium(medium, np.zeros((1 + k, 0, w)), np.zeros((k, w)), None)
     n_phase, n_wavelengths = len(medium.phase_functions), medium.n_wavelengths
-    chi = np.zeros((n_phase, degree + 2, n_wavelengths))
+    whole = math.floor(degree)
+    part, highest = degree - whole, math.ceil(degree)
+    chi = np.zeros((n_phase, highest + 2, n_wavelengths))
     for k, phase in enumerate(medium.phase_functions):
-        chi[k] = phase.legendre_moments(degree + 1).T
-    f = np.clip(chi[:, degree + 1], 0.0, 0.999)
-    moments = np.zeros((1 + n_phase, degree + 1, n_wavelengths))
+        chi[k] = phase.legendre_moments(highest + 1).T
+    f = np.clip((1.0 - part) * chi[:, whole + 1] + part * chi[:, highest + 1], 0.0, 0.999)
+    moments = np.zeros((1 + n_phase, highest + 1, n_wavelengths))
     moments[0, 0] = 1.0
-    if degree >= 2:
+    if highest >= 2:
         moments[0, 2] = (1.0 - medium.depolarisation) / (5.0 * (2.0 + medium.depolarisation))
-    moments[1:] = (chi[:, : degree + 1] - f[:, None]) / (1.0 - f[:, None])
+    moments[1:] = (chi[:, : highest + 1] - f[:, None]) / (1.0 - f[:, None])
     mixed = np.einsum("klw,kw->lw", medium.aerosol_phase_fraction, f)
     albedo = medium.aerosol_single_scattering_albedo
     scaled = replace(
@@ -55,7 +62,7 @@ def delta_scaled(medium: Medium, degree: int | None) -> ScaledMedium:
         aerosol_single_scattering_albedo=np.clip(albedo * (1.0 - mixed) / (1.0 - albedo * mixed), 0.0, 1.0),
         aerosol_phase_fraction=medium.aerosol_phase_fraction * (1.0 - f[:, None]) / (1.0 - mixed),
     )
-    return ScaledMedium(scaled, moments, f)
+    return ScaledMedium(scaled, moments, f, degree)
 
 
 def species_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:

@@ -58,8 +58,8 @@ def cost(
 ) -> Cost:
     """Cost of a field in the air of the medium's first wavelength, whose grids are about those of the others."""
     one = medium.select(slice(0, 1))
-    settings = settings_for(one, settings)
-    grids = lay_out(one, delta_scaled(one, settings.degree), settings)
+    settings, degree = settings_for(one, settings)
+    grids = lay_out(one, delta_scaled(one, degree), settings)
     d, altitudes = grids.directions, grids.altitude_km.size
     suns = zenith_nodes(*zenith_range(one, sun_elevations_deg, observer_altitude_km), settings.zenith_density).size
     spin2_degree, late_spin2_degree = (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,32 +19,34 @@ EARLY_MOMENT = 0.03
 scattering."""
 LATE_MOMENT = 0.1
 """Smallest phase moment of the mixture that needs a degree in the later orders of scattering."""
-AZIMUTH_STEP = 4
-"""Azimuths, polar angles of high degrees: by how many they grow at once, so that wavelengths of nearly the same needs
-share them and none moves its neighbours."""
 AZIMUTH_SLACK = 2
-"""Azimuths, polar angles of high degrees: how many may be missing before they grow."""
-LATE_STEP = 3
-"""Degree of the later orders: by how much it grows at once."""
+"""Azimuths: how many may be missing before they grow."""
 LATE_SLACK = 1
 """Degree of the later orders: by how much it may be too low before it grows."""
 MAX_PEAK_FRACTION = 0.055
 """Largest fraction of the scattering, anywhere in the air, that may count as not scattered because it goes into the
 forward peak: 8 % make red light 1 deg above a sun on the horizon 6 % too dark."""
-DEGREE_STEP = 4
-"""Degree: by how much it grows at once until the forward peak holds less than MAX_PEAK_FRACTION."""
-POLAR_MOMENT = 0.05
-"""Where the degree grows, there are as many polar angles a side as phase moments exceed this: light scattered once
-close to the sun is as narrow, and 14 angles made the zenith 10 % too bright at an asymmetry of 0.9, 32 % at 0.95."""
+POLAR_MOMENT = 0.12
+"""Where the degree grows, polar angles a side grow with the number of phase moments that exceed this: light scattered
+once close to the sun is as narrow, and 14 angles made the zenith 10 % too bright at an asymmetry of 0.9, 32 % at 0.95.
+Dust and sea salt need hardly more than ordinary air."""
+POLAR_GROWTH = 1.5
+"""Polar angles for each such moment beyond the polar angles that are asked for."""
+LEAST_POLAR_MOMENT = 0.05
+"""No more polar angles than phase moments exceed this."""
 THICK_HAZE_DEPTH = 5.0
 """Vertical optical depth of scattering beyond which the degree does not grow: light is nearly isotropic there, and
 polar angles for low degrees let through 2 to 3 % less of it when they are given high degrees."""
+HAZE_DEPTH = 3.0
+"""Depth from which on it grows less and less, up to THICK_HAZE_DEPTH."""
 ALOFT_KM = 10.0
 """Altitude [km] from which on particles count as a volcano's."""
 ALOFT_DEPTH = 0.04
 """Optical depth of scattering by particles above ALOFT_KM beyond which the later orders follow ALOFT_MOMENT: red light
 of deep twilight has then been scattered ten times, each time from a line on the horizon."""
-ALOFT_MOMENT = 0.04
+LEAST_ALOFT_DEPTH = 0.02
+"""Depth from which on they follow smaller and smaller moments, down to ALOFT_MOMENT at ALOFT_DEPTH."""
+ALOFT_MOMENT = 0.024
 """Smallest phase moment that needs a degree in the later orders below a volcano's layer."""
 NEGLIGIBLE_FRACTION = 0.01
 """Fraction of the largest scattering coefficient below which air does not count."""
@@ -65,45 +69,94 @@ EDGE_GROWTH = 1.25
 """Factor by which the ends of steps lie farther and farther from the edge of a thin layer, up to its middle."""
 
 
-def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
-    """The settings with the degree of the Legendre series that this air needs, at least settings.degree.
+class Reach(NamedTuple):
+    """How far the series go that describe light and its scattering: numbers that follow the air without steps.
+
+    A series that goes to 20.3 has the terms up to 20 as they are, and three tenths of the next one.  So one more term
+    comes in with a share that grows from 0: were it there all at once, the air in which it is and the air in which it
+    just is not would have skies up to 3 % apart.
+
+    orders, late_orders: azimuthal orders of the early and the later orders of scattering, counted from 1
+    late_degree: of the later orders of scattering
+    """
+
+    orders: float
+    late_degree: float
+    late_orders: float
+
+
+def shares(terms: np.ndarray, reach: float) -> np.ndarray:
+    """Shares of terms, numbered from 0, in a series that has `reach` of them."""
+    return np.clip(reach - terms, 0.0, 1.0)
+
+
+def degree_needed(settings: ZonesSettings, medium: Medium) -> float:
+    """The degree of the Legendre series that this air needs, at least settings.degree; a fraction as of `delta_scaled`.
 
     Light in the peak that delta scaling takes away goes on as it was.  Low over the horizon that is wrong: light passes
     many optical depths of haze there, and the peak moves some into it from the brighter sky within the peak's width.
     Of degree 20 the peak has 1 to 2 % of what continental and urban air scatters and 6 to 8 % beside dust and sea salt,
     where red light 1 deg above a sun on the horizon is then 6 % too dark; so there the degree grows up to
-    settings.max_degree, and with it the polar angles of the early orders.
+    settings.max_degree.
 
     medium: as it is, before scaling
     """
     most = max(settings.degree, settings.max_degree)
     if most == settings.degree or not medium.has_aerosol:
-        return settings
-    beyond = np.stack([phase.legendre_moments(most + 1).T for phase in medium.phase_functions])
-    of_aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
-    scattering = medium.air_scattering_per_km + of_aerosol
-    counts = (scattering > 0.0) & (scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0))
-    if np.trapezoid(scattering, medium.altitude_km, axis=0).max() > THICK_HAZE_DEPTH:
-        return settings
-    fraction = np.where(counts, of_aerosol / np.where(counts, scattering, 1.0), 0.0)
+        return settings.degree
+    scattering = medium.air_scattering_per_km + _scattered_by_aerosol(medium)
+    depth = np.trapezoid(scattering, medium.altitude_km, axis=0).max()
+    grows = np.clip((THICK_HAZE_DEPTH - depth) / (THICK_HAZE_DEPTH - HAZE_DEPTH), 0.0, 1.0)
+    peak = _peak_fractions(medium, most)[settings.degree :]
+    large = np.flatnonzero(peak > MAX_PEAK_FRACTION)
+    if not grows or not large.size:
+        return settings.degree
+    last = int(large[-1])
+    enough = float(last)
+    if last + 1 < peak.size:
+        enough += float((peak[last] - MAX_PEAK_FRACTION) / (peak[last] - peak[last + 1]))
+    return settings.degree + float(grows) * enough
 
-    def in_peak(degree: int) -> float:
-        return float((fraction * np.einsum("klw,kw->lw", medium.aerosol_phase_fraction, beyond[:, degree + 1])).max())
 
-    degree = settings.degree
-    while degree < most and in_peak(degree) > MAX_PEAK_FRACTION:
-        degree = min(degree + DEGREE_STEP, most)
+def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
+    """The settings with the degree that this air needs (`degree_needed`), and the polar angles of the early orders that
+    go with it.
+
+    medium: as it is, before scaling
+    """
+    degree = math.ceil(degree_needed(settings, medium))
     if degree == settings.degree:
         return settings
-    taken = in_peak(degree)
-    left = [(in_peak(lower - 1) - taken) / (1.0 - taken) for lower in range(degree + 1)]
-    wanted = sum(moment > POLAR_MOMENT for moment in left)
-    polar = _grown(settings.polar_directions, wanted, AZIMUTH_STEP, AZIMUTH_SLACK)
+    peak = _peak_fractions(medium, degree)
+    taken = peak[degree]
+    left = np.append(1.0, (peak[:degree] - taken) / (1.0 - taken))
+    least = settings.polar_directions
+    grown = least + POLAR_GROWTH * max(0.0, _exceeding(left, POLAR_MOMENT) - least)
+    polar = max(least, math.ceil(min(grown, _exceeding(left, LEAST_POLAR_MOMENT))))
     return replace(settings, degree=degree, polar_directions=polar)
 
 
-def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
-    """The settings with the directions and harmonics that this air needs, at least those asked for.
+def _scattered_by_aerosol(medium: Medium) -> np.ndarray:
+    return medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
+
+
+def _peak_fractions(medium: Medium, highest: int) -> np.ndarray:
+    """Largest fraction of the scattering, anywhere in the air, in the peak beyond each degree from 0 to highest."""
+    beyond = np.stack([phase.legendre_moments(highest + 1).T for phase in medium.phase_functions])
+    of_aerosol = _scattered_by_aerosol(medium)
+    scattering = medium.air_scattering_per_km + of_aerosol
+    counts = (scattering > 0.0) & (scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0))
+    fraction = np.where(counts, of_aerosol / np.where(counts, scattering, 1.0), 0.0)
+    return np.array(
+        [
+            (fraction * np.einsum("klw,kw->lw", medium.aerosol_phase_fraction, beyond[:, degree + 1])).max()
+            for degree in range(highest + 1)
+        ]
+    )
+
+
+def reach_of(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Reach:
+    """How many azimuthal orders and what late degree this air needs, at least those asked for.
 
     Azimuthal order m of what is scattered towards the horizon has the size of phase moment m, and equal azimuths tell
     fewer orders apart than there are of them.  So the early orders of scattering have as many azimuths as moments of
@@ -112,8 +165,7 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
 
     The later orders of scattering follow moments down to LATE_MOMENT (light that dust sends forward several times is 1
     to 3 % of the red of deep twilight), ALOFT_MOMENT below a volcano's layer, THIN_MOMENT beside a thin layer, along
-    which light comes sharply; and as many polar angles a side and azimuths as that degree, beside a thin layer at least
-    THIN_POLAR polar angles.
+    which light comes sharply.
 
     scaled: the air and its phase moments; profile: of the scaled air
     """
@@ -122,25 +174,38 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     counts = scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0)
     fraction = np.where(counts, species_fraction(scaled.medium, z), 0.0)
     moments = np.einsum("kzw,klw->lzw", fraction, scaled.moments).max(axis=(1, 2))
-    degrees = moments.size
-    orders = int(np.sum(moments > EARLY_MOMENT))
-    around = min(_grown(settings.azimuth_directions, orders, AZIMUTH_STEP, AZIMUTH_SLACK), degrees)
-    thin = thin_layers(profile)[0].size > 0
+    orders = _grown(settings.azimuth_directions, _exceeding(moments, EARLY_MOMENT), AZIMUTH_SLACK)
+    orders = max(settings.azimuth_directions, min(orders, moments.size))
     aloft = np.where(z[:, None] >= ALOFT_KM, profile.species_scattering[1:].sum(axis=0), 0.0)
-    layered = np.trapezoid(aloft, z, axis=0).max() > ALOFT_DEPTH
-    least = THIN_MOMENT if thin else ALOFT_MOMENT if layered else LATE_MOMENT
-    late = min(_grown(settings.late_degree, int(np.sum(moments > least)), LATE_STEP, LATE_SLACK), settings.degree)
-    out = replace(settings, azimuth_directions=max(settings.azimuth_directions, around))
+    depth = np.trapezoid(aloft, z, axis=0).max()
+    layered = float(np.clip((depth - LEAST_ALOFT_DEPTH) / (ALOFT_DEPTH - LEAST_ALOFT_DEPTH), 0.0, 1.0))
+    thin = thin_layers(profile)[0].size > 0
+    least = THIN_MOMENT if thin else LATE_MOMENT ** (1.0 - layered) * ALOFT_MOMENT**layered
+    late = min(_grown(settings.late_degree, _exceeding(moments, least), LATE_SLACK), settings.degree)
+    if late <= settings.late_degree:
+        return Reach(orders, settings.late_degree, settings.late_azimuth_directions)
+    return Reach(orders, late, max(settings.late_azimuth_directions, min(orders, late)))
+
+
+def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
+    """The settings with the directions and harmonics that `reach_of` the same air needs.
+
+    The later orders have as many polar angles a side as their degree; beside a thin layer at least THIN_POLAR.
+    """
+    reach = reach_of(settings, scaled, profile)
+    late = math.ceil(reach.late_degree)
+    polar = settings.late_polar_directions
     if late > settings.late_degree:
-        out = replace(
-            out,
-            late_degree=late,
-            late_polar_directions=max(settings.late_polar_directions, late),
-            late_azimuth_directions=min(out.azimuth_directions, max(settings.late_azimuth_directions, late)),
-        )
-    if thin:
-        out = replace(out, late_polar_directions=max(out.late_polar_directions, THIN_POLAR))
-    return out
+        polar = max(polar, late)
+    if thin_layers(profile)[0].size:
+        polar = max(polar, THIN_POLAR)
+    return replace(
+        settings,
+        azimuth_directions=math.ceil(reach.orders),
+        late_degree=late,
+        late_polar_directions=polar,
+        late_azimuth_directions=math.ceil(reach.late_orders),
+    )
 
 
 def near_edges(profile: Profile, of: Profile) -> Profile:
@@ -175,6 +240,15 @@ def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([edges[:-1], edges[1:]], axis=-1)[thin], depth.max(axis=0)[thin]
 
 
-def _grown(least: int, wanted: int, step: int, slack: int) -> int:
-    """The smallest of least, least + step, least + 2 step ... that is at least wanted - slack."""
-    return least + step * max(0, -(-(wanted - slack - least) // step))
+def _exceeding(moments: np.ndarray, least: float) -> float:
+    """How many moments (L,) there are before they fall below `least` for good, with the fraction of the way on which
+    they do."""
+    # a later moment may be larger than one before
+    falling = np.append(np.maximum.accumulate(moments[::-1])[::-1], 0.0)
+    n = int(np.sum(falling > least))
+    return 0.0 if n == 0 else n - 1 + float((falling[n - 1] - least) / (falling[n - 1] - falling[n]))
+
+
+def _grown(least: int, wanted: float, slack: int) -> float:
+    """What is wanted, but no more than least where at most slack are missing; twice as steep from there on."""
+    return max(least, min(least + 2.0 * (wanted - slack - least), wanted))

@@ -58,8 +58,8 @@ class FieldGrids:
         medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float], of_terms: bool = False
     ) -> FieldGrids:
         """Grids for a medium under settings; of_terms: as of `lay_out`."""
-        of_air = settings_for(medium, settings, of_terms)
-        scaled = delta_scaled(medium, of_air.degree)
+        of_air, degree = settings_for(medium, settings, of_terms)
+        scaled = delta_scaled(medium, degree)
         spin2_degree = settings.polarisation_degree if settings.polarisation else 0
         matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
         layout = lay_out(medium, scaled, of_air, of_terms)

@@ -73,7 +73,8 @@ class Angles:
     below: number of the M polar angles below the horizon, which come before the others
     degree, order (C,): of each harmonic of I, sorted by azimuthal order; the mean square of a harmonic is 1
     spin2_degree, spin2_order (C',): of the even and the odd spin2_harmonics of Q and U; none without polarisation
-    analysis (Z, C, M, F): moments of I from radiances, by quadrature
+    share (C,): of each harmonic of I that is kept
+    analysis (Z, C, M, F): moments of I from radiances, by quadrature, before that share
     spin2_analysis (Z, 2 C', 2, M, F): the same for the even, then the odd spin2_harmonics, from Q and U
     """
 
@@ -85,6 +86,7 @@ class Angles:
     order: np.ndarray
     spin2_degree: np.ndarray
     spin2_order: np.ndarray
+    share: np.ndarray
     analysis: np.ndarray
     spin2_analysis: np.ndarray
 
@@ -166,6 +168,7 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         order,
         spin2_deg,
         spin2_order,
+        np.ones(order.size),
         analysis,
         np.array(spin2_analysis),
     )

@@ -10,7 +10,15 @@ import numpy as np
 from twilight.atmosphere.grid_medium import RANGES, range_of
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.refraction import ciddor_refractivity
-from twilight.solvers.zones.directions import near_edges, needed, thin_layers, with_degree
+from twilight.solvers.zones.directions import (
+    Reach,
+    degree_needed,
+    near_edges,
+    needed,
+    reach_of,
+    thin_layers,
+    with_degree,
+)
 from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
@@ -28,21 +36,23 @@ class Layout(NamedTuple):
     """Grids of a field.
 
     profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
-    as many directions and harmonics as this air needs; beam: the medium that the tables of the sunbeam are laid out
-    for; bends: the medium whose refractive index bends rays; thin_layer: whether there is one, of `thin_layers`
+    as many directions and harmonics as this air needs; reach: of their series; beam: the medium that the tables of the
+    sunbeam are laid out for; bends: the medium whose refractive index bends rays; thin_layer: whether there is one, of
+    `thin_layers`
     """
 
     profile: Profile
     altitude_km: np.ndarray
     directions: ZonesSettings
+    reach: Reach
     beam: Medium
     bends: Medium
     thin_layer: bool
 
 
-def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False) -> ZonesSettings:
+def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False) -> tuple[ZonesSettings, float]:
     """The settings with the degree that a medium needs, or that the ranges of its wavelengths need where it has their
-    grids.
+    grids, and that degree with its fraction.
 
     of_terms: as of `lay_out`
     """
@@ -51,7 +61,8 @@ def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False
     serves = of_terms or (
         fixed is not None and _serves(fixed, medium if clearest is None else medium.select(clearest)).all()
     )
-    return with_degree(settings, fixed if fixed is not None and serves else medium)
+    of = fixed if fixed is not None and serves else medium
+    return with_degree(settings, of), degree_needed(settings, of)
 
 
 def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_terms: bool = False) -> Layout:
@@ -61,7 +72,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
     TERM_FACTORS say: nodes that follow the darkest term were six times as many, and moved the light by less than nodes
     that are twice as dense move that of any wavelength; steps that follow it made each term depend on the others.
 
-    scaled: the medium with phase functions of the settings' degree; settings: of `settings_for`; of_terms: the columns
+    scaled: the medium with phase functions of the degree, and settings: of `settings_for`; of_terms: the columns
     are some of the terms of bands whose clearest terms the grid of the range serves
     """
     clearest = _clearest(medium)
@@ -72,22 +83,23 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
         of_nodes = profile if clearest is None else profile._replace(extinction=profile.extinction[:, clearest])
         nodes = _field_altitudes(medium, of_nodes, settings.altitude_density)
         thin = thin_layers(profile)[0].size > 0
-        return Layout(
-            near_edges(profile, profile), nodes, needed(settings, scaled, profile), scaled.medium, medium, thin
-        )
-    air = delta_scaled(fixed, settings.degree)
+        directions = needed(settings, scaled, profile)
+        reach = reach_of(settings, scaled, profile)
+        return Layout(near_edges(profile, profile), nodes, directions, reach, scaled.medium, medium, thin)
+    air = delta_scaled(fixed, scaled.degree)
     reference = prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
     directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
+    reach = reach_of(settings, air, reference)
     if of_terms or not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
-        return Layout(near_edges(profile, reference), nodes, directions, scaled.medium, fixed, thin)
+        return Layout(near_edges(profile, reference), nodes, directions, reach, scaled.medium, fixed, thin)
     profile = prepare_profile(scaled.medium, like=air.medium)
     # the most refracted wavelength of a range is its first, which need not be a fixed one
     first = RANGES[range_of(fixed.wavelength_nm[0])][0]
     there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
     beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
-    return Layout(near_edges(profile, reference), nodes, directions, beam, fixed, thin)
+    return Layout(near_edges(profile, reference), nodes, directions, reach, beam, fixed, thin)
 
 
 def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
@@ -106,8 +118,8 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
 
 def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     one = medium.select(slice(w, w + 1))
+    scaled = delta_scaled(one, degree_needed(settings, one))
     settings = with_degree(settings, one)
-    scaled = delta_scaled(one, settings.degree)
     profile = prepare_profile(scaled.medium)
     nodes = _field_altitudes(medium, profile, settings.altitude_density)
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])

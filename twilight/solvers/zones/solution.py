@@ -272,7 +272,8 @@ class ScatteringOperator:
         """
         a = self.angles
         moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, LANES), np.float32)
-        analysis, of_spin2 = a.analysis.astype(np.float32), a.spin2_analysis.astype(np.float32)
+        analysis = (a.analysis * a.share[:, None, None]).astype(np.float32)
+        of_spin2 = a.spin2_analysis.astype(np.float32)
         in_slices(lambda begin, end: moments_of(radiance, analysis, of_spin2, moments, begin, end), radiance.shape[0])
         mean = moments[:, :, 0]
         lit = np.einsum("m,mtfw->tw", self.ground_fraction() / a.azimuth.size, radiance[0, :, :, :, 0])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 
 from twilight.base.progress import Progress
 from twilight.solvers.base import Convergence
+from twilight.solvers.zones.directions import shares
 from twilight.solvers.zones.field_grids import FieldGrids
 from twilight.solvers.zones.grid import make_angles
 from twilight.solvers.zones.ray_points import LANES, lanes_of, make_ray_geometry, make_ray_points
@@ -31,15 +34,16 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
     """Solutions for each block of LANES wavelengths, and how well the worst of them converged."""
     s = grids.directions
     progress("rays", 0.05)
-    early = scattering_operators(grids, s.polar_directions, s.azimuth_directions, s.degree, grids.spin2_degree)
-    late_degrees = s.late_degree, s.late_polarisation_degree if s.polarisation else 0
-    late = scattering_operators(grids, s.late_polar_directions, s.late_azimuth_directions, *late_degrees)
+    reach = grids.layout.reach
+    early = scattering_operators(grids, s.polar_directions, reach.orders, s.degree, grids.spin2_degree)
+    late_degrees = reach.late_degree, s.late_polarisation_degree if s.polarisation else 0
+    late = scattering_operators(grids, s.late_polar_directions, reach.late_orders, *late_degrees)
 
     @cache
     def thick_operators() -> Callable[[int], ScatteringOperator]:
         # made where there is thick air of conservative scattering only
         polar = max(s.late_polar_directions, POLAR_PER_DEGREE * s.late_degree)
-        return scattering_operators(grids, polar, s.late_azimuth_directions, *late_degrees)
+        return scattering_operators(grids, polar, reach.late_orders, *late_degrees)
 
     def thick(block: int) -> ScatteringOperator:
         return thick_operators()(block)
@@ -69,22 +73,24 @@ def _reduced_depth(grids: FieldGrids) -> np.ndarray:
 
 
 def scattering_operators(
-    grids: FieldGrids, polar: int, around: int, degree: int, spin2_degree: int
+    grids: FieldGrids, polar: int, orders: float, degree: float, spin2_degree: int
 ) -> Callable[[int], ScatteringOperator]:
     """Operators by block of wavelengths.
 
-    polar: polar angles a side; around: azimuths over half a turn; degree, spin2_degree: of the harmonics of I and of Q
-    and U
+    polar: polar angles a side; orders: azimuthal ones, with as many azimuths over half a turn; degree, spin2_degree: of
+    the harmonics of I and of Q and U; orders and degree as in `Reach`
     """
     n, medium, settings = grids.nodes, grids.medium, grids.settings
     horizon = horizon_cosine(grids.path_profile, n.altitude_km)
-    angles = make_angles(horizon, polar, around, degree, spin2_degree)
+    highest = math.ceil(degree)
+    angles = make_angles(horizon, polar, math.ceil(orders), highest, spin2_degree)
+    angles = replace(angles, share=shares(angles.order, orders) * shares(angles.degree, degree + 1))
     start = np.repeat(n.altitude_km, angles.cosine.shape[1])
     rays = trace_rays(grids.path_profile, start, angles.cosine.ravel(), settings.step_density)
     # air with nothing in it has no points along its rays
     longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
     geometry = make_ray_geometry(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
-    scattering = grids.scattering._replace(chi=grids.scattering.chi[:, : degree + 1])
+    scattering = grids.scattering._replace(chi=grids.scattering.chi[:, : highest + 1])
     # as many azimuthal orders as sunlight scattered once can have
     azimuthal_orders = grids.directions.degree + 1
     above = angles.cosine[0, angles.below :]
