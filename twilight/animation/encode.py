@@ -60,7 +60,7 @@ def encode(pictures: Sequence[Path], output: Path, frames_per_second: float, pro
 
 
 def _reporting(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
-    from PIL import Image
+    from PIL import Image  # start-up
 
     for i, path in enumerate(pictures):
         with Image.open(path) as image:
@@ -69,7 +69,7 @@ def _reporting(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
 
 
 def _mp4(pictures: Sequence[Path], path: Path, frames_per_second: float, progress: Progress) -> None:
-    import imageio_ffmpeg
+    import imageio_ffmpeg  # optional
 
     images = _reporting(pictures, progress)
     first = next(images)
@@ -109,7 +109,7 @@ def _animated(pictures: Sequence[Path], path: Path, frames_per_second: float, pr
 
 def _indexed(image: Any) -> Any:
     """The picture in 256 colours of its own, with the error carried on, so that it shows no bands."""
-    from PIL import Image
+    from PIL import Image  # start-up
 
     return image.quantize(palette=image.quantize(256), dither=Image.Dither.FLOYDSTEINBERG)
 

@@ -295,7 +295,7 @@ class Animation:
             header = {"twilightSunElevationDeg": facts["sun_elevation_deg"], "twilightScene": facts["scene"]}
             write_exr(light, ~painter.outside, path, header)
             return
-        from PIL import Image
+        from PIL import Image  # start-up
 
         picture, _ = self._tone(exposure_of_frame).develop(light, Shot(exposure_of_frame.ev100, pixel_deg, i))
         pixels = to_bytes(picture)

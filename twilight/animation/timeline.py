@@ -10,6 +10,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunInterval, SunTimes
+from twilight.sky.ephemeris import sun_position
 
 SUNSET_DEG = (6.0, -12.0)
 """Elevations of the sun at the film's begin and end [deg] where neither is said: golden hour to nautical dusk."""
@@ -70,8 +71,6 @@ def timeline(
 
 
 def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
-    from twilight.sky.ephemeris import sun_position
-
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
     time = np.arange(_count(stop.timestamp() - start.timestamp(), step_s)) * step_s
     altitude_km = config.observer.altitude_km

@@ -183,7 +183,7 @@ def terms(gas: str, amount: float) -> tuple[tuple[float, ...], tuple[float, ...]
     amount: x of one vertical column.  Within FIT_ERROR, relative to the transmission, for m in WELL_FITTED_MASSES; of
     1 below; with MOST_TERMS terms at most, which is enough for the columns of water that there are.
     """
-    from scipy.optimize import least_squares
+    from scipy.optimize import least_squares  # start-up
 
     true = transmission(gas, amount * FITTED_MASSES)
     if true[-1] > 1.0 - WEAK:

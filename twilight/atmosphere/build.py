@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twilight.atmosphere import aerosols, gases, rayleigh
+from twilight.atmosphere import aerosols, gases, rayleigh, refraction
 from twilight.atmosphere.aerosols import AerosolRegion
 from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
 from twilight.atmosphere.levels import vertical_integral
@@ -263,8 +263,6 @@ def _refractivity(model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm
         raise TwilightError(f"refraction: `{model}` is not known; allowed are {', '.join(REFRACTION_MODELS)}")
     if model == "none":
         return np.zeros((state.altitude_km.size, wavelength.size))
-    from twilight.atmosphere import refraction
-
     if model == "haber":
         # dry: his humidity term weighs vapour at 13 hPa against air at 1013 hPa, so that the profile's own relative
         # humidity (77 % at the ground) would leave a quarter of the refraction that is observed

@@ -263,11 +263,11 @@ def _mie_coefficients(seconds: float) -> Callable:
     here the choice depends on the work, because loading the compiled kernels takes longer than a small job.
     """
     if seconds >= _JIT_FROM_SECONDS or "miepython.mie_jit" in sys.modules:
-        from miepython import mie_jit
+        from miepython import mie_jit  # start-up
 
         kernel = getattr(mie_jit, "_an_bn_nb", None)  # not part of miepython's public interface
         if kernel is not None:
             return lambda m, x: kernel(m, x, 0)
-    import miepython
+    import miepython  # start-up
 
     return miepython.coefficients

@@ -202,7 +202,7 @@ def swollen_radius(humidity_percent: np.ndarray, radius: np.ndarray, wanted_perc
     kappa(RH) = ((r/r_dry)^3 - 1) (1 - RH)/RH varies slowly (Petters & Kreidenweis 2007, Atmos. Chem. Phys. 7, 1961);
     its logarithm is interpolated (monotone cubic) in ln(1 - RH), and goes on linearly below the first moist class.
     """
-    from scipy.interpolate import PchipInterpolator
+    from scipy.interpolate import PchipInterpolator  # start-up
 
     if wanted_percent <= 0.0:
         return float(radius[0])

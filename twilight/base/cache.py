@@ -62,7 +62,7 @@ class CachedFile(NamedTuple):
 
 def cache_folder() -> Path:
     """Where the cache is."""
-    import platformdirs
+    import platformdirs  # start-up
 
     chosen = os.environ.get(FOLDER_VARIABLE)
     return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("twilight", appauthor=False)

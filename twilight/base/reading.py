@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os.path import isfile
@@ -66,8 +67,6 @@ def open_npz(path: Path, largest_expansion: float = LARGEST_EXPANSION) -> Iterat
 
     Errors: TwilightError for sizes that cannot be; what else is wrong with the file is numpy's to say.
     """
-    import zipfile
-
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         check_expansion(path, float(sum(member.file_size for member in members)), largest_expansion)
@@ -92,8 +91,6 @@ def check_npy(path: Path) -> None:
 
 def stored_arrays(path: Path) -> dict[str, np.ndarray] | None:
     """Arrays that this program stored in a .npz file, not compressed; None where there is none, or a damaged one."""
-    import zipfile
-
     try:
         with open_npz(path, largest_expansion=1) as there:
             return dict(there)

@@ -32,7 +32,7 @@ def _moment(value: Any) -> Any:
 def _zone(value: str | None) -> str | None:
     if value is None:
         return value
-    from zoneinfo import ZoneInfo
+    from zoneinfo import ZoneInfo  # start-up
 
     try:
         ZoneInfo(value)
@@ -96,7 +96,7 @@ class _Place(Section):
         """The moment with its offset or, lacking one, in `time_zone`."""
         if moment.tzinfo is not None:
             return moment
-        from zoneinfo import ZoneInfo
+        from zoneinfo import ZoneInfo  # start-up
 
         return moment.replace(tzinfo=ZoneInfo(self.time_zone or "UTC"))
 

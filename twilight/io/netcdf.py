@@ -173,7 +173,7 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
     TwilightError
         Where the file cannot be written.
     """
-    import h5netcdf
+    import h5netcdf  # start-up
 
     if not hasattr(h5netcdf.File, "_closed"):
         # an interrupt within its constructor leaves an object without it, whose __del__ then prints a traceback

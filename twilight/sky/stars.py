@@ -85,7 +85,7 @@ def colour_index(faintest_mag: float = 6.6) -> np.ndarray:
 
 def blended(stars: Stars, resolution_rad: float) -> Stars:
     """Stars closer together than the resolution become one, named after the brightest, at their centre of light."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import cKDTree  # start-up
 
     stars = stars.take(np.argsort(stars.magnitude, kind="stable"))
     pairs = cKDTree(stars.directions).query_pairs(2.0 * np.sin(0.5 * resolution_rad), output_type="ndarray")

@@ -245,7 +245,7 @@ def _engine(
     medium: Medium, s: Sasktran2Settings, rays: list[np.ndarray], altitude_km: float, *, single: int
 ) -> np.ndarray:
     """I, or I, Q and U where polarised, (rays, 1 or 3, W), of single or of multiple scattering."""
-    import sasktran2 as sk
+    import sasktran2 as sk  # optional
 
     config = sk.Config()
     config.num_threads = s.threads or len(os.sched_getaffinity(0))

@@ -120,7 +120,7 @@ def _read(path: Path, standpoint: Standpoint | None) -> HeightRaster:
             raise TwilightError(f"{path}: is not a .npy file of numbers") from None
     else:
         try:
-            import rasterio
+            import rasterio  # optional
         except ImportError:
             raise missing("rasterio", f"{path}: reading GeoTIFF") from None
         try:
@@ -148,7 +148,7 @@ def _check_shape(path: Path, shape: tuple[int, ...]) -> None:
 
 def _stand_on(raster: HeightRaster, file, path: Path, standpoint: Standpoint) -> HeightRaster:
     """The raster with the observer's column and row and the direction of its columns there."""
-    from rasterio.warp import transform
+    from rasterio.warp import transform  # optional
 
     step_deg = 0.01
     latitudes = [standpoint.latitude_deg, standpoint.latitude_deg + step_deg]

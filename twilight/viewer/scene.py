@@ -15,6 +15,7 @@ from twilight.engine import Solved
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
 from twilight.sky.sky import Sky
+from twilight.sky.stars import bright_stars
 from twilight.studies.export import sky_tables
 from twilight.studies.export.field_values import FieldSource
 from twilight.viewer import lines, space, tables, tones
@@ -343,7 +344,5 @@ def _check_suns(solved: Solved, name: str) -> None:
 
 def _stars() -> np.ndarray:
     """Unit vectors (equator and equinox of J2000) and magnitudes of the brighter stars, (N, 4)."""
-    from twilight.sky.stars import bright_stars
-
     stars = bright_stars(2026.0)
     return np.column_stack([stars.directions, stars.magnitude])

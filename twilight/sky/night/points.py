@@ -105,7 +105,7 @@ class Raster:
     """
 
     def __init__(self, rays: np.ndarray, pitch_deg: float):
-        from scipy.spatial import cKDTree
+        from scipy.spatial import cKDTree  # start-up
 
         self.shape = rays.shape[:2]
         inside = np.isfinite(rays).all(axis=-1)

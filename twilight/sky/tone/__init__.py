@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky import colour
 
@@ -70,15 +71,13 @@ class Plain:
 
 def tone_of(name: str, observer: str, settings: Mapping[str, Mapping[str, Any]] | None = None) -> Tone:
     """The tone of a name; settings: of ``eye`` and ``camera``, as the sections of a configuration have them."""
-    from twilight.base.errors import TwilightError
-
     given = dict((settings or {}).get(name) or {})
     if name == "eye":
-        from twilight.sky.tone.eye import Eye
+        from twilight.sky.tone.eye import Eye  # start-up
 
         return Eye(observer=observer, **given)
     if name == "camera":
-        from twilight.sky.tone.camera import Camera
+        from twilight.sky.tone.camera import Camera  # start-up
 
         return Camera(**given)
     if name not in NAMES:

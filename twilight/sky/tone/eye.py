@@ -55,7 +55,7 @@ SIGMA_CYCLES = float(np.sqrt(2.0 * np.log(2.0)) / (2.0 * np.pi))
 @lru_cache(maxsize=1)
 def scotopic_efficiency() -> np.ndarray:
     """V'(lambda) of the CIE 1951 scotopic observer at ``spectrum.VISIBLE_NM``, (471,), from colour-science."""
-    from colour import SDS_LEFS
+    from colour import SDS_LEFS  # start-up
 
     found = SDS_LEFS["CIE 1951 Scotopic Standard Observer"]
     return np.interp(spectrum.VISIBLE_NM, found.wavelengths, found.values, left=0.0, right=0.0)
@@ -162,7 +162,7 @@ class Eye:
         linear = colour.xyz_to_linear_rgb(gain * mesopic[..., None] * mixed) / DISPLAY_WHITE_CD_PER_M2
         finest = float(acuity_cycles_per_deg(day))
         if self.acuity and shot.pixel_deg > 0.0:
-            from scipy.ndimage import gaussian_filter1d
+            from scipy.ndimage import gaussian_filter1d  # start-up
 
             for axis in (0, 1):
                 linear = gaussian_filter1d(linear, SIGMA_CYCLES / finest / shot.pixel_deg, axis, mode="nearest")

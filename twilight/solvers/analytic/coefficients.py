@@ -191,7 +191,7 @@ def _shipped(name: str) -> SkyCoefficients:
 
 def parse_coefficients(text: str, where: str) -> SkyCoefficients:
     """A set from the text of its file; TwilightError that names ``where`` and the key otherwise."""
-    import yaml
+    import yaml  # start-up
 
     try:
         data = yaml.safe_load(text)

@@ -70,7 +70,7 @@ class Field(BareField):
 
     def __init__(self, medium: Medium, settings: SunskySettings, altitude_km: float):
         try:
-            import mitsuba
+            import mitsuba  # optional
         except ImportError:
             raise missing("mitsuba", "the solver sunsky") from None
         check_observer(medium, altitude_km, "sunsky")

@@ -18,6 +18,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.reading import MEMORY_FRACTION, first_line, memory_bytes
+from twilight.io.exr import exr_size, read_latlong_exr, write_channels
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
@@ -111,8 +112,6 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 
 def _exr(path: Path) -> np.ndarray:
-    from twilight.io.exr import exr_size, read_latlong_exr
-
     _check_size(path, *exr_size(path))
     return np.asarray(read_latlong_exr(path).rgb, dtype=np.float32)
 
@@ -123,7 +122,7 @@ def _exr(path: Path) -> np.ndarray:
 def _openimageio(path: Path) -> StoredImage:
     """Any depth through OpenImageIO, which notices a file that is cut off."""
     try:
-        import OpenImageIO
+        import OpenImageIO  # optional
     except ImportError:
         raise missing("OpenImageIO", f"{path}: a photograph") from None
     OpenImageIO.attribute("limits:imagesize_MB", 0)  # our own limit, with our own sentence
@@ -193,7 +192,7 @@ def _without_native_messages() -> Iterator[None]:
 def _raw(path: Path) -> StoredImage:
     """A RAW file by LibRaw: camera white balance, linear Rec. 709, no brightening, no turning; 16 bits."""
     try:
-        import rawpy
+        import rawpy  # optional
     except ImportError:
         raise missing("rawpy", f"{path}: a RAW file") from None
     try:
@@ -216,6 +215,4 @@ def _raw(path: Path) -> StoredImage:
 
 def write_exr(path: str | Path, rgb: np.ndarray, attributes: dict[str, Any] | None = None) -> None:
     """Write linear Rec. 709 (H, W, 3) as an EXR (float32, ZIP), whole or not at all; errors: TwilightError."""
-    from twilight.io.exr import write_channels
-
     write_channels(path, {name: rgb[..., i] for i, name in enumerate("RGB")}, attributes)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from twilight.base.whole_files import whole_file
 from twilight.solvers.analytic.coefficients import SkyCoefficients, parse_coefficients
 
@@ -24,8 +26,6 @@ def write_set(made: SkyCoefficients, facts: dict[str, Any], path: Path) -> None:
 
     Raises TwilightError where it cannot be written, or what is written would not be accepted by the solver.
     """
-    import yaml
-
     text = HEAD + yaml.safe_dump(
         made.as_document() | {"fit": facts}, sort_keys=False, default_flow_style=None, width=118
     )

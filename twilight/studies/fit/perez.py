@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from twilight.base.errors import TwilightError
 from twilight.solvers.analytic.coefficients import QUANTITIES, SkyCoefficients
@@ -131,8 +132,6 @@ def _fit_parameters(
     quantity: str, skies: Sequence[ColourSky], rows: int, start: np.ndarray | None = None
 ) -> np.ndarray:
     """Least squares over all skies: A to E (1, 5), or their values at the lowest and highest turbidity (2, 5)."""
-    from scipy.optimize import least_squares
-
     turbidity = np.array([sky.turbidity for sky in skies])
     low, high = turbidity.min(), turbidity.max()
     prepared = [
@@ -172,8 +171,6 @@ def _fit_parameters(
 
 def _fit_zenith_luminance(turbidity, sun_zenith_rad, luminance) -> tuple[tuple[float, ...], ...]:
     """slope, constant and chi, linear in the turbidity, of slope tan(chi (pi - 2 z)) + constant [kcd m^-2]."""
-    from scipy.optimize import least_squares
-
     ends = np.array([turbidity.min(), turbidity.max()])
     fraction = (turbidity - ends[0]) / (ends[1] - ends[0])
     truth = luminance / 1000.0

@@ -15,11 +15,13 @@ from twilight.base.progress import Progress, silent
 from twilight.config.scene import Config
 from twilight.engine.solve import Problem
 from twilight.numerics import spectrum
+from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.scene.plan import make_plan
 from twilight.sky.colour import colour_is_defined
 from twilight.sky.sky import Sky
+from twilight.solvers.analytic import aerial
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
@@ -141,9 +143,6 @@ def air_of_turbidity(config: Config, turbidity: float, haze: str = "climate") ->
 
 
 def _with_paper_haze(clean: Medium, turbidity: float) -> Medium:
-    from twilight.numerics.phase import PhaseFunction
-    from twilight.solvers.analytic import aerial
-
     wavelength = clean.wavelength_nm
     relative = aerial.haze_scattering_per_km(np.append(wavelength, 550.0), turbidity)
     air = np.exp(np.interp(np.log(550.0), np.log(wavelength), np.log(clean.optical_depth("air"))))

@@ -83,7 +83,7 @@ def connect(place: Resources) -> Iterator[Client]:
     Errors: TwilightError where a library is missing or the scheduler cannot be reached.
     """
     check_installed(place)
-    import dask
+    import dask  # start-up
     import distributed  # noqa: F401 - before the settings: what it sets itself would go with them
 
     with dask.config.set(_QUIET), _without_its_log():
@@ -122,7 +122,7 @@ def check_installed(place: Resources) -> None:
 
 @contextmanager
 def _client(where: Any) -> Iterator[Client]:
-    from distributed import Client
+    from distributed import Client  # start-up
 
     try:
         client = Client(where, timeout=10, set_as_default=False)
@@ -147,7 +147,7 @@ def workers_and_threads(place: Resources) -> tuple[int, int]:
 
 
 def _local(place: Resources) -> Any:
-    from distributed import LocalCluster
+    from distributed import LocalCluster  # start-up
 
     workers, threads = workers_and_threads(place)
     with _interrupts_for_this_thread_only():
@@ -169,7 +169,7 @@ def _interrupts_for_this_thread_only() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    from multiprocessing import resource_tracker
+    from multiprocessing import resource_tracker  # start-up
 
     resource_tracker.ensure_running()  # where a worker's start has to begin it, that start lets interrupts in again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -180,7 +180,7 @@ def _interrupts_for_this_thread_only() -> Iterator[None]:
 
 
 def _jobs(place: Resources) -> Any:
-    import dask_jobqueue
+    import dask_jobqueue  # optional
 
     try:
         cluster = getattr(dask_jobqueue, BATCH_SYSTEMS[str(place.batch_system)])()

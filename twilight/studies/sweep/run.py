@@ -7,6 +7,7 @@ import queue
 import secrets
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -133,8 +134,6 @@ class _SweepRun:
 
     def _let_go(self) -> None:
         """Workers of a scheduler that lives on are not left with tasks that nobody waits for, nor with a field."""
-        from contextlib import suppress
-
         with suppress(Exception):
             if self.client.status == "running":
                 if self.running:

@@ -128,7 +128,7 @@ def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
 
     Errors: TwilightError where something else lies there, where another sweep writes it, or where the disk lacks space.
     """
-    import zarr
+    import zarr  # start-up
 
     if path.exists():
         _check_same(path, sweep)
@@ -203,7 +203,7 @@ def _check_space(path: Path, sweep: Sweep, store: Store) -> None:
 
 def _create(path: Path, sweep: Sweep) -> None:
     """All metadata and coordinates, made beside `path` and moved there."""
-    import zarr
+    import zarr  # start-up
 
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
@@ -240,7 +240,7 @@ def _results(group: Any, sweep: Sweep) -> None:
     names = tuple(d.name for d in sweep.dimensions)
 
     def add(name: str, last: tuple[str, ...], shape: tuple[int, ...], **more: str) -> None:
-        from numcodecs import CRC32, Blosc
+        from numcodecs import CRC32, Blosc  # start-up
 
         group.create_array(
             name,

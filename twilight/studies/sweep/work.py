@@ -73,13 +73,13 @@ def forget() -> None:
 
 
 def _set_threads(threads: int | None) -> None:
-    import numba
+    import numba  # start-up
 
     most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # made when numba is loaded
     if threads is None:
         threads = most
         if "NUMBA_NUM_THREADS" not in os.environ:
-            from distributed import get_worker
+            from distributed import get_worker  # start-up
 
             threads = get_worker().state.nthreads
     numba.set_num_threads(max(1, min(threads, most)))

@@ -24,8 +24,11 @@ from twilight.engine.sunbeam import Sunbeam
 from twilight.numerics import spectrum
 from twilight.scene import resolve
 from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.ephemeris import sun_position
+from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import references
 from twilight.studies.validate.measured.references import KOOMEN_SITES, Site
+from twilight.transport.beam import beam_at
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
@@ -156,7 +159,6 @@ class Photometer:
         """Luminance of the night sky (E, A) [cd m^-2], None where the configuration has none."""
         if self.config.night is None:
             return None
-        from twilight.sky.night import Place, night_radiance
 
         sun_azimuth, place = None, None
         if site is not None:
@@ -179,8 +181,6 @@ class Photometer:
 
 def disc_irradiance(beam: Any, medium: Medium, sun_elevation_deg: float) -> np.ndarray:
     """Irradiance of level ground by the sun's disc over F0, (W,): uniform disc in horizontal strips, each refracted."""
-    from twilight.transport.beam import beam_at
-
     # Gauss-Chebyshev nodes of the second kind: strips of a disc weigh by their chord
     k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
     total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
@@ -215,8 +215,6 @@ def hemisphere(sun_elevation_deg: float, rows: int = 24, columns: int = 20):
 
 def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
     """The moment of the site's evening when the sun stands at an elevation [deg], and the sun's azimuth [deg]."""
-    from twilight.sky.ephemeris import sun_position
-
     low, high = site.evening, site.evening + timedelta(hours=12)
     for _ in range(24):
         middle = low + (high - low) / 2

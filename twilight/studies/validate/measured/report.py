@@ -68,10 +68,10 @@ def write_levels(found: Sequence[Level], path: Path) -> None:
 
 def draw(points: Sequence[PhotometricPoint], path: Path) -> None:
     """PNG: illuminance and zenith luminance over sun elevation above, log10 ratio to the measurements below."""
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot  # start-up
 
     figure: Any
     figure, axes = pyplot.subplots(

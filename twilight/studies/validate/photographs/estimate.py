@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
@@ -138,8 +139,6 @@ class _Problem:
 
     def fit(self, start: np.ndarray, fixed: Mapping[int, float] | None = None) -> tuple[np.ndarray, float, np.ndarray]:
         """(x, Q, Jacobian of the free ones) from a start, with some of x held."""
-        from scipy.optimize import least_squares
-
         fixed = fixed or {}
         free = [i for i in range(start.size) if i not in fixed]
 

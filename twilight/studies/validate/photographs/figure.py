@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from twilight.base.whole_files import whole_file
 from twilight.sky import colour
@@ -28,10 +29,10 @@ def write_figure(
     ratio of their luminances and the distance of their chromaticities where clear sky is compared; and the profiles
     through the zenith.  The sun's azimuth is in the middle.  lines: sentences for the panel of numbers.
     """
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot  # start-up
 
     photo, simulated, extent = _pictures(comparison, panorama, mask)
     wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0)
@@ -149,8 +150,6 @@ def _foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg
 
     The mask of ground and trees also holds a rim of sky about them, and clouds, which would be mistaken for computed.
     """
-    from scipy import ndimage
-
     with np.errstate(invalid="ignore", divide="ignore"):
         unlike = photo[..., 1] < 0.75 * sky[..., 1]
         unlike |= np.hypot(*np.moveaxis(colour.uv_of_xyz(photo) - colour.uv_of_xyz(sky), -1, 0)) > 0.03

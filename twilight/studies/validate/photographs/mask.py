@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import read_text
+from twilight.studies.camera.image import read_samples
 from twilight.studies.validate.photographs.panorama import Panorama
 
 MAX_PROFILE_BYTES = 20_000_000
@@ -139,8 +141,6 @@ def find_sky(panorama: Panorama, ignore: np.ndarray | None = None) -> np.ndarray
 
     ignore (E, A): cells that are no sky and no edge either (saturated, the sun's glare): the sky goes on behind them.
     """
-    from scipy import ndimage
-
     ignore = np.zeros(panorama.covered.shape, bool) if ignore is None else ignore
     rows = panorama.elevation_deg
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -175,8 +175,6 @@ def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None 
 
     aureole (E, A): where that says nothing.  The sky varies smoothly along a parallel; a cloud does not.
     """
-    from scipy import ndimage
-
     if not sky.any():
         return np.zeros_like(sky)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -200,8 +198,6 @@ def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None 
 
 def _larger_than(found: np.ndarray, panorama: Panorama, square_deg: float) -> np.ndarray:
     """The connected parts of ``found`` (E, A) that are at least that large."""
-    from scipy import ndimage
-
     labels, count = ndimage.label(found, np.ones((3, 3)))
     labels = _join_across_north(labels)
     area = np.cos(np.radians(panorama.elevation_deg))[:, None] * panorama.step_deg**2 * np.ones(found.shape)
@@ -307,6 +303,4 @@ def _around(azimuth_deg: np.ndarray, elevation_deg: np.ndarray) -> tuple[np.ndar
 
 def read_mask_image(path: str | Path) -> np.ndarray:
     """A mask picture (H, W), 1 where it is bright (sky) and 0 where dark; a PNG, JPEG or TIFF."""
-    from twilight.studies.camera.image import read_samples
-
     return (read_samples(path).samples.mean(axis=-1) > 0.5).astype(float)

@@ -14,6 +14,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.numerics.orientation import direction
+from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.camera.image import StoredImage
 from twilight.studies.camera.model import CameraModel
 
@@ -48,8 +49,6 @@ class Panorama:
     @property
     def luminance(self) -> np.ndarray:
         """Rec. 709 luminance (E, A) in the photograph's scale; NaN outside it."""
-        from twilight.sky.colour import REC709_LUMINANCE
-
         return self.rgb @ REC709_LUMINANCE
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import colour as science
 import numpy as np
 
 from twilight.base.errors import TwilightError
@@ -250,8 +251,6 @@ def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False) -> Compar
 
 def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """CIEDE2000 of XYZ (..., 3) with and without the difference in luminance, NaN where masked."""
-    import colour as science
-
     there = (weight > 0) & np.isfinite(one).all(axis=-1) & (one[..., 1] > 0) & (other[..., 1] > 0)
     a, b, w = one[there], other[there], weight[there]
     white_xy = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[OBSERVER]]["D65"]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray
 
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.sky import colour
@@ -48,8 +49,6 @@ def write_profiles(path: str | Path, comparison: Comparison) -> None:
 
 def to_dataset(comparison: Comparison, attributes: dict[str, Any] | None = None) -> xarray.Dataset:
     """Photograph and simulation with all maps as an xarray Dataset, NaN where masked."""
-    import xarray
-
     photo, grid = comparison.photo, ("elevation", "azimuth")
     light = "CIE 1931 tristimulus values, Y is the luminance"
     variables = {

@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+from scipy.special import pdtrc
 
 from twilight.base.errors import TwilightError
 from twilight.numerics.orientation import orientation_angles
@@ -200,8 +201,6 @@ def _solid_angle(camera: CameraModel) -> float:
 
 
 def _beyond_chance(fit: CameraSolution) -> bool:
-    from scipy.special import pdtrc
-
     return bool(pdtrc(len(fit.match) - 1, max(fit.chance_matches, 0.5)) < LARGEST_CHANCE)
 
 

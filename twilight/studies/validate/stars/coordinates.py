@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -87,7 +88,7 @@ def equatorial(year: float) -> Stars:
 def precession(year: float) -> np.ndarray:
     """Matrix (3, 3) from the axes of the ICRS to those of the mean equator and equinox of a Julian year."""
     with _astropy() as (coordinates, units):
-        from astropy.time import Time
+        from astropy.time import Time  # optional
 
         frame = coordinates.FK5(equinox=Time(year, format="jyear"))
         axes = coordinates.SkyCoord(ra=[0.0, 90.0, 0.0] * units.deg, dec=[0.0, 0.0, 90.0] * units.deg, frame="icrs")
@@ -100,7 +101,7 @@ def planet_tracks(first_year: float, last_year: float, step_days: float) -> tupl
     Light time and aberration, which move them by less than an arcminute, are left out.
     """
     with _astropy() as (coordinates, _):
-        from astropy.time import Time
+        from astropy.time import Time  # optional
 
         time = Time(np.arange(first_year, last_year, step_days / 365.25), format="jyear")
         earth = coordinates.get_body_barycentric("earth", time, ephemeris="builtin").xyz.value
@@ -120,7 +121,7 @@ def check_year(year: float) -> None:
 
 def _time(moment: datetime) -> Any:
     """The moment as astropy has it, without leap-second tables beyond those installed."""
-    from astropy.time import Time
+    from astropy.time import Time  # optional
 
     return Time(moment.astimezone(UTC).replace(tzinfo=None), scale="utc")
 
@@ -140,11 +141,10 @@ def _astropy() -> Iterator[tuple[Any, Any]]:
     than a camera's clock is off, and 0.5 arcsec.
     """
     try:
-        from astropy import coordinates, units
-        from astropy.utils import iers
+        from astropy import coordinates, units  # optional
+        from astropy.utils import iers  # optional
     except ImportError:
         raise missing("astropy", "calibration from stars") from None
-    import warnings
 
     level = iers.IERS(
         {

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, median_filter
+from scipy.spatial import cKDTree
 
 from twilight.studies.camera.model import CameraModel
 
@@ -78,8 +80,6 @@ def detect(picture: np.ndarray, camera: CameraModel, threshold: float = 5.0) -> 
 
 def _detect_panorama(light: np.ndarray, camera: CameraModel, threshold: float) -> Sources:
     """The belt of the picture itself, continued across its seam, and a view of each pole."""
-    from scipy.ndimage import map_coordinates
-
     height, width = light.shape
     seam = 2 * CELL_PX
     belt = _detect_flat(np.pad(light, ((0, 0), (seam, seam)), mode="wrap"), threshold, single_pixels=True)
@@ -126,8 +126,6 @@ def background(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Cells are smoothed by a 3 x 3 median, so that a lamp or a bright star that fills one does not count.
     """
-    from scipy.ndimage import median_filter
-
     height, width = light.shape
     rows, columns = -(-height // CELL_PX), -(-width // CELL_PX)
     full = np.pad(light, ((0, rows * CELL_PX - height), (0, columns * CELL_PX - width)), mode="symmetric")
@@ -146,8 +144,6 @@ def _linear(size: int, cells: int) -> np.ndarray:
 
 
 def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> Sources:
-    from scipy.ndimage import gaussian_filter, maximum_filter
-
     low, _ = background(light)
     above = light - low
     smooth = gaussian_filter(above, SMOOTHING_PX, mode="nearest")
@@ -229,8 +225,6 @@ def _hot(neighbour: np.ndarray, signal_to_noise: np.ndarray) -> np.ndarray:
 
 def _without_twins(found: Sources) -> Sources:
     """Centres that ran into one another within a pixel and a half are one source."""
-    from scipy.spatial import cKDTree
-
     keep = np.ones(len(found), dtype=bool)
     if len(found):
         for i, j in sorted(cKDTree(found.xy).query_pairs(1.5)):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from twilight.sky.stars import Stars
 from twilight.studies.camera.model import CameraModel
@@ -73,8 +75,6 @@ def match(
 
     As many of the brightest stars in the picture are compared as there may be among the sources: STARS_PER_SOURCE each.
     """
-    from scipy.spatial import cKDTree
-
     found = state.camera.directions_own(sources.xy)
     limit = np.cos(within_rad) if within_rad < np.pi else -2.0
     source = np.flatnonzero(found @ centre >= limit)  # False for NaN
@@ -102,8 +102,6 @@ def fit_in_brightness(pairs: Match, sources: Sources, stars: Stars) -> np.ndarra
 
 def chance_matches(state: Pose, sources: Sources, stars: Stars, radius_rad: float) -> float:
     """How many pairs pass the same tests where the sky is turned away by 4 to 12 deg: matches to expect by accident."""
-    from scipy.spatial.transform import Rotation
-
     random = np.random.default_rng(7)
     counts = []
     for _ in range(CHANCE_TURNS):

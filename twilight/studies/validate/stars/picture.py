@@ -33,7 +33,7 @@ def draw(picture: np.ndarray, calibration: Calibration, path: Path) -> None:
 
     Errors: TwilightError where it cannot be written.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw, ImageFont  # start-up
 
     camera, fit = calibration.camera, calibration.fit
     width = camera.image.width_px

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.special import bdtrc
 
 from twilight.sky.stars import Stars
 
@@ -73,8 +75,6 @@ def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: floa
     own (N, 3): directions of sources in the camera's own axes, brightest first.  stars: brightest first, over sky_sr of
     sky.  picture_sr: solid angle of sky in the picture.  error_rad: of a source's direction.
     """
-    from scipy.special import bdtrc
-
     if len(own) < 6 or len(stars) < 6:
         return None
     fraction = np.clip(picture_sr / sky_sr, 1e-4, 1.0)
@@ -127,8 +127,6 @@ def _angle(a: np.ndarray, b: np.ndarray) -> float:
 
 def _pairs_by_distance(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Index pairs (i < j) of all stars near enough to each other, and their distances [rad], sorted by distance."""
-    from scipy.spatial import cKDTree
-
     pairs = cKDTree(directions).query_pairs(2.0 * np.sin(0.5 * FARTHEST_PAIR_RAD * 1.05), output_type="ndarray")
     chord = np.linalg.norm(directions[pairs[:, 0]] - directions[pairs[:, 1]], axis=1)
     distance = 2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))
@@ -153,8 +151,6 @@ def _witnesses(listed: np.ndarray, middle: np.ndarray, a: np.ndarray, b: np.ndar
 
 def _hit_map(directions: np.ndarray, sky_sr: float, error_rad: float) -> tuple[np.ndarray, float]:
     """Cells (declination, right ascension) near enough to a star, and the fraction of the sky that they cover."""
-    from scipy.spatial import cKDTree
-
     density = len(directions) / sky_sr
     radius = np.sqrt(CHANCE_OF_A_HIT / (np.pi * density))
     radius = np.clip(radius, min(2.5 * error_rad, np.radians(1.0)), np.radians(1.0))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from twilight.sky.stars import Stars
 from twilight.studies.camera.model import CameraModel
@@ -139,9 +141,6 @@ def _least_squares(
     state: Pose, sources: Sources, stars: Stars, pairs: Match, free: tuple[str, ...], sigma_rad: float
 ) -> tuple[Pose, np.ndarray]:
     """The state that brings the stars nearest to their sources, and the standard errors of what was free."""
-    from scipy.optimize import least_squares
-    from scipy.spatial.transform import Rotation
-
     guess = state.camera
     panorama = guess.projection == "latlong"
     focal, centre = guess.focal_length_px, guess.principal_point_px

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtr
 
 from twilight.studies.camera.model import CameraModel
 
@@ -52,8 +53,6 @@ def render_stars(
 
 def _fractions(centre: float, sigma: float, size: int, wrap: bool) -> tuple[np.ndarray, np.ndarray]:
     """Pixels within five sigma, and the fraction of a Gaussian's light that falls on each, in one dimension."""
-    from scipy.special import ndtr
-
     reach = int(np.ceil(min(5.0 * sigma, size / 2 - 1))) + 1
     first = int(np.floor(centre)) - reach
     edges = np.arange(first, first + 2 * reach + 2)
