@@ -1,4 +1,4 @@
-"""The documentation as a site: `sphinx-build -W docs build/docs` (extra `docs`)."""
+"""The documentation of the installed package as a site: `pip install '.[docs]'`, `sphinx-build -W docs build/docs`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
 
 import twilight  # noqa: E402

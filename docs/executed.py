@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import re
 import shlex
 import subprocess
@@ -91,11 +90,7 @@ def _python(pieces: list[str], folder: str) -> list[str]:
 
 
 def _run(words: list[str], folder: str) -> str:
-    root = Path(__file__).resolve().parents[1]
-    paths = os.pathsep.join(filter(None, [str(root), os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(
-        words, cwd=folder, capture_output=True, text=True, timeout=LONGEST_S, env={**os.environ, "PYTHONPATH": paths}
-    )
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=LONGEST_S)
     if done.returncode:
         raise PageError(f"{shlex.join(words[1:])}\n{done.stdout}{done.stderr}")
     return done.stdout.replace(folder, ".")

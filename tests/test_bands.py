@@ -68,7 +68,7 @@ def scene(nm, climate="pure-air", **settings):
 
 def zones_draft(config, suns):
     zones = solvers.load("zones")
-    return Problem(resolve(config, solver=(zones, zones.QUALITIES["draft"])), suns)
+    return Problem(resolve(config, solver=(zones, replace(zones.QUALITIES["draft"], polarisation=False))), suns)
 
 
 NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}

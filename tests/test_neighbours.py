@@ -43,13 +43,17 @@ def compare(climate, settings, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=
         assert moved.max() < most, f"{wavelength_nm[w]} nm: {moved.max():.2e}"
 
 
+DRAFT = replace(zones.QUALITIES["draft"], polarisation=False)
+"""Grids and orders are the same with polarisation, which takes longer."""
+
+
 def test_neighbours_do_not_move_a_wavelength_at_draft():
-    compare("urban", zones.QUALITIES["draft"])
+    compare("urban", DRAFT)
 
 
 def test_neighbours_in_a_band_do_not_move_a_wavelength():
     """Beside 935 nm, where water vapour is twenty times as dark as at 720 nm."""
-    compare("continental-average", zones.QUALITIES["draft"], np.array([720.0, 935.0]), in_bands=True)
+    compare("continental-average", replace(DRAFT, max_orders=4, tolerance=0.0), np.array([720.0, 935.0]), in_bands=True)
 
 
 def test_terms_of_a_band_have_the_nodes_of_the_air_without_it():
@@ -89,7 +93,7 @@ def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
     """380 nm alone was 3.5 % off, sun at -18 deg: its lines ended behind 25 optical depths, but not beside 550 nm."""
     compare(
         "volcanic-extreme",
-        zones.QUALITIES["draft"],
+        DRAFT,
         np.array([380.0, 550.0, 700.0]),
         suns_deg=(0.0, -9.0, -15.0, -18.0),
     )

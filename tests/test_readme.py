@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hazy_zones import SCALAR
 
 from twilight.config import load_climate, load_series
 from twilight.config.library import shipped
@@ -19,9 +20,6 @@ MANUAL = "".join(
     for name in ("climates", "configurations", "solvers", "python")
 )
 MAPS = (ROOT / "docs" / "environment-maps.md").read_text(encoding="utf-8")
-COARSE = replace(
-    zones.QUALITIES["draft"], altitude_density=0.35, zenith_density=0.4, polar_directions=4, beam_density=0.4
-)
 JOBS = "\n".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs" / "jobs").glob("*.md")))
 
 
@@ -59,7 +57,7 @@ def test_the_python_shown_runs(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setitem(zones.QUALITIES, "draft", COARSE)
+    monkeypatch.setitem(zones.QUALITIES, "draft", SCALAR)
     namespace: dict = {}
     pieces = [*blocks("python", README), *blocks("python", MANUAL)]
     assert "import twilight\n" in pieces[0] and "twilight.render(" in pieces[0]

@@ -1,5 +1,7 @@
 """Finite segments of lines of sight: transmittance in closed form, limits, and the solvers against each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from airs import turbid
@@ -21,7 +23,7 @@ def air():
 
 @pytest.fixture(scope="module")
 def field(air):
-    return zones.prepare(air, zones.QUALITIES["draft"])
+    return zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=False))
 
 
 def ask(field, sun, distance, **more):

@@ -32,7 +32,8 @@ def flicker(skies) -> float:
     return float(np.max(np.abs(skies[1:-1] / (0.5 * (skies[:-2] + skies[2:])) - 1.0)))
 
 
-FEW_ORDERS = replace(QUALITIES["draft"], max_orders=4, tolerance=0.0)
+SCALAR = replace(QUALITIES["draft"], polarisation=False)
+FEW_ORDERS = replace(SCALAR, max_orders=4, tolerance=0.0)
 """Flicker comes from where nodes, points and directions stand, and every order sees them."""
 
 
