@@ -36,10 +36,11 @@ from twilight.numerics.spectrum import (
 )
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.solvers.tables.lookup import optical_depth_to_top
-from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid, possible_nus
+from twilight.solvers.tables.mapping import BRUNETON_2017, Mapping, grid
 from twilight.solvers.tables.passes import fill_depth, read
 from twilight.solvers.tables.solve import stored
-from twilight.studies.export.field_values import JUST_DEG, FieldSource
+from twilight.studies.export.field_values import FieldSource
+from twilight.studies.export.texel_light import sky_irradiance, texel_light
 from twilight.transport.profile import Profile, prepare_profile
 
 LARGEST_HALF = 65504.0
@@ -50,8 +51,6 @@ SKY_EXPONENT = -3.0
 """Of the wavelength, by which skylight differs from sunlight (Bruneton 2017)."""
 FADED_MU_S = 0.01
 """The shaders fade single Mie scattering out of aerial perspective below this."""
-SAME_COSINE = 1e-12
-"""Cosines this near to 1 or -1 stand for one direction."""
 MOST_SINGLE = 0.9
 """Largest fraction of red light that may be left to what aerosol scattered once."""
 
@@ -166,11 +165,12 @@ def fill(
     filled, from the ground up.  separate: with `single_mie`; higher_order: with that.
     """
     medium = source.medium
-    heights, view, sun, nus = grid(mapping)
+    heights, _, sun, _ = grid(mapping)
     if heights[-1] > medium.top_km - medium.bottom_km + 1e-6:
         raise TwilightError(
             f"--layout: its air reaches up to {heights[-1]:g} km, that of the climate to {medium.top_km:g} km"
         )
+    rows = min(rows, mapping.n_r)
     scattering = np.zeros((mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, 4))
     single = np.zeros((*scattering.shape[:-1], 3))
     more = np.zeros_like(single) if higher_order else None
@@ -178,23 +178,17 @@ def fill(
     at = medium.at(medium.bottom_km)
     beta_r, beta_m = at.air_scattering, at.aerosol_scattering
     ratio = (beta_m / beta_m[-1]) * (beta_r[-1] / beta_r) if source.phase is not None else np.zeros(3)
-    for i in range(min(rows, mapping.n_r)):
-        altitude = medium.bottom_km + heights[i]
-        rays = _rays(source, mapping, heights[i], view[i], sun, nus)
+    lit = sun >= FADED_MU_S
+    for i, (nu, light, once) in enumerate(
+        texel_light(source, mapping, rows, lambda x: progress("scattering", 0.9 * x))
+    ):
         # what aerosol scattered once, with and without its phase functions
-        once = np.zeros((2, *rays.nu.shape, 3))
-        suns_deg = np.degrees(np.arcsin(sun))
-        if source.phase is not None:
-            lit = sun >= FADED_MU_S
-            once[:, lit] = source.single_aerosol(altitude, rays.elevation_deg, rays.azimuth_deg[lit], suns_deg[lit])
+        true, bare = (np.where(lit[:, None, None, None], part, 0.0) for part in (once.aerosol, once.bare))
         for j in range(mapping.n_mu_s):
-            light = source.inscattered(altitude, suns_deg[j], rays.elevation_deg[:, None], rays.azimuth_deg[j])
-            packed = _packed(light, rays.nu[j], once[0, j], once[1, j], g, None if separate else ratio)
+            packed = _packed(light[j], nu[j], true[j], bare[j], g, None if separate else ratio)
             scattering[i, j], single[i, j] = (part.transpose(1, 0, 2) for part in packed)
-            progress("scattering", 0.9 * (i + (j + 1) / sun.size) / rows)
         if more is not None:
-            air = source.single_air(altitude, rays.elevation_deg, rays.azimuth_deg, suns_deg)[..., ::-1]
-            more[i] = np.maximum(scattering[i, ..., :3] - air.swapaxes(1, 2), 0.0)
+            more[i] = np.maximum(scattering[i, ..., :3] - once.air[..., ::-1].swapaxes(1, 2), 0.0)
     scattering *= np.append(solar_irradiance[::-1], solar_irradiance[-1]) * scale
     single *= solar_irradiance[::-1] * scale
     if more is not None:
@@ -202,7 +196,7 @@ def fill(
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, 3))
     fill_depth(_unscaled(source, mapping.bottom_km), mapping, depth, 0, mapping.n_t_r)
     progress("irradiance", 0.95)
-    irradiance = _irradiance(source, mapping, min(rows, mapping.n_e_r))[..., ::-1] * solar_irradiance[::-1] * scale
+    irradiance = sky_irradiance(source, mapping, min(rows, mapping.n_e_r))[..., ::-1] * solar_irradiance[::-1] * scale
     volume = {"size": [mapping.n_nu * mapping.n_mu_s, mapping.n_mu, mapping.n_r], "axes": ["nu, mu_s", "mu", "r"]}
     textures = {
         "transmittance": {"size": [mapping.n_t_mu, mapping.n_t_r], "axes": ["mu", "r"]},
@@ -314,32 +308,6 @@ def _unscaled(source: FieldSource, bottom_km: float) -> Profile:
     return prepare_profile(source.medium)._replace(earth_radius_km=bottom_km - source.medium.bottom_km)
 
 
-@dataclass(frozen=True)
-class _Rays:
-    """elevation_deg (mu,); azimuth_deg, nu (mu_s, mu, nu)."""
-
-    elevation_deg: np.ndarray
-    azimuth_deg: np.ndarray
-    nu: np.ndarray
-
-
-def _rays(
-    source: FieldSource, mapping: Mapping, height: float, view: np.ndarray, sun: np.ndarray, nus: np.ndarray
-) -> _Rays:
-    """Directions of the texels of one height, each moved to its own side of the apparent horizon."""
-    ground = 2 * np.arange(mapping.n_mu) < mapping.n_mu
-    elevation = np.degrees(np.arcsin(view))
-    horizon = source.horizon_deg(source.medium.bottom_km + height)
-    elevation = np.where(ground, np.minimum(elevation, horizon - JUST_DEG), np.maximum(elevation, horizon + JUST_DEG))
-    level = (view * sun[:, None])[..., None]
-    across = np.sqrt(np.maximum(0.0, (1.0 - view**2) * (1.0 - sun[:, None] ** 2)))[..., None]
-    nu = possible_nus(view, sun, nus)
-    cosine = np.divide(nu - level, across, out=np.ones_like(nu), where=across > 1e-9)
-    # all cosines at an end are one direction, which is evaluated once
-    cosine = np.where(np.abs(cosine) > 1.0 - SAME_COSINE, np.sign(cosine), cosine)
-    return _Rays(elevation, np.degrees(np.arccos(cosine)), nu)
-
-
 def _packed(
     light: np.ndarray, nu: np.ndarray, true: np.ndarray, bare: np.ndarray, g: float, ratio: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -364,23 +332,6 @@ def _packed(
     fraction = np.divide(red, rest, out=np.zeros_like(red), where=rest > 0.0)[..., None]
     out[..., :3] = (light / (rayleigh + mie * fraction * ratio))[..., ::-1]
     return out, bare[..., ::-1]
-
-
-def _irradiance(source: FieldSource, mapping: Mapping, rows: int) -> np.ndarray:
-    """E of the sky (r, mu_s, W) over F0, on a horizontal plane that looks up."""
-    x, w = np.polynomial.legendre.leggauss(10)
-    mu, weight = 0.5 * (1.0 + x), 0.5 * w
-    azimuth = (np.arange(8) + 0.5) * 22.5
-    grid_ = np.meshgrid(np.degrees(np.arcsin(mu)), azimuth, indexing="ij")
-    out = np.zeros((mapping.n_e_r, mapping.n_e_mu_s, source.medium.n_wavelengths))
-    for i in range(rows):
-        altitude = source.medium.bottom_km + mapping.thickness_km * i / (mapping.n_e_r - 1)
-        for j in range(mapping.n_e_mu_s):
-            mu_s = 2.0 * j / (mapping.n_e_mu_s - 1) - 1.0
-            if mu_s > mapping.mu_s_min:
-                seen = source.radiance(altitude, math.degrees(math.asin(mu_s)), *grid_)
-                out[i, j] = np.einsum("maw,m->w", seen, weight * mu) * 2.0 * np.pi / azimuth.size
-    return out
 
 
 __all__ = ["BrunetonTables", "fill", "make_mapping", "phase_of", "sky_radiance"]

@@ -181,10 +181,6 @@ class FieldSource:
             light += np.moveaxis(phase(cosine), 0, -1) / (1.0 - f) * part
         return light, parts.sum(axis=0)
 
-    def single_air(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> np.ndarray:
-        """Light that air scattered once, without its phase function (S, E, A, W); angles as in `single_aerosol`."""
-        return self._once(altitude_km, *self._angles(elevation_deg, azimuth_deg, sun_deg), 0, 1)[0]
-
     def _angles(self, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Elevations (E,), azimuths (S, E, A) and suns (S,) [rad]."""
         e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
