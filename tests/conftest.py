@@ -1,4 +1,4 @@
-"""Fixtures of several files, the order of files, thirds of the long tests; no test finds a field left on disk."""
+"""Fixtures of several files, the order of files, sixths of the long tests; no test finds a field left on disk."""
 
 import csv
 import functools
@@ -43,51 +43,43 @@ LONG = (
 """Files that take longest.  They go first, so that no process has one left when the others are done; the first two
 compile different solvers, so that two processes do not compile the same one at once."""
 
-THIRDS = 3
-MAX_CI_S = 300.0
-"""Most recorded processor time [s] of a file in a third: dearer ones would not fit into CI's time, and run with -m slow
-alone."""
+PARTS = 6
 COSTS = Path(__file__).parents[1] / "benchmarks" / "slow_tests.csv"
 """Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py tests`."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--third",
+        "--sixth",
         type=int,
-        choices=range(THIRDS),
-        help="of the long tests only this third: files, spread by their recorded processor time",
+        choices=range(PARTS),
+        help="of the long tests only this sixth: files, spread by their recorded processor time",
     )
 
 
-def thirds() -> dict[str, int]:
-    """The third of every file of long tests whose cost is known: the dearest first, each to the cheapest third."""
+def parts() -> dict[str, int]:
+    """The part of every file of long tests whose cost is known: the dearest first, each to the cheapest part."""
     with open(COSTS, newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    found, seconds = {}, [0.0] * THIRDS
+    found, seconds = {}, [0.0] * PARTS
     for row in sorted(rows, key=lambda row: (-float(row["processor_s"]), row["file"])):
-        third = seconds.index(min(seconds))
-        found[row["file"]] = third
-        seconds[third] += float(row["processor_s"])
+        part = seconds.index(min(seconds))
+        found[row["file"]] = part
+        seconds[part] += float(row["processor_s"])
     return found
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     places = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
-    wanted = config.getoption("--third")
+    wanted = config.getoption("--sixth")
     if wanted is None:
         return
-    known = thirds()
-
-    with open(COSTS, newline="", encoding="utf-8") as file:
-        costs = {row["file"]: float(row["processor_s"]) for row in csv.DictReader(x for x in file if x[0] != "#")}
+    known = parts()
 
     def elsewhere(item: pytest.Item) -> bool:
-        if costs.get(item.path.name, 0.0) > MAX_CI_S:
-            return item.get_closest_marker("slow") is not None
-        third = known.get(item.path.name, zlib.crc32(item.path.name.encode()) % THIRDS)
-        return item.get_closest_marker("slow") is not None and third != wanted
+        part = known.get(item.path.name, zlib.crc32(item.path.name.encode()) % PARTS)
+        return item.get_closest_marker("slow") is not None and part != wanted
 
     config.hook.pytest_deselected(items=[item for item in items if elsewhere(item)])
     items[:] = [item for item in items if not elsewhere(item)]

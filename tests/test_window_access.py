@@ -12,6 +12,8 @@ from test_window import COARSE, closed
 from twilight.viewer import view_fields
 
 PHONE, DESK = (390, 844), (1280, 800)
+COARSE_PIXELS = {"device_scale_factor": 1 / 3}
+"""A third of the pixels each way, drawn by the processor: layout, names and keys are the same."""
 FINGER_PX = 44
 """Least height of what is pressed (WCAG 2.2, criterion 2.5.5)."""
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
@@ -39,7 +41,7 @@ def open_all(page, wanted=True):
 def test_axe_finds_nothing(page_file, size):
     """Names, roles, contrast, focus order and target sizes, by axe-core, in every state of the panel."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe-playwright-python").Axe()
-    with open_page(page_file, *size) as (page, errors):
+    with open_page(page_file, *size, **COARSE_PIXELS) as (page, errors):
         open_all(page)
         for name, state in STATES.items():
             page.evaluate("s => { twilight.set(s); twilight.draw(); }", state)
@@ -56,7 +58,7 @@ def test_axe_finds_nothing(page_file, size):
 @pytest.mark.parametrize("size", (PHONE, DESK), ids=("phone", "desk"))
 def test_whatever_is_pressed_has_44_px_and_lies_within(page_file, size):
     """Buttons, sliders, selects, inputs, labels of ticks; nothing is cut off, nothing overlaps."""
-    with open_page(page_file, *size) as (page, errors):
+    with open_page(page_file, *size, **COARSE_PIXELS) as (page, errors):
         open_all(page)
         for name, state in STATES.items():
             page.evaluate("s => { twilight.set(s); twilight.draw(); }", state)
@@ -83,7 +85,7 @@ def test_whatever_is_pressed_has_44_px_and_lies_within(page_file, size):
 
 def test_a_phone_shows_the_sky(page_file):
     """Closed the sheet covers less than a quarter, open less than half; the sun's slider is as wide as the sheet."""
-    with open_page(page_file, *PHONE, has_touch=True, is_mobile=True) as (page, errors):
+    with open_page(page_file, *PHONE, has_touch=True, is_mobile=True, **COARSE_PIXELS) as (page, errors):
 
         def covered():
             return page.evaluate("document.getElementById('panel').getBoundingClientRect().height / innerHeight")
@@ -108,7 +110,7 @@ def test_a_phone_shows_the_sky(page_file):
 
 def test_keys_step_finely_and_coarsely(page_file):
     """On a slider: arrows 0.1 deg, Page keys 1 deg, Home and End; on the sky: comma, full stop and the Page keys."""
-    with open_page(page_file, *DESK) as (page, errors):
+    with open_page(page_file, *DESK, **COARSE_PIXELS) as (page, errors):
 
         def after(key, where="#sun", name="sun"):
             page.focus(where)
@@ -146,7 +148,7 @@ def test_keys_step_finely_and_coarsely(page_file):
 
 
 def test_every_control_has_a_name_of_its_own(page_file):
-    with open_page(page_file, *DESK) as (page, errors):
+    with open_page(page_file, *DESK, **COARSE_PIXELS) as (page, errors):
         for state in STATES.values():
             page.evaluate("s => twilight.set(s)", state)
             names = page.evaluate(
@@ -160,7 +162,7 @@ def test_every_control_has_a_name_of_its_own(page_file):
 
 def test_azimuths_count_as_in_the_picture(page_file):
     """To both sides of the sun where the picture's directions do, from north where there is a place."""
-    with open_page(page_file, *DESK) as (page, errors):
+    with open_page(page_file, *DESK, **COARSE_PIXELS) as (page, errors):
         page.evaluate("twilight.set({ azimuth: -54, elevation: 20 }); twilight.draw()")
         page.focus("#sky")
         page.keyboard.press("Enter")
