@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from twilight import solvers
@@ -375,9 +377,34 @@ def test_the_command_writes_tables_and_a_picture(files):
     assert "reference solution's own error" in result.output
 
 
+def test_radiances_computed_elsewhere_are_a_row_and_a_line(files, toy, tmp_path):
+    """Those of the reference, 5 % brighter, by sun, direction and wavelength."""
+    path, right, out = files
+    with open(right) as stream:
+        rows = list(csv.DictReader(stream))
+    lines = [[r[c] for c in COLUMNS[:4]] + [repr(1.05 * float(r["radiance_per_sr"]))] for r in rows]
+    mine = tmp_path / "mine.csv"
+    mine.write_text("\n".join(",".join(line) for line in [COLUMNS[:5], *lines]))
+    arguments = ["compare", str(path), "--solvers", "toy:draft", "--reference", str(right), "--output", str(out)]
+    result = CliRunner().invoke(app, [*arguments, "--repeats", "1", "--add", f"my code={mine}"])
+    assert result.exit_code == 0, result.output
+    with open(out / "compare.csv") as stream:
+        found = [r for r in csv.DictReader(stream) if r["solver"] == "my code"]
+    assert [r["sun_elevation_deg"] for r in found] == ["5", "-6"] and "my code added" in result.output
+    assert all(float(r["mean_percent"]) == pytest.approx(5.0, abs=0.15) and not r["time_s"] for r in found)
+    marks = [FigurePoint("toy", "draft", 5.0, 1.0, 10.0), FigurePoint("my code", "added", 5.0, math.nan, 5.0)]
+    assert (
+        draw(marks, tmp_path / "a.png") and draw(marks[:1], tmp_path / "b.png") and not draw(marks[1:], tmp_path / "c")
+    )
+    with_line, without = (np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")) for n in "ab")
+    dashes = (with_line == (0xD5, 0x5E, 0x00)).all(axis=2)
+    assert dashes.sum(axis=1).max() > 100 and not (without == (0xD5, 0x5E, 0x00)).all(axis=2).any()
+
+
 @pytest.mark.parametrize(
     "arguments, says",
     (
+        (["--add", "missing.csv"], "missing.csv: cannot be read"),
         (["--solvers", "tiy"], "did you mean toy"),
         (["--sun-elevation", "5,x"], "numbers with commas"),
         (["--sun-elevation", "95"], "from -90 to 90"),

@@ -26,6 +26,15 @@ def compare(
         Path | None,
         option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them."),
     ] = None,
+    add: Annotated[
+        list[str] | None,
+        option(
+            "[NAME=]FILE.csv",
+            "Radiances computed elsewhere, judged too; without --reference, montecarlo makes its own where they are.  "
+            "Columns: sun_elevation_deg, elevation_deg, azimuth_deg from the sun, wavelength_nm, and radiance_per_sr "
+            "(over the sun's irradiance) or radiance_w_per_m2_sr_nm.  May be repeated.",
+        ),
+    ] = None,
     reference_stderr: Annotated[
         float, option("FRACTION", "Relative standard error of the radiances that montecarlo makes.")
     ] = 0.003,
@@ -55,12 +64,14 @@ def compare(
     config = cases[0].config
     folder = output or Path("out") / ("compare-" + file_stem(config.title, "scene"))
     if ablations:
-        if solvers is not None or reference is not None:
-            raise TwilightError("--ablations: compares runs of one solver; it takes no --solvers and no --reference")
+        if solvers is not None or reference is not None or add:
+            raise TwilightError(
+                "--ablations: compares runs of one solver; it takes no --solvers, no --reference and no --add"
+            )
         _ablate(scene, config, chosen, suns, time_limit, repeats, folder)
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
-    _compare(config, wanted, suns, reference, reference_stderr, directions, time_limit, repeats, folder)
+    _compare(config, wanted, suns, reference, add or [], reference_stderr, directions, time_limit, repeats, folder)
 
 
 def _compare(
@@ -68,6 +79,7 @@ def _compare(
     wanted: list[str] | None,
     suns: list[float] | None,
     reference: Path | None,
+    add: list[str],
     reference_stderr: float,
     directions: int,
     time_limit_s: float,
@@ -77,7 +89,7 @@ def _compare(
     from twilight.base.progress import part_of
     from twilight.base.whole_files import check_folder
     from twilight.engine import check_size
-    from twilight.studies.compare import comparison, figure, report
+    from twilight.studies.compare import added, comparison, figure, report
     from twilight.studies.compare.bench import Bench
     from twilight.studies.compare.directions import stratified_directions, sun_elevations
     from twilight.studies.compare.reference_solution import (
@@ -88,6 +100,16 @@ def _compare(
     )
 
     rungs = comparison.ladder(wanted)
+    tables = [added.read_added(text) for text in add]
+    names = [table.name for table in tables]
+    if len({*names}) < len(names) or {*names} & {rung.solver for rung in rungs}:
+        raise TwilightError(f"--add: needs a name of its own for each table, NAME=FILE.csv; got {', '.join(names)}")
+    if tables and reference is None:
+        config = added.scene_of(config, tables[0])
+        suns = tables[0].suns() if suns is None else suns
+        for table in tables:
+            for place in tables[0].values:
+                table.value(*place)
     check_size(config)
     stored = None if reference is None else read_references(reference)
     if suns is None and (stored is None or "sun" in config.model_fields_set):
@@ -101,9 +123,15 @@ def _compare(
         if references is None:
             made = 0.3
             reference_solver = ReferenceSolver(config, folder / "rows", reference_stderr, time_limit_s)
-            grid = stratified_directions(config.texture.shape, directions)
-            references = reference_solver.references(suns or [], grid, part_of(progress, 0.0, made))
+            tell = part_of(progress, 0.0, made)
+            if tables:
+                references = added.references_of(tables[0], reference_solver, suns or [], tell)
+            else:
+                grid = stratified_directions(config.texture.shape, directions)
+                references = reference_solver.references(suns or [], grid, tell)
             write_references(folder / "reference.csv", references)
+        for table in tables:
+            rows += added.rows_of(table, references, config)
         bench = Bench(folder / "rows", time_limit_s)
         steps = comparison.compare(
             config,

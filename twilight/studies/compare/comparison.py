@@ -19,6 +19,9 @@ from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.job import Job, JobOutcome, SampleDirections, Timing
 from twilight.studies.compare.reference_solution import ReferenceSolution
 
+ADDED = "added"
+"""In place of a quality: radiances that were computed elsewhere, of which no time is known."""
+
 
 @dataclass(frozen=True)
 class Rung:

@@ -11,7 +11,7 @@ from typing import Any
 
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
-from twilight.studies.compare.comparison import ComparisonRow
+from twilight.studies.compare.comparison import ADDED, ComparisonRow
 
 # Okabe and Ito's colours, which differ for every kind of colour vision, a grey and a brown
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C8C", "#6B4423")
@@ -28,7 +28,8 @@ class FigurePoint:
     """One mark: the error [%] over the directions and wavelengths, and the time of one sky [s].
 
     noise_percent: the part of the error that the reference's own noise would give, already taken out.
-    memory_mib: the most that its process held; nan where it was not measured.
+    memory_mib: the most that its process held; nan where it was not measured.  time_s is nan for radiances that were
+    computed elsewhere.
     """
 
     solver: str
@@ -49,19 +50,19 @@ class FigurePoint:
 
 
 def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
-    """The marks of the rows that hold both an error and a time: 95th percentiles."""
+    """The marks of the rows that hold an error and a time, or were computed elsewhere: 95th percentiles."""
     return [
         FigurePoint(
             r.rung.solver,
             r.rung.quality,
             r.sun_elevation_deg,
-            r.time_s,
+            math.nan if r.timing is None else r.time_s,
             r.error.p95,
             r.error.noise_p95,
-            r.timing.peak_mib,
+            math.nan if r.timing is None else r.timing.peak_mib,
         )
         for r in rows
-        if r.error is not None and r.timing is not None
+        if r.error is not None and (r.timing is not None or r.rung.quality == ADDED)
     ]
 
 
@@ -106,7 +107,9 @@ def draw(
     """PNG of the marks, log-log; False where there is nothing to draw and no file is written.
 
     `faint` are further sets of marks (other scenes, say) of which only the lines are drawn, pale, behind the first.
+    Errors without a time are dashed lines across.
     """
+    levels = [m for m in marks if math.isnan(m.time_s)]
     marks = [m for m in marks if m.time_s > 0]
     if not marks:
         return False
@@ -129,18 +132,22 @@ def draw(
             squeeze=False,
             layout="constrained",
         )
-        solvers = list(dict.fromkeys(m.solver for m in marks))
+        solvers = list(dict.fromkeys(m.solver for m in [*marks, *levels]))
         for axes, sun in zip(grid.flat, suns, strict=False):
             for others in faint:
                 _lines(axes, [m for m in others if m.sun_elevation_deg == sun], solvers, linewidth=1.0, alpha=0.3)
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
+            for m in levels:
+                if m.sun_elevation_deg == sun:
+                    colour = COLOURS[solvers.index(m.solver) % len(COLOURS)]
+                    axes.axhline(m.drawn_percent, color=colour, linestyle="--", linewidth=1.6)
             axes.set_title(f"sun {sun:g}°".replace("-", "−"), fontsize=11, loc="left")
         for axes in grid.flat[len(suns) :]:
             axes.set_visible(False)
-        _limits(grid[0, 0], marks)
+        _limits(grid[0, 0], marks, levels)
         figure.supxlabel(time_label, fontsize=11)
         figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=11)
-        _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title)
+        _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title, levels)
         try:
             with whole_file(path) as temporary:
                 figure.savefig(temporary, dpi=150)
@@ -176,14 +183,14 @@ def _lines(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str], **st
         axes.plot([m.time_s for m in rungs], [m.drawn_percent for m in rungs], color=COLOURS[i % len(COLOURS)], **style)
 
 
-def _limits(axes: Any, marks: Sequence[FigurePoint]) -> None:
+def _limits(axes: Any, marks: Sequence[FigurePoint], levels: Sequence[FigurePoint]) -> None:
     """The same limits for all panels, of at least a decade each so that every axis has a labelled tick."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     formatter = FuncFormatter(lambda value, position: f"{value:g}")
     for axis, values, set_limits in (
         (axes.xaxis, [m.time_s for m in marks], axes.set_xlim),
-        (axes.yaxis, [m.drawn_percent for m in marks], axes.set_ylim),
+        (axes.yaxis, [m.drawn_percent for m in [*marks, *levels]], axes.set_ylim),
     ):
         low, high = math.log10(min(values)) - 0.2, math.log10(max(values)) + 0.2
         more = max(0.0, 1.05 - (high - low)) / 2.0
@@ -201,16 +208,15 @@ def _memory(marks: Iterable[FigurePoint]) -> str:
     return f" ({low} GiB)" if low == high else f" ({low} to {high} GiB)"
 
 
-def _heading(figure: Any, solvers: Mapping[str, str], title: str) -> None:
-    """The legend: names of the solvers, each with the memory of its process."""
+def _heading(figure: Any, solvers: Mapping[str, str], title: str, levels: Sequence[FigurePoint]) -> None:
+    """The legend: names of the solvers, each with the memory of its process, and of what was computed elsewhere."""
     from matplotlib.lines import Line2D
 
-    handles = [
-        Line2D(
-            [], [], color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], linewidth=1.6, label=name + held
-        )
-        for i, (name, held) in enumerate(solvers.items())
-    ]
+    handles = []
+    dashed = {m.solver for m in levels}
+    for i, (name, held) in enumerate(solvers.items()):
+        style = {"linestyle": "--"} if name in dashed else {"marker": MARKERS[i % len(MARKERS)]}
+        handles.append(Line2D([], [], color=COLOURS[i % len(COLOURS)], linewidth=1.6, label=name + held, **style))
     figure.legend(
         handles=handles,
         title=title or None,

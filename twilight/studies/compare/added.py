@@ -1,0 +1,198 @@
+"""Radiances computed elsewhere, from a table of one's own, judged like a solver: `twilight compare --add`."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, part_of
+from twilight.config.scene import Config, Wavelengths
+from twilight.numerics.spectrum import solar_irradiance
+from twilight.scene.medium import wavelengths_of
+from twilight.studies.compare.comparison import ADDED, ComparisonRow, Rung, judged
+from twilight.studies.compare.job import JobOutcome
+from twilight.studies.compare.reference_solution import MAX_BYTES, ReferenceSolution, ReferenceSolver
+
+WHERE = {
+    "sun_elevation_deg": (-90.0, 90.0),
+    "elevation_deg": (-90.0, 90.0),
+    "azimuth_deg": (-360.0, 360.0),
+    "wavelength_nm": (1.0, 1e5),
+}
+"""Columns that say where a radiance is, and what they may hold."""
+SUN_NORMALISED = "radiance_per_sr"
+ABSOLUTE = "radiance_w_per_m2_sr_nm"
+"""Columns of the radiance: over the sun's irradiance above the air [sr^-1], or in W m^-2 sr^-1 nm^-1."""
+DIGITS = 4
+"""Decimals to which directions [deg] and wavelengths [nm] are the same."""
+
+Place = tuple[float, float, float, float]
+"""Sun, elevation, azimuth in [0, 360) [deg], wavelength [nm]."""
+
+
+@dataclass(frozen=True)
+class AddedTable:
+    """Radiances by place, in the unit of the column that held them."""
+
+    name: str
+    path: Path
+    column: str
+    values: Mapping[Place, float]
+
+    def suns(self) -> list[float]:
+        """Elevations of its suns [deg], in the order of the table."""
+        return list(dict.fromkeys(place[0] for place in self.values))
+
+    def wavelength_nm(self) -> list[float]:
+        """Its wavelengths [nm], increasing."""
+        return sorted({place[3] for place in self.values})
+
+    def directions(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
+        """Elevations and azimuths [deg] of a sun's directions, in the order of the table."""
+        found = dict.fromkeys(place[1:3] for place in self.values if place[0] == sun)
+        elevation, azimuth = np.array(list(found)).T
+        return elevation, azimuth
+
+    def radiance(self, sun: float, reference: ReferenceSolution, config: Config) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1] (D, W) where a reference solution has its own.
+
+        A direction is found on the other side of the sun's azimuth too, where the sky is the same.
+        Errors: TwilightError for a value that the table lacks.
+        """
+        directions = list(zip(reference.elevation_deg, reference.azimuth_deg, strict=True))
+        found = np.array([[self.value(sun, e, a, nm) for nm in reference.wavelength_nm] for e, a in directions])
+        if self.column == SUN_NORMALISED:
+            return found
+        distance_au = getattr(config.sun, "distance_au", None) or 1.0
+        return found / solar_irradiance(reference.wavelength_nm, config.solar_spectrum, distance_au)
+
+    def value(self, sun: float, elevation: float, azimuth: float, nm: float) -> float:
+        """The number of one place, or of that across the sun's vertical; TwilightError where there is none."""
+        for side in (azimuth, -azimuth):
+            value = self.values.get(_place((sun, elevation, side, nm)))
+            if value is not None:
+                return value
+        raise TwilightError(
+            f"{self.path}: has no radiance for sun {sun:g}, elevation {elevation:g}, azimuth {azimuth:g} deg and "
+            f"{nm:g} nm, where it is to be judged"
+        )
+
+
+def read_added(text: str) -> AddedTable:
+    """The table that `--add` names: `FILE.csv`, or `NAME=FILE.csv`; without a name, that of the file.
+
+    CSV with the columns of `WHERE` and one of `SUN_NORMALISED` and `ABSOLUTE`, others are left alone; lines that begin
+    with # are comments.
+    Errors: TwilightError that names the file, the line and the column.
+    """
+    name, equals, file = text.partition("=")
+    path = Path(file if equals else text)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise TwilightError(f"{path}: has more than {MAX_BYTES / 1e6:g} MB, which is more than any table holds")
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    if not numbered:
+        raise TwilightError(f"{path}: holds no radiances")
+    header = [cell.strip() for cell in next(csv.reader([numbered[0][1]]))]
+    column = _column(path, numbered[0][0], header)
+    values: dict[Place, float] = {}
+    first: dict[Place, int] = {}
+    for number, line in numbered[1:]:
+        cells = next(csv.reader([line]))
+        if len(cells) != len(header):
+            raise TwilightError(f"{path}: line {number}: has {len(cells)} cells, the header has {len(header)}")
+        row = dict(zip(header, cells, strict=True))
+        place = _place([_number(path, number, row, key, *limits) for key, limits in WHERE.items()])
+        if place in values:
+            again = f"has the sun, direction and wavelength of line {first[place]} again"
+            raise TwilightError(f"{path}: line {number}: {again}")
+        values[place], first[place] = _number(path, number, row, column, 0.0, math.inf), number
+    if not values:
+        raise TwilightError(f"{path}: holds no radiances")
+    return AddedTable((name if equals else path.stem).strip() or path.stem, path, column, values)
+
+
+def _column(path: Path, line: int, header: Sequence[str]) -> str:
+    """Which of the two columns of a radiance there is."""
+    for key in WHERE:
+        if key not in header:
+            raise TwilightError(
+                f"{path}: line {line}: lacks the column {key}; needed are {', '.join(WHERE)} and {SUN_NORMALISED} or "
+                f"{ABSOLUTE}"
+            )
+    found = [key for key in (SUN_NORMALISED, ABSOLUTE) if key in header]
+    if len(found) != 1:
+        got = "both" if found else "neither"
+        raise TwilightError(
+            f"{path}: line {line}: needs one column of radiances, {SUN_NORMALISED} (over the sun's irradiance) or "
+            f"{ABSOLUTE}, and has {got}"
+        )
+    return found[0]
+
+
+def _number(path: Path, line: int, row: Mapping[str, str], key: str, low: float, high: float) -> float:
+    try:
+        value = float(row[key])
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and low <= value <= high):
+        allowed = f"from {low:g} to {high:g}" if math.isfinite(high) else f"{low:g} or more"
+        raise TwilightError(f"{path}: line {line}: {key} is {row[key].strip()!r}; it must be a number, {allowed}")
+    return value
+
+
+def _place(values: Iterable[float]) -> Place:
+    sun, elevation, azimuth, nm = (round(float(value), DIGITS) for value in values)
+    return sun, elevation, round(azimuth % 360.0, DIGITS) % 360.0, nm
+
+
+def scene_of(config: Config, added: AddedTable) -> Config:
+    """The scene at the wavelengths of a table.
+
+    Errors: TwilightError for a table with gaps: it needs every sun's directions at every wavelength.
+    """
+    own, asked = wavelengths_of(config), added.wavelength_nm()
+    for sun in added.suns():
+        for elevation, azimuth in zip(*added.directions(sun), strict=True):
+            for nm in asked:
+                added.value(sun, elevation, azimuth, nm)
+    if own is not None and np.array_equal(np.round(own, DIGITS), asked):
+        return config
+    return config.model_copy(update={"wavelengths": Wavelengths.model_validate({"list_nm": asked})})
+
+
+def references_of(
+    added: AddedTable, solver: ReferenceSolver, suns: Sequence[float], progress: Progress
+) -> dict[float, ReferenceSolution]:
+    """Reference solutions in the directions of a table, under some of its suns."""
+    found: dict[float, ReferenceSolution] = {}
+    for i, sun in enumerate(suns):
+        if sun not in added.suns():
+            there = ", ".join(f"{s:g}" for s in added.suns())
+            raise TwilightError(f"{added.path}: has no sun at {sun:g} deg; it has {there}")
+        tell = part_of(progress, i / len(suns), 1.0 / len(suns))
+        found |= solver.references([sun], added.directions(sun), tell)
+    return found
+
+
+def rows_of(added: AddedTable, references: Mapping[float, ReferenceSolution], config: Config) -> list[ComparisonRow]:
+    """The errors of a table's radiances, a row for each sun, without times.
+
+    Errors: TwilightError for a value that the table lacks.
+    """
+    rung = Rung(added.name, ADDED)
+    rows = []
+    for sun, reference in references.items():
+        outcome = JobOutcome(radiance=added.radiance(sun, reference, config))
+        row = judged(rung, sun, outcome, reference, config)
+        rows.append(replace(row, wavelengths=reference.wavelength_nm.size))
+    return rows
