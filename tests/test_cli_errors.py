@@ -20,6 +20,9 @@ from twilight.cli.app import app
     ("arguments", "parts"),
     [
         (["nowhere.yaml"], ["nowhere.yaml", "no such file"]),
+        (["nowhere/first-picture.yaml"], ["no such file", "did you mean first-picture, which needs no path?"]),
+        (["nowhere/urbn.yaml"], ["did you mean urban, which needs no path?"]),
+        (["{table}", "--at", "noon", "--latitude", "3", "--longitude", "4"], ["twilight: --at: 'noon' is not a time"]),
         (["continetal-average"], ["did you mean continental-average?"]),
         (["{table}", "--sun-elevation", "95"], ["--sun-elevation", "-90 to 90", "95"]),
         (["{table}", "--sun-elevation", "nan"], ["--sun-elevation", "nan"]),

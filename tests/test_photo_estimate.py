@@ -116,6 +116,7 @@ def test_what_leaves_no_mark_is_not_told():
     assert not humidity.constrained and humidity.relative_width > 0.9
     assert humidity.low < 60 and humidity.high > 93
     assert any("humidity: the photograph cannot tell it" in line for line in sentences(made))
+    assert not any(" 1)" in line or " 1 of" in line for line in sentences(made))  # a pure number's unit
     assert json.loads(json.dumps(facts(made)))[0]["parameters"]["humidity"]["constrained"] is False
 
 
@@ -124,7 +125,9 @@ def test_a_value_at_its_bound_is_not_constrained():
     made = estimate(seen(latlong(), TRUTH | {"aerosol": 0.005}), [toy_library()])
     aerosol = by_name(made[0])["aerosol"]
     assert aerosol.value == pytest.approx(aerosol.bounds[0]) and not aerosol.constrained
-    assert any("aerosol: lies at the bound" in line and "beyond" in line for line in sentences(made))
+    assert aerosol.unit == "1" and f"aerosol: lies at the bound {aerosol.value:.3g} of what was tried" in " ".join(
+        sentences(made)
+    )
 
 
 def vignetted(rgb):
@@ -254,6 +257,7 @@ def test_the_command(tmp_path):
     assert done.exit_code == 0, done.output
     made = json.loads((tmp_path / "out" / "estimate.json").read_text())["estimates"][0]["parameters"]["aerosol"]
     assert made["value"] == pytest.approx(0.25, rel=0.1)
+    assert "as given" not in done.output and "sun azimuth" in done.output  # none was
     assert load(tmp_path / "out" / "climate.yaml").climate.aerosol.optical_depth_550nm == made["value"]
     assert (tmp_path / "out" / "comparison.png").is_file()
     assert [p.name for p in (tmp_path / "skies").iterdir()] == ["continental-average_continental_average.npz"]

@@ -253,7 +253,7 @@ def _estimate(
         f"emulated skies are off by up to {100 * luminance:.1f} % in luminance and {chromaticity:.4f} in u', v' "
         "(root mean squares of a type); the uncertainties hold this"
     )
-    _compare(image, photograph, final, azimuth, options["white_balance"], folder)
+    _compare(image, photograph, final, sun_azimuth, options["white_balance"], folder)
     print(f"wrote estimate.json and climate.yaml to {folder}/")
     if left:
         raise typer.Exit(130)

@@ -49,7 +49,9 @@ def find(
     if found is not None:
         return found
     if path.suffix in (".yaml", ".yml", ".json") or "/" in text or "\\" in text:
-        raise TwilightError(f"{path}: there is no such file ({_names(asked)})")
+        near = get_close_matches(path.stem, [name for kind in asked for name in shipped(kind)], n=1)
+        hint = f"; did you mean {near[0]}, which needs no path?" if near else ""
+        raise TwilightError(f"{path}: there is no such file{hint} ({_names(asked)})")
     suggested = [name for kind in asked for name in shipped(kind)]
     near = get_close_matches(text, suggested, n=1)
     hint = f"; did you mean {near[0]}?" if near else ";"

@@ -50,11 +50,17 @@ def validate(model: type[ModelT], data: Any, origins: Origins) -> ModelT:
     for e in found:
         loc = tuple(part for part in e["loc"] if not _is_tag(part))
         where, shown = origins.describe(tuple(part for part in loc if part != "[key]"))
-        text = f"{where}: {_sentence(model, e, shown)}"
+        text = f"{where}: {_said_once(where, _sentence(model, e, shown))}"
         if text not in sentences:
             sentences.append(text)
     more = f" ({len(sentences) - 1} more after this)" if len(sentences) > 1 else ""
     raise TwilightError(sentences[0] + more)
+
+
+def _said_once(where: str, sentence: str) -> str:
+    """The sentence without the key at its head that the option before it is named after: `--at: at: ...`."""
+    key, colon, rest = sentence.partition(": ")
+    return rest if colon and where == f"--{key.rpartition('.')[2].replace('_', '-')}" else sentence
 
 
 def unknown(name: str, known: Iterable[str], what: str = "key") -> str:

@@ -112,7 +112,8 @@ class IsotropicCells:
         else:
             if settings.close_energy or np.any(medium.ground_albedo > 0):
                 raise TwilightError(
-                    "solver.operator 'pairs' is a bare loop: it needs solver.close_energy false and ground.albedo 0"
+                    "solver.operator 'pairs' is a bare loop: it needs solver.expert.close_energy false and "
+                    "ground.albedo 0"
                 )
             self.active = active_rings(self.grid, settings.active_shell_step)
             self.rings = make_rings(self.grid, profile, settings.subcells, self.active)

@@ -100,12 +100,12 @@ class CellsSettings:
             raise TwilightError(f"solver.azimuth_cells is {self.azimuth_cells}; it must be even")
         if self.azimuth_nodes % self.azimuth_directions or self.azimuth_nodes % 2:
             raise TwilightError(
-                f"solver.azimuth_nodes is {self.azimuth_nodes}; it must be even and a multiple of "
-                f"solver.azimuth_directions, which is {self.azimuth_directions}"
+                f"solver.expert.azimuth_nodes is {self.azimuth_nodes}; it must be even and a multiple of "
+                f"solver.expert.azimuth_directions, which is {self.azimuth_directions}"
             )
         if self.azimuth_directions < 2 * self.degree + 1:
             raise TwilightError(
-                f"solver.azimuth_directions is {self.azimuth_directions}; degree {self.degree} needs at least "
+                f"solver.expert.azimuth_directions is {self.azimuth_directions}; degree {self.degree} needs at least "
                 f"{2 * self.degree + 1}"
             )
 

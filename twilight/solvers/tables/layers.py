@@ -35,7 +35,7 @@ def refuse_unseen_layers(medium: Medium, mapping: Mapping) -> None:
         raise TwilightError(
             f"the tables solver cannot hold this air: between {height[k]:.3g} and {height[k + 1]:.3g} km, two of its "
             f"{mapping.n_r} heights, the optical depth at {medium.wavelength_nm[w]:g} nm is off by {unseen[k, w]:.2g}; "
-            f"allowed is {MOST_UNSEEN:g}; more heights (solver.scattering_r) may do, solver zones does"
+            f"allowed is {MOST_UNSEEN:g}; more heights (solver.expert.scattering_r) may do, solver zones does"
         )
 
 

@@ -62,10 +62,12 @@ class TablesSettings:
             if not low <= value <= high:
                 raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
         if self.scattering_mu % 2:
-            raise TwilightError(f"solver.scattering_mu is {self.scattering_mu}; it must be even: half looks down")
+            raise TwilightError(
+                f"solver.expert.scattering_mu is {self.scattering_mu}; it must be even: half looks down"
+            )
         if self.degree >= self.azimuth_directions:
             raise TwilightError(
-                f"solver.degree is {self.degree}; azimuth_directions, {self.azimuth_directions}, is more"
+                f"solver.expert.degree is {self.degree}; azimuth_directions, {self.azimuth_directions}, is more"
             )
 
 

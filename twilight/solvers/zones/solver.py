@@ -154,7 +154,7 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
     if convergence and settings.tolerance > 0.0 and convergence.residual >= field.settings.tolerance:
         warnings.warn(
             f"solver.max_orders {settings.max_orders} was not enough: the last order still moved the light by "
-            f"{convergence.residual:.2g} of itself, and solver.tolerance is {field.settings.tolerance:g}",
+            f"{convergence.residual:.2g} of itself, and solver.expert.tolerance is {field.settings.tolerance:g}",
             TwilightWarning,
             stacklevel=3,
         )

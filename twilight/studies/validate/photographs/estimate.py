@@ -308,13 +308,14 @@ def sentences(estimates: list[AirEstimate]) -> list[str]:
     best = estimates[0]
     out = []
     for p in best.parameters:
+        unit = "" if p.unit in ("", "1") else f" {p.unit}"
         if p.relative_width > UNCONSTRAINED:
             out.append(
                 f"{p.name}: the photograph cannot tell it (its standard deviation is {100 * p.relative_width:.0f} % of "
-                f"that of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit})"
+                f"that of an even spread over {p.bounds[0]:g} to {p.bounds[1]:g}{unit})"
             )
         elif not p.constrained or min(abs(p.value - b) for b in p.bounds) < 0.01 * (p.bounds[1] - p.bounds[0]):
-            out.append(f"{p.name}: lies at the bound {p.value:.3g} {p.unit} of what was tried, and may lie beyond it")
+            out.append(f"{p.name}: lies at the bound {p.value:.3g}{unit} of what was tried, and may lie beyond it")
     alike = [e.aerosol_type for e in estimates[1:] if e.chi2_above_best < 4.0]
     if alike:
         out.append(f"aerosol type: {best.aerosol_type} cannot be distinguished from {', '.join(alike)}")
