@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from star_pictures import render_stars
 
 from twilight.base.errors import TwilightError
 from twilight.sky.stars import blended
@@ -20,7 +21,6 @@ from twilight.studies.validate.stars.coordinates import StarSite, equatorial, ho
 from twilight.studies.validate.stars.match import chance_matches, match
 from twilight.studies.validate.stars.planets import date_by_planets
 from twilight.studies.validate.stars.search import find_attitude, spread
-from twilight.studies.validate.stars.synthetic import render_stars
 
 PLACE, MOMENT = StarSite(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
 LOCAL_SIDEREAL_TIME_H = 21.9037

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from star_pictures import render_stars
 from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.studies.camera import CameraModel, read_camera
 from twilight.studies.camera.image import write_exr
 from twilight.studies.validate.stars.coordinates import StarSite, horizontal
-from twilight.studies.validate.stars.synthetic import render_stars
 
 TRUTH = {
     "projection": "perspective",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from star_pictures import render_stars
 
 from twilight.studies.camera import CameraModel
 from twilight.studies.validate.stars.detect import background, detect
-from twilight.studies.validate.stars.synthetic import render_stars
 
 LENS = CameraModel.model_validate(
     {"projection": "equidistant", "image": {"width_px": 600, "height_px": 400}, "lens": {"focal_length_px": 300.0}}

@@ -69,27 +69,11 @@ def henyey_greenstein(cos_angle, asymmetry):
 
 
 @njit(cache=True, inline="always")
-def table_phase(cos_angle, node_scale, table):
-    """Phase function [sr^-1] from one row of a table: linear in log(p) between nodes.
-
-    cos_angle: cosine of the scattering angle; node_scale: N - 1; table (N,): ln p.  Nodes are uniform in u = sqrt(angle
-    / pi), which is dense where the forward peak is.
-    """
-    angle = math.acos(min(1.0, max(-1.0, cos_angle)))
-    u = math.sqrt(angle / math.pi) * node_scale
-    i = int(u)
-    n = table.shape[0]
-    if i >= n - 1:
-        return math.exp(table[n - 1])
-    f = u - i
-    return math.exp(table[i] + f * (table[i + 1] - table[i]))
-
-
-@njit(cache=True, inline="always")
 def table_matrix(cos_angle, log_table_row, ratios):
     """(P11, P12, P22, P33) [sr^-1] from one row of a table: log_table_row (N,) of ln P11 and ratios (4, N) to it.
 
-    cos_angle: cosine of the scattering angle.  P11 as in ``table_phase``, the ratios linear between nodes.
+    cos_angle: cosine of the scattering angle.  Nodes are uniform in u = sqrt(angle / pi), which is dense where the
+    forward peak is; between them ln P11 and the ratios are linear.
     """
     n = log_table_row.shape[0]
     u = math.sqrt(math.acos(min(1.0, max(-1.0, cos_angle))) / math.pi) * (n - 1)
