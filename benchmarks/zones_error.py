@@ -5,9 +5,9 @@
     python benchmarks/zones_error.py standard urban       and one climate
 
 Writes benchmarks/zones_error.csv, which then holds what was asked for: relative errors of the radiance over all
-directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as that of `standard` and
-`reference` is; `draft` is scalar.  The table's standard error is subtracted in the mean square: `excess_percent`
-is what 95 % of normally distributed errors of the rest would stay below.  Times are of the processor,
+directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as theirs is.  The
+table's standard error is subtracted in the mean square: `excess_percent` is what
+95 % of normally distributed errors of the rest would stay below.  Times are of the processor,
 for all suns and the three wavelengths, which take as long as eight do (a block of the solver), compilation apart;
 memory is the peak of the process while the field is made (Linux).
 """
@@ -66,7 +66,7 @@ def errors(field, table: np.ndarray) -> list[tuple[float, ...]]:
 
 
 def compile_kernels() -> None:
-    """Solve a sky of few nodes, scalar and polarised, so that nothing is compiled later."""
+    """Solve a sky of few nodes, so that nothing is compiled later."""
     medium = climate_medium(load_climate("continental-average"), np.array([450.0, 550.0, 680.0]))
     for name in USUAL:
         few = replace(zones.QUALITIES[name], altitude_density=0.2, zenith_density=0.3, polar_directions=3)

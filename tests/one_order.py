@@ -4,14 +4,14 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+from hazy_zones import QUICK
 from layered_sky import layered
 
-from twilight.solvers import zones
 from twilight.solvers.zones.field_grids import FieldGrids
 from twilight.solvers.zones.solve import scattering_operators
 
 SETTINGS = replace(
-    zones.QUALITIES["draft"], degree=2, late_degree=2, max_degree=2, polarisation=True, polarisation_degree=2,
+    QUICK, degree=2, late_degree=2, max_degree=2, polarisation=True, polarisation_degree=2,
     late_polarisation_degree=2, altitude_density=0.2, zenith_density=0.3, step_density=0.3, bent_paths=False,
     bent_lines_of_sight=False,
 )  # fmt: skip

@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from energy_media import ODD, odd_medium
+from hazy_zones import QUICK
 from numba import njit
 
 from twilight.solvers import zones
 from twilight.solvers.zones.grid import altitude_nodes
 from twilight.transport.beam import beam_at
 
-DRAFT = replace(zones.QUALITIES["draft"], max_orders=200, tolerance=1e-3)
+DRAFT = replace(QUICK, max_orders=200, tolerance=1e-3)
 GAUSS = np.polynomial.legendre.leggauss(24)
 
 
@@ -106,7 +107,7 @@ MEASURED = {
     "strong absorption above": 0.0166,
     "soot below": 0.0021,
 }
-"""Worst imbalance at draft of all spheres; with and without refraction it differs by 3e-4 at most."""
+"""Worst imbalance with these settings of all spheres; with and without refraction it differs by 3e-4 at most."""
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from twilight.transport.refracted_sight import ApparentRays, horizon_dip_deg
 
 SCENE = {
     "solver.quality": "draft",
+    "solver.polarisation": False,
     "texture.resolution_deg": 10,
     "wavelengths": {"list_nm": [450.0, 550.0, 650.0]},
     "sun": {"elevation_deg": -4.0},

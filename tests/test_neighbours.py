@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 from stability_media import Air, medium_of
 
 from twilight.atmosphere.grid_medium import GridMedium
@@ -43,7 +44,7 @@ def compare(climate, settings, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=
         assert moved.max() < most, f"{wavelength_nm[w]} nm: {moved.max():.2e}"
 
 
-DRAFT = replace(zones.QUALITIES["draft"], polarisation=False)
+DRAFT = QUICK
 """Grids and orders are the same with polarisation, which takes longer."""
 
 
@@ -63,7 +64,7 @@ def test_terms_of_a_band_have_the_nodes_of_the_air_without_it():
     assert wide.n_wavelengths > 9 and wide.optical_depth("absorption").max() > 10.0
     made = {}
     for name, air in (("band", wide), ("without", medium), ("unknown", replace(wide, grid_medium=None))):
-        layout = lay_out(air, delta_scaled(air, 12), zones.QUALITIES["draft"])
+        layout = lay_out(air, delta_scaled(air, 12), QUICK)
         made[name] = layout.altitude_km.size
         # the coefficients are those of the terms
         assert layout.profile.extinction.max() == pytest.approx(air.extinction_per_km.max(), rel=0.05)
@@ -146,11 +147,11 @@ def test_changed_air_has_grids_of_its_own():
     medium = climate_medium(load_climate("urban"), np.array([380.0, 700.0]))
     assert medium.select(slice(0, 1)).at_grid_wavelengths is medium.at_grid_wavelengths
     thicker = replace(medium, aerosol_extinction_per_km=5.0 * medium.aerosol_extinction_per_km)
-    keys = zones.CAPABILITIES.spectral_groups(thicker, zones.QUALITIES["draft"])
+    keys = zones.CAPABILITIES.spectral_groups(thicker, QUICK)
     assert keys[0] != keys[1]
     # air thicker than what the grid was made for
     stale = replace(thicker, grid_medium=GridMedium.of(medium))
-    assert zones.CAPABILITIES.spectral_groups(stale, zones.QUALITIES["draft"]) == keys
+    assert zones.CAPABILITIES.spectral_groups(stale, QUICK) == keys
 
 
 def test_grid_medium_leaves_out_wavelengths_without_optics():
@@ -167,10 +168,10 @@ def test_grid_medium_leaves_out_wavelengths_without_optics():
 def test_only_wavelengths_that_need_other_grids_are_solved_apart():
     """From 360 nm on they share their grids; ozone is thick at 300 nm, less so at 330 nm."""
     medium = climate_medium(load_climate("continental-average"), np.array([300.0, 330.0, 360.0, 450.0, 550.0, 700.0]))
-    problem = Problem(Scene(medium, None, zones, zones.QUALITIES["draft"]))
+    problem = Problem(Scene(medium, None, zones, QUICK))
     assert problem.slices == [slice(0, 1), slice(1, 2), slice(2, 6)]
     # a file holds one field
-    kept = Problem(Scene(medium, None, zones, replace(zones.QUALITIES["draft"], field_file="field.h5")))
+    kept = Problem(Scene(medium, None, zones, replace(QUICK, field_file="field.h5")))
     assert kept.slices == [slice(0, 6)]
 
 
@@ -186,7 +187,7 @@ def test_one_field_for_wavelengths_that_need_different_grids_is_said_to_be_wrong
     """Haze beside thin air, in one field and by the way that keeps them apart."""
     medium = medium_of(Air(aerosol=1.0), Air(air=0.1 * thinner, aerosol=thinner), refractivity=0.0)
     coarse = replace(
-        zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.3, max_orders=2, tolerance=0.0,
+        QUICK, altitude_density=0.3, zenith_density=0.3, max_orders=2, tolerance=0.0,
         polar_directions=4, degree=6, azimuth_directions=5, late_azimuth_directions=5, late_polar_directions=4,
     )  # fmt: skip
     suns = (30.0,)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
@@ -29,7 +30,7 @@ def test_sunsky_sends_the_right_light_to_the_ground_in_blue_and_too_little_in_re
     """
     field = solvers.load("sunsky").prepare(air)
     ours = solvers.load("zones")
-    right = ours.prepare(air, ours.QUALITIES["draft"], sun_elevations_deg=[30.0])
+    right = ours.prepare(air, QUICK, sun_elevations_deg=[30.0])
     node, weight = np.polynomial.legendre.leggauss(8)
     cosine, azimuth = 0.5 * (node + 1.0), (np.arange(12) + 0.5) * 15.0
     theirs, truth = (
@@ -59,8 +60,8 @@ def test_sasktran2_sees_the_same_day_sky(air):
     small = module.Sasktran2Settings(zenith_step_deg=5.0, incoming=110, source_step_km=2.0, multiple_step_km=2.0)
     where = np.array([20.0, 60.0]), np.array([90.0, 180.0])
     sky = module.prepare(air, small).radiance(30.0, *where)
-    right = ours.prepare(air, ours.QUALITIES["draft"], sun_elevations_deg=[30.0]).radiance(30.0, *where)
-    np.testing.assert_allclose(sky, right, rtol=0.025)  # measured: up to 2.0 %, of draft and of these coarse steps
+    right = ours.prepare(air, QUICK, sun_elevations_deg=[30.0]).radiance(30.0, *where)
+    np.testing.assert_allclose(sky, right, rtol=0.025)  # measured: up to 2.0 %, of QUICK and of these coarse steps
     with pytest.raises(TwilightError, match="looks up only"):
         module.prepare(air, small).radiance(30.0, [-3.0], [0.0])
 
@@ -74,12 +75,12 @@ def test_sasktran2_sees_the_same_polarisation_by_day(climate):
         zenith_step_deg=5.0, incoming=110, source_step_km=2.0, multiple_step_km=2.0, single_step_km=0.1,
         polarisation=True,
     )  # fmt: skip
-    straight = replace(ours.QUALITIES["draft"], polarisation=True, refraction=False, bent_lines_of_sight=False)
+    straight = replace(QUICK, polarisation=True, refraction=False, bent_lines_of_sight=False)
     where = np.array([20.0, 60.0, 20.0, 45.0]), np.array([90.0, 180.0, 0.0, 45.0])
     sky = module.prepare(air, small).stokes(30.0, *where)
     right = ours.prepare(air, replace(straight, bent_paths=False), sun_elevations_deg=[30.0]).stokes(30.0, *where)
     np.testing.assert_allclose(sky[:, 0], right[:, 0], rtol=0.025)
-    # measured: up to 0.8 % of I in pure air and 2 % behind haze (draft), where Q is 0.7 of I and U 0.5
+    # measured: up to 0.8 % of I in pure air and 2 % behind haze (QUICK), where Q is 0.7 of I and U 0.5
     assert np.abs((sky - right)[:, 1:] / right[:, :1]).max() < (0.01 if climate == "pure-air" else 0.025)
     assert np.abs(right[:, 1:] / right[:, :1]).max() > 0.4
     with pytest.raises(TwilightError, match=r"solver\.polarisation is false"):

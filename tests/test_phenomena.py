@@ -17,7 +17,9 @@ FEW = [400, 424, 490, 530, 560, 590, 605, 640, 670, 720]
 
 def air(climate="pure-air", nm=FEW, **settings):
     more = {key.replace("__", "."): value for key, value in settings.items()}
-    return see.Air(load(climate, {"wavelengths.list_nm": nm, "solver.quality": "draft"} | more))
+    return see.Air(
+        load(climate, {"wavelengths.list_nm": nm, "solver.quality": "draft", "solver.polarisation": False} | more)
+    )
 
 
 @pytest.fixture(scope="module")

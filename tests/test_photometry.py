@@ -23,6 +23,7 @@ QUIET = {
     "night": {},
     "wavelengths.list_nm": [440, 490, 520, 550, 590, 650],
     "solver.quality": "draft",
+    "solver.polarisation": False,
 }
 
 

@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
@@ -263,7 +264,7 @@ def test_zones_keeps_the_same_convention():
         {"version": 1, "climate": {"version": 1, "name": "air"}, "wavelengths": {"list_nm": [700.0]}},
         {"refraction.model": "none"},
     )
-    settings = replace(zones.QUALITIES["draft"], polarisation=True, max_orders=1)
+    settings = replace(QUICK, polarisation=True, max_orders=1)
     sky = (
         Problem(resolve(config, solver=(zones, settings)))
         .solve()

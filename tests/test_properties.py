@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from stability_media import Air, medium_of
@@ -21,7 +22,7 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 TINY = replace(
-    zones.QUALITIES["draft"], altitude_density=0.3, zenith_density=0.4, polar_directions=4, late_polar_directions=4,
+    QUICK, altitude_density=0.3, zenith_density=0.4, polar_directions=4, late_polar_directions=4,
     line_of_sight_density=0.6, max_orders=6,
 )  # fmt: skip
 CELLS = cells.CellsSettings(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from energy_media import ODD, odd_medium
+from hazy_zones import QUICK
 from thick_media import FLAT_KM
 
 from twilight.solvers import zones
@@ -21,10 +22,10 @@ def elevation_deg(cosine):
 
 @pytest.mark.slow
 def test_zones_are_reciprocal():
-    """Sun and observer above the air change places; at draft up to 2.3 % off, a conservative layer over a white
+    """Sun and observer above the air change places; with QUICK up to 2.3 % off, a conservative layer over a white
     ground."""
     medium = replace(odd_medium(*ODD.values(), refractivity=0.0), earth_radius_km=FLAT_KM)
-    settings = replace(zones.QUALITIES["draft"], max_orders=200, tolerance=1e-3)
+    settings = replace(QUICK, max_orders=200, tolerance=1e-3)
     field = zones.prepare(
         medium, settings, observer_altitude_km=medium.top_km, sun_elevations_deg=elevation_deg(COSINES)
     )

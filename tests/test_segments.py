@@ -1,10 +1,9 @@
 """Finite segments of lines of sight: transmittance in closed form, limits, and the solvers against each other."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from airs import turbid
+from hazy_zones import QUICK
 
 from twilight.base.errors import TwilightError
 from twilight.solvers import montecarlo, zones
@@ -23,7 +22,7 @@ def air():
 
 @pytest.fixture(scope="module")
 def field(air):
-    return zones.prepare(air, replace(zones.QUALITIES["draft"], polarisation=False))
+    return zones.prepare(air, QUICK)
 
 
 def ask(field, sun, distance, **more):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from airs import turbid
+from hazy_zones import QUICK
 
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
@@ -32,7 +33,7 @@ def flicker(skies) -> float:
     return float(np.max(np.abs(skies[1:-1] / (0.5 * (skies[:-2] + skies[2:])) - 1.0)))
 
 
-SCALAR = replace(QUALITIES["draft"], polarisation=False)
+SCALAR = QUICK
 FEW_ORDERS = replace(SCALAR, max_orders=4, tolerance=0.0)
 """Flicker comes from where nodes, points and directions stand, and every order sees them."""
 
@@ -78,7 +79,7 @@ def test_as_the_air_changes():
 @pytest.mark.parametrize("what", ["optical depth", "wavelength"])
 def test_as_the_air_changes_and_all_its_light(what):
     """The number of orders, or what is added for the rest of them, would jump from one air to the next."""
-    change_air(what, QUALITIES["draft"])
+    change_air(what, QUICK)
 
 
 @pytest.mark.slow
@@ -90,7 +91,7 @@ def test_as_the_sun_moves_with_all_orders(whole, sun):
 
 @pytest.fixture(scope="module")
 def whole():
-    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), QUALITIES["draft"])
+    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), QUICK)
 
 
 SUNS_DEG = (10.0, 0.0, -4.0, -8.0, -14.0)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 from stability_media import (
     AZIMUTH_DEG,
     ELEVATION_DEG,
@@ -27,9 +28,9 @@ from twilight.engine import Problem
 from twilight.scene import Scene
 from twilight.solvers.cells import CellsSettings
 from twilight.solvers.montecarlo import MonteCarloSettings
-from twilight.solvers.zones import QUALITIES, ZonesSettings
+from twilight.solvers.zones import ZonesSettings
 
-DRAFT = QUALITIES["draft"]
+DRAFT = QUICK
 ZONES = replace(DRAFT, altitude_density=0.3, zenith_density=0.4)
 CELLS = CellsSettings(
     degree=4, polar_directions=3, azimuth_directions=10, azimuth_nodes=20, node_density=0.4, max_orders=6
@@ -101,7 +102,7 @@ DARK: dict[float, dict[str, float]] = {
         "nothing": 0.0,
     },
 }
-"""Brightest radiance [sr^-1] of each extreme at the directions looked at, by `zones` at draft; `montecarlo` finds the
+"""Brightest radiance [sr^-1] of each extreme at the directions looked at, by `zones` with QUICK; `montecarlo` finds the
 same within a factor 2 and its noise.  Air of a scale height of 8 km has next to nothing above the Earth's shadow."""
 DARK_STRUCTURE = {-18.0: 1.3e-9, -40.0: 7e-19}
 """The same of the plain air between odd levels, where it is not less."""

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from airs import turbid
 from browser import open_page
+from hazy_zones import QUICK
 from PIL import Image
 
 from twilight.solvers import zones
@@ -239,7 +240,7 @@ def test_the_page_of_the_docs_shows_a_sky(tmp_path):
 def test_the_package_shows_the_sky_of_zones(show):
     """As near as eight texels of the scattering angle and 32 suns allow: the 95th percentile of the relative error."""
     medium = turbid(3.0, wavelength_nm=np.array([440.0, 550.0, 680.0]))
-    field = zones.prepare(medium, zones.QUALITIES["draft"])
+    field = zones.prepare(medium, QUICK)
     source = FieldSource(field, medium, medium.has_refraction)
     mapping = bruneton.make_mapping(6360.0, 6420.0)
     tables = bruneton.fill(

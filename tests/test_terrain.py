@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from airs import pure_air, turbid
+from hazy_zones import QUICK
 
 from twilight.base.errors import TwilightError
 from twilight.config import load_climate
@@ -149,7 +150,7 @@ def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
     """A solved field, from the problem to the picture: flat terrain at the ground's height with the ground's albedo."""
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
-    block = Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=Observer(altitude_km=2.0))).block(0)
+    block = Problem(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=2.0))).block(0)
     seen = see(block, view, sun).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
@@ -259,7 +260,7 @@ def test_air_before_terrain_is_even_across_the_horizon(air):
 def hazy_block():
     """Haze with coarse particles, whose phase function has a narrow peak at the sun."""
     medium = climate_medium(load_climate("continental-average"), np.array([450.0, 650.0]))
-    return Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=Observer(altitude_km=0.4))).block(0)
+    return Problem(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=0.4))).block(0)
 
 
 @pytest.mark.parametrize("seed", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 15))])

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 from montecarlo_media import hazy_earth, slab
 
 from twilight import solvers
@@ -99,7 +100,7 @@ def test_sun_on_a_sea_without_air(bare, name):
     if name == "montecarlo":
         field = montecarlo.prepare(bare, replace(FIXED, samples=4, importance_sweeps=0), observer_altitude_km=1.0)
     else:
-        field = zones.prepare(bare, replace(zones.QUALITIES["draft"], polarisation=True), observer_altitude_km=1.0)
+        field = zones.prepare(bare, replace(QUICK, polarisation=True), observer_altitude_km=1.0)
     index = float(water_surface.refractive_index(500.0))
     brewster = math.degrees(math.atan(index))
     sun, azimuth = 90.0 - brewster, np.array([0.0, 20.0, -20.0])
@@ -152,7 +153,7 @@ AZIMUTH = np.array([20.0, 20.0, 70.0, 20.0, 20.0, 110.0])
 def hazy_sea():
     """Fields by the reference solution, by `zones`, and by `zones` without the water."""
     air = replace(hazy_earth(ground=0.02), water_mean_square_slope=WIND_5)
-    draft = replace(zones.QUALITIES["draft"], polarisation=True)
+    draft = replace(QUICK, polarisation=True)
     exact = montecarlo.prepare(air, FIXED, observer_altitude_km=1.5)
     quick, land = (
         zones.prepare(medium, draft, observer_altitude_km=1.5)

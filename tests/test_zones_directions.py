@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 
 from twilight.atmosphere.build import build_medium
 from twilight.config.load import load_climate
@@ -137,7 +138,7 @@ def test_the_glow_beside_the_sun_is_that_of_a_sun_where_it_appears(desert):
 
     Behind as much air: the bent ways are longer, by the same fraction for all these directions.
     """
-    alone = replace(zones.QUALITIES["draft"], max_orders=1)
+    alone = replace(QUICK, max_orders=1)
     bent, straight = (
         zones.prepare(desert, replace(alone, refraction=on, bent_lines_of_sight=on, bent_paths=on))
         for on in (True, False)

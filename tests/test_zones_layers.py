@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 from layered_sky import layered
 from plane_parallel import RAYLEIGH, Slabs, henyey_greenstein
 
@@ -26,7 +27,7 @@ from twilight.transport.ray_bundle import trace_rays
 
 WAVELENGTH_NM = np.array([550.0])
 STANDARD = zones.QUALITIES["standard"]
-SCALAR = replace(zones.QUALITIES["draft"], polarisation=False)
+SCALAR = replace(QUICK, polarisation=False)
 
 
 def nodes_of(climate, density=1.0):
@@ -171,7 +172,7 @@ def test_light_of_a_low_sun_in_a_thin_layer_is_not_stepped_over():
 
 def test_light_leaks_along_a_high_layer_after_sunset():
     """Against the reference solution (`benchmarks/zones_study_layer.csv`), whose error is 1.3 and 1.7 %."""
-    draft = replace(zones.QUALITIES["draft"], polarisation=False)
+    draft = replace(QUICK, polarisation=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TwilightWarning)
         field = zones.prepare(layered(50.0, 1.0, 1.0), draft, sun_elevations_deg=[-6.0])

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hazy_zones import REFERENCE
+from hazy_zones import QUICK, REFERENCE
 from stability_media import Air, medium_of
 
 from twilight.base.errors import TwilightWarning
@@ -22,7 +22,7 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 WAVELENGTH_NM = np.array([450.0, 650.0])
-COARSE = replace(zones.QUALITIES["draft"], zenith_density=0.4, beam_density=0.4, tolerance=3e-2)
+COARSE = replace(QUICK, zenith_density=0.4, beam_density=0.4, tolerance=3e-2)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_polar_angles_grow_with_the_degree():
     """A sun at 30 deg in aerosol of asymmetry 0.95, two orders: the zenith. 9 polar angles lose a quarter of it."""
     medium = medium_of(Air(aerosol=0.5, asymmetry=0.95), refractivity=0.0)
     few = replace(
-        zones.QUALITIES["draft"], polarisation=False, max_orders=2, tolerance=0.0, altitude_density=0.3,
+        QUICK, polarisation=False, max_orders=2, tolerance=0.0, altitude_density=0.3,
         zenith_density=0.5,
     )  # fmt: skip
     assert with_degree(few, medium).degree == 20 and with_degree(few, medium).polar_directions == 20

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 from plane_parallel import Slabs, henyey_greenstein
 from thick_media import cloud, slabs
 
@@ -40,7 +41,7 @@ def _flux_down(field) -> np.ndarray:
 
 
 def _check(depths, where):
-    field = zones.prepare(cloud(*depths, **where), zones.QUALITIES["draft"], sun_elevations_deg=[SUN_DEG, 60.0])
+    field = zones.prepare(cloud(*depths, **where), QUICK, sun_elevations_deg=[SUN_DEG, 60.0])
     assert field.convergence.residual < 1e-3
     assert field.convergence.orders < 25
     truth = [slabs(depth, SUN_COSINE, **where).flux_down[-1] for depth in depths]
@@ -61,14 +62,14 @@ def test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps(wh
 
 def test_air_thicker_than_was_compared_is_said():
     """Air beyond all comparisons would be solved without a word."""
-    two = replace(zones.QUALITIES["draft"], max_orders=2, tolerance=0.0)
+    two = replace(QUICK, max_orders=2, tolerance=0.0)
     with pytest.warns(TwilightWarning, match="scatters with an optical depth of 17[0-9]"):
         zones.prepare(cloud(200.0), two, sun_elevations_deg=[SUN_DEG, 60.0])
 
 
 def test_as_many_orders_are_followed_as_are_wanted():
     """Few orders, and orders at a tolerance of 0, are followed one by one."""
-    few = replace(zones.QUALITIES["draft"], max_orders=8)
+    few = replace(QUICK, max_orders=8)
     with pytest.warns(UserWarning, match="max_orders 8 was not enough"):
         assert zones.prepare(cloud(50.0, **FOG), few, sun_elevations_deg=[SUN_DEG, 60.0]).convergence.orders == 8
 

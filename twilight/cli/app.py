@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import animate, cache, compare, export, fit, render, show, sweep, times, validate, view
+from twilight.cli import animate, cache, compare, export, fit, frontier, render, show, sweep, times, validate, view
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -20,6 +20,7 @@ commands = (
     animate.animate,
     sweep.sweep,
     compare.compare,
+    frontier.frontier,
     times.times,
     show.climates,
     show.configs,

@@ -57,25 +57,25 @@ class ZonesSettings:
     )
     """Options that are shown first."""
 
-    degree: int = 20
-    max_degree: int = 32
+    degree: int = 16
+    max_degree: int = 24
     polar_directions: int = 14
-    azimuth_directions: int = 11
+    azimuth_directions: int = 9
     early_orders: int = 2
-    late_degree: int = 6
+    late_degree: int = 7
     late_polar_directions: int = 7
     late_azimuth_directions: int = 7
-    altitude_density: float = 1.0
+    altitude_density: float = 0.7
     zenith_density: float = 1.0
-    step_density: float = 0.7
-    first_order_step_density: float = 2.0
-    line_of_sight_density: float = 1.5
-    beam_density: float = 1.0
+    step_density: float = 0.5
+    first_order_step_density: float = 1.2
+    line_of_sight_density: float = 1.0
+    beam_density: float = 0.5
     max_orders: int = 200
-    tolerance: float = 2e-3
+    tolerance: float = 5e-3
     polarisation: bool = True
-    polarisation_degree: int = 8
-    late_polarisation_degree: int = 6
+    polarisation_degree: int = 6
+    late_polarisation_degree: int = 3
     refraction: bool = True
     bent_lines_of_sight: bool = True
     bent_paths: bool = True
@@ -129,37 +129,37 @@ QUALITIES: dict[str, ZonesSettings] = {
     "draft": ZonesSettings(
         degree=12,
         max_degree=20,
-        polar_directions=9,
-        azimuth_directions=9,
-        late_degree=5,
-        late_polar_directions=6,
-        late_azimuth_directions=6,
+        azimuth_directions=7,
+        late_degree=7,
         altitude_density=0.5,
-        zenith_density=0.6,
+        zenith_density=0.7,
         step_density=0.4,
         first_order_step_density=1.0,
-        line_of_sight_density=1.0,
-        beam_density=0.5,
+        line_of_sight_density=0.7,
+        beam_density=0.35,
         tolerance=1e-2,
-        polarisation=False,
-        polarisation_degree=6,
-        late_polarisation_degree=3,
+        polarisation_degree=4,
+        late_polarisation_degree=2,
     ),
     "standard": ZonesSettings(),
     "reference": ZonesSettings(
-        degree=32,
+        degree=24,
+        max_degree=36,
         polar_directions=20,
-        azimuth_directions=15,
-        late_degree=8,
+        azimuth_directions=13,
+        early_orders=3,
+        late_degree=9,
         late_polar_directions=10,
         late_azimuth_directions=9,
-        altitude_density=1.7,
-        zenith_density=1.7,
-        step_density=1.0,
-        first_order_step_density=2.0,
-        line_of_sight_density=2.5,
-        tolerance=5e-4,
-        polarisation_degree=16,
-        late_polarisation_degree=8,
+        altitude_density=1.3,
+        zenith_density=1.4,
+        step_density=0.8,
+        first_order_step_density=2.5,
+        line_of_sight_density=2.0,
+        beam_density=1.0,
+        tolerance=1e-3,
+        polarisation_degree=10,
+        late_polarisation_degree=6,
     ),
 }
+"""Points near the frontier of error against run time (`twilight frontier`), by `benchmarks/zones_error.py`."""

@@ -1,0 +1,127 @@
+"""`twilight frontier`: what it searches, when it gives points up, and what it writes."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from twilight.cli.app import app
+from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.studies.compare.reference_solution import ReferenceSolution
+from twilight.studies.frontier import report, search
+from twilight.studies.frontier.measure import Measurement, excess_percent
+from twilight.studies.frontier.search import Point, frontier
+from twilight.studies.frontier.space import SPACE, STARTS, settings_at, values_of, within
+
+NOT_SEARCHED = {
+    *("max_orders", "polarisation", "refraction", "bent_lines_of_sight", "bent_paths", "target_error", "field_file"),
+    "spectral_interpolation",
+}
+
+
+def test_every_option_is_searched_or_physics():
+    assert {d.key for d in SPACE} | NOT_SEARCHED == {f.name for f in fields(ZonesSettings)}
+
+
+@given(st.fixed_dictionaries({d.key: st.floats(-100.0, 100.0) for d in SPACE}))
+def test_every_point_of_the_space_is_allowed(values):
+    settings_at(values, ZonesSettings())  # raises for what the solver refuses
+    assert within(within(values)) == within(values)
+
+
+@pytest.mark.parametrize("settings", [*QUALITIES.values(), *STARTS.values()])
+def test_qualities_and_starts_lie_in_the_space(settings):
+    assert settings_at(values_of(settings), settings) == settings
+
+
+def test_the_frontier_is_what_nothing_beats():
+    rng = np.random.default_rng(3)
+    points = [
+        Point({}, "search", {"a": Measurement(t, {0.0: e})}, complete=True) for t, e in rng.uniform(0.1, 9.0, (60, 2))
+    ]
+    best = frontier(points)
+    for p in points:
+        beaten = any(
+            q.processor_s <= p.processor_s and q.error_percent <= p.error_percent and q is not p for q in points
+        )
+        assert beaten != any(p is b for b in best)
+
+
+def test_the_noise_of_the_reference_is_no_error():
+    rng = np.random.default_rng(1)
+    right = rng.uniform(1.0, 3.0, (4000, 2))
+    noise = 0.02 * right
+    reference = ReferenceSolution(
+        np.zeros(4000), np.zeros(4000), np.array([450.0, 550.0]), right + noise * rng.normal(size=right.shape), noise
+    )
+    assert excess_percent(right, reference) < 0.6
+    assert excess_percent(1.05 * right, reference) == pytest.approx(1.96 * 5.0, rel=0.03)
+
+
+class Air:
+    """A scene whose error and time follow from two options by a formula."""
+
+    def __init__(self, name, dearness):
+        self.name, self.dearness, self.physics, self.asked = name, dearness, ZonesSettings(), 0
+
+    def warm_up(self):
+        pass
+
+    def measure(self, settings):
+        self.asked += 1
+        cost = settings.degree * settings.altitude_density
+        return Measurement(self.dearness * cost, {30.0: 1.0 / cost, -6.0: 90.0 / cost * settings.beam_density**2})
+
+
+def test_the_search_goes_beyond_its_starts_and_gives_up_early(tmp_path):
+    airs = [Air("dear", 5.0), Air("cheap", 1.0)]
+    points = list(search.search(airs, QUALITIES, budget_s=1e9, most_points=60, seed=1))
+    assert [p.origin for p in points[:4]] == [*QUALITIES, "search"]
+    assert all(p.complete for p in points[:3])
+    assert airs[0].asked < airs[1].asked == 60  # the cheap one first, and some never reach the dear one
+    best = frontier(points)
+    assert any(p.origin == "search" for p in best)
+    again = list(search.search([Air("dear", 5.0), Air("cheap", 1.0)], QUALITIES, budget_s=1e9, most_points=8, seed=1))
+    assert [p.values for p in again] == [p.values for p in points[:8]]
+    report.write_tables(points, tmp_path)
+    report.draw(points, tmp_path / "frontier.png", "two airs")
+    assert (tmp_path / "frontier.png").stat().st_size > 10_000
+    with open(tmp_path / "points.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(len(p.found) for p in points)
+    assert {r["scene"] for r in rows} == {"dear", "cheap"} and "error_percent_sun_-6" in rows[0]
+    with open(tmp_path / "frontier.csv") as file:
+        assert len(list(csv.DictReader(file))) == len(best)
+
+
+def test_the_budget_ends_the_search():
+    points = list(search.search([Air("a", 1.0)], {"draft": QUALITIES["draft"]}, budget_s=1e-9, most_points=60))
+    assert len(points) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["urban", "--set", "solver.name=cells"], "frontier searches the settings of zones"),
+        (["urban", "desert", "--reference", "a.csv"], "--reference: is given 1 times for 2 scenes"),
+        (["humidity"], "is a series of"),
+        (["urban", "--minutes", "-1"], "--minutes"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, said):
+    result = CliRunner().invoke(app, ["frontier", *arguments])
+    assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1
+
+
+def test_without_optuna_one_sentence_says_how_to_install_it(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    result = CliRunner().invoke(app, ["frontier", "urban"])
+    assert result.exit_code == 2 and "install 'optuna>=" in result.output and len(result.output.splitlines()) == 1

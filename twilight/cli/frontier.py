@@ -1,0 +1,115 @@
+"""`twilight frontier`: the best errors of `zones` on scenes for any run time, searched over its settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import file_stem, numbers, option, settings_of, within
+from twilight.cli.terminal import print_table, progress_bar
+
+
+def frontier(
+    scenes: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="CLIMATE_OR_CONFIG...", help="Scenes that the same settings are to serve: names or files."
+        ),
+    ],
+    reference: Annotated[
+        list[Path] | None,
+        option(
+            "FILE.csv",
+            "Stored radiances of each scene, in the same sequence; without it, quality `reference` is right.",
+        ),
+    ] = None,
+    sun_elevation: Annotated[
+        str | None, option("DEG,...", "True elevations of the sun; without it, the scene's, the table's, or nine.")
+    ] = None,
+    minutes: Annotated[float, option("MIN", "Processor time after which no new point is begun.")] = 10.0,
+    points: Annotated[int, option("N", "Most points.")] = 200,
+    seed: Annotated[int, option("N", "Of what the search proposes.")] = 0,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("DIR", "Folder for tables and picture.")] = None,
+) -> None:
+    """Search the settings of zones for the least error at every run time; write every point, the frontier, a picture.
+
+    Needs optuna (the extra `search`).
+    """
+    from twilight.base.progress import part_of
+    from twilight.base.whole_files import check_folder
+    from twilight.studies.frontier import report, search
+    from twilight.studies.frontier.measure import qualities
+    from twilight.studies.frontier.space import STARTS
+
+    search.check_installed()
+    within(minutes, "--minutes", 0.0, 1e5)
+    within(points, "--points", 1, 100_000)
+    chosen, names = settings_of(settings)
+    suns = None if sun_elevation is None else numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
+    tables = reference or []
+    if tables and len(tables) != len(scenes):
+        raise TwilightError(f"--reference: is given {len(tables)} times for {len(scenes)} scenes; each needs its own")
+    folder = output or Path("out") / ("frontier-" + file_stem("-".join(Path(s).stem for s in scenes), "scene")[:80])
+    check_folder(folder)
+    configs = [_one(scene, chosen, names) for scene in scenes]
+    folder.mkdir(parents=True, exist_ok=True)
+    found = []
+    with progress_bar() as progress:
+        share = 0.3 if not tables else 0.02
+        cases = [
+            _case(scene, config, tables[i] if tables else None, suns, part_of(progress, share * i / len(scenes), 0.0))
+            for i, (scene, config) in enumerate(zip(scenes, configs, strict=True))
+        ]
+        starts = {**qualities(cases[0].physics), **STARTS}
+        if not tables:
+            del starts["reference"]  # it is what is right
+        steps = search.search(
+            cases,
+            starts,
+            budget_s=60.0 * minutes,
+            most_points=points,
+            seed=seed,
+            progress=part_of(progress, share, 1.0 - share),
+        )
+        for point in steps:
+            found.append(point)
+            report.write_tables(found, folder)
+    report.draw(found, folder / "frontier.png", ", ".join(case.name for case in cases))
+    print_table(["point", "from", "processor s", "error %"], report.printed(found), right=(0, 2, 3))
+    print(f"wrote points.csv, frontier.csv, frontier.png to {folder}/")
+
+
+def _one(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
+    from twilight.config import load_series
+    from twilight.engine import check_size
+
+    cases = load_series(scene, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); frontier takes one")
+    config = cases[0].config
+    if config.chosen_solver.name != "zones":
+        raise TwilightError(
+            f"{scene}: solver.name is {config.chosen_solver.name}; frontier searches the settings of zones"
+        )
+    check_size(config)
+    return config
+
+
+def _case(scene: str, config: Any, table: Path | None, suns: list[float] | None, progress: Any) -> Any:
+    from twilight.studies.compare.directions import sun_elevations
+    from twilight.studies.compare.reference_solution import read_references, some_suns
+    from twilight.studies.frontier.measure import Case
+
+    name = Path(scene).stem
+    own = "sun" in config.model_fields_set
+    if table is not None:
+        stored = read_references(table)
+        wanted = suns if suns is not None else (sun_elevations(config) if own else None)
+        references = some_suns(stored, wanted, str(table))
+        return Case.of_table(name, config, references, None if wanted is None else tuple(wanted))
+    wanted = suns if suns is not None else (sun_elevations(config) if own else None)
+    return Case.of_scene(name, config, None if wanted is None else tuple(wanted), progress)

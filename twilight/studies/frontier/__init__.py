@@ -1,0 +1,1 @@
+"""Error against run time of `zones` on scenes, searched over its settings: points, frontier, picture."""

@@ -1,0 +1,111 @@
+"""Tables and picture of a frontier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from twilight.base.whole_files import whole_file, write_csv
+from twilight.studies.frontier.search import Point, frontier
+from twilight.studies.frontier.space import SPACE
+
+LEAST_PERCENT = 0.01
+"""Errors below this are drawn here."""
+COLOURS = {"given up": "0.8", "tried": "#56B4E9", "frontier": "#D55E00", "start": "#000000"}
+
+
+def write_tables(points: Sequence[Point], folder: Path) -> None:
+    """points.csv: every point, a row for each scene it was measured on; frontier.csv: the frontier's alone."""
+    suns = sorted({sun for p in points for m in p.found.values() for sun in m.error_percent}, reverse=True)
+    keys = [d.key for d in SPACE]
+    best = frontier(points)
+    columns = ["point", "origin", "complete", "on_frontier", "scene", "processor_s", "error_percent"]
+    columns += [f"error_percent_sun_{sun:g}" for sun in suns] + keys
+    rows: list[list[Any]] = []
+    for number, p in enumerate(points):
+        for scene, m in p.found.items():
+            by_sun = [f"{m.error_percent[sun]:.3f}" if sun in m.error_percent else "" for sun in suns]
+            what = [number, p.origin, int(p.complete), int(any(p is b for b in best)), scene]
+            where = [f"{p.values[key]:g}" for key in keys]
+            rows.append([*what, f"{m.processor_s:.3f}", f"{m.worst_percent:.3f}", *by_sun, *where])
+    write_csv(folder / "points.csv", columns, rows)
+    head = ["point", "origin", "processor_s", "error_percent"]
+    lines = [
+        [
+            next(n for n, q in enumerate(points) if q is p),
+            p.origin,
+            f"{p.processor_s:.3f}",
+            f"{p.error_percent:.3f}",
+            *(f"{p.values[key]:g}" for key in keys),
+        ]
+        for p in best
+    ]
+    write_csv(folder / "frontier.csv", [*head, *keys], lines)
+
+
+def printed(points: Sequence[Point]) -> list[list[str]]:
+    """Rows (point, origin, processor time, error) of the frontier for the terminal."""
+    return [
+        [
+            str(next(n for n, q in enumerate(points) if q is p)),
+            p.origin,
+            f"{p.processor_s:.2f}",
+            f"{p.error_percent:.2f}",
+        ]
+        for p in frontier(points)
+    ]
+
+
+def draw(points: Sequence[Point], path: Path, title: str) -> None:
+    """PNG, log-log: every point, the frontier as a line, the points that the search began with by name."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    best = frontier(points)
+    with pyplot.rc_context({"font.size": 11, "axes.spines.top": False, "axes.spines.right": False}):
+        figure: Any
+        figure, axes = pyplot.subplots(figsize=(7.2, 5.0), layout="constrained")
+        axes.set(xscale="log", yscale="log")
+        axes.grid(which="major", color="0.9", linewidth=0.8)
+        axes.set_axisbelow(True)
+        for name, some in (
+            ("given up", [p for p in points if not p.complete]),
+            ("tried", [p for p in points if p.complete and p.origin == "search"]),
+            ("start", [p for p in points if p.complete and p.origin != "search"]),
+        ):
+            label = "given up: beaten on the scenes measured" if name == "given up" else name
+            _marks(axes, some, COLOURS[name], label, size=22 if name == "start" else 14)
+        axes.step(*_along(best), where="post", color=COLOURS["frontier"], linewidth=1.6, label="frontier")
+        for p in points:
+            if p.complete and p.origin in ("draft", "standard", "reference"):
+                axes.annotate(p.origin, _place(p), xytext=(5, 5), textcoords="offset points", fontsize=10)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("processor time of the field [s]")
+        axes.set_ylabel("error of the radiance at 95 % [%], worst sun")
+        axes.set_title(title, loc="left", fontsize=11)
+        axes.legend(frameon=False, fontsize=9)
+        try:
+            with whole_file(path) as temporary:
+                figure.savefig(temporary, dpi=150)
+        finally:
+            pyplot.close(figure)
+
+
+def _place(point: Point) -> tuple[float, float]:
+    return point.processor_s, max(point.error_percent, LEAST_PERCENT)
+
+
+def _along(points: Sequence[Point]) -> tuple[list[float], list[float]]:
+    places = [_place(p) for p in points]
+    return [x for x, _ in places], [y for _, y in places]
+
+
+def _marks(axes: Any, points: Sequence[Point], colour: str, label: str, size: float) -> None:
+    if points:
+        axes.scatter(*_along(points), s=size, color=colour, label=label, linewidths=0)
