@@ -24,9 +24,9 @@ MIN_COLUMNS = 24
 RANGES_KM = (0.0, 3.0, 10.0, 30.0)
 """Altitudes [km] above the ground at which ranges begin whose absorption is a coordinate: water vapour is in the first
 two, oxygen in three, ozone in the last two."""
-WEAK_DEPTH = 0.1
+WEAK_DEPTH = 0.05
 """Vertical optical depth of absorption up to which its coordinate grows in proportion, beyond like its logarithm."""
-SCALES = {"wavelength": 1.0, "scattering": 3.0, "absorption": 2.0, "albedo": 0.5}
+SCALES = {"wavelength": 2.0, "scattering": 6.0, "absorption": 3.0, "albedo": 0.5}
 """Change of a coordinate over which the interpolated light changes in another way, by `benchmarks/hyperspectral.py`."""
 CURVATURE = 1.0
 """Standard deviation of ln of the light about a plane through the coordinates, over one such change."""
@@ -34,8 +34,10 @@ PLANE_VARIANCE = 100.0
 """Variance of the plane's parameters while nodes are chosen: nearly unknown."""
 NUGGET = 1e-8
 """Variance of a node's own value, which keeps weights small where two nodes are nearly the same."""
-TOLERANCE, TOLERANCE_IN_BANDS = 2e-3, 6e-3
+TOLERANCE = 4e-4
 """Standard deviation of ln of the light at which no more nodes are taken."""
+TOLERANCE_IN_BANDS = 1e-3
+"""The same for terms of bands of gases."""
 MASSES = (1.0, 6.0, 30.0)
 """Relative air masses at which the part of a term in its wavelength's light counts, the largest of them."""
 LEAST_PART = 0.02
@@ -87,7 +89,7 @@ def covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return CURVATURE**2 * (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
 
 
-def choose(coordinates: np.ndarray, part: np.ndarray, tolerance: float) -> np.ndarray:
+def choose(coordinates: np.ndarray, part: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
     """Indices (n,), ascending, of the nodes among columns (N, F): a multiple of LANES of them where there are so many.
 
     part (N,): of each column in the light of its wavelength, from 0 to 1
