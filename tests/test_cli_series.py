@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -114,3 +115,51 @@ def test_a_series_of_a_key_has_one_folder_for_each_value(plain, table, tmp_path)
     assert result.exit_code == 0, result.stderr
     assert {p.name for p in out.iterdir()} == {"albedo=0", "albedo=0.5", "frames", *SHEETS}
     assert read_sky(out / "albedo=0.5" / "sky.h5").ground_albedo.tolist() == [0.5] * 4
+
+
+def test_an_evening_is_one_file_where_one_is_asked_for(plain, table, tmp_path):
+    """By times, in the order of the suns; the same numbers as in a folder each."""
+    from twilight import open_dataset, read_sky
+
+    suns = ["--set", "texture={}", "--sun-elevation=5,0,-5"]
+    out = tmp_path / "new" / "evening.nc"
+    result = call("render", table, *suns, "--output", out)
+    assert result.exit_code == 0, result.stderr
+    assert [p.name for p in tmp_path.joinpath("new").iterdir()] == [
+        "evening.nc"
+    ] and f"3 suns to {out}" in result.stdout
+    assert len(plain.calls) == 1 and len(result.stdout.splitlines()) == 5
+    assert call("render", table, *suns, "--only", "h5", "--output", tmp_path / "many").exit_code == 0
+    with open_dataset(out) as data:
+        assert data.sun_elevation_deg.values.tolist() == [5.0, 0.0, -5.0]
+        for sun, name in ((5.0, "sun+05.00"), (-5.0, "sun-05.00")):
+            sky, one = data.sky.scene(sun_elevation_deg=sun), read_sky(tmp_path / "many" / name / "sky.h5")
+            assert np.array_equal(sky.radiance, one.radiance) and np.array_equal(sky.ground_albedo, one.ground_albedo)
+            assert sky.provenance["configuration"]["climate"]["name"] == "T1" and sky.provenance["solver"] == "plain"
+    again = call("render", table, *suns, "--output", out)
+    assert again.exit_code == 2 and f"{out}: is there already; give --overwrite" in again.stderr
+    assert call("render", table, *suns, "--output", out, "--overwrite").exit_code == 0
+    start = ["--set", "sun={start: 2026-06-21T20:00, stop: 2026-06-21T21:00, step_minutes: 30, time_zone: UTC, "
+             "latitude_deg: 52, longitude_deg: 13}"]  # fmt: skip
+    assert call("render", table, *suns[:2], *start, "--output", tmp_path / "times.nc").exit_code == 0
+    with open_dataset(tmp_path / "times.nc") as data:
+        assert data.time.values.astype("datetime64[m]").tolist() == [
+            datetime(2026, 6, 21, 20), datetime(2026, 6, 21, 20, 30), datetime(2026, 6, 21, 21)
+        ]  # fmt: skip
+        assert data.sky.illuminance_lux().dims == ("time",) and data.solar_azimuth_angle.dims == ("time",)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (["--tone", "eye"], "evening.nc: holds radiances alone, and --tone is of other files; leave it out"),
+        (["--only", "png"], "--only is of other files"),
+        (["--disc"], "--disc is of other files"),
+        (["--set", "output.width=64"], "--set output.width is of other files"),
+        (["--set", "vary={ground.albedo: [0, 1]}"], "is a series of 2 (vary); give a folder, or take `twilight sweep`"),
+    ],
+)
+def test_what_one_file_does_not_hold_is_refused_before_anything_is_computed(plain, table, tmp_path, more, says):
+    result = call("render", table, "--output", tmp_path / "evening.nc", "--set", "texture={}", *more)
+    assert result.exit_code == 2 and says in result.stderr and len(result.stderr.splitlines()) == 1
+    assert not (tmp_path / "evening.nc").exists() and not plain.calls

@@ -141,6 +141,7 @@ def test_axes_are_a_few_words_with_a_unit_and_time_is_a_time(sky, tmp_path):
         if "time" in data.variables:
             assert data.time.dtype.kind == "M" and data.time.values.flat[0] == np.datetime64("2026-06-21T20:00")
     assert several[1].to_xarray().sun_elevation_deg.values.tolist() == [5.0, 4.0]
+    assert np.array_equal(several[0].to_xarray().sun_normalised_radiance_u[1], later.polarisation[:, :, 1])
 
 
 def test_azimuth_is_a_circle_and_the_zenith_a_point(sky):

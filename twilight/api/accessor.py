@@ -20,6 +20,7 @@ from twilight.api.representation import Sky, plot
 from twilight.base.errors import TwilightError
 from twilight.io.facts import fields_from
 from twilight.io.labels import attributes
+from twilight.io.provenance import provenance_from_fields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,7 +105,8 @@ class SkyAccessor:
             direct_irradiance=chosen[direct].values.astype(float) if direct in chosen else None,
             solar_spectrum=str(chosen.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM)),
             night_radiance=grid("night_radiance"),
-            provenance={key: chosen.attrs[key] for key in ("sweep_hash",) if key in chosen.attrs},
+            provenance=provenance_from_fields(chosen.attrs)
+            | {key: chosen.attrs[key] for key in ("sweep_hash",) if key in chosen.attrs},
             **facts,
         )
 

@@ -74,7 +74,10 @@ def render(
     disc: Annotated[
         bool, typer.Option("--disc", help="The sun's disc too: in the pictures, the environment maps and sun.png.")
     ] = False,
-    output: Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")] = None,
+    output: Annotated[
+        Path | None,
+        option("DIR|FILE.nc", "Folder for the files; or one NetCDF file with the radiances of all suns."),
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
     ] = False,
@@ -132,8 +135,12 @@ def render(
     from twilight.cli.first_run import own_models, say_that_it_compiles
     from twilight.cli.preview import shown
     from twilight.cli.render_files import check_cases, render_files
+    from twilight.cli.render_one_file import SUFFIX, check_one_file, render_one_file
     from twilight.config.sun import SunElevation
 
+    one_file = output is not None and output.suffix == SUFFIX
+    if output is not None and one_file:
+        check_one_file(cases, scene, {key: names.get(key, key) for key in chosen}, output, overwrite)
     for case in cases:
         check_polarised(case.config)
     check_cases(cases)  # before anything is said: a refusal is one sentence
@@ -146,6 +153,9 @@ def render(
     cases = own_models(cases)
     for name in sorted({case.config.chosen_solver.name for case in cases}):
         say_that_it_compiles(name)
+    if output is not None and one_file:
+        render_one_file(cases[0].config, output)
+        return
     render_files(cases, scene, chosen, output, overwrite, None if no_preview else shown)
 
 

@@ -78,7 +78,7 @@ def render_files(
     if kept:
         print(f"twilight: {kept} of {len(asked)} were there already ({JOURNAL}); --overwrite computes them again",
               file=sys.stderr)  # fmt: skip
-    cells = [[label, *(_cell(row.get(key), form) for _, key, form in TABLE[1:])] for label, row in labels.items()]
+    cells = [[label, *(cell(row.get(key), form) for _, key, form in TABLE[1:])] for label, row in labels.items()]
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
     for note in notes:
         print(note)
@@ -88,7 +88,8 @@ def render_files(
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
 
 
-def _cell(value: Any, form: str) -> str:
+def cell(value: Any, form: str) -> str:
+    """A figure of `TABLE` as text."""
     return "-" if value is None else format(value, form)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,19 @@ COLUMNS = (
     "run_time_s",
 )
 
-_EACH = ("sun_normalised_radiance", "luminance", "standard_error", "night_radiance", "direct_irradiance_factor")
+_EACH = (
+    "sun_normalised_radiance",
+    "luminance",
+    "standard_error",
+    "sun_normalised_radiance_q",
+    "sun_normalised_radiance_u",
+    "standard_error_q",
+    "standard_error_u",
+    "night_radiance",
+    "direct_irradiance_factor",
+)
+_COPIES = 3
+"""Of a series' skies that are held at once: as parts, together, and while they are written."""
 _WHERE = (
     "solar_elevation_angle",
     "apparent_solar_elevation_angle",
@@ -46,7 +58,7 @@ _WHERE = (
     "earth_sun_distance",
     "time",
 )
-_ONCE = ("solar_irradiance",)
+_ONCE = ("solar_irradiance", "surface_albedo")
 
 
 def figures(sky: Sky) -> dict[str, Any]:
@@ -90,15 +102,48 @@ def write_dataset(files: Mapping[str, Path], path: Path) -> str:
     parts: list[xarray.Dataset] = []
     for file in files.values():
         parts.append(_of_a_series(sky_to_dataset(read_sky(file))))
-        if parts[0].nbytes * len(files) * 3 > MEMORY_FRACTION * memory_bytes():
+        if _too_large(parts[0], len(files)):
             return f"the skies ({total / 1e9:.3g} GB compressed) are more than fits into the memory"
         if not _same_grid(parts[0], parts[-1]):
             return "the skies have different wavelengths or directions"
-    made = _concatenated(parts, xarray.DataArray(list(files), dims="scene", name="scene", attrs=attributes("scene")))
-    encoding = {name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _EACH if name in made.variables}
+    scene = xarray.DataArray(list(files), dims="scene", name="scene", attrs=attributes("scene"))
+    _write(_concatenated(parts, scene), path)
+    return ""
+
+
+def write_series(skies: Iterable[Sky], path: Path, about: Mapping[str, Any], count: int) -> None:
+    """Write skies as one NetCDF file, whole or not at all, along the dimension of `series_to_dataset`.
+
+    about: further attributes; count: how many skies there are.
+    Errors: TwilightError for more skies than the memory should hold, and where the file cannot be written.
+    """
+
+    def fitting() -> Iterator[Sky]:
+        for i, sky in enumerate(skies):
+            if i == 0 and _too_large(sky_to_dataset(sky), count):
+                raise TwilightError(
+                    f"{path}: {count} skies are more than fits into the memory; give a folder, or take `twilight sweep`"
+                )
+            yield sky
+
+    made = series_to_dataset(fitting()).assign_attrs(about)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write(made, path)
+
+
+def _too_large(one: xarray.Dataset, count: int) -> bool:
+    """Whether so many skies are more than the memory should hold."""
+    return one.nbytes * count * _COPIES > MEMORY_FRACTION * memory_bytes()
+
+
+def _write(made: xarray.Dataset, path: Path) -> None:
+    encoding: dict[str, Any] = {
+        name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _EACH if name in made.variables
+    }
+    if "time" in made.variables:
+        encoding["time"] = {"units": attributes("time")["units"], "calendar": "standard", "dtype": "float64"}
     with whole_file(path) as temporary:
         made.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
-    return ""
 
 
 def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
@@ -138,7 +183,7 @@ def _concatenated(parts: Sequence[xarray.Dataset], along: xarray.DataArray) -> x
         [part[several] for part in parts], along, coords="minimal", compat="override", join="override", data_vars="all"
     )
     made = made.set_coords([name for name in _WHERE if name in made.variables])
-    for name in _ONCE:
+    for name in (name for name in _ONCE if name in parts[0].variables):
         made[name] = parts[0][name]
     made.attrs = {**parts[-1].attrs, "title": f"{len(parts)} skies"}
     for name in ("configuration", "configuration_hash", "provenance", "run_time_s", "time_iso8601"):

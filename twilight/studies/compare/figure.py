@@ -146,7 +146,7 @@ def draw(
             axes.set_visible(False)
         _limits(grid[0, 0], marks, levels)
         figure.supxlabel(time_label, fontsize=11)
-        figure.supylabel("error of the radiance, 95th percentile [%]", fontsize=11)
+        figure.supylabel("error of the radiance," + ("\n" if rows == 1 else " ") + "95th percentile [%]", fontsize=11)
         _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title, levels)
         try:
             with whole_file(path) as temporary:
