@@ -21,6 +21,7 @@ from hazy_zones import QUICK
 from PIL import Image
 
 from twilight.solvers import zones
+from twilight.solvers.tables.mapping import grid
 from twilight.studies.export import bruneton
 from twilight.studies.export.field_values import FieldSource
 from twilight.studies.export.folder import write_folder
@@ -236,9 +237,17 @@ def test_the_page_of_the_docs_shows_a_sky(tmp_path):
     assert sky.mean() > 20.0 and np.ptp(sky.mean(axis=(0, 1))) > 5.0
 
 
+BETWEEN_SUNS = {-6.0: (0.39, 0.68), -9.0: (0.76, 0.43)}
+"""95th percentiles of the relative error, towards azimuths 20 and 150, of suns [deg] between two of the layout's, which
+are 1.3 to 1.7 deg apart there: straight lines between values that fall by a factor of up to five."""
+AT_ITS_SUNS = {23: (0.116, 0.038), 14: (0.127, 0.036), 7: (0.096, 0.18), 5: (0.075, 0.115)}
+"""The same at texels of mu_s, suns of 10.1, 0.4, -6.5 and -9.6 deg: what eight scattering angles leave, 44 deg apart
+beside the sun.  Half floats add nothing.  All are a tenth more than was measured."""
+
+
 @pytest.mark.slow
 def test_the_package_shows_the_sky_of_zones(show):
-    """As near as eight texels of the scattering angle and 32 suns allow: the 95th percentile of the relative error."""
+    """As near as eight texels of the scattering angle and 32 suns allow, and as Python's reader has it."""
     medium = turbid(3.0, wavelength_nm=np.array([440.0, 550.0, 680.0]))
     field = zones.prepare(medium, QUICK)
     source = FieldSource(field, medium, medium.has_refraction)
@@ -246,11 +255,14 @@ def test_the_package_shows_the_sky_of_zones(show):
     tables = bruneton.fill(
         source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=lambda doing, share: None, rows=2
     )
-    allowed = {10.0: 0.13, 0.0: 0.16, -6.0: 0.7, -9.0: 0.95}
+    suns = np.degrees(np.arcsin(grid(mapping)[2]))
+    allowed = BETWEEN_SUNS | {float(suns[texel]): most for texel, most in AT_ITS_SUNS.items()}
     with show(replace(tables, irradiance=np.zeros_like(tables.irradiance))) as (page, errors):
-        for sun, most in allowed.items():
-            for azimuth in (20.0, 150.0):
+        for sun, both in allowed.items():
+            for azimuth, most in zip((20.0, 150.0), both, strict=True):
                 found, e, a = looked(page, sun, azimuth, 40.0, 4096.0)
                 off = np.abs(found / field.radiance(sun, e, a)[:, ::-1] - 1.0)
                 assert np.percentile(off, 95) < most, (sun, azimuth, np.percentile(off, 95))
+                read = np.abs(found / bruneton.sky_radiance(tables, 0.0, sun, e, a) - 1.0)
+                assert np.percentile(read, 95) < 0.03, (sun, azimuth)
         assert errors == []
