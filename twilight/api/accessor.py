@@ -271,7 +271,7 @@ def _with_polarisation(made: xarray.Dataset) -> xarray.Dataset:
     q, u = _Q[0], _U[0]
     if q in made and u in made and "radiance" in made:
         total = made["radiance"] / made["solar_irradiance"]
-        derived = (np.hypot(made[q], made[u]) / total, 0.5 * np.degrees(np.arctan2(made[u], made[q])))
+        derived: Any = (np.hypot(made[q], made[u]) / total, 0.5 * np.degrees(np.arctan2(made[u], made[q])))
         for name, values in zip(_DERIVED, derived, strict=True):
             made[name] = values.assign_attrs(attributes(name))
     return made

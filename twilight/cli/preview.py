@@ -135,7 +135,7 @@ def draw(preview: Preview, output: Any, path: Path) -> None:
         output.colour_observer,
         {name: getattr(output, name).model_dump() for name in ("eye", "camera")},
     )
-    exposure = "auto" if output.exposure_ev100 is None else output.exposure_ev100
+    exposure: Any = "auto" if output.exposure_ev100 is None else output.exposure_ev100
     picture, ev100, _ = develop_view(preview.sky, tone, view=output.views[0], exposure=exposure)
     facts = {"preview": preview.sentence, "view": output.views[0], "exposure_ev100": f"{ev100:.6g}"}
     label = f"PREVIEW, within {100 * preview.error:.2g} %   {label_of(preview.sky)}"

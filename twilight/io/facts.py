@@ -51,7 +51,9 @@ def coordinates_of(sky: Sky) -> dict[str, tuple[tuple[()], float, dict[str, str]
     """The facts that a sky knows, as scalar coordinates of a dataset."""
     known = ((fact, getattr(sky, fact.field)) for fact in FACTS)
     return {
-        fact.variable: ((), value, attributes(fact.variable) | fact.more) for fact, value in known if value is not None
+        fact.variable: ((), value, attributes(fact.variable) | {**fact.more})
+        for fact, value in known
+        if value is not None
     }
 
 

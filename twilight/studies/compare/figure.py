@@ -215,7 +215,7 @@ def _heading(figure: Any, solvers: Mapping[str, str], title: str, levels: Sequen
     handles = []
     dashed = {m.solver for m in levels}
     for i, (name, held) in enumerate(solvers.items()):
-        style = {"linestyle": "--"} if name in dashed else {"marker": MARKERS[i % len(MARKERS)]}
+        style: dict[str, Any] = {"linestyle": "--"} if name in dashed else {"marker": MARKERS[i % len(MARKERS)]}
         handles.append(Line2D([], [], color=COLOURS[i % len(COLOURS)], linewidth=1.6, label=name + held, **style))
     figure.legend(
         handles=handles,

@@ -12,7 +12,7 @@ from twilight.base.progress import Progress, silent
 from twilight.config.scene import Config
 from twilight.engine.solve import Problem
 from twilight.scene import resolve
-from twilight.scene.medium import wavelengths_of
+from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.solvers import zones
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import at_quality
@@ -68,6 +68,8 @@ class Case:
         """Judged by quality `reference` of `zones`: what settings leave out, not what is wrong with the method."""
         physics = config.chosen_solver.settings
         nm = wavelengths_of(config)
+        if nm is None:  # those of a tabulated medium
+            nm = climate_medium(config.climate, None).wavelength_nm
         nm = nm[np.unique(np.linspace(0, nm.size - 1, MAX_WAVELENGTHS).round().astype(int))]
         problem = _problem(config, nm, at_quality(physics, "reference"), suns)
         solved = problem.solve(progress)
@@ -106,7 +108,7 @@ def excess_percent(radiance: np.ndarray, right: ReferenceSolution) -> float:
     error, own = (radiance / scale - 1.0)[lit], (right.standard_error / scale)[lit]
     if not error.size:
         return 0.0
-    return 100.0 * NORMAL_95 * float(np.sqrt(max(0.0, np.mean(error**2 - own**2))))
+    return 100.0 * NORMAL_95 * float(np.sqrt(max(0.0, float(np.mean(error**2 - own**2)))))
 
 
 def _problem(config: Config, wavelength_nm: np.ndarray, settings: ZonesSettings, suns) -> Problem:

@@ -101,7 +101,8 @@ def search(
     for settings in starts.values():
         study.enqueue_trial(within(values_of(settings)))
     origins = iter([*starts])
-    order, done, spent = list(cases), [], 0.0
+    order, spent = list(cases), 0.0
+    done: list[Point] = []
     while len(done) < most_points and (len(done) < len(starts) or spent < budget_s):
         trial = study.ask()
         point = Point(within({d.key: _suggest(trial, d) for d in SPACE}), next(origins, "search"))

@@ -63,7 +63,7 @@ def within(values: Values) -> dict[str, float]:
 
 def settings_at(values: Values, physics: ZonesSettings) -> ZonesSettings:
     """The settings at a point, with everything that is not searched from `physics`."""
-    return replace(physics, **within(values))
+    return replace(physics, **within(values))  # type: ignore[arg-type]  # whole numbers where an option wants them
 
 
 STARTS: dict[str, ZonesSettings] = {}
