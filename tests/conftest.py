@@ -15,8 +15,9 @@ from hazy_zones import SCALAR
 from rendering import plain, table
 from sweeping import log, toy
 
-from twilight.engine import sunbeam
+from twilight.engine import sunbeam, view
 from twilight.solvers import zones
+from twilight.studies.export import field_values
 
 os.environ["TWILIGHT_CACHE_GB"] = "0"
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -111,17 +112,19 @@ def the_command_line_is_built_once():
 
 @pytest.fixture(scope="session", autouse=True)
 def sunbeams_of_the_same_air_are_made_once():
-    """The direct light of rendered skies: its tables take a second for each air, and have tests of their own."""
+    """The sunbeam of renders, films, pages and tables of export: its own take a second for each air, and have tests of
+    their own.  Solvers make theirs."""
     made: dict[str, object] = {}
     real = sunbeam.prepare_beam
 
-    def prepare_beam(medium):
+    def prepare_beam(medium, **options):
         shown = {k: v for k, v in vars(medium).items() if k != "phase_functions"}
-        key = hashlib.sha256(pickle.dumps(sorted(shown.items()))).hexdigest()
+        key = hashlib.sha256(pickle.dumps((sorted(shown.items()), sorted(options.items())))).hexdigest()
         if key not in made:
-            made[key] = real(medium)
+            made[key] = real(medium, **options)
         return made[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sunbeam, "prepare_beam", prepare_beam)
+        for user in (sunbeam, view, field_values):
+            patch.setattr(user, "prepare_beam", prepare_beam)
         yield

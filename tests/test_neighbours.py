@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hazy_zones import QUICK
+from hazy_zones import QUICK, SCALAR
 from stability_media import Air, medium_of
 
 from twilight.atmosphere.grid_medium import GridMedium
@@ -54,7 +54,7 @@ def test_neighbours_do_not_move_a_wavelength_at_draft():
 
 def test_neighbours_in_a_band_do_not_move_a_wavelength():
     """Beside 935 nm, where water vapour is twenty times as dark as at 720 nm."""
-    compare("continental-average", replace(DRAFT, max_orders=4, tolerance=0.0), np.array([720.0, 935.0]), in_bands=True)
+    compare("continental-average", SCALAR, np.array([720.0, 935.0]), in_bands=True)
 
 
 def test_terms_of_a_band_have_the_nodes_of_the_air_without_it():
