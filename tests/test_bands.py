@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
 
 from twilight import solvers
 from twilight.atmosphere import bands
@@ -67,8 +68,7 @@ def scene(nm, climate="pure-air", **settings):
 
 
 def zones_draft(config, suns):
-    zones = solvers.load("zones")
-    return Problem(resolve(config, solver=(zones, replace(zones.QUALITIES["draft"], polarisation=False))), suns)
+    return Problem(resolve(config, solver=(solvers.load("zones"), QUICK)), suns)
 
 
 NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}
