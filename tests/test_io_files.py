@@ -1,3 +1,4 @@
+import gc
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,6 +16,7 @@ from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.io import read_sky, whole_file, write_outputs, write_sky
 from twilight.io.provenance import configuration_hash, provenance_fields, provenance_from_fields
+from twilight.io.series import write_series
 from twilight.numerics.grids import latlong_grid
 from twilight.sky.sky import Sky
 
@@ -149,6 +151,41 @@ def test_an_interrupted_h5_leaves_nothing(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_sky(glow_sky(), tmp_path / "sky.h5")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("work", ["write", "read", "series"])
+def test_an_interrupt_within_the_library_says_nothing_of_its_own(tmp_path, monkeypatch, work):
+    """At lines of the constructor of h5netcdf's files: a half made one must not print from its `__del__`."""
+    code, path = h5netcdf.File.__init__.__code__, tmp_path / "a.h5"
+    sky = glow_sky(step_deg=30.0, wavelength_nm=(500.0, 550.0))
+    write_sky(sky, path)
+    works = {
+        "write": lambda: write_sky(sky, path),
+        "read": lambda: read_sky(path),
+        "series": lambda: write_series([sky], path, {}, 1),
+    }
+    before, printed, reached = path.read_bytes(), [], 0
+    monkeypatch.setattr(sys, "unraisablehook", lambda found: printed.append(repr(found.exc_value)))
+    traced = sys.gettrace()
+    lines = sorted({line for _, _, line in code.co_lines() if line})
+    for stop in (*lines[:24:12], *lines[-20::3]):
+
+        def interrupt(frame, event, argument, stop=stop):
+            if event == "line" and frame.f_lineno == stop:
+                raise KeyboardInterrupt
+            return interrupt
+
+        sys.settrace(lambda frame, event, argument, stopping=interrupt: stopping if frame.f_code is code else None)
+        try:
+            works[work]()
+        except KeyboardInterrupt:
+            reached += 1
+            assert [p.name for p in tmp_path.iterdir()] == ["a.h5"] and path.read_bytes() == before
+        finally:
+            sys.settrace(traced)
+        write_sky(sky, path)
+        gc.collect()
+    assert reached > 2 and not printed, printed[:3]
 
 
 def test_provenance_fields_come_back_and_default_to_the_configuration_hash():

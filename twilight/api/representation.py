@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.io.netcdf import read_sky
+from twilight.io.netcdf import interruptible_h5netcdf, read_sky
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.series import SkySeries
 from twilight.sky.sky import Sky
@@ -280,6 +280,7 @@ def open_dataset(path: str) -> xarray.Dataset:
     try:
         if Path(path).is_dir():
             return xarray.open_zarr(path)
+        interruptible_h5netcdf()
         return xarray.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError, KeyError) as error:
         raise TwilightError(f"{path}: is neither a sky.h5, a series.nc nor a sweep ({first_line(error)})") from None

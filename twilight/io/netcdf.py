@@ -6,7 +6,9 @@ picture whose field is cached.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
 from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -67,6 +69,23 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
         made = made.assign_coords(time=time)
         made["time"].encoding = encoding
     return made
+
+
+@cache
+def interruptible_h5netcdf() -> Any:
+    """The module `h5netcdf`, whose files are silent where an interrupt leaves them half made.
+
+    An interrupt within the constructor of `h5netcdf.File` leaves an object without some of its attributes, whose
+    `__del__` then prints a traceback beside the one sentence that the user gets.
+    """
+    import h5netcdf  # start-up
+
+    def close(self: Any) -> None:
+        with suppress(AttributeError):
+            self.close()
+
+    h5netcdf.File.__del__ = close
+    return h5netcdf
 
 
 def _contents(sky: Sky) -> _Contents:
@@ -173,11 +192,7 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
     TwilightError
         Where the file cannot be written.
     """
-    import h5netcdf  # start-up
-
-    if not hasattr(h5netcdf.File, "_closed"):
-        # an interrupt within its constructor leaves an object without it, whose __del__ then prints a traceback
-        h5netcdf.File._closed = True
+    h5netcdf = interruptible_h5netcdf()
     contents = _contents(sky)
     # xarray takes what this attribute names for coordinates
     scalars = " ".join(sorted(name for name, (dims, *_) in contents.coordinates.items() if not dims))
@@ -252,6 +267,7 @@ def read_sky(path: str | Path) -> Sky:
 def _load(path: Path) -> xarray.Dataset:
     import xarray  # start-up
 
+    interruptible_h5netcdf()
     with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
         check_expansion(path, sum(variable.nbytes for variable in opened.variables.values()))
         return opened.load()
