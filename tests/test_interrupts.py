@@ -24,7 +24,7 @@ SCENE = f"""\
 version: 1
 climate: {{version: 1, name: test, refraction: {{model: none}}}}
 sun: {{elevations_deg: {SUNS}}}
-wavelengths: {{list_nm: [450, 550, 650]}}
+wavelengths: {{list_nm: [420, 490, 560, 630, 700]}}
 solver: {{name: cie, turbidity: 3}}
 texture: {{azimuth_count: 36, elevation_count: 9}}
 output: {{width: 64, spectral_width: 32}}
