@@ -73,7 +73,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
     that are twice as dense move that of any wavelength; steps that follow it made each term depend on the others.
 
     scaled: the medium with phase functions of the degree, and settings: of `settings_for`; of_terms: the columns
-    are some of the terms of bands whose clearest terms the grid of the range serves
+    are some of the terms of bands that are interpolated over the spectrum
     """
     clearest = _clearest(medium)
     clear = medium if clearest is None else medium.select(clearest)
@@ -128,6 +128,11 @@ def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
 
 
+def has_terms(medium: Medium) -> bool:
+    """Whether some columns are terms of exponential sums, which repeat their wavelength."""
+    return np.unique(medium.wavelength_nm).size < medium.n_wavelengths
+
+
 def serves_range(medium: Medium) -> np.ndarray:
     """Whether the grid of its range serves each wavelength of a medium that knows its air at fixed ones, (W,)."""
     ranges = np.array([range_of(w) for w in medium.wavelength_nm])
@@ -154,9 +159,9 @@ def _clearest(medium: Medium) -> np.ndarray | None:
 
     Terms repeat their wavelength (:mod:`twilight.atmosphere.bands`).
     """
-    nm, place = np.unique(medium.wavelength_nm, return_inverse=True)
-    if nm.size == medium.n_wavelengths:
+    if not has_terms(medium):
         return None
+    nm, place = np.unique(medium.wavelength_nm, return_inverse=True)
     order = np.lexsort((medium.optical_depth("absorption"), place))
     return order[np.searchsorted(place[order], np.arange(nm.size))]
 

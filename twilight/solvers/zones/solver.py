@@ -16,7 +16,7 @@ from twilight.solvers.base import Convergence, observer_at
 from twilight.solvers.zones.directions import thin_layers
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.layout import spectral_groups
+from twilight.solvers.zones.layout import has_terms, spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.solvers.zones.solve import solve
@@ -115,7 +115,7 @@ def _solved(
 ) -> Field:
     """The field of a medium, solved at one quality."""
     observer_at(medium, observer_altitude_km)
-    grids = FieldGrids.of(medium, settings, zenith_range_deg)
+    grids = FieldGrids.of(medium, settings, zenith_range_deg, interpolation is not None and interpolation.in_band)
     progress("sunbeam", 0.0)
     beam = grids.sunbeam()
     solutions: Sequence[Solution] = ()
@@ -217,7 +217,9 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
         For a file that is missing, broken or of another kind.
     """
     stored = read(path)
-    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg)
+    interpolated = stored.convergence is not None and stored.convergence.spectral_nodes is not None
+    of_terms = interpolated and has_terms(stored.medium)
+    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, of_terms)
     field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.asked = stored.asked
     return field

@@ -160,10 +160,7 @@ def interpolation(
     columns = wavelengths.size if terms is None else terms.weight.size
     if columns <= spectral_nodes.MIN_COLUMNS:
         return None
-    clearest = some
-    if terms is not None:
-        clearest = terms.expand(some, np.searchsorted(terms.wavelength_index, np.arange(wavelengths.size)))
-    if not serves_range(clearest).all():
+    if not serves_range(some).all():
         return None
     place = spectral_nodes.coordinates(some, terms)
     tolerance = spectral_nodes.TOLERANCE_IN_BANDS if in_band else spectral_nodes.TOLERANCE
