@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_sunbeam import ExactSunbeam
 
 from twilight.base.errors import TwilightError
 from twilight.config import load_climate
@@ -14,8 +15,10 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers import tables
 from twilight.solvers.tables import mapping as maps
 from twilight.solvers.tables.field import ViewRays
-from twilight.solvers.tables.passes import depths
+from twilight.solvers.tables.lookup import sunlight
+from twilight.solvers.tables.passes import depths, fill_depth
 from twilight.solvers.tables.solve import harmonics, make_mapping
+from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import species_phase
 
 SMALL = replace(
@@ -162,6 +165,30 @@ def test_transmittance_is_exact(air, once):
         r, top = 6360.0 + height, 6420.0
         length = -r * mu + math.sqrt((r * mu) ** 2 + top * top - r * r)
         np.testing.assert_allclose(found, exact_depth(once.scaled.medium, height, mu, length), rtol=2e-3)
+
+
+@pytest.mark.parametrize(("climate", "most"), [("bruneton2008", 0.001), ("continental-average", 0.06), ("urban", 0.22)])
+def test_sunlight_between_the_texels_of_transmittance(climate, most):
+    """95 % of suns from -4 to 20 deg at altitudes beside the haze's top: what 64 x 256 texels and straight lines hold.
+
+    In the paper's smooth air all are right to 0.5 %.  Across the top of haze, where the depth along the horizon falls
+    from several to a tenth within a millimetre, no layout of this size is: `urban` is off by 20 %.
+    """
+    medium = climate_medium(load_climate(climate), np.array([550.0]))
+    t_mapping = make_mapping(tables.QUALITIES["standard"], medium.earth_radius_km, medium.top_km)
+    depth = np.zeros((t_mapping.n_t_r, t_mapping.n_t_mu, 1))
+    fill_depth(prepare_profile(medium), t_mapping, depth, 0, t_mapping.n_t_r)
+    exact, off, out = ExactSunbeam(medium, refraction=False), [], np.empty(1)
+    mu_s = np.sin(np.radians(np.linspace(-4.0, 20.0, 161) + 0.003))
+    for altitude in (0.0, 0.2, 1.0, 1.9, 1.999, 2.001, 2.2, 5.0, 20.0):
+        expected = np.exp(-exact.straight_depth(np.full(mu_s.size, altitude), mu_s))
+        for cosine, passed in zip(mu_s, expected, strict=True):
+            if passed > 1e-3:
+                assert sunlight(t_mapping, depth, altitude, cosine, out)
+                off.append(abs(out[0] / passed - 1.0))
+    assert len(off) > 1000
+    assert np.percentile(off, 95) < most
+    assert climate != "bruneton2008" or max(off) < 0.005
 
 
 @pytest.mark.parametrize("scene", SCENES)
