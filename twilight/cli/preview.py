@@ -60,7 +60,6 @@ def preview_of(config: Config, sun: str) -> Preview | None:
     from twilight.solvers.compact.compact_sky import CompactSky
 
     facts = CompactSky.load(path).provenance
-    error = max(e["p95"] for e in facts["errors"])
     solver = {"name": "compact", "quality": "standard", "model": str(path)}
     observer = config.observer.model_copy(update={"view": None})
     like = config.model_copy(update={"solver": solver, "observer": observer, "wavelengths": None})
@@ -71,8 +70,16 @@ def preview_of(config: Config, sun: str) -> Preview | None:
                 sky = _sky(like.model_copy(update={"climate": climate}), sun)
             except TwilightError:
                 continue
+            error = error_of(facts["errors"], sky.sun_elevation_deg)
             return Preview(sky, config.climate.name, facts["quality"], error, climate is not config.climate)
     return None
+
+
+def error_of(errors: list[dict[str, Any]], sun_elevation_deg: float) -> float:
+    """The 95 % figure of the narrowest range of suns that holds this one, as the model's file has them."""
+    inside = [e for e in errors if e["sun_elevation_deg"][0] <= sun_elevation_deg <= e["sun_elevation_deg"][1]]
+    around = min(inside, key=lambda e: e["sun_elevation_deg"][1] - e["sun_elevation_deg"][0])
+    return float(around["p95"])
 
 
 def _has_one(config: Config) -> bool:
