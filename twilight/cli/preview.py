@@ -56,8 +56,8 @@ def preview_of(config: Config, sun: str) -> Preview | None:
     path = MODELS / f"{config.climate.name}.npz"
     if not path.is_file() or not _has_one(config):
         return None
-    from twilight.config.load import load_climate
-    from twilight.solvers.compact.compact_sky import CompactSky
+    from twilight.config.load import load_climate  # start-up
+    from twilight.solvers.compact.compact_sky import CompactSky  # start-up
 
     facts = CompactSky.load(path).provenance
     solver = {"name": "compact", "quality": "standard", "model": str(path)}
@@ -84,7 +84,7 @@ def error_of(errors: list[dict[str, Any]], sun_elevation_deg: float) -> float:
 
 def _has_one(config: Config) -> bool:
     """Whether a model shows what the configuration asks for: its sky of light scattered several times, as a picture."""
-    from twilight import solvers
+    from twilight import solvers  # start-up
 
     o, (name, _, settings) = config.output, config.chosen_solver
     able = solvers.load(name).CAPABILITIES
@@ -94,16 +94,16 @@ def _has_one(config: Config) -> bool:
 
 
 def _sky(config: Config, sun: str) -> Sky:
-    from twilight.engine.frames import frames
-    from twilight.scene import resolve
+    from twilight.engine.frames import frames  # start-up
+    from twilight.scene import resolve  # start-up
 
     return next(iter(frames(resolve(config), wanted={sun}, keep=False, numpy_only_sun=True))).sky
 
 
 def wait_s(config: Config, compiles: bool) -> float | None:
     """Processor seconds until the sky of a configuration is there, about, where they are worth a preview; else None."""
-    from twilight.engine.memory import full_cost
-    from twilight.scene import resolve
+    from twilight.engine.memory import full_cost  # start-up
+    from twilight.scene import resolve  # start-up
 
     seconds = full_cost(resolve(config, for_plan=True)).cpu_s
     if compiles:
@@ -134,8 +134,8 @@ def shown(config: Config, sun: str, folder: Path) -> Iterator[None]:
 
 def draw(preview: Preview, output: Any, path: Path) -> None:
     """Write the picture of a preview, with the settings of `output`."""
-    from twilight.io.picture import develop_view, label_of, save_png
-    from twilight.sky.tone import tone_of
+    from twilight.io.picture import develop_view, label_of, save_png  # start-up
+    from twilight.sky.tone import tone_of  # start-up
 
     tone = tone_of(
         output.tone_mapping,

@@ -26,7 +26,7 @@ GRID = SkySplines(
 )
 RANKS = {"dark": (50, 24, 8, 1), "ground": (16, 10, 4, 1)}
 """Of direction, sun, wavelength and amount."""
-FITTED_BY = {"name": "zones", "quality": "draft", "polarisation": True, "expert": {"polar_directions": 14}}
+FITTED_BY = {"name": "zones", "quality": "draft"}
 """The solver of the skies that a model is fitted to."""
 GROUND_SUNS = 2
 """The light of the ground is computed for one sun in this many."""
@@ -46,7 +46,7 @@ def fit_preview(name: str, progress: Progress | None = None) -> CompactSky:
     """
     tell = progress or silent
     config = preview_config(name, FITTED_BY)
-    solver_name, quality, settings = config.chosen_solver
+    solver_name, _, settings = config.chosen_solver
     solver = solvers.load(solver_name)
     own = climate_medium(config.climate, wavelengths_of(config))
     wavelength = own.wavelength_nm
@@ -84,8 +84,9 @@ def fit_preview(name: str, progress: Progress | None = None) -> CompactSky:
         returned=fraction[:, None].astype(np.float32),
         air=air_of([own], wavelength, absorbed - of_ozone, of_ozone),
     )
-    errors = errors_of(model, [_judge(name, model, depth, part_of(tell, 0.7, 0.3, "usual quality:"))])
-    return replace(model, provenance=_facts(config, quality, errors))
+    usual = preview_config(name, {"name": "zones"})
+    errors = errors_of(model, [_judge(usual, model, depth, part_of(tell, 0.7, 0.3, "usual quality:"))])
+    return replace(model, provenance=_facts(config, usual.chosen_solver.quality, errors))
 
 
 def _lit(skies: Skies) -> Skies:
@@ -118,9 +119,8 @@ def _nothing(suns: int, wavelengths: int) -> TuckerTerm:
     )
 
 
-def _judge(name: str, model: CompactSky, depth: float, tell: Progress) -> Skies:
-    """Skies of the climate over its own ground by `zones` at its usual quality, of random suns and directions."""
-    config = preview_config(name, {"name": "zones"})
+def _judge(config: Config, model: CompactSky, depth: float, tell: Progress) -> Skies:
+    """Skies of a configuration over its climate's own ground, of random suns and directions."""
     solver_name, _, settings = config.chosen_solver
     medium = climate_medium(config.climate, wavelengths_of(config))
     rng = np.random.default_rng(training.HELD_OUT_SEED)
@@ -133,14 +133,14 @@ def _judge(name: str, model: CompactSky, depth: float, tell: Progress) -> Skies:
     return skies_in(medium, air, solvers.load(solver_name), settings, suns, chosen.__getitem__, tell)
 
 
-def _facts(config: Config, quality: str, errors: tuple[Errors, ...]) -> dict[str, Any]:
+def _facts(config: Config, judge: str, errors: tuple[Errors, ...]) -> dict[str, Any]:
     asked = {"climate": config.climate.model_dump(mode="json", exclude_none=True), "solver": FITTED_BY}
     return {
         "version": __version__,
         "hash": configuration_hash(asked),
         "climate": config.climate.name,
         "solver": "zones",
-        "quality": quality,
+        "quality": judge,
         "errors": [
             {"sun_elevation_deg": list(e.sun_elevation_deg), "median": round(e.median, 5), "p95": round(e.p95, 5)}
             for e in errors
