@@ -11,7 +11,7 @@ import numpy as np
 from twilight.jit.kernels import njit
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def weights(f):
     """Cubic Lagrange weights for nodes 0, 1, 2, 3.
 
@@ -25,7 +25,7 @@ def weights(f):
     return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def even_nodes(position, n):
     """First of four nodes and the position behind it.
 
@@ -35,13 +35,13 @@ def even_nodes(position, n):
     return first, position - first
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def cubic(pool, at, w0, w1, w2, w3):
     """Four values of the pool from the place `at` on, weighted."""
     return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
     """Sixteen values of the pool at `at` + i row + k step, weighted with w_i v_k, i and k being 0 to 3.
 

@@ -88,7 +88,7 @@ class Beam(NamedTuple):
         return int(self.pool.nbytes + self.layout.nbytes)
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _locate(pool, index, value, low, bins, at, n, at_hash):
     """First of four nodes and the position behind it (0..3) for the value of a coordinate that is cut in segments.
 
@@ -112,13 +112,13 @@ def _locate(pool, index, value, low, bins, at, n, at_hash):
     return int(pool[k + 4]) + first, position - first
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _limb_node(pool, index, p):
     """First of four nodes among the rays' lowest points, and the position behind it, of the invariant p [km]."""
     return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _ray(pool, index, z, c):
     """The ray of the reference wavelength at a point inside the air.
 
@@ -213,7 +213,7 @@ def _ray_from_space(pool, index, z, c):
     return True, bending, p, -math.sqrt((r - p) * (r + p))
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _place(pool, index, altitude_km, cos_sun_zenith):
     """What `_ray` returns; altitude node -1 above the top of the air."""
     c = min(1.0, max(-1.0, cos_sun_zenith))
@@ -228,7 +228,7 @@ def _place(pool, index, altitude_km, cos_sun_zenith):
     return lit, bending, slope, p, u, jz, fz
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _place_up(index, p, u, jz):
     """Offset of the first of the sixteen values from above at wavelength 0, and the position behind its cosine node.
 
@@ -240,7 +240,7 @@ def _place_up(index, p, u, jz):
     return index[AT_UP] + (jz * (n_c + 1) + m) * index[N_W], fm
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _place_down(pool, index, p, u):
     """(first distance node, position behind it, shift of the lowest point per unit of dispersion [km])."""
     n_d = index[N_DISTANCE]
@@ -256,7 +256,7 @@ def _place_down(pool, index, p, u):
     return d, fd, shift
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _of_edges(pool, index, w, z, xx, u):
     """Optical depth at edges of layers of a wavelength's own ray, of n r cos i = `u` [km], to a point of (n r)^2 = `xx`
     [km^2]."""

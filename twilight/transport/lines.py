@@ -270,7 +270,7 @@ def per_scattering(profile, altitude_km, weight, out):
         out[w] = weight[w] / total if total > 0.0 else 0.0
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _put(row, z, psi, a, s):
     """Fill a point's row (4,) of `Line`."""
     row[ALTITUDE] = z

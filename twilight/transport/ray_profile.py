@@ -107,7 +107,7 @@ def layer_above(profile, altitude_km):
     return lo
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def index_in(c, f):
     """n - 1 in a layer and its change dn/df.
 
@@ -119,7 +119,7 @@ def index_in(c, f):
     return exponential + c[INDEX + SLOPE] * f, change
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def extinction_in(c, f):
     """Extinction [km^-1] in a layer; c, f: as of `index_in`."""
     extinction = c[AIR + SLOPE] * f

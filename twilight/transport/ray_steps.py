@@ -39,7 +39,7 @@ SHORTEST_KM = 1e-6
 """Optical depth shortens no step to less [km]."""
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _ray_curvature(profile, z):
     """da/ds over cos a of a level ray, 1/(R + z) + d ln n/dz, and dpsi/ds over cos a, 1/(R + z), at altitude z."""
     i, f = locate(profile, z)

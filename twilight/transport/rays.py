@@ -88,7 +88,7 @@ def _snell(p, x, uu, x_beyond, uu_beyond):
     return -math.asin(max(-1.0, min(1.0, sine)))
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
     """`path` with what a ray collects in layer i; its u_km is left as it was.
 

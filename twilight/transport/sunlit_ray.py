@@ -56,7 +56,7 @@ class Phases(NamedTuple):
     of_ray: np.ndarray
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def cos_sun(angle, to_sun, cos_azimuth):
     """Cosine of the solar zenith angle at a geocentric `angle` [rad] from the start of a ray.
 
@@ -139,7 +139,7 @@ def _add_part(beam, rays, fraction, row, k, begin, end, square, parts, light, de
                         piece[2, s, w] += source * lowered
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def turned(beam, phases, stokes, d, s, w, lifted, lowered, floor):
     """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered.
 
@@ -247,7 +247,7 @@ def along(beam, rays, fraction, r, row, phases, d, floor, other, room, moments):
                     moments[2, s, w] += source * bent[j, 1]
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def _error(place, weight, logarithm, part, k0, before, i, after, all_lit, total):
     """By how much of all light in the direction a step that is not cut may be wrong, and how much the logarithm of the
     sunlight changes in it where that is too much.

@@ -68,7 +68,7 @@ def reference_turns(rays, elevation: np.ndarray, lift: float) -> tuple[float, np
     return max(lift, MIN_TURN_RAD), np.maximum(lowered, MIN_TURN_RAD)
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def fine_interval(fine, angle, low, high):
     """Interval j of a fine grid of solar zenith angles that holds `angle`, within low..high, and the way into it.
 

@@ -70,7 +70,7 @@ class SlabSource(NamedTuple):
     by_spin2: np.ndarray
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def fill_slab_source(point, k, light, rule, series, low, high, source):
     """Fill the `SlabSource` at the altitude and in the polar angle of point k, over nodes low..high of the solar zenith
     angle."""
@@ -196,7 +196,7 @@ def add_spin2(point, k, ratio, series, nodes, per_interval, by_spin2, amplitude)
             start += series.degree + 1 - m
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def empty_slab_source(point, light, rule, series):
     """An empty `SlabSource`."""
     n_fine, n_spin2 = rule.node.shape[0], point.spin2_x.shape[1]
@@ -208,7 +208,7 @@ def empty_slab_source(point, light, rule, series):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def sum_intensity(amplitudes, j, b0, b1, c, highest):
     """I over the mean, `Lanes`, at an azimuth.
 
@@ -224,7 +224,7 @@ def sum_intensity(amplitudes, j, b0, b1, c, highest):
     return amplitude
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def sum_q_and_u(amplitudes, j, b0, b1, c, first, azimuthal_orders):
     """Q and U over the mean, `Lanes` each; amplitudes of Q begin at column `first`, azimuthal_orders: of each.
 

@@ -215,7 +215,7 @@ def place_of_cosine(cosine: np.ndarray) -> np.ndarray:
     return np.interp(cosine, cosines(), np.arange(N_COSINES))
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def add_amplitudes(log_ground, amplitudes, j, b1, place, c, transmittance, out):
     """Add the reflected sky to out (S, LANES); amplitudes (T', N_COSINES, S', orders, LANES) of S' >= S parameters.
 
@@ -294,7 +294,7 @@ def add_reflected(geometry, place, log_ground, amplitudes, cosine_place, transmi
             add_amplitudes(log_ground, amplitudes, j, x - j, cosine_place, c, transmittance, sums[t, a])
 
 
-@njit(cache=True, inline="always")
+@njit(inner=True, cache=True, inline=True)
 def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
     """Sunlight that water mirrors, added to out (S, W): light (W,) is the irradiance normal to the beam.
 
