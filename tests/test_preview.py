@@ -126,7 +126,7 @@ def test_a_render_has_one_until_its_sky_is_there(tmp_path, monkeypatch, off):
     write = render_files._write
     monkeypatch.setattr(render_files, "_write", spy)
     command = ["render", "pure-air", "--quality", "draft", "--only", "png", "--output", str(tmp_path / "sky")]
-    options = ["--set", "wavelengths={wavelength_nm: [550]}", "--set", "sun.elevation_deg=-4"]
+    options = ["--set", "wavelengths={list_nm: [550]}", "--set", "sun.elevation_deg=-4"]
     result = CliRunner().invoke(app, [*command, *options, *(["--no-preview"] if off else [])])
     assert result.exit_code == 0, result.output
     assert seen == [not off]

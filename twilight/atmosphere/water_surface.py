@@ -52,7 +52,7 @@ def mean_square_slope(wind_speed_m_s: float) -> float:
     return 0.003 + 0.00512 * wind_speed_m_s
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def fresnel(cos_incidence, index):
     """Amplitudes (rp, rs) reflected by a flat surface; both -1 at grazing angles.
 
@@ -63,14 +63,14 @@ def fresnel(cos_incidence, index):
     return (index * index * c - inside) / (index * index * c + inside), (c - inside) / (c + inside)
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def flat_reflectance(cos_incidence, index):
     """Fraction of unpolarised light that a flat surface reflects; cos_incidence, index: as in `fresnel`."""
     rp, rs = fresnel(cos_incidence, index)
     return 0.5 * (rp * rp + rs * rs)
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def smith_lambda(cosine, slope2):
     """Smith's Lambda: facets hidden from a zenith angle over those seen.
 
@@ -85,7 +85,7 @@ def smith_lambda(cosine, slope2):
     return 0.5 * (math.exp(-v * v) / (math.sqrt(math.pi) * v) - math.erfc(v))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def glitter(mu_in, mu_out, cos_scatter, index, slope2):
     """(P11, P12, P33) [sr^-1]: radiance (I, Q, U) reflected over the irradiance normal to an incoming beam.
 
@@ -106,7 +106,7 @@ def glitter(mu_in, mu_out, cos_scatter, index, slope2):
     return 0.5 * factor * (rp * rp + rs * rs), 0.5 * factor * (rp * rp - rs * rs), factor * rp * rs
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def facet_density(mu_in, mu_out, cos_scatter, slope2):
     """Density [sr^-1] of mirrored directions where facets are drawn by their slopes alone.
 

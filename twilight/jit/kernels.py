@@ -79,15 +79,18 @@ class InnerKernel:
         )
 
 
-def njit(*, inner: bool = False, inline: bool = False, makes_arrays: bool = True, **options: Any) -> Callable[..., Any]:
+def njit(
+    *, inner: bool = False, inline: bool | str = False, makes_arrays: bool = True, **options: Any
+) -> Callable[..., Any]:
     """numba's `njit` with these options: `cache`, `nogil`, `fastmath`; a division by 0 gives inf or nan.
 
     inner: kernels alone call it; Python gets an `InnerKernel`.  inline: it becomes a part of the machine code of those
-    that call it.  makes_arrays: whether it makes any; those that it is handed are then not counted.
+    that call it; "always": by numba, of its Python code.  makes_arrays: whether it makes any; those that it is handed
+    are then not counted.
     """
     # numba's own types do not list the last three
     made: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
-    made["forceinline"] = inline
+    made |= {"forceinline": True} if inline is True else {"inline": inline or "never"}
     if not makes_arrays:
         made["_nrt"] = False
     compiled: Callable[..., Any] = numba.njit(**made, **options)

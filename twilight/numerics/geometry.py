@@ -7,7 +7,7 @@ import math
 from twilight.jit.kernels import njit
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def altitude_along(altitude_km, cos_zenith, distance_km, earth_radius_km):
     """Altitude [km] after `distance_km` along a straight line that starts at `altitude_km`.
 
@@ -19,7 +19,7 @@ def altitude_along(altitude_km, cos_zenith, distance_km, earth_radius_km):
     return altitude_km + d / (math.sqrt(max(r * r + d, 0.0)) + r)
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def distance_to_sphere(altitude_km, cos_zenith, target_altitude_km, earth_radius_km):
     """Distance [km] along a line to the sphere at `target_altitude_km`, or -1 where the line does not meet it ahead.
 

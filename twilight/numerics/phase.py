@@ -29,7 +29,7 @@ RATIO_P12, RATIO_P22, RATIO_P33, RATIO_P34 = range(4)
 """Rows of a table of ratios: of these elements of the phase matrix to P11."""
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def rayleigh_phase(cos_angle, depolarisation):
     """Rayleigh phase function [sr^-1] of air with depolarisation factor rho (0 gives 3/(16 pi)(1 + cos^2)).
 
@@ -43,7 +43,7 @@ def rayleigh_phase(cos_angle, depolarisation):
     )
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def rayleigh_matrix(cos_angle, depolarisation):
     """(P11, P12, P22, P33) [sr^-1] of air with depolarisation factor rho, for natural light.
 
@@ -57,7 +57,7 @@ def rayleigh_matrix(cos_angle, depolarisation):
     return p22 + (1.0 - delta) / (4.0 * math.pi), -part * (1.0 - c * c), p22, 2.0 * part * c
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def henyey_greenstein(cos_angle, asymmetry):
     """Henyey-Greenstein phase function [sr^-1]; Haber 2005 eq. 1.
 
@@ -68,7 +68,7 @@ def henyey_greenstein(cos_angle, asymmetry):
     return (1.0 - asymmetry * asymmetry) / (4.0 * math.pi * d * math.sqrt(d))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def table_matrix(cos_angle, log_table_row, ratios):
     """(P11, P12, P22, P33) [sr^-1] from one row of a table: log_table_row (N,) of ln P11 and ratios (4, N) to it.
 
@@ -263,7 +263,7 @@ def phase_arrays(phase_functions: Sequence[PhaseFunction], n_wavelengths: int) -
     return PhaseArrays(kinds, asymmetry, tables, ratios)
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def aerosol_matrix(kind, asymmetry, log_table_row, ratios, cos_angle):
     """(P11, P12, P22, P33) [sr^-1] of one phase function at one wavelength.
 

@@ -34,7 +34,7 @@ SHADOW_GROWTH = 0.002
 """Length of a step towards the sun over the distance from the place."""
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def bilinear(z, u, v):
     """z (rows, columns) at the place (u, v), column u and row v; far below beyond its edges."""
     rows, columns = z.shape
@@ -45,7 +45,7 @@ def bilinear(z, u, v):
     return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def height_at(field, x, y):
     """Altitude [km] of the ground at a place [km], bilinear; far below beyond the field."""
     u = (field.cos_turn * x - field.sin_turn * y - field.low_x_km) / field.step_x_km
@@ -165,7 +165,7 @@ class ShadowGrid(NamedTuple):
     highest_km: float
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def shadow_at(shadow, x, y):
     """The shadow's altitude [km] over a place, bilinear; none beyond its grid.  shadow: `ShadowGrid`."""
     u, v = (x - shadow.low_x_km) / shadow.step_km, (y - shadow.low_y_km) / shadow.step_km

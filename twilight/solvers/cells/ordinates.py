@@ -143,7 +143,7 @@ def _sunlight(profile, beam, ray, points, lands, to_sun, phase, ground_albedo, l
             out[w] += ray.line.transmittance[w] * ground_albedo[w] / math.pi * light[w]
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(cache=True, inline="always")
 def _unit(x, z, dx, dy, dz, s, out):
     """Unit vector into out (3,) from the centre of the Earth to the point s [km] along (dx, dy, dz) from (x, 0, z)."""
     px, py, pz = x + s * dx, s * dy, z + s * dz

@@ -318,7 +318,7 @@ def locate(air, z, first, last):
     return locate_level(air.level_km, air.bin_start, air.bins_per_km, air.per_km, z, first, last)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def air_at(air, w):
     """The air at the wavelength of the index w."""
     return MonochromaticAir(
@@ -333,25 +333,25 @@ def air_at(air, w):
     )
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def place_in(at, z, first, last):
     """`locate_level` in the levels of a `MonochromaticAir`: altitude z [km], between the levels `first` and `last`."""
     return locate_level(at.level_km, at.bin_start, at.bins_per_km, at.per_km, z, first, last)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def column(table, i, f, c):
     """Coefficient [km^-1] of a table (N, 2 + C) of one wavelength at the place (i, f) of the levels; c: its column."""
     return table[i, c] * (1.0 - f) + table[i + 1, c] * f
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def interpolate(air, w, i, f, column):
     """Coefficient [km^-1] at the wavelength w and the place (i, f) of the levels; column: of `MonteCarloAir.table`."""
     return air.table[w, i, column] * (1.0 - f) + air.table[w, i + 1, column] * f
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
     """Integral from the ground of extinction x (c0 + c1 h + c2 h^2) to the fraction f of the way above level i.
 
@@ -371,7 +371,7 @@ def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
     )
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def depth_from_ground(at, i, f, c0, c1, c2):
     """`weighted_depth` from the ground to the place (i, f) of the levels of a `MonochromaticAir`.
 

@@ -106,7 +106,7 @@ def _fill(beam, table, first, end):
             _entry(beam, z, COSINE_SCALE * t / (1.0 + COSINE_SCALE - t), w, table.high[w, a, n])
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def lowest_drop(r, cosine):
     """How far [km] the lowest point of a straight line lies below a point at the radius r [km]: r (1 - sine).
 

@@ -142,7 +142,7 @@ def empty_importance(air: MonteCarloAir, depth: np.ndarray) -> ImportanceTables:
     )
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def altitude_place(place_of_root, n_altitudes, root):
     """(i, fraction) among the altitudes of the tables.
 
@@ -190,7 +190,7 @@ def source_directions() -> np.ndarray:
     return np.stack(parts, axis=-1).reshape(N_SOURCE, 3)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_to_sun):
     """Logarithm of the source function [sr^-1]: diffuse light scattered towards the viewer per unit of scattering.
 
@@ -210,7 +210,7 @@ def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_t
     ) * a
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def log_ground_light(importance, w, cos_sun):
     """Logarithm of the diffuse irradiance on the ground, over F0.
 
@@ -234,7 +234,7 @@ def log_light_from(importance, w, z, cos_sun, cell):
     return lower * (1 - a) + upper * a
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def horizon_sine(importance, z):
     """Sine of the elevation of the geometric horizon at the altitude z [km]: 0 or less."""
     height = max(0.0, z - importance.bottom_km)
@@ -242,7 +242,7 @@ def horizon_sine(importance, z):
     return -math.sqrt(height * (r + importance.ground_radius_km)) / r
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def row_sine(g, horizon):
     """Sine of the elevation at a height of the cells; see :class:`ImportanceTables`.
 
@@ -340,7 +340,7 @@ def weigh_cells(importance, air, w, node, place, horizon, heading, on_ground, cu
     return total
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def draw_from(cumulative, x):
     """First index whose running sum exceeds x.
 
@@ -357,7 +357,7 @@ def draw_from(cumulative, x):
     return lo
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def sampling_cell(cosine):
     """Cell of the sampling tables of `air` that holds a scattering angle.
 

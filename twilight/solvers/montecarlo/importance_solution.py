@@ -154,7 +154,7 @@ def _store(importance: ImportanceTables, w: int, phase: np.ndarray, radiance: np
     importance.cell_fraction[w] = np.where(lit[..., None], weighted / np.where(lit, total, 1.0)[..., None], isotropic)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def _to_node(importance, node, to_sun):
     """Indices (i, j) of a node among altitudes and suns; to_sun (3,): filled with the sun's direction there.
 

@@ -56,7 +56,7 @@ def species_polarising(air, w, c, cosine):
     return p11, p12
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def double_angle(a, b):
     """(cos 2 phi, sin 2 phi) of the direction with the components (a, b) along e and f; (1, 0) for none."""
     h = a * a + b * b
@@ -65,7 +65,7 @@ def double_angle(a, b):
     return (a * a - b * b) / h, 2.0 * a * b / h
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def components(e, d, x, y, z):
     """(v . e, v . f) of a vector v = (x, y, z), where f = e x d; e (3,), d (3,): unit vectors normal to one another."""
     a = e[0] * x + e[1] * y + e[2] * z

@@ -96,7 +96,7 @@ def new_leg(n_species, pieces, chords):
     return Leg(np.empty((pieces, PIECE_COLUMNS)), np.empty((chords, CHORD_COLUMNS)), np.empty((n_species, 3, 2)))
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def depth_within(lower, middle, upper, length, f):
     """Optical depth from the start of a piece in a shell to its fraction f: Simpson's parabola, integrated.
 
@@ -109,7 +109,7 @@ def depth_within(lower, middle, upper, length, f):
     )
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def depth_inside(air, w, piece, t, i, f):
     """Optical depth from the start of a piece (a row of `pieces`) to its fraction t, the place (i, f) of the levels.
 
@@ -126,7 +126,7 @@ def depth_inside(air, w, piece, t, i, f):
     )
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def secant_parabola(radius, bottom, enter_km, leave_km, u):
     """(c0, c1, c2): secant of a line as c0 + c1 h + c2 h^2 of the height h above the ground, exact at three points.
 
@@ -145,7 +145,7 @@ def secant_parabola(radius, bottom, enter_km, leave_km, u):
     return f0 - slope * h + c2 * h * h, slope - 2.0 * c2 * h, c2
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def depth_or_extinction(at, by_layer, z, first, last, c0, c1, c2):
     """Optical depth from the ground (`by_layer`), else extinction [km^-1], at an altitude z [km] between two levels.
 
@@ -157,7 +157,7 @@ def depth_or_extinction(at, by_layer, z, first, last, c0, c1, c2):
     return column(at.table, i, f, EXTINCTION)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def without_ground(n, chord, light_i, light_q, light_u, transmittance):
     """`LegTotals` of a leg that ends in the air or in space.
 
@@ -167,7 +167,7 @@ def without_ground(n, chord, light_i, light_q, light_u, transmittance):
     return LegTotals(n, chord, light_i, light_q, light_u, 0.0, -1.0, transmittance, 0.0)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def no_room(light_i, light_q, light_u):
     """`LegTotals` of a leg that needs more pieces or chords than there is memory for.
 

@@ -13,7 +13,7 @@ MIX_2 = np.uint64(0x94D049BB133111EB)
 TO_UNIT = 2.0**-53
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def mix(z):
     """The finaliser of SplitMix64: a bijection of 64-bit integers z (uint64) that leaves no visible order."""
     z = (z ^ (z >> np.uint64(30))) * MIX_1
@@ -21,7 +21,7 @@ def mix(z):
     return z ^ (z >> np.uint64(31))
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def uniform(stream):
     """Next number in [0, 1) of a stream (an array of one uint64, advanced in place)."""
     stream[0] += GOLDEN

@@ -55,7 +55,7 @@ SMOOTH = 0.2
 """A secant counts as a parabola where the square of the cosine changes by less than this from the middle of a layer."""
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def radius_and_cosine(ray):
     """(radius [km] of the start of a ray (9,), cosine of its direction to the vertical there)."""
     x, y, z = ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2]
@@ -63,7 +63,7 @@ def radius_and_cosine(ray):
     return r, (x * ray[DIRECTION] + y * ray[DIRECTION + 1] + z * ray[DIRECTION + 2]) / r
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def altitude_at(z, r, mu, s):
     """Altitude [km] at the distance s [km] of a line.
 
@@ -73,7 +73,7 @@ def altitude_at(z, r, mu, s):
     return z + q / (r + math.sqrt(max(0.0, r * r + q)))
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def distance_up(z, r, mu, z_shell):
     """Distance [km] to a sphere above along a line that climbs, or has mu < 0 and passes its lowest point first.
 
@@ -88,7 +88,7 @@ def distance_up(z, r, mu, z_shell):
     return d - b
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def distance_down(z, r, mu, z_shell):
     """Distance [km] to a sphere below along a falling line, or -1 if the line does not reach it.
 
@@ -116,14 +116,14 @@ def refractivity_at(air, w, altitude):
     return air.refractivity[w, i] * (1.0 - f) + air.refractivity[w, i + 1] * f
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def refractivity_on_ray(air, w, ray):
     """n - 1 at the start of a ray (9,), that of the ground below it."""
     r, _ = radius_and_cosine(ray)
     return refractivity_at(air, w, max(air.shell_km[0], r - air.earth_radius_km))
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def relative_index(refractivity, i, f, at_start):
     """(n_start / n)^2; refractivity (N,) of one wavelength, (i, f) a place among the levels, at_start: n_start - 1."""
     nu = refractivity[i] * (1.0 - f) + refractivity[i + 1] * f
@@ -280,7 +280,7 @@ NO_ROOM = 3
 """The leg needs more chords than there is memory for, or is longer than LONGEST_KM."""
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def before_leg():
     """The `Stretch` that `next_stretch` begins a leg with; another one follows."""
     # plain numbers would be types of their own, and two kinds of Stretch
@@ -292,7 +292,7 @@ def before_leg():
     return Stretch(chord, none, false, true, 0.0, 0.0, 0.0, 0.0, 0.0, zero, zero, zero, false, false, zero)
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def next_stretch(air, w, bent, sag_km, layers, before, ray, chords):
     """The `Stretch` of a leg that follows the stretch `before`; where a new chord begins, it is stored.
 

@@ -29,7 +29,7 @@ class SolarBeam(NamedTuple):
     exact_beam_fraction: float
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def lifted_sun(x, y, z, to_sun, mu_sun, bending):
     """The apparent direction of the sun at a point (x, y, z), lifted by `bending` [rad] towards the vertical.
 
@@ -125,7 +125,7 @@ def fill_phases(air, w, ray, to_sun, polarised, phases):
             phases[c, k, 1] = (phases[c, k, 1] - phases[c, k, 0]) / BENDING_STEP_RAD
 
 
-@njit(inline=True, **INNER)
+@njit(inline="always", **INNER)
 def tabulated_sunlight(table, i, f, phases, irradiance, bending, polarised):
     """(I, Q, U) [sr^-1 km^-1] as `sunlight`, from phases (C, 3, 2) of a `Leg`, linear in the sun's bending [rad].
 

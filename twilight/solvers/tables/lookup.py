@@ -26,7 +26,7 @@ DARK = np.float32(1e-30)
 """What a texel without light holds where logarithms are interpolated."""
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(cache=True, inline="always")
 def _split(position, count):
     """(node below, fraction of the way to the next) of a position, 0 to count - 1; position: in texels; count: of the
     texels.

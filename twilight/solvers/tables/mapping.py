@@ -60,13 +60,13 @@ class Mapping(NamedTuple):
     half_sines: bool = False
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def horizon_km(mapping, height_km):
     """rho: distance to the horizon from a height above the ground."""
     return math.sqrt(max(0.0, height_km * (2.0 * mapping.bottom_km + height_km)))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def meets_ground(mapping, height_km, mu):
     """Whether a ray ends on the ground; one along the horizon does not."""
     if mu >= 0.0:
@@ -76,7 +76,7 @@ def meets_ground(mapping, height_km, mu):
     return r * r * mu * mu > rho * rho
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def distance_to_ground_km(mapping, height_km, mu):
     """d, for a ray that ends on the ground."""
     r = mapping.bottom_km + height_km
@@ -85,7 +85,7 @@ def distance_to_ground_km(mapping, height_km, mu):
     return rho * rho / max(root - r * mu, 1e-12)
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def distance_to_top_km(mapping, height_km, mu):
     """d, for a ray that ends on the top."""
     r = mapping.bottom_km + height_km
@@ -96,7 +96,7 @@ def distance_to_top_km(mapping, height_km, mu):
     return c / (b + root) if b > 0.0 else root - b
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def sun_texel(mapping, mu_s):
     """Position of mu_s."""
     last = mapping.n_mu_s - 1
@@ -111,7 +111,7 @@ def sun_texel(mapping, mu_s):
     return last * min(1.0, max(0.0, u))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def sun_cosine(mapping, texel):
     """mu_s at a position."""
     u = texel / (mapping.n_mu_s - 1)
@@ -125,35 +125,35 @@ def sun_cosine(mapping, texel):
     return min(1.0, max(-1.0, (far * far - d * d) / (2.0 * mapping.bottom_km * d)))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def angle_texel(mapping, nu):
     """Position of nu, the cosine of the scattering angle."""
     u = 0.5 * (1.0 + min(1.0, max(-1.0, nu)))
     return (mapping.n_nu - 1) * (1.0 - math.sqrt(1.0 - u) if mapping.half_sines else u)
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def angle_cosine(mapping, texel):
     """nu at a position."""
     u = texel / (mapping.n_nu - 1)
     return 1.0 - 2.0 * (1.0 - u) ** 2 if mapping.half_sines else 2.0 * u - 1.0
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def height_texel(mapping, height_km):
     """Position of r."""
     u = horizon_km(mapping, height_km) / horizon_km(mapping, mapping.thickness_km)
     return (mapping.n_r - 1) * min(1.0, max(0.0, u))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def texel_height_km(mapping, texel, count):
     """Height above the ground at a position of `count` in r (S and T)."""
     rho = horizon_km(mapping, mapping.thickness_km) * texel / (count - 1)
     return min(mapping.thickness_km, rho * rho / (math.sqrt(rho * rho + mapping.bottom_km**2) + mapping.bottom_km))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def view_texel(mapping, height_km, mu, ground):
     """Position of mu, on the half that `ground` says."""
     half = mapping.n_mu // 2
@@ -170,7 +170,7 @@ def view_texel(mapping, height_km, mu, ground):
     return half + (half - 1) * min(1.0, max(0.0, (d - least) / (most - least)))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def view_cosine(mapping, height_km, texel):
     """(mu, whether the ray ends on the ground) at a position."""
     half = mapping.n_mu // 2
@@ -189,7 +189,7 @@ def view_cosine(mapping, height_km, texel):
     return max(-rho / r, min(1.0, mu)), False
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def possible_nu(mu, mu_s, nu):
     """nu within what mu and mu_s allow."""
     across = math.sqrt(max(0.0, (1.0 - mu * mu) * (1.0 - mu_s * mu_s)))
@@ -207,7 +207,7 @@ def possible_nus(mus, mus_s, nus):
     return out
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def transmittance_texels(mapping, height_km, mu):
     """Positions of (r, mu) in T, for rays that do not meet the ground."""
     least = mapping.thickness_km - height_km
@@ -217,7 +217,7 @@ def transmittance_texels(mapping, height_km, mu):
     return (mapping.n_t_r - 1) * min(1.0, rho / far), (mapping.n_t_mu - 1) * min(1.0, max(0.0, u))
 
 
-@njit(cache=True, inline=True)
+@njit(cache=True, inline="always")
 def irradiance_texels(mapping, height_km, mu_s):
     """Positions of (r, mu_s) in E, linear in both."""
     u = min(1.0, max(0.0, height_km / mapping.thickness_km))
