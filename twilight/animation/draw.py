@@ -14,10 +14,15 @@ import numpy as np
 
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
+from twilight.jit.simd import LANES, broadcast, exp, load, store
 from twilight.studies.export import sky_tables
 from twilight.studies.export.field_values import PHASE_ANGLES
 from twilight.viewer.colours import CHANNELS
 from twilight.viewer.tables import ViewerTables, ViewerTableSizes
+
+NO_LIGHT = -200.0
+"""Logarithm that stands for no light."""
+NONE, ONE = np.float32(0.0), np.float32(1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -57,69 +62,53 @@ def _place(n_columns, n_ground, n_haze, n_sky, up, y, x, rows, columns, wy, wx):
         wy[3] = 0.0
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(inner=True, cache=True, nogil=True)
 def _read(table, rows, columns, wy, wx):
-    """The four channels of a table (rows, columns, 4) there; rows, columns, wy, wx: of `_place`."""
-    a = b = c = d = 0.0
+    """The channels of a table (rows, columns, LANES) there, `Lanes`; rows, columns, wy, wx: of `_place`."""
+    value = broadcast(NONE)
     for k in range(4):
         for m in range(4):
-            w = wy[k] * wx[m]
-            r, s = rows[k], columns[m]
-            a += w * table[r, s, 0]
-            b += w * table[r, s, 1]
-            c += w * table[r, s, 2]
-            d += w * table[r, s, 3]
-    return a, b, c, d
+            value += np.float32(wy[k] * wx[m]) * load(table, (rows[k], columns[m]))
+    return value
 
 
 @njit(cache=True, nogil=True)
-def _draw(sky, aureole, phase, bounds, sizes, elevation, azimuth, above, sun, sun_azimuth, near, out, first, end):
+def _draw(table, phase, sizes, directions, azimuth, above, sun, sun_azimuth, near, out, first, end):
     """Light out (N, 4) of directions first to end; angles in rad.
 
-    sky (rows, columns, 4): logarithms over the tables' elevation and azimuth; aureole: the same of what the aerosol's
-    phase function multiplies, or empty; phase (angles, 4): its logarithm; bounds: elevations of the horizon and of the
-    top of the haze; sizes: rows of the ground, of the haze and of the sky; elevation, azimuth (N,); above (N,): part
-    of each pixel that is over the horizon; sun, sun_azimuth: of the sun; near [au^-2]: one over the square of its
-    distance; first, end: range of directions.
+    table (rows, columns, LANES): logarithms over the tables' elevation and azimuth, of the channels of the sky, then
+    of what the aerosol's phase function multiplies; phase (angles, LANES): 0, then its logarithm; sizes: rows of the
+    ground, of the haze and of the sky; directions (N, 4): sine and cosine of the elevation, and its places in the rows
+    of the ground and of the sky; azimuth (N,); above (N,): part of each pixel that is over the horizon; sun,
+    sun_azimuth: of the sun; near [au^-2]: one over the square of its distance; first, end: range of directions.
     """
-    (horizon, haze), (n_ground, n_haze, n_sky) = bounds, sizes
+    n_ground, n_haze, n_sky = sizes
     wy, wx = np.empty(4), np.empty(4)
     rows, columns = np.empty(4, np.int64), np.empty(4, np.int64)
-    n_columns, n_angles, power = sky.shape[1], phase.shape[0], 1.0 / sky_tables.AZIMUTH_POWER
+    seen = np.empty((1, LANES), np.float32)
+    n_columns, n_angles, power = table.shape[1], phase.shape[0], 1.0 / sky_tables.AZIMUTH_POWER
+    sun_up, sun_aside = math.sin(sun), math.cos(sun)
     for p in range(first, end):
-        e = elevation[p]
         a = abs((azimuth[p] - sun_azimuth + math.pi) % (2.0 * math.pi) - math.pi)
         x = (a / math.pi) ** power * (n_columns - 1)
-        cosine = math.sin(e) * math.sin(sun) + math.cos(e) * math.cos(sun) * math.cos(a)
+        cosine = directions[p, 0] * sun_up + directions[p, 1] * sun_aside * math.cos(a)
         place = math.sqrt(math.acos(min(1.0, max(-1.0, cosine))) / math.pi) * (n_angles - 1)
         q = min(int(place), n_angles - 2)
-        f = place - q
-        for c in range(4):
+        f = np.float32(place - q)
+        for c in range(CHANNELS):
             out[p, c] = 0.0
         for side in range(2):
             fraction = above[p] if side == 1 else 1.0 - above[p]
             if fraction <= 0.0:
                 continue
             fraction *= near
-            if side == 1:
-                if e < haze:
-                    y = 2.0 / math.pi * math.asin(math.sqrt(max(0.0, e - horizon) / max(haze - horizon, 1e-9))) * n_haze
-                else:
-                    y = n_haze + math.sqrt(min(1.0, (e - haze) / (0.5 * math.pi - haze))) * (n_sky - 1)
-            else:
-                y = (1.0 - math.sqrt(min(1.0, max(0.0, (horizon - e) / (0.5 * math.pi + horizon))))) * (n_ground - 1)
+            y = directions[p, 2 + side]
             _place(n_columns, n_ground, n_haze, n_sky, side == 1, y, x, rows, columns, wy, wx)
-            value = _read(sky, rows, columns, wy, wx)
-            out[p, 0] += fraction * math.exp(value[0])
-            out[p, 1] += fraction * math.exp(value[1])
-            out[p, 2] += fraction * math.exp(value[2])
-            out[p, 3] += fraction * math.exp(value[3])
-            if aureole.shape[0] > 0:
-                value = _read(aureole, rows, columns, wy, wx)
-                out[p, 0] += fraction * math.exp(value[0] + (1.0 - f) * phase[q, 0] + f * phase[q + 1, 0])
-                out[p, 1] += fraction * math.exp(value[1] + (1.0 - f) * phase[q, 1] + f * phase[q + 1, 1])
-                out[p, 2] += fraction * math.exp(value[2] + (1.0 - f) * phase[q, 2] + f * phase[q + 1, 2])
-                out[p, 3] += fraction * math.exp(value[3] + (1.0 - f) * phase[q, 3] + f * phase[q + 1, 3])
+            value = _read(table, rows, columns, wy, wx)
+            value += (ONE - f) * load(phase, q) + f * load(phase, q + 1)
+            store(seen, 0, exp(value))
+            for c in range(CHANNELS):
+                out[p, c] += fraction * (seen[0, c] + seen[0, CHANNELS + c])
 
 
 @dataclass
@@ -139,31 +128,43 @@ class Painter:
     def __post_init__(self) -> None:
         self.outside = ~np.isfinite(self.elevation_deg)
         elevation = np.nan_to_num(self.elevation_deg)
-        self._elevation, self._azimuth = (np.radians(v).ravel() for v in (elevation, np.nan_to_num(self.azimuth_deg)))
+        self._azimuth = np.radians(np.nan_to_num(self.azimuth_deg)).ravel()
         horizon = float(self.tables.horizon_deg[0])
         tall = np.abs(np.gradient(elevation, axis=0)) + np.abs(np.gradient(elevation, axis=1))
         self._above = np.clip((elevation - horizon) / np.maximum(tall, 1e-9) + 0.5, 0.0, 1.0).ravel()
-        self._bounds = math.radians(horizon), math.radians(float(self.tables.haze_deg[0]))
-        self._sky = np.log(self.tables.sky[:, 0]).transpose(1, 2, 3, 0).astype(np.float32)
-        self._aureole = np.zeros((0, 0, 0, CHANNELS), np.float32)
-        self._phase = np.zeros((PHASE_ANGLES, CHANNELS))
+        self._directions = self._placed(np.radians(elevation).ravel())
+        self._table = np.full((*self.tables.sky[:, 0].transpose(1, 2, 3, 0).shape[:-1], LANES), NO_LIGHT, np.float32)
+        self._table[..., :CHANNELS] = np.log(self.tables.sky[:, 0]).transpose(1, 2, 3, 0)
+        self._phase = np.zeros((PHASE_ANGLES, LANES), np.float32)
         if self.tables.aureole is not None and self.tables.phase is not None:
-            self._aureole = np.log(self.tables.aureole[:, 0]).transpose(1, 2, 3, 0).astype(np.float32)
-            self._phase = np.log(self.tables.phase)
+            self._table[..., CHANNELS:] = np.log(self.tables.aureole[:, 0]).transpose(1, 2, 3, 0)
+            self._phase[:, CHANNELS:] = np.log(self.tables.phase)
+
+    def _placed(self, elevation: np.ndarray) -> np.ndarray:
+        """`directions` of `_draw` for elevations (N,) [rad]."""
+        horizon, haze = math.radians(float(self.tables.horizon_deg[0])), math.radians(float(self.tables.haze_deg[0]))
+        zenith, n = 0.5 * np.pi, self.sizes
+        below = np.clip((horizon - elevation) / (zenith + horizon), 0.0, 1.0)
+        in_haze = np.clip((elevation - horizon) / max(haze - horizon, 1e-9), 0.0, 1.0)
+        over_haze = np.clip((elevation - haze) / (zenith - haze), 0.0, 1.0)
+        above = np.where(
+            elevation < haze,
+            2.0 / np.pi * np.arcsin(np.sqrt(in_haze)) * n.haze,
+            n.haze + np.sqrt(over_haze) * (n.sky - 1),
+        )
+        ground = (1.0 - np.sqrt(below)) * (n.ground - 1)
+        return np.stack([np.sin(elevation), np.cos(elevation), ground, above], axis=-1)
 
     def light(self, sun_elevation_deg: float, sun_azimuth_deg: float = 0.0, distance_au: float = 1.0) -> np.ndarray:
         """X, Y, Z and scotopic luminance [cd m^-2], (H, W, 4), without the sun's disc; 0 outside the picture."""
-        sky = self._under(self._sky, sun_elevation_deg)
-        aureole = np.zeros((0, 0, CHANNELS), np.float32)
-        if self._aureole.size:
-            aureole = self._under(self._aureole, sun_elevation_deg)
-        out = np.empty((self._elevation.size, CHANNELS))
+        table = np.ascontiguousarray(self._under(self._table, sun_elevation_deg))
+        out = np.empty((self._azimuth.size, CHANNELS))
         towards = math.radians(sun_elevation_deg), math.radians(sun_azimuth_deg)
         sizes = self.sizes.ground, self.sizes.haze, self.sizes.sky
-        about = self._phase, self._bounds, sizes, self._elevation, self._azimuth
+        about = self._phase, sizes, self._directions, self._azimuth
         in_slices(
-            lambda i, j: _draw(sky, aureole, *about, self._above, *towards, 1.0 / distance_au**2, out, i, j),
-            self._elevation.size,
+            lambda i, j: _draw(table, *about, self._above, *towards, 1.0 / distance_au**2, out, i, j),
+            self._azimuth.size,
         )
         out = out.reshape(*self.elevation_deg.shape, CHANNELS)
         out[self.outside] = 0.0
