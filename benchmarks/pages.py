@@ -46,9 +46,9 @@ def errors() -> str:
     standard, draft = largest_errors("standard"), largest_errors("draft")
     head = [f"`{quality}`, {suns}" for quality in ("standard", "draft") for suns in SUNS]
     lines = ["| climate | " + " | ".join(head) + " |", "|---|" + "---|" * len(head)]
-    for climate in standard:
-        row = [*standard[climate], *draft.get(climate, [])]
-        lines.append(f"| `{climate}` | " + " | ".join(f"{value:.1f}" for value in row) + " |")
+    for climate in draft:
+        row = [f"{v:.1f}" for v in standard[climate]] if climate in standard else ["not renewed"] * len(SUNS)
+        lines.append(f"| `{climate}` | " + " | ".join([*row, *(f"{value:.1f}" for value in draft[climate])]) + " |")
     return "\n".join(lines)
 
 

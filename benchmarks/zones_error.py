@@ -4,10 +4,10 @@
     python benchmarks/zones_error.py standard             one quality
     python benchmarks/zones_error.py standard urban       and one climate
 
-Writes benchmarks/zones_error.csv, which then holds what was asked for: relative errors of the radiance over all
-directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as theirs is.  The
-table's standard error is subtracted in the mean square: `excess_percent` is what
-95 % of normally distributed errors of the rest would stay below.  Times are of the processor,
+Writes benchmarks/zones_error.csv after every climate, and keeps rows that were not asked for: relative errors of the
+radiance over all directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as theirs
+is.  The table's standard error is subtracted in the mean square: `excess_percent` is what 95 % of normally distributed
+errors of the rest would stay below.  Times are of the processor,
 for all suns and the three wavelengths, which take as long as eight do (a block of the solver), compilation apart;
 memory is the peak of the process while the field is made (Linux).
 """
@@ -88,7 +88,7 @@ def peak_mib() -> float:
 
 def main(qualities: list[str], climates: list[str]) -> None:
     path = HERE / "zones_error.csv"
-    rows = []
+    rows = [list(row.values()) for row in results.read_rows(path)]
     compile_kernels()
     for quality in qualities:
         for climate in climates:
@@ -104,11 +104,13 @@ def main(qualities: list[str], climates: list[str]) -> None:
             field = zones.prepare(medium, zones.QUALITIES[quality])
             seconds = time.process_time() - start
             memory = peak_mib()
+            rows = [row for row in rows if row[:2] != [climate, quality]]
             for row in errors(field, table):
                 numbers = [f"{row[0]:g}", *(f"{x:.2f}" for x in row[1:]), f"{seconds:.1f}", f"{memory:.0f}"]
                 print(climate, quality, *numbers, sep="\t", flush=True)
                 rows.append([climate, quality, *numbers])
-    results.write(path, HEADER.split(","), rows)
+            order = [(q, c) for q in zones.QUALITIES for c in CLIMATES]
+            results.write(path, HEADER.split(","), sorted(rows, key=lambda row: order.index((row[1], row[0]))))
 
 
 if __name__ == "__main__":

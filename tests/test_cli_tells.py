@@ -42,13 +42,13 @@ def test_the_plan_says_how_large_a_scene_is():
     blocks, of = (int(number) for number in row[3].split(" of "))
     # a block holds at most 32, and wavelengths that the solver treats differently share none
     assert of <= 32 and 1000 / of <= blocks < 2 * 1000 / of
-    assert 0.03 < float(row[6]) <= 1.0 and float(row[6]) + float(row[4]) < float(row[7]) < 2.0
-    assert row[8].endswith((" min", " h"))
+    assert 0.1 < float(row[7]) <= 1.0 and float(row[7]) + float(row[5]) < float(row[8]) < 2.0
+    assert row[4] == "40" and row[9].endswith((" min", " h"))
     # a texture of I, Q and U at 1000 wavelengths is 86 MB; four channels of four bytes, and 8 bits twice, of a pixel
-    assert 0.34 < float(row[4]) < 1.0 and float(row[5]) == pytest.approx(24 * 2048 * 1024 / 1e9, rel=0.01)
+    assert 0.34 < float(row[5]) < 1.0 and float(row[6]) == pytest.approx(24 * 2048 * 1024 / 1e9, rel=0.01)
     small = call("render", "pure-air", "--plan", "--solver", "preetham", "--sun-elevation", "5")
     row = small.stdout.splitlines()[-1].split("\t")
-    assert row[1:4] == ["1", "8", "1 of 8"] and row[6:] == ["-", "-", "-"]  # of a formula there is no field
+    assert row[1:4] == ["1", "8", "1 of 8"] and row[7:] == ["-", "-", "-"]  # of a formula there is no field
 
 
 def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):

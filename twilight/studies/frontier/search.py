@@ -1,8 +1,9 @@
 """The search: points of the space of settings, from good ones on, with those given up early that cannot matter.
 
-Optuna's multi-objective tree-structured Parzen estimator proposes points from those measured so far (Ozaki et al. 2022,
-https://doi.org/10.1613/jair.1.13188).  A point is measured on one scene after another, the cheapest first, and given
-up as soon as another point was both faster and better on all scenes seen by more than MARGIN.
+Every other point is a neighbour of one on the frontier; the rest are proposed by optuna's multi-objective
+tree-structured Parzen estimator from those measured so far (Ozaki et al. 2022, https://doi.org/10.1613/jair.1.13188).
+A point is measured on one scene after another, the cheapest first, and given up as soon as another point was both
+faster and better on all scenes seen by more than MARGIN.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
 from twilight.base.progress import Progress, part_of, silent
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.studies.frontier.measure import Case, Measurement
-from twilight.studies.frontier.space import SPACE, Values, settings_at, values_of, within
+from twilight.studies.frontier.space import SPACE, Values, neighbour, settings_at, values_of, within
 
 MARGIN = 1.15
 """Factor in error and in time by which a point must be beaten before it is given up: times of a busy computer are
@@ -100,10 +103,13 @@ def search(
     study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
     for settings in starts.values():
         study.enqueue_trial(within(values_of(settings)))
-    origins = iter([*starts])
+    origins, rng = iter([*starts]), np.random.default_rng(seed)
     order, spent = list(cases), 0.0
     done: list[Point] = []
     while len(done) < most_points and (len(done) < len(starts) or spent < budget_s):
+        if len(done) >= len(starts) and (len(done) - len(starts)) % 2 == 0:
+            best = frontier(done)
+            study.enqueue_trial(neighbour(best[rng.integers(len(best))].values, rng))
         trial = study.ask()
         point = Point(within({d.key: _suggest(trial, d) for d in SPACE}), next(origins, "search"))
         tell = part_of(progress, min(spent / budget_s, 0.99), 0.0, f"point {len(done) + 1}:")

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from twilight.solvers.zones.settings import ZonesSettings
+import numpy as np
+
+from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ SPACE = (
 )
 """What is searched.  Other options say which physics is followed: they are the scene's own."""
 
+NEIGHBOUR_STEP = 0.25
+"""Standard deviation of the logarithm by which a neighbour's values differ."""
+MOVED_FRACTION = 0.15
+"""Fraction of the values that differ, beside one at least."""
+
 Values = Mapping[str, float]
 """A point of the space: the value of each dimension."""
 
@@ -66,5 +73,16 @@ def settings_at(values: Values, physics: ZonesSettings) -> ZonesSettings:
     return replace(physics, **within(values))  # type: ignore[arg-type]  # whole numbers where an option wants them
 
 
-STARTS: dict[str, ZonesSettings] = {}
-"""Settings that the search begins with beside the qualities."""
+STARTS = {
+    "brisk": replace(QUALITIES["draft"], early_orders=1, altitude_density=0.4),
+    "between": replace(QUALITIES["draft"], degree=14, max_degree=24, altitude_density=0.6, zenith_density=0.85),
+}
+"""Settings that the search begins with beside the qualities: faster than `draft`, and between it and `standard`."""
+
+
+def neighbour(values: Values, rng: np.random.Generator) -> dict[str, float]:
+    """A point beside another one: some of its values changed by about NEIGHBOUR_STEP of themselves."""
+    moved = rng.random(len(SPACE)) < MOVED_FRACTION
+    moved[rng.integers(len(SPACE))] = True
+    factors = np.where(moved, np.exp(NEIGHBOUR_STEP * rng.normal(size=len(SPACE))), 1.0)
+    return within({d.key: values[d.key] * factor for d, factor in zip(SPACE, factors, strict=True)})
