@@ -176,7 +176,9 @@ def _exposure(text: str | None) -> tuple[str, Any]:
 
 def _view(projection: str, size: str | None) -> dict[str, Any]:
     """`observer.view` for --projection and --size, towards the sun."""
-    view: dict[str, Any] = {"kind": projection, "width": usual_width(projection)}
+    view: dict[str, Any] = {"kind": projection}
+    if projection in PROJECTIONS:  # else the configuration says what is allowed
+        view["width"] = usual_width(projection)
     if size is not None:
         view["width"], view["height"] = _size(size)
     if projection == "perspective":
