@@ -115,9 +115,9 @@ def test_only_coarse_particles_take_more_directions(desert):
     for climate in ("pure-air", "continental-average", "urban"):
         assert of(climate_medium(load_climate(climate), WAVELENGTH_NM)) == STANDARD
     more = of(desert)
-    assert 15 <= more.azimuth_directions <= STANDARD.degree + 1
+    assert STANDARD.azimuth_directions + 4 <= more.azimuth_directions <= STANDARD.degree + 1
     assert more.late_degree >= 9 and more.late_polar_directions >= 9 and more.late_azimuth_directions >= 9
-    asked = replace(STANDARD, azimuth_directions=30, late_degree=18, late_polar_directions=24)
+    asked = replace(STANDARD, azimuth_directions=30, late_degree=16, late_polar_directions=24)
     scaled = delta_scaled(desert, STANDARD.degree)
     assert needed(asked, scaled, prepare_profile(scaled.medium)) == asked
 
@@ -129,8 +129,8 @@ def test_later_orders_below_a_volcano_follow_its_peak(climate):
     medium = climate_medium(load_climate(climate), np.array([680.0]))
     scaled = delta_scaled(medium, STANDARD.degree)
     asked = needed(STANDARD, scaled, prepare_profile(scaled.medium))
-    assert asked.late_degree == asked.late_polar_directions == 12 and asked.azimuth_directions == 11
-    assert asked.late_azimuth_directions == 11
+    assert asked.late_degree == asked.late_polar_directions == 12
+    assert asked.azimuth_directions == asked.late_azimuth_directions == STANDARD.azimuth_directions
 
 
 def test_the_glow_beside_the_sun_is_that_of_a_sun_where_it_appears(desert):
