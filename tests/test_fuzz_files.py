@@ -157,7 +157,8 @@ def run(folder: Path, kind: str, seed: int, count: int) -> tuple[int, list[str]]
     """(files accepted, faults) of a process that reads damaged files; a crash is a fault."""
     program = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_fuzz_files as t; "
     program += f"from pathlib import Path; t.main(Path({str(folder)!r}), {kind!r}, {seed}, {count})"
-    result = subprocess.run([sys.executable, "-X", "faulthandler", "-c", program], capture_output=True, text=True)
+    command = [sys.executable, "-X", "faulthandler", "-c", program]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300)
     lines = result.stdout.splitlines()
     faults = [line for line in lines if line.startswith("fault: ")]
     if result.returncode:

@@ -20,6 +20,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.reading import check_expansion, first_line
 from twilight.base.whole_files import whole_content
 from twilight.io.facts import coordinates_of, fields_from
+from twilight.io.hdf5_heaps import check_heaps
 from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
@@ -268,6 +269,7 @@ def _load(path: Path) -> xarray.Dataset:
     import xarray  # start-up
 
     interruptible_h5netcdf()
+    check_heaps(path)
     with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
         check_expansion(path, sum(variable.nbytes for variable in opened.variables.values()))
         return opened.load()
