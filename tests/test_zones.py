@@ -14,7 +14,6 @@ from hazy_zones import SCALAR as SMALL
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
 from twilight.solvers import cells, zones
-from twilight.solvers.zones import solver as zones_solver
 from twilight.solvers.zones.grid import cubic_refinement, even_harmonics, make_angles, zenith_nodes
 from twilight.solvers.zones.solution import normalised
 from twilight.transport.beam import beam_at
@@ -280,21 +279,6 @@ def test_sixty_frames_of_a_sunset_come_from_one_field(hazy, small, monkeypatch):
     assert np.all(np.diff(zenith, axis=0) < 0.0)
     # no steps: the slope of the logarithm changes slowly
     assert np.all(np.abs(np.diff(np.log(zenith), n=2, axis=0)) < 0.05)
-
-
-def test_refining_to_a_target(hazy, monkeypatch):
-    """target_error would not choose the quality."""
-    monkeypatch.setattr(
-        zones_solver,
-        "QUALITIES",
-        {"draft": SMALL, "standard": replace(SMALL, altitude_density=0.5), "reference": MIDDLE},
-    )
-    loose = zones.prepare(hazy, replace(SMALL, target_error=0.9), sun_elevations_deg=[10.0])
-    assert 0.0 < loose.convergence.error < 0.9
-    assert loose.settings.altitude_density == 0.5
-    with pytest.warns(UserWarning, match=r"solver\.target_error 1e-09 is not reached"):
-        monkeypatch.setattr(zones_solver, "LADDER", ("draft", "standard"))
-        zones.prepare(hazy, replace(SMALL, target_error=1e-9), sun_elevations_deg=[10.0])
 
 
 def test_one_thread_gives_the_same_bits_as_two(hazy, small):

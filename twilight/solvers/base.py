@@ -90,7 +90,7 @@ class Capabilities:
     stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
     water: it takes a medium whose ground is a water surface (`Medium.has_water`)
     finite_segments: the field is a `SegmentField`
-    target_error: the settings have `target_error`, the relative systematic error that the field is refined to
+    target_error: the settings have `target_error`, the relative systematic error that it is to have
     target_stderr: the settings have `target_stderr`, a relative standard error that samples are added for
     field_file: the settings have `field_file`, where the field of one block of wavelengths is stored
     reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead

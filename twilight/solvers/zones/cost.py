@@ -11,6 +11,7 @@ from twilight.solvers.zones.layout import lay_out, settings_for
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import FINE_PER_INTERVAL
+from twilight.solvers.zones.target import settings_to_solve
 from twilight.solvers.zones.zenith_range import zenith_range
 from twilight.transport.scaling import delta_scaled
 
@@ -58,6 +59,7 @@ def cost(
 ) -> Cost:
     """Cost of a field in the air of the medium's first wavelength, whose grids are about those of the others."""
     one = medium.select(slice(0, 1))
+    settings, _ = settings_to_solve(medium, settings, sun_elevations_deg)
     settings, degree = settings_for(one, settings)
     grids = lay_out(one, delta_scaled(one, degree), settings)
     d, altitudes = grids.directions, grids.altitude_km.size

@@ -40,7 +40,8 @@ class ZonesSettings:
     refraction: bend and spread the sunbeam
     bent_lines_of_sight: bend lines of sight too: view directions are then apparent ones
     bent_paths: bend the paths of light between two scatterings too
-    target_error: refine until two qualities differ by less than this fraction at 95 % of the directions; 0 does not
+    target_error: take the cheapest quality that is within this fraction at 95 % of the directions in air of this kind,
+        for the lowest of the suns; 0 takes the quality asked for
     spectral_interpolation: auto: where there are more than 24 wavelengths, or terms of bands of gases, light scattered
         more than once is solved at some and interpolated to the others; light scattered once and the sun's own are
         computed at each.  off: all is solved at each

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,10 +23,9 @@ from twilight.solvers.zones.solution import Solution
 from twilight.solvers.zones.solve import solve
 from twilight.solvers.zones.spectral_field import SpectralInterpolation
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
+from twilight.solvers.zones.target import settings_to_solve
 from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, zenith_range
 
-LADDER = ("draft", "standard", "reference")
-"""Qualities that are tried in turn to reach a target error."""
 MAX_COMPARED_DEPTH = 100.0
 """Vertical optical depth of scattering, forward peaks left out, up to which thick air of conservative scattering was
 compared with doubling (`tests/test_zones_thick.py`)."""
@@ -39,8 +39,6 @@ HIGH_KM = 10.0
 MAX_DEPTH_RATIO = 1000.0
 """Ratio of the optical depths of two wavelengths beyond which the grid that serves both may be wrong for the thinner:
 at draft by 0.25 % where it is 10, 0.6 % at 100, 1.3 % at 1000, sun at -6 deg."""
-TEST_SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
-"""Sun elevations [deg] at which two qualities are compared if the suns of the scene are not known."""
 
 
 def prepare(
@@ -95,10 +93,11 @@ def prepare(
                 _warn(field, settings)
                 return field
     _warn_of_neighbours(medium, settings)
-    if settings.target_error > 0.0:
-        field = _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg)
-    else:
-        field = _solved(medium, settings, observer_altitude_km, progress or silent, needed, interpolation)
+    chosen, expected = settings_to_solve(medium, settings, sun_elevations_deg)
+    field = _solved(medium, chosen, observer_altitude_km, progress or silent, needed, interpolation)
+    if expected is not None:
+        field.convergence = replace(field.convergence or Convergence(1, 0.0), error=expected)
+        field.asked = settings
     _warn(field, settings)
     if settings.field_file:
         field.save(settings.field_file)
@@ -160,8 +159,12 @@ def _warn(field: Field, settings: ZonesSettings) -> None:
         )
     if convergence and convergence.error is not None and convergence.error > settings.target_error:
         warnings.warn(
-            f"solver.target_error {settings.target_error:g} is not reached: the two finest qualities differ by "
-            f"{convergence.error:.2g} at 95 % of the directions",
+            f"solver.target_error {settings.target_error:g} is not known to be reached: quality reference was taken, "
+            + (
+                f"which is within {convergence.error:.2g} at 95 % of the directions in such air"
+                if math.isfinite(convergence.error)
+                else "which was not measured in such air"
+            ),
             TwilightWarning,
             stacklevel=3,
         )
@@ -223,56 +226,3 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.asked = stored.asked
     return field
-
-
-def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
-    """The settings with the grids of a quality; physics, target and file stay as they are."""
-    unchanged = (
-        "max_orders",
-        "polarisation",
-        "refraction",
-        "bent_lines_of_sight",
-        "bent_paths",
-        "target_error",
-        "spectral_interpolation",
-        "field_file",
-    )
-    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in unchanged})
-
-
-def _to_target(medium, settings, observer_altitude_km, progress, needed, sun_elevations_deg) -> Field:
-    suns = TEST_SUNS_DEG if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    report_progress = progress or silent
-    before: np.ndarray | None = None
-    field = None
-    error = float("inf")
-    for k, name in enumerate(LADDER):
-
-        def report(doing: str, fraction: float, k: int = k, name: str = name) -> None:
-            report_progress(f"{name}: {doing}", (k + fraction) / len(LADDER))
-
-        field = _solved(medium, at_quality(settings, name), observer_altitude_km, report, needed)
-        sky = _samples(field, suns)
-        if before is not None:
-            error = _difference(before, sky)
-            if error <= settings.target_error:
-                break
-        before = sky
-    assert field is not None
-    convergence = field.convergence or Convergence(1, 0.0)
-    field.convergence = replace(convergence, error=error)
-    field.asked = settings
-    return field
-
-
-def _samples(field: Field, suns: Sequence[float]) -> np.ndarray:
-    """Radiance (suns, directions, W) over the sky, dense near the horizon."""
-    elevation, azimuth = np.meshgrid([1.5, 4.0, 10.0, 20.0, 35.0, 60.0, 88.0], np.linspace(0.0, 180.0, 13))
-    return np.stack([field.radiance(sun, elevation.ravel(), azimuth.ravel()) for sun in suns])
-
-
-def _difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Relative difference that 95 % of the directions stay below, for the worst sun and wavelength."""
-    lit = other > 0.0
-    relative = np.abs(np.where(lit, one / np.where(lit, other, 1.0) - 1.0, 0.0))
-    return float(np.percentile(relative, 95, axis=1).max())

@@ -15,7 +15,7 @@ from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.solvers import zones
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solver import at_quality
+from twilight.solvers.zones.target import at_quality
 from twilight.studies.compare.reference_solution import ReferenceSolution
 
 NORMAL_95 = 1.96

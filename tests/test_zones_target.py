@@ -1,0 +1,77 @@
+"""A target error: the cheapest quality that has it, from errors measured beforehand."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hazy_zones import SMALL
+
+from twilight.base.errors import TwilightWarning
+from twilight.config import load_climate
+from twilight.scene.medium import climate_medium
+from twilight.solvers import zones
+from twilight.solvers.zones import target
+from twilight.solvers.zones.target import MEASURED, Errors, expected_error, kind_of, quality_for
+
+TABLE = Path(__file__).parents[1] / "benchmarks" / "zones_error.csv"
+KINDS = {
+    "fine": ("pure-air", "continental-average", "continental-clean", "continental-polluted", "urban"),
+    "coarse": ("desert", "maritime-clean", "maritime-polluted", "maritime-tropical"),
+    "aloft": ("volcanic-extreme", "volcanic-stratosphere"),
+}
+NM = np.array([450.0, 550.0, 680.0])
+
+
+def air(climate):
+    return climate_medium(load_climate(climate), NM)
+
+
+@pytest.mark.parametrize(("kind", "climate"), [(k, c) for k, some in KINDS.items() for c in some])
+def test_kinds_of_air(kind, climate):
+    assert kind_of(air(climate)) == kind
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_the_errors_are_those_of_the_table(quality):
+    with open(TABLE, newline="", encoding="utf-8") as file:
+        rows = [r for r in csv.DictReader(line for line in file if line[0] != "#") if r["quality"] == quality]
+    assert len({r["climate"] for r in rows}) >= 12
+    found = {}
+    for r in rows:
+        sun, error = float(r["sun_elevation_deg"]), float(r["excess_percent"])
+        place = 0 if sun >= target.LAST_DAY_DEG else 1 if sun >= target.LAST_TWILIGHT_DEG else 2
+        kind = next((k for k, some in KINDS.items() if r["climate"] in some), "fine")
+        found.setdefault(kind, [0.0, 0.0, 0.0])
+        found[kind][place] = max(found[kind][place], error)
+    assert {k: Errors(*(math.ceil(10 * v - 1e-9) / 10 for v in e)) for k, e in found.items()} == MEASURED[quality]
+
+
+def test_the_cheapest_quality_that_is_good_enough():
+    fine, coarse = air("continental-average"), air("desert")
+    asked = {e: quality_for(replace(SMALL, target_error=e), fine, [-4.0])[0] for e in (0.2, 0.03, 0.014, 1e-9)}
+    assert list(asked.values()) == ["draft", "draft", "standard", "reference"]
+    for quality in MEASURED:
+        assert expected_error(quality, fine, [10.0]) <= expected_error(quality, fine, [10.0, -12.0])
+        assert expected_error(quality, fine, [-18.0]) == expected_error(quality, fine, None)
+        assert expected_error(quality, fine, None) <= expected_error(quality, coarse, None)
+    assert quality_for(replace(SMALL, target_error=1e-3), coarse, None) == ("reference", math.inf)
+
+
+def test_a_field_is_solved_once_at_the_quality_that_was_chosen(monkeypatch):
+    fine = air("continental-average")
+    few = replace(SMALL, altitude_density=0.5)
+    monkeypatch.setattr(target, "QUALITIES", {"draft": SMALL, "standard": few, "reference": SMALL})
+    settings = replace(zones.QUALITIES["standard"], target_error=0.014, max_orders=2, tolerance=0.0)
+    field = zones.prepare(fine, settings, sun_elevations_deg=[10.0])
+    assert field.settings == replace(few, target_error=0.014, max_orders=2)
+    assert field.convergence.error == expected_error("standard", fine, [10.0]) <= 0.014
+    alone = zones.prepare(fine, replace(few, max_orders=2), sun_elevations_deg=[10.0])
+    where = 10.0, [2.0, 30.0, 80.0], [0.0, 60.0, 180.0]
+    np.testing.assert_array_equal(field.radiance(*where), alone.radiance(*where))
+    with pytest.warns(TwilightWarning, match=r"solver\.target_error 1e-09 is not known to be reached"):
+        zones.prepare(fine, replace(settings, target_error=1e-9), sun_elevations_deg=[10.0])
