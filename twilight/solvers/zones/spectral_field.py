@@ -92,7 +92,8 @@ class SpectralInterpolation:
         made = self._solved[key]
         if not _same(made.nodes, grids.nodes):
             raise TwilightError(
-                "solver.spectral_interpolation: the field and its nodes in the spectrum differ in grids; allowed is off"
+                "solver.expert.spectral_interpolation: the field and its nodes in the spectrum differ in grids; "
+                "allowed is off"
             )
         weight = spectral_nodes.weights(self.coordinates, spectral_nodes.coordinates(grids.medium))
         albedo = grids.medium.ground_albedo
@@ -122,7 +123,9 @@ class SpectralInterpolation:
             grids = FieldGrids.of(medium, self.settings, zenith_range_deg, of_terms=self.in_band)
             solutions, converged = solve(grids, grids.sunbeam(), part_of(progress, k / len(starts), 1 / len(starts)))
             if nodes is not None and not _same(nodes, grids.nodes):
-                raise TwilightError("solver.spectral_interpolation: nodes have different grids; allowed here is off")
+                raise TwilightError(
+                    "solver.expert.spectral_interpolation: nodes have different grids; allowed here is off"
+                )
             nodes = grids.nodes
             worst = Convergence(max(worst.orders, converged.orders), max(worst.residual, converged.residual))
             for block, s in enumerate(solutions):
