@@ -1,4 +1,4 @@
-"""One sky at 1000 wavelengths and a panorama of 2048 x 1024: what `twilight render --plan` says, and what they take.
+"""What `twilight render --plan` says of skies, views, terrain, series and many wavelengths, and what they take.
 
     python benchmarks/memory.py [--only CASE,CASE] [--plan]
 
@@ -18,28 +18,38 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import results
-
-if TYPE_CHECKING:
-    from twilight.engine.memory import SceneCost
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 THOUSAND = "wavelengths={min_nm: 380, max_nm: 740, count: 1000}"
+EIGHTY_ONE = "wavelengths={min_nm: 380, max_nm: 780, count: 81}"
+THIRTY_THREE = "wavelengths={min_nm: 400, max_nm: 720, count: 33}"
+FOUR = "wavelengths={list_nm: [450, 550, 610, 680]}"
 HUNDRED = "wavelengths={min_nm: 380, max_nm: 740, count: 100}"
+SUNS = "--sun-elevation=" + ",".join(f"{sun:g}" for sun in range(-18, 17))
+CONTINENTAL = ("continental-average", "--sun-elevation", "-4")
 CASES = {
-    "1000 wavelengths draft": ("--quality", "draft", "--set", THOUSAND, "--only", "h5"),
-    "1000 wavelengths standard": ("--quality", "standard", "--set", THOUSAND, "--only", "h5"),
-    "100 wavelengths standard": ("--quality", "standard", "--set", HUNDRED, "--only", "h5"),
-    "panorama 2048x1024 draft": ("--quality", "draft", "--set", "texture.latlong_width=2048"),
-    "panorama 2048x1024 standard": ("--quality", "standard", "--set", "texture.latlong_width=2048"),
-    "view 2048x1024 draft": ("--quality", "draft", "--projection", "latlong", "--size", "2048x1024"),
+    "1000 wavelengths draft": (*CONTINENTAL, "--quality", "draft", "--set", THOUSAND, "--only", "h5"),
+    "1000 wavelengths standard": (*CONTINENTAL, "--quality", "standard", "--set", THOUSAND, "--only", "h5"),
+    "100 wavelengths standard": (*CONTINENTAL, "--quality", "standard", "--set", HUNDRED, "--only", "h5"),
+    "81 wavelengths draft": (*CONTINENTAL, "--quality", "draft", "--set", EIGHTY_ONE, "--only", "h5"),
+    "panorama 2048x1024 draft": (*CONTINENTAL, "--quality", "draft", "--set", "texture.latlong_width=2048"),
+    "panorama 2048x1024 standard": (*CONTINENTAL, "--quality", "standard", "--set", "texture.latlong_width=2048"),
+    "view 2048x1024 draft": (*CONTINENTAL, "--quality", "draft", "--projection", "latlong", "--size", "2048x1024"),
+    "sky draft": (*CONTINENTAL, "--quality", "draft"),
+    "sky standard": (*CONTINENTAL, "--quality", "standard"),
+    "desert 4 wavelengths standard": ("desert", "--sun-elevation", "-4", "--set", FOUR, "--only", "h5"),
+    "35 suns 33 wavelengths draft": ("continental-average", SUNS, "--quality", "draft", "--set", THIRTY_THREE),
+    "ridges 1920x1080 draft": ("configs/sunset-over-ridges.yaml", "--size", "1920x1080"),
+    "mountain-shadow draft": ("configs/mountain-shadow.yaml",),
 }
 COLUMNS = (
-    "case", "planned_gb", "measured_gb", "planned_processor_s", "processor_s", "wall_s", "in_blocks", "load", "commit",
+    "case", "planned_gb", "measured_gb", "planned_processor_s", "processor_s", "taken_over_planned", "wall_s",
+    "in_blocks", "load", "commit",
 )  # fmt: skip
+UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0}
 MEASURED = """
 import json, resource, sys, time
 from twilight.cli import main
@@ -62,19 +72,15 @@ def measured(words: tuple[str, ...]) -> tuple[float, float, float]:
     return n_bytes, processor, wall
 
 
-def planned(words: tuple[str, ...]) -> SceneCost:
-    """What the program says of a case before it is run."""
-    from twilight.config import load_series
-    from twilight.config.load import parse_setting
-    from twilight.engine.memory import full_cost
-    from twilight.scene import resolve
-
-    keys = {"sun.elevation_deg": -4.0, "solver.quality": words[1]}
-    keys |= dict(parse_setting(w) for w in words if "=" in w)
-    if "--projection" in words:
-        keys["observer.view"] = {"kind": "latlong", "width": 2048, "height": 1024}
-    (case,) = load_series("continental-average", keys)
-    return full_cost(resolve(case.config))
+def planned(words: tuple[str, ...]) -> tuple[float, float, str]:
+    """(bytes, processor seconds, blocks) that the program says of a case before it is run."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "twilight", "render", *words, "--plan"]
+    said = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout.splitlines()
+    heads, row = (line.split("\t") for line in said[-2:])
+    facts = dict(zip(heads, row, strict=True))
+    time, unit = facts["processor time, about"].split()
+    return float(facts["memory in all [GB]"]) * 1e9, float(time) * UNITS_S[unit], facts["in blocks"]
 
 
 def main() -> None:
@@ -87,34 +93,27 @@ def main() -> None:
     if unknown:
         parser.error(f"{unknown[0]} is no case; there are {', '.join(CASES)}")
     path = HERE / "memory.csv"
-    rows = {row["case"]: list(row.values()) for row in results.read_rows(path)} if path.exists() else {}
+    rows = {row["case"]: dict(row) for row in results.read_rows(path)} if path.exists() else {}
+    for row in rows.values():
+        row["taken_over_planned"] = f"{float(row['processor_s']) / float(row['planned_processor_s']):.3g}"
     commit = re.search(r"commit (.*?):", results.heading("x"))
-    if options.plan:
-        for name, row in rows.items():
-            plan = planned(CASES[name])
-            assert plan.total_bytes is not None and plan.cpu_s is not None
-            row[1], row[3] = f"{plan.total_bytes / 1e9:.3g}", f"{plan.cpu_s:.3g}"
-            row[6] = f"{plan.blocks} of {min(plan.at_once, plan.wavelengths)}"
-        results.write(path, COLUMNS, [rows[n] for n in CASES if n in rows])
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        scene = ("render", "continental-average", "--sun-elevation", "-4", "--output", f"{folder}/sky", "--overwrite")
-        for name in chosen:
-            words = CASES[name]
-            quality = words[1]
-            measured((*scene, "--quality", quality))  # compiles
-            plan = planned(words)
-            assert plan.total_bytes is not None and plan.cpu_s is not None
-            n_bytes, processor, wall = measured((*scene, *words))
-            facts = [
-                f"{plan.blocks} of {min(plan.at_once, plan.wavelengths)}",
-                f"{os.getloadavg()[0]:.1f}",
-                commit[1] if commit else "",
-            ]
-            numbers = [plan.total_bytes / 1e9, n_bytes / 1e9, plan.cpu_s, processor, wall]
-            rows[name] = [name, *(f"{x:.3g}" for x in numbers), *facts]
-            print(*rows[name], sep="\t", flush=True)
-            results.write(path, COLUMNS, [rows[n] for n in CASES if n in rows])
+    for name in [name for name in chosen if name in rows or not options.plan]:
+        n_bytes, seconds, blocks = planned(CASES[name])
+        row = rows.setdefault(name, {"case": name})
+        if not options.plan:
+            with tempfile.TemporaryDirectory() as folder:
+                small = ("--size", "64x36") if "--size" in CASES[name] or "configs/" in CASES[name][0] else ()
+                compiled = (CASES[name][0], *small) if small else (*CONTINENTAL, "--quality", "draft")
+                measured(("render", *compiled, "--output", f"{folder}/sky", "--overwrite"))
+                taken = measured(("render", *CASES[name], "--output", f"{folder}/sky", "--overwrite"))
+            row |= dict(zip(("measured_gb", "processor_s", "wall_s"), (taken[0] / 1e9, *taken[1:]), strict=True))
+            row |= {"load": f"{os.getloadavg()[0]:.1f}", "commit": commit[1] if commit else ""}
+        row |= {"planned_gb": n_bytes / 1e9, "planned_processor_s": seconds, "in_blocks": blocks}
+        row["taken_over_planned"] = float(row["processor_s"]) / seconds
+        shown = {key: f"{value:.3g}" if isinstance(value, float) else value for key, value in row.items()}
+        rows[name] = shown
+        print(*(shown[column] for column in COLUMNS), sep="\t", flush=True)
+        results.write(path, COLUMNS, [[rows[n][c] for c in COLUMNS] for n in CASES if n in rows])
 
 
 if __name__ == "__main__":

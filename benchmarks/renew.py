@@ -120,7 +120,7 @@ BENCHMARKS = {
         "10,000 skies of a sweep by `compact`",
     ),
     "memory": Benchmark(
-        "memory.py", "memory.csv", "1000 wavelengths and a large panorama: what `--plan` says, and what they take"
+        "memory.py", "memory.csv", "what `--plan` says of skies, views, terrain and series, and what they take"
     ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),

@@ -36,6 +36,8 @@ POLARISED_FACTOR = 1.35
 """By how much more memory the evaluation of a polarised field takes (benchmarks/memory.py)."""
 FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
+START_S = 1.0
+"""Processor seconds of the program's start: its libraries (`--plan` itself takes 1.0 to 1.2)."""
 PIXEL_S = 3.5e-6
 """Processor seconds of a pixel of a view."""
 TERRAIN_S = 4.0
@@ -103,7 +105,7 @@ def full_cost(scene: Scene) -> SceneCost:
         values = min(VALUES_AT_ONCE, directions * max(of_blocks))
         pixels = int(np.prod(config.observer.view.shape))
     look = BYTES_PER_DIRECTION * (POLARISED_FACTOR if polarised else 1.0) * values
-    seconds = len(suns) * (SUN_S + FILES_S + PIXEL_S * pixels)
+    seconds = START_S + len(suns) * (SUN_S + FILES_S + PIXEL_S * pixels)
     if config.terrain is not None:
         seconds += len(suns) * (TERRAIN_S + TERRAIN_PIXEL_S * pixels * scene.medium.n_wavelengths)
     for part, n, band in zip(problem.slices, of_blocks, in_band, strict=True):

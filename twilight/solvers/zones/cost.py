@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from twilight.atmosphere.medium import Medium
@@ -25,10 +26,11 @@ WORKING_COPIES = 4.0
 """Copies of an order's radiances and moments while it is scattered."""
 BLOCK_BYTES = 15e6
 """Bytes of a block of LANES wavelengths beside its moments: the sunbeam's tables, and what is left of making it."""
-BLOCK_S = 0.7
-"""Processor seconds of the tables of a block of LANES wavelengths (measured as PRODUCT_S)."""
-PRODUCT_S = 2.8e-8
-"""Processor seconds of a block per node, direction and moment (one quiet core, continental air, to 30 %)."""
+BLOCK_S = 0.5
+"""Processor seconds of the tables of a block of LANES wavelengths (measured as ROOT_S)."""
+ROOT_S = 2.1e-4
+"""Processor seconds of a block per root of nodes x directions x moments: `continental-average` and `maritime-clean` at
+`draft`, it, `pure-air` and `desert` at `standard` are within 25 %; `urban`, whose haze takes more orders, takes twice."""
 BAND_CPU_FACTOR = 1.7
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
 INTERPOLATED_S = 0.06
@@ -75,7 +77,7 @@ def cost(
     of_a_ray = POINTS_PER_RAY * settings.step_density * altitudes
     points = of_a_ray * (early.polar * early.point_bytes + late.polar * late.point_bytes)
     rays = of_a_ray * (early.polar + late.polar) * RAY_BYTES
-    seconds = BLOCK_S + PRODUCT_S * altitudes * suns * early.radiances * early.moments
+    seconds = BLOCK_S + ROOT_S * math.sqrt(altitudes * suns * early.radiances * early.moments)
     return Cost(
         fixed_bytes=points + WORKING_COPIES * (radiance + light),
         bytes_per_wavelength=(light + BLOCK_BYTES) / LANES + rays,
