@@ -29,8 +29,8 @@ BLOCK_BYTES = 15e6
 BLOCK_S = 0.5
 """Processor seconds of the tables of a block of LANES wavelengths (measured as ROOT_S)."""
 ROOT_S = 2.1e-4
-"""Processor seconds of a block per root of nodes x directions x moments: `continental-average`, `maritime-clean` at
-`draft`, it, `pure-air` and `desert` at `standard` are within 25 %; `urban`, whose haze takes more orders, takes twice."""
+"""Processor seconds of a block per root of nodes x directions x moments: within 25 % of what `continental-average` takes
+at `draft` and at `standard`, `maritime-clean` at `draft`, `pure-air` and `desert` at `standard`; half of `urban`."""
 BAND_CPU_FACTOR = 1.7
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
 INTERPOLATED_S = 0.06
