@@ -29,7 +29,7 @@ BLOCK_BYTES = 15e6
 BLOCK_S = 0.5
 """Processor seconds of the tables of a block of LANES wavelengths (measured as ROOT_S)."""
 ROOT_S = 2.1e-4
-"""Processor seconds of a block per root of nodes x directions x moments: within 25 % of what `continental-average` takes
+"""Processor seconds of a block per root of nodes x directions x moments: within 25 % of `continental-average`
 at `draft` and at `standard`, `maritime-clean` at `draft`, `pure-air` and `desert` at `standard`; half of `urban`."""
 BAND_CPU_FACTOR = 1.7
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
