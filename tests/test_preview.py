@@ -9,13 +9,14 @@ from typer.testing import CliRunner
 
 from twilight.cli import preview, terminal
 from twilight.cli.app import app
+from twilight.config.library import shipped
 from twilight.config.load import load
 from twilight.engine import frames
 from twilight.scene import resolve
 from twilight.solvers.compact.compact_sky import CompactSky
 from twilight.studies.fit.compact.preview import FITTED_BY
 
-CLIMATES = sorted(path.stem for path in preview.MODELS.glob("*.npz"))
+CLIMATES = sorted(shipped("climates"))
 SUNS_DEG = (20.0, 2.0, -4.0, -12.0)
 LARGEST_BYTES = 250e3
 LARGEST_ERROR = 0.13
