@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rendering import call
+from rendering import TABLE_NM, call
 from typer.testing import CliRunner
 
 from twilight import solvers
@@ -43,7 +43,7 @@ def test_the_plan_says_how_large_a_scene_is():
     # a block holds at most 32, and wavelengths that the solver treats differently share none
     assert of <= 32 and 1000 / of <= blocks < 2 * 1000 / of
     assert 0.1 < float(row[7]) <= 1.0 and float(row[7]) + float(row[5]) < float(row[8]) < 2.0
-    assert row[4] == "40" and row[9].endswith((" min", " h"))
+    assert 24 <= int(row[4]) <= 64 and row[9].endswith((" min", " h"))
     # a texture of I, Q and U at 1000 wavelengths is 86 MB; four channels of four bytes, and 8 bits twice, of a pixel
     assert 0.34 < float(row[5]) < 1.0 and float(row[6]) == pytest.approx(24 * 2048 * 1024 / 1e9, rel=0.01)
     small = call("render", "pure-air", "--plan", "--solver", "preetham", "--sun-elevation", "5")
@@ -167,7 +167,7 @@ def test_describe_prints_depths_and_draws_the_profile(table, tmp_path):
     assert result.exit_code == 0, result.stderr
     lines = dict(line.split("\t", 1) for line in result.stdout.splitlines() if "\t" in line)
     depth = 1e-2 * 60 * (1 - 1e-3) / np.log(1e3)
-    assert float(lines["air"].split("\t")[1]) == pytest.approx(depth, abs=6e-5)
+    assert float(lines["air"].split("\t")[1]) == pytest.approx(depth * (500 / TABLE_NM[1]) ** 4, abs=6e-5)
     assert float(lines["aerosol"].split("\t")[1]) == pytest.approx(5 * depth, abs=6e-5)
     assert lines["scale height of the air"] == f"{60 / np.log(1e3) * (1 - 1e-3):.2f} km"
     assert (tmp_path / "profile.png").read_bytes().startswith(b"\x89PNG")

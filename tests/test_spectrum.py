@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 
 
@@ -139,12 +139,3 @@ def test_observers_are_those_of_colour_science(name):
     white = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[name]]["D65"]
     rgb = spectrum.xyz_to_rgb_matrix(name) @ science.xy_to_XYZ(white)
     np.testing.assert_allclose(rgb, 1.0, atol=1e-4)
-
-
-def test_a_cache_folder_that_cannot_be_made_is_no_error(tmp_path, monkeypatch):
-    """A read-only home would stop the program."""
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "file"))
-    monkeypatch.setattr(spectrum, "_observer_tables", spectrum._observer_tables.__wrapped__)
-    with pytest.warns(TwilightWarning, match="cannot be written"):
-        assert spectrum.colour_matching_functions().shape == (471, 3)
