@@ -1,10 +1,11 @@
-"""How long a user waits for one sky: on a fresh machine, when the kernels are compiled, when the field is kept.
+"""How long a user waits for one sky: on a fresh machine, when the kernels are compiled, when the field is cached.
 
     python benchmarks/cold_start.py [--beside FOLDER]
 
 Runs the first command of README with folders of machine code and of fields that are empty, then again with the machine
 code, then with the field too, and the same sky by `--solver compact` with empty folders.  FOLDER is another checkout of
 the program, whose figures are measured in turn with these and written beside them.  Writes benchmarks/cold_start.csv.
+"preview" is the time until the preview of the first case is on disk: the picture that a user sees meanwhile.
 Processor seconds are of all processes of a command, wall seconds those of this machine as it was.
 """
 
@@ -19,6 +20,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import psutil
 import results
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,16 +42,39 @@ def seconds(root: Path, command: tuple[str, ...], folder: Path, **environment: s
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+def preview_seconds(root: Path, folder: Path) -> tuple[float, float] | None:
+    """(wall, processor) seconds until the preview of ZONES is written, on a fresh machine; None where there is none.
+
+    The command is stopped then.
+    """
+    env = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(folder / "numba")}
+    env |= {"TWILIGHT_CACHE_DIR": str(folder / "cache")}
+    begin = time.perf_counter()
+    run = [sys.executable, "-P", "-m", "twilight", *ZONES, "--output", str(folder / "sky")]
+    process = psutil.Popen(run, cwd=root, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    found = None
+    while found is None and process.poll() is None:
+        if any((folder / "sky").rglob("sky.preview.png")):
+            used = process.cpu_times()
+            found = time.perf_counter() - begin, used.user + used.system
+        time.sleep(0.02)
+    process.terminate()
+    process.wait()
+    return found
+
+
 def measure(root: Path) -> dict[str, tuple[float, float] | None]:
-    """The four cases of one checkout."""
+    """The five cases of one checkout."""
     with tempfile.TemporaryDirectory() as made:
-        folder, empty = Path(made), Path(made) / "empty"
+        folder, empty, first = Path(made), Path(made) / "empty", Path(made) / "first"
         empty.mkdir()
+        first.mkdir()
         return {
+            "preview": preview_seconds(root, first),
             "compact, fresh machine": seconds(root, COMPACT, empty),
             "zones, fresh machine": seconds(root, ZONES, folder, TWILIGHT_CACHE_GB="0"),
             "zones, compiled": seconds(root, ZONES, folder),
-            "zones, compiled, field kept": seconds(root, ZONES, folder),
+            "zones, compiled, field cached": seconds(root, ZONES, folder),
         }
 
 

@@ -17,9 +17,10 @@ ROOT = HERE.parent
 SUNS = {"30 to -6 deg": range(-6, 31), "-9 and -12": range(-12, -8), "-18": range(-18, -17)}
 """Columns of the table of errors: ranges of the true elevation of the sun [deg]."""
 CASES = {
+    "preview": "the preview of a first sky, until it is there",
     "zones, fresh machine": "a first sky, kernels compiled on the way",
     "zones, compiled": "a first sky of some air, compiled before",
-    "zones, compiled, field kept": "another sky of the same air and suns, from the cache",
+    "zones, compiled, field cached": "another sky of the same air and suns, from the cache",
     "compact, fresh machine": "a first sky with `--solver compact`, which compiles nothing",
 }
 """Cases of cold_start.csv and what a reader calls them; whole commands, with Python's start and the files written."""
@@ -74,8 +75,8 @@ def in_short() -> str:
     return (
         f"**How wrong**: 95 % of radiances are within {by_day:.1f} % of a Monte-Carlo reference with the sun from +30\n"
         f"to -6 deg, and within {night:.1f} % at -18 deg (continental air; [other air](docs/accuracy.md)).\n\n"
-        f"**How fast**: a sky takes {took['zones, compiled']:.0f} s of processor time, and the first one on a machine\n"
-        f"{took['zones, fresh machine']:.0f} s, most of it compiling."
+        f"**How fast**: a sky takes {took['zones, compiled']:.0f} s of processor time; the first one on a machine\n"
+        f"{took['zones, fresh machine']:.0f} s, most of it compiling, with a preview after {took['preview']:.1f} s."
     )
 
 
