@@ -103,7 +103,7 @@ def main() -> None:
         if not options.plan:
             with tempfile.TemporaryDirectory() as folder:
                 has_view = "--size" in CASES[name] or "configs/" in CASES[name][0]
-                compiled = (*CASES[name], "--size", "64x36") if has_view else (*CONTINENTAL, "--quality", "draft")
+                compiled = (*CASES[name], "--size", "64x32") if has_view else (*CONTINENTAL, "--quality", "draft")
                 measured(("render", *compiled, "--output", f"{folder}/sky", "--overwrite"))
                 taken = measured(("render", *CASES[name], "--output", f"{folder}/sky", "--overwrite"))
             row |= dict(zip(("measured_gb", "processor_s", "wall_s"), (taken[0] / 1e9, *taken[1:]), strict=True))
