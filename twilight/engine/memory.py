@@ -36,14 +36,14 @@ POLARISED_FACTOR = 1.35
 """By how much more memory the evaluation of a polarised field takes (benchmarks/memory.py)."""
 FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
-START_S = 1.0
-"""Processor seconds of the program's start: its libraries (`--plan` itself takes 1.0 to 1.2)."""
-PIXEL_S = 3.5e-6
-"""Processor seconds of a pixel of a view."""
+START_S = 1.8
+"""Processor seconds of the program's start: its libraries, the compiled kernels (skies of `benchmarks/memory.csv`)."""
+PIXEL_S = 2e-6
+"""Processor seconds of a pixel of a view (`view 2048x1024 draft` of `benchmarks/memory.csv`)."""
 TERRAIN_S = 4.0
 """Processor seconds of a view with terrain whatever its size: aerial perspective at its nodes, the shadows' grid."""
-TERRAIN_PIXEL_S = 4.5e-6
-"""Processor seconds of a pixel and wavelength of a view with terrain (`sunset-over-ridges` at two sizes)."""
+TERRAIN_PIXEL_S = 5.8e-6
+"""Processor seconds of a pixel and wavelength of a view with terrain (`ridges 1920x1080 draft` of the table)."""
 SUN_S = 0.3
 """Processor seconds of a sun's sky besides its directions: its beam, its colours."""
 FILES_S = 1.0
