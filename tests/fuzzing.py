@@ -160,7 +160,8 @@ def seeds(root: Path) -> list[dict[str, Any]]:
          "vary": {"ground.albedo": [0, 0.5], "observer.altitude_km": [0, 0.1]}},
         {"version": 1, "medium": {"table": "t1.csv", "depolarisation": 0.03}, "ground": {"albedo": 0.3}},
         {"version": 1, "climate": "pure-air", "solver": {"name": "montecarlo", "samples": 8, "target_stderr": None}},
-        {"version": 1, "climate": "pure-air", "solver": {"name": "zones", "quality": "draft", "expert": {"degree": 6, "late_degree": 5}}},
+        {"version": 1, "climate": "pure-air",
+         "solver": {"name": "zones", "quality": "draft", "expert": {"degree": 6, "late_degree": 5}}},
         {"version": 1, "climate": "pure-air", "solver": {"name": "preetham", "turbidity": 3.0}},
     ]  # fmt: skip
     return documents
