@@ -90,6 +90,12 @@ def test_there_is_no_preview_of_what_the_models_do_not_show(settings):
     assert preview_of(scene(**settings)) is None
 
 
+@pytest.mark.parametrize("solver", ["zones", "cells", "montecarlo", "tables"])
+def test_every_solver_of_several_orders_has_one(solver):
+    """Also those whose number of orders is not limited (None)."""
+    assert preview_of(scene(**{"solver": {"name": solver}})) is not None
+
+
 def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(terminal, "compiling", True)
     config = scene("pure-air")
