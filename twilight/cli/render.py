@@ -45,7 +45,8 @@ def render(
         float | None, option("FRACTION", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
     ] = None,
     target_error: Annotated[
-        float | None, option("FRACTION", "Refine until two qualities agree within it, e.g. 0.01, where a solver can.")
+        float | None,
+        option("FRACTION", "Error of 95 % of directions that a solver chooses its settings for, e.g. 0.01."),
     ] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     renderer: Annotated[
