@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -40,3 +41,22 @@ def test_imports_keep_to_the_contract():
     )
     assert result.returncode == 0, result.stdout
     assert "3 kept, 0 broken" in result.stdout
+
+
+def unexplained_imports(path: Path) -> list[str]:
+    """Functions that import first without a word of the reason; one comment serves the imports behind it."""
+    text = path.read_text(encoding="utf-8")
+    lines, found = text.splitlines(), []
+    for function in ast.walk(ast.parse(text)):
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+            inside = sorted(n.lineno for n in ast.walk(function) if isinstance(n, ast.Import | ast.ImportFrom))
+            around = " ".join(lines[inside[0] - 2 : inside[-1]]) if inside else "start-up"
+            if "start-up" not in around and "# optional" not in around:
+                found.append(f"{path.relative_to(ROOT)}:{inside[0]}: {function.name}")
+    return found
+
+
+def test_imports_inside_functions_say_why():
+    """The commands' head says it for all of them."""
+    files = [f for f in (ROOT / "twilight").rglob("*.py") if "cli" not in f.relative_to(ROOT).parts]
+    assert [line for file in files for line in unexplained_imports(file)] == []

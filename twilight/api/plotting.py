@@ -22,7 +22,7 @@ def contact_sheet(pictures: Sequence[tuple[str, Path]], path: Path) -> None:
     Pictures are scaled down together where the sheet would be wider or higher than 6000 pixels.
     Errors: TwilightError when a picture cannot be read or the sheet not be written.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw, ImageFont  # start-up
 
     try:
         images = [Image.open(file).convert("RGB") for _, file in pictures]
@@ -58,7 +58,7 @@ def profile_figure(
     path: Path,
 ) -> None:
     """PNG of extinction coefficients [km^-1] against altitude [km] at one wavelength, one line for each part (Z,)."""
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
     from matplotlib import pyplot

@@ -9,12 +9,18 @@ from __future__ import annotations
 import base64
 import io
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.io.netcdf import interruptible_h5netcdf, read_sky
+from twilight.base.reading import first_line
+from twilight.io.eight_bit import to_bytes
+from twilight.io.labels import attributes
+from twilight.io.netcdf import interruptible_h5netcdf, read_sky, sky_to_dataset
+from twilight.io.picture import label_of, render_view, view_directions, width_of
+from twilight.io.series import series_to_dataset
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.series import SkySeries
 from twilight.sky.sky import Sky
@@ -35,8 +41,6 @@ _NOTEBOOK_WIDTH = 480
 def html(self: Sky) -> str:
     """A picture of the sky and its figures, for notebooks."""
     from PIL import Image  # start-up
-
-    from twilight.io.picture import render_view
 
     picture, _ = render_view(self, width=_NOTEBOOK_WIDTH)
     stream = io.BytesIO()
@@ -88,8 +92,6 @@ def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options:
     TwilightWarning
         Where the wavelengths are too few for colours.
     """
-    from twilight.io.picture import label_of, render_view
-
     picture, _ = render_view(self, view=projection, **options)
     ax = ax or _axes(picture.shape)
     ax.imshow(_bytes(picture))
@@ -129,8 +131,6 @@ def plot_comparison(
         For a wavelength that the skies do not have.
     """
     from matplotlib.colors import LogNorm, Normalize  # start-up
-
-    from twilight.io.picture import label_of, view_directions, width_of
 
     elevation, azimuth = view_directions(projection, width or width_of(projection))
     lower = float(self.first.elevation_edges_deg[0])
@@ -181,8 +181,6 @@ def comparison_to_xarray(self: SkyComparison) -> xarray.Dataset:
     """`radiance` and `luminance` of the comparison as a dataset of xarray's."""
     import xarray  # start-up
 
-    from twilight.io.labels import attributes
-
     grid = ("elevation", "azimuth", "wavelength")
     values = {"radiance": (grid, self.radiance), "luminance": (grid[:2], self.luminance())}
     axes = (self.first.elevation_deg, self.first.azimuth_deg, self.first.wavelength_nm)
@@ -210,8 +208,6 @@ def _axes(shape: tuple[int, ...]) -> Axes:
 
 
 def _bytes(picture: np.ndarray) -> np.ndarray:
-    from twilight.io.eight_bit import to_bytes
-
     return to_bytes(np.nan_to_num(picture, nan=1.0))
 
 
@@ -231,7 +227,6 @@ def view(self: Sky) -> Page:
 def to_xarray(self: Sky) -> xarray.Dataset:
     """The sky as a dataset of xarray's, with the variables of sky.h5 and the accessor `.sky`."""
     import twilight.api.accessor  # noqa: F401 - start-up; registers `.sky`
-    from twilight.io.netcdf import sky_to_dataset
 
     return sky_to_dataset(self)
 
@@ -250,7 +245,6 @@ def series_to_xarray(self: SkySeries) -> xarray.Dataset:
         For skies on different grids.
     """
     import twilight.api.accessor  # noqa: F401 - start-up; registers `.sky`
-    from twilight.io.series import series_to_dataset
 
     return series_to_dataset(self)
 
@@ -268,12 +262,9 @@ def open_dataset(path: str) -> xarray.Dataset:
     TwilightError
         For what is not there, or is neither.
     """
-    from pathlib import Path
-
     import xarray  # start-up
 
-    import twilight.api.accessor  # noqa: F401 - registers `.sky`
-    from twilight.base.reading import first_line
+    import twilight.api.accessor  # noqa: F401 - start-up; registers `.sky`
 
     if not Path(path).exists():
         raise TwilightError(f"{path}: no such file")

@@ -58,7 +58,7 @@ def locked(path: Path, what: str) -> Iterator[IO[str]]:
     """
     with open(path, "a", encoding="utf-8") as file:
         with suppress(ImportError):
-            import fcntl  # not on Windows
+            import fcntl  # optional: not on Windows
 
             try:
                 fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -95,7 +95,7 @@ def sun_position(
     for t, m in zip(times, moments, strict=True):
         if m.year > LAST_YEAR:
             raise TwilightError(f"time: {t} is outside the years 1 to {LAST_YEAR}")
-    from pvlib import spa  # heavy: pandas
+    from pvlib import spa  # start-up: pvlib takes pandas
 
     epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
     unix = np.array([(m - epoch) / dt.timedelta(seconds=1) for m in moments], dtype=float)

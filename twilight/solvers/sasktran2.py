@@ -123,7 +123,7 @@ class Field(BareField):
 
     def __init__(self, medium: Medium, settings: Sasktran2Settings, observer_altitude_km: float):
         try:
-            import sasktran2  # noqa: F401
+            import sasktran2  # noqa: F401  # optional
         except ImportError:
             raise missing("sasktran2", "the solver sasktran2") from None
         if not medium.bottom_km <= observer_altitude_km < medium.top_km:

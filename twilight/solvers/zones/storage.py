@@ -87,7 +87,7 @@ def save(field: Stored, path: str | Path) -> None:
 
     Errors: TwilightError where the folder cannot be written.
     """
-    import h5py
+    import h5py  # start-up
 
     with whole_content(path) as content, h5py.File(content, "w") as file:
         file.attrs["format"] = FORMAT
@@ -114,7 +114,7 @@ def read(path: str | Path) -> Stored:
 
     Errors: TwilightError for a file that is missing, broken or of another kind.
     """
-    import h5py
+    import h5py  # start-up
 
     path = Path(path)
     if not isfile(path):
@@ -185,7 +185,7 @@ def _read_medium(group: Any) -> Medium:
 
 def stored_hash(path: str | Path) -> str | None:
     """Hash of the field in a file; None where there is no file or it holds none."""
-    import h5py
+    import h5py  # start-up
 
     try:
         with h5py.File(path, "r") as file:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erf
 
 from twilight.numerics import spectrum
 from twilight.sky.colour import MIDDLE_GREY, colour_is_defined, spectrum_to_xyz
@@ -62,8 +63,6 @@ def noise_largest(sigma: np.ndarray) -> float:
 
 def _within(x: float, sigma: np.ndarray) -> np.ndarray:
     """Probability that a normal deviation is below x in size."""
-    from scipy.special import erf
-
     return np.where(sigma > 0, erf(x / np.where(sigma > 0, sigma * np.sqrt(2.0), 1.0)), 1.0)
 
 
@@ -155,12 +154,12 @@ def _spread_of_distances(difference: np.ndarray, shifts: np.ndarray) -> Spread:
 
 
 def _lab(xyz: np.ndarray, observer: str) -> np.ndarray:
-    import colour
+    import colour  # start-up
 
     return colour.XYZ_to_Lab(xyz, colour.CCS_ILLUMINANTS[spectrum.OBSERVERS[observer]]["D65"])
 
 
 def _ciede2000(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    import colour
+    import colour  # start-up
 
     return colour.delta_E(a, b, method="CIE 2000")

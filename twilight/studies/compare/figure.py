@@ -113,7 +113,7 @@ def draw(
     marks = [m for m in marks if m.time_s > 0]
     if not marks:
         return False
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
@@ -185,7 +185,7 @@ def _lines(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str], **st
 
 def _limits(axes: Any, marks: Sequence[FigurePoint], levels: Sequence[FigurePoint]) -> None:
     """The same limits for all panels, of at least a decade each so that every axis has a labelled tick."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, NullFormatter  # start-up
 
     formatter = FuncFormatter(lambda value, position: f"{value:g}")
     for axis, values, set_limits in (
@@ -210,7 +210,7 @@ def _memory(marks: Iterable[FigurePoint]) -> str:
 
 def _heading(figure: Any, solvers: Mapping[str, str], title: str, levels: Sequence[FigurePoint]) -> None:
     """The legend: names of the solvers, each with the memory of its process, and of what was computed elsewhere."""
-    from matplotlib.lines import Line2D
+    from matplotlib.lines import Line2D  # start-up
 
     handles = []
     dashed = {m.solver for m in levels}

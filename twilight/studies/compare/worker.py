@@ -38,7 +38,7 @@ class _CompilationClock:
     """Seconds that numba spent compiling in this process."""
 
     def __init__(self) -> None:
-        from numba.core.event import install_recorder
+        from numba.core.event import install_recorder  # start-up
 
         self._context = install_recorder("numba:compile")
         self._recorder = self._context.__enter__()
@@ -176,7 +176,7 @@ class _Execution:
         return directions[0].size if self.solver.CAPABILITIES.standard_error else rows * columns
 
     def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int) -> None:
-        import numba
+        import numba  # start-up
 
         timing = {
             "set_up_s": set_up.wall_s,

@@ -128,7 +128,7 @@ class BrunetonTables:
 
 def _open_exr(texture: np.ndarray) -> bytes:
     """An OpenEXR file of a texture (z, y, x, 4) or (y, x, 4): slices below each other, the last row first."""
-    import OpenEXR
+    import OpenEXR  # start-up
 
     rows = np.ascontiguousarray(texture.reshape(-1, *texture.shape[-2:])[::-1])
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

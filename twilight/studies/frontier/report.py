@@ -59,7 +59,7 @@ def printed(points: Sequence[Point]) -> list[list[str]]:
 
 def draw(points: Sequence[Point], path: Path, title: str) -> None:
     """PNG, log-log: every point, the frontier as a line, the points that the search began with by name."""
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
     from matplotlib import pyplot

@@ -91,7 +91,7 @@ def search(
     most_points
         Points that are tried at most, starts among them.
     """
-    import optuna
+    import optuna  # optional
 
     names = [case.name for case in cases]
     if len(set(names)) < len(names):
