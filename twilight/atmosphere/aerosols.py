@@ -10,7 +10,7 @@ import numpy as np
 
 from twilight.atmosphere import opac
 from twilight.atmosphere.levels import interpolate_coefficient, vertical_integral
-from twilight.atmosphere.mie import N_ANGLES, LogNormal, particle_optics
+from twilight.atmosphere.mie import N_ANGLES, SizeDistribution, particle_optics
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import TABLE, PhaseFunction
 
@@ -118,7 +118,7 @@ def mixture_optics(
 
 
 def mixture_of(
-    particles: Iterable[tuple[float, LogNormal, np.ndarray]],
+    particles: Iterable[tuple[float, SizeDistribution, np.ndarray]],
     wavelength: np.ndarray,
     phase_function: str = "mie",
     name: str = "",

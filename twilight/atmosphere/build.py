@@ -9,6 +9,7 @@ import numpy as np
 
 from twilight.atmosphere import aerosols, gases, rayleigh, refraction
 from twilight.atmosphere.aerosols import AerosolRegion
+from twilight.atmosphere.clouds import CloudLayer, check_layers
 from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
 from twilight.atmosphere.levels import vertical_integral
 from twilight.atmosphere.medium import Medium
@@ -44,12 +45,13 @@ def build_medium(
     o4: bool = True,
     aerosol: AerosolSpec | None = None,
     stratosphere: StratosphereSpec | None = None,
+    clouds: tuple[CloudLayer, ...] = (),
     refraction: str = "ciddor",
     co2_ppm: float = 420.0,
     ground_albedo=0.0,
     name: str = "",
 ) -> Medium:
-    """The optical medium of a clear atmosphere at W wavelengths (300 to 1000 nm, increasing).
+    """The optical medium of an atmosphere at W wavelengths (300 to 1000 nm, increasing).
 
     profile: one of ``profiles.PROFILES``.
     top_km: 10 to 120; what is above is left out.
@@ -62,6 +64,7 @@ def build_medium(
         ``Medium.overhead_absorption_optical_depth``; `none` leaves ozone out.
     no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
     aerosol, stratosphere: None for none; a StratosphereSpec replaces the stratospheric part of the AerosolSpec.
+    clouds: layers around the whole globe; where some overlap their coefficients add.
     refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form
         for dry air), `none`.
     ground_albedo: Lambertian, one number or one per wavelength.
@@ -83,7 +86,9 @@ def build_medium(
     ground_km = float(ground_altitude_km)
     full = load_profile(profile).above(ground_km)
     ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
+    check_layers(clouds, ground_km, top_km)
     regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km))
+    regions += [layer.region(wavelength) for layer in clouds]
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
     state = full.at(altitude)

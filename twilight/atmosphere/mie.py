@@ -1,4 +1,4 @@
-"""Optics of a log-normal population of spheres by Mie theory (miepython), cached on disk.
+"""Optics of a population of spheres by Mie theory (miepython), cached on disk.
 
 The Mie coefficients a_n, b_n of each radius come from ``miepython.coefficients``.  Efficiencies and scattering
 functions are sums over them; for many radii and angles these sums are matrix products, with
@@ -73,6 +73,72 @@ class LogNormal:
     min_radius_um: float
     max_radius_um: float
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All that distinguishes it from other distributions of its kind."""
+        return self.median_radius_um, self.sigma, self.min_radius_um, self.max_radius_um
+
+    @property
+    def ln_width(self) -> float:
+        """Standard deviation of ln r."""
+        return math.log(self.sigma)
+
+    @property
+    def ln_span(self) -> tuple[float, float]:
+        """Of ln r [um], beyond which nothing matters."""
+        ln_sigma, ln_median = self.ln_width, math.log(self.median_radius_um)
+        return (
+            max(math.log(self.min_radius_um), ln_median - 12.0 * ln_sigma),
+            min(math.log(self.max_radius_um), ln_median + 12.0 * ln_sigma + 3.0 * ln_sigma**2),
+        )
+
+    def ln_shape(self, ln_r: np.ndarray) -> np.ndarray:
+        """ln(dN/dln r) but for a constant."""
+        return -0.5 * ((ln_r - math.log(self.median_radius_um)) / self.ln_width) ** 2
+
+    def density(self, ln_r: np.ndarray) -> np.ndarray:
+        """dN/dln r for N = 1."""
+        return np.exp(self.ln_shape(ln_r)) / (math.sqrt(2 * math.pi) * self.ln_width)
+
+
+@dataclass(frozen=True)
+class Gamma:
+    """dN/dln r = N x^p exp(-x) / Gamma(p), x = r/(a b), p = 1/b - 2: effective radius a [um], effective variance b.
+
+    Hansen & Travis 1974, Space Sci. Rev. 16, 527, eq. 2.56; 0 < b < 1/2.
+    """
+
+    effective_radius_um: float
+    effective_variance: float
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All that distinguishes it from other distributions of its kind."""
+        return self.effective_radius_um, self.effective_variance
+
+    @property
+    def ln_width(self) -> float:
+        """About the standard deviation of ln r."""
+        return math.sqrt(self.effective_variance)
+
+    @property
+    def ln_span(self) -> tuple[float, float]:
+        """Of ln r [um], beyond which nothing matters."""
+        middle = math.log(self.effective_radius_um)
+        return middle - 12.0 * self.ln_width, middle + 5.0
+
+    def ln_shape(self, ln_r: np.ndarray) -> np.ndarray:
+        """ln(dN/dln r) but for a constant."""
+        ln_x = ln_r - math.log(self.effective_radius_um * self.effective_variance)
+        return (1.0 / self.effective_variance - 2.0) * ln_x - np.exp(ln_x)
+
+    def density(self, ln_r: np.ndarray) -> np.ndarray:
+        """dN/dln r for N = 1."""
+        return np.exp(self.ln_shape(ln_r) - math.lgamma(1.0 / self.effective_variance - 2.0))
+
+
+SizeDistribution = LogNormal | Gamma
+
 
 @dataclass(frozen=True)
 class ParticleOptics:
@@ -92,18 +158,12 @@ class ParticleOptics:
     ratios: np.ndarray
 
 
-def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[np.ndarray, np.ndarray]:
+def radius_grid(size: SizeDistribution, index: complex, wavelength_um: float) -> tuple[np.ndarray, np.ndarray]:
     """Radii [um] and weights with sum_i w_i f(r_i) = integral of f dN for N = 1, over the radii that matter."""
     panels = _PANELS_CLEAR if abs(index.imag) < _CLEAR_BELOW else _PANELS_ABSORBING
-    ln_sigma = math.log(size.sigma)
-    ln_median = math.log(size.median_radius_um)
     wavenumber = 2.0 * math.pi / wavelength_um
-    u = np.linspace(
-        max(math.log(size.min_radius_um), ln_median - 12.0 * ln_sigma),
-        min(math.log(size.max_radius_um), ln_median + 12.0 * ln_sigma + 3.0 * ln_sigma**2),
-        2001,
-    )
-    importance = 2 * u - 0.5 * ((u - ln_median) / ln_sigma) ** 2 + np.minimum(0.0, u + math.log(wavenumber))
+    u = np.linspace(*size.ln_span, 2001)
+    importance = 2 * u + size.ln_shape(u) + np.minimum(0.0, u + math.log(wavenumber))
     included = u[importance >= importance.max() + math.log(_NEGLIGIBLE)]
     lower, last = float(included[0]), float(included[-1])
     x, w = np.polynomial.legendre.leggauss(_NODES_PER_PANEL)
@@ -112,14 +172,13 @@ def radius_grid(size: LogNormal, index: complex, wavelength_um: float) -> tuple[
         upper = min(last, math.log(up_to / wavenumber)) if math.isfinite(up_to) else last
         if upper <= lower:
             continue
-        edges = np.linspace(lower, upper, math.ceil((upper - lower) / min(width, ln_sigma)) + 1)
+        edges = np.linspace(lower, upper, math.ceil((upper - lower) / min(width, size.ln_width)) + 1)
         half = 0.5 * np.diff(edges)[:, None]
         nodes.append((edges[:-1, None] + half * (1 + x)).ravel())
         weights.append((half * w).ravel())
         lower = upper
     ln_r = np.concatenate(nodes)
-    density = np.exp(-0.5 * ((ln_r - ln_median) / ln_sigma) ** 2) / (math.sqrt(2 * math.pi) * ln_sigma)
-    return np.exp(ln_r), np.concatenate(weights) * density
+    return np.exp(ln_r), np.concatenate(weights) * size.density(ln_r)
 
 
 @lru_cache(maxsize=4)
@@ -143,7 +202,7 @@ def _groups(radii: np.ndarray) -> Iterator[slice]:
 
 
 def compute_optics(
-    size: LogNormal, index: complex, wavelength_nm: float, mie_coefficients: Callable | None = None
+    size: SizeDistribution, index: complex, wavelength_nm: float, mie_coefficients: Callable | None = None
 ) -> np.ndarray:
     """Extinction, scattering [km^-1 per cm^-3], asymmetry, and at the table's angles ln P11, P12/P11, P33/P11, P34/P11.
 
@@ -197,7 +256,7 @@ def compute_optics(
     return np.concatenate([head, log_phase, ratios.ravel()])
 
 
-def particle_optics(size: LogNormal, index: Sequence[complex] | np.ndarray, wavelength_nm) -> ParticleOptics:
+def particle_optics(size: SizeDistribution, index: Sequence[complex] | np.ndarray, wavelength_nm) -> ParticleOptics:
     """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air."""
     wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
@@ -220,7 +279,7 @@ def particle_optics(size: LogNormal, index: Sequence[complex] | np.ndarray, wave
     return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], p11, np.stack([p12, np.ones_like(p12), p33, p34]))
 
 
-def _shipped(size: LogNormal, indices: Sequence[complex], wavelengths: np.ndarray) -> list[np.ndarray | None]:
+def _shipped(size: SizeDistribution, indices: Sequence[complex], wavelengths: np.ndarray) -> list[np.ndarray | None]:
     """Rows that come with the package, None for the others."""
     table = shipped_optics.load()
     return [
@@ -234,23 +293,15 @@ def installed_miepython() -> str:
     return metadata.version("miepython")
 
 
-def cache_key(size: LogNormal, index: complex, wavelength_nm: float, miepython_version: str) -> str:
+def cache_key(size: SizeDistribution, index: complex, wavelength_nm: float, miepython_version: str) -> str:
     """Hash of everything that enters one row of results; numbers count to 12 digits."""
-    numbers = (
-        size.median_radius_um,
-        size.sigma,
-        size.min_radius_um,
-        size.max_radius_um,
-        index.real,
-        abs(index.imag),
-        wavelength_nm,
-    )
+    numbers = (*size.numbers, index.real, abs(index.imag), wavelength_nm)
     method = (METHOD_VERSION, N_ANGLES, _NEGLIGIBLE, _NODES_PER_PANEL, _PANELS_ABSORBING, _PANELS_CLEAR, _CLEAR_BELOW)
     text = " ".join(f"{x:.12e}" for x in numbers) + f" {method} miepython {miepython_version}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _seconds(size: LogNormal, index: complex, wavelength_nm: float) -> float:
+def _seconds(size: SizeDistribution, index: complex, wavelength_nm: float) -> float:
     """Rough time for one wavelength without compiled kernels: 0.1 ms + 8 us per term of each radius."""
     radii, _ = radius_grid(size, index, wavelength_nm * 1e-3)
     return float(np.sum(1e-4 + 8e-6 * (2e3 * math.pi / wavelength_nm) * radii))

@@ -10,6 +10,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from twilight.config.aerosol import Aerosol, Stratosphere, one_line
 from twilight.config.base import Flag, Integer, Number, Section, key
+from twilight.config.clouds import Cloud
 
 AirProfileName = Literal[
     "tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard"
@@ -238,13 +239,18 @@ class Climate(Section):
     stratosphere: Stratosphere | None = key(
         None, "particles of the stratosphere; unset: what aerosol.stratosphere says, if there is any aerosol"
     )
+    clouds: tuple[Cloud, ...] = key(
+        tuple,
+        "layers of cloud over the whole sky, e.g. [{kind: altostratus, optical_depth: 8}]; where they overlap they add",
+        max_length=10,
+    )
     ground: Ground = key(Ground, "the ground")
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
 
     @model_validator(mode="after")
     def _table_or_composition(self) -> Climate:
         if self.medium is not None:
-            mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere"} & self.model_fields_set
+            mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere", "clouds"} & self.model_fields_set
             if mixed:
                 raise ValueError(f"takes either medium (a table) or {', '.join(sorted(mixed))}, not both")
             if self.ground.altitude_km != 0.0:

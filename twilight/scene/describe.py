@@ -17,7 +17,7 @@ def optical_depths(medium: Medium) -> list[tuple[str, np.ndarray]]:
         rows = [(name, medium.optical_depth(part)) for name, part in names.items()]
     else:
         rows = [(name, np.asarray(depth)) for name, depth in parts.items()]
-        rows.append(("all aerosol", medium.optical_depth("aerosol")))
+        rows.append(("all particles", medium.optical_depth("aerosol")))
     return [*rows, ("total", medium.optical_depth("total"))]
 
 
@@ -57,7 +57,7 @@ def facts(medium: Medium) -> list[tuple[str, str]]:
         column, source = medium.notes["water_vapour_column_mm"], medium.notes["water_vapour_source"]
         rows.append(("water vapour column", f"{column:.1f} mm ({source})" if column > 0.0 else "0 mm"))
     for name, bottom, top in medium.notes.get("regions", ()):
-        rows.append((f"aerosol: {name}", f"{bottom:g} to {top:g} km"))
+        rows.append((f"particles: {name}", f"{bottom:g} to {top:g} km"))
     middle = medium.n_wavelengths // 2
     if medium.has_refraction:
         bending = horizontal_refraction_arcmin(medium)[middle]

@@ -13,6 +13,7 @@ import numpy as np
 from twilight.atmosphere import bands, own_aerosol
 from twilight.atmosphere.bands import GasBands, water_column_mm
 from twilight.atmosphere.build import build_medium
+from twilight.atmosphere.clouds import KINDS, CloudLayer
 from twilight.atmosphere.grid_medium import GridMedium, fixed_wavelengths
 from twilight.atmosphere.layers import Boundaries, EqualAirMass
 from twilight.atmosphere.medium import Medium
@@ -26,6 +27,7 @@ from twilight.atmosphere.water_surface import mean_square_slope
 from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
+from twilight.config.clouds import THINNEST_KM
 from twilight.config.scene import Config, Wavelengths
 
 USUAL_WIND_M_S = 5.0
@@ -91,6 +93,7 @@ def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
         o4=climate.gases.o4,
         aerosol=None if climate.aerosol is None else aerosol_spec(climate.aerosol),
         stratosphere=stratosphere_spec(climate),
+        clouds=cloud_layers(climate),
         refraction=climate.refraction.model,
         co2_ppm=climate.refraction.co2_ppm,
         name=climate.name,
@@ -175,6 +178,37 @@ def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
     if aerosol is None or aerosol.stratosphere != "measured" or aerosol.optical_depth_550nm == 0.0:
         return None
     return StratosphereSpec(measured_kind(climate.atmosphere.profile))
+
+
+def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
+    """The clouds of a climate, with what it leaves unset; those of optical depth 0 are left out.
+
+    Errors: TwilightError for a cloud whose top is not above its base.
+    """
+    found = []
+    for cloud in climate.clouds:
+        kind = KINDS[cloud.kind]
+        base, top, depth, radius = cloud.base_km, cloud.top_km, cloud.optical_depth, cloud.effective_radius_um
+        if base is None:
+            base = climate.ground.altitude_km if kind.base_km is None else kind.base_km
+            if top is not None and kind.base_km is not None:
+                base = min(base, top - kind.thickness_km)
+        top = base + kind.thickness_km if top is None else top
+        if top < base + THINNEST_KM * (1.0 - 1e-9) or base < 0.0:
+            raise TwilightError(
+                f"clouds: {cloud.kind} cannot end at {top:g} km, which is not {THINNEST_KM:g} km above its base at "
+                f"{base:g} km; give base_km too"
+            )
+        layer = CloudLayer(
+            cloud.kind,
+            base,
+            top,
+            kind.optical_depth if depth is None else depth,
+            kind.effective_radius_um if radius is None else radius,
+        )
+        if layer.optical_depth > 0.0:
+            found.append(layer)
+    return tuple(found)
 
 
 def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:

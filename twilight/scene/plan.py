@@ -14,7 +14,7 @@ from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.config.climate import Climate, Gases
 from twilight.config.scene import PLACED_NM, Config
 from twilight.numerics.spectrum import VISIBLE_NM, colour_matching_functions
-from twilight.scene.medium import climate_medium, wavelengths_of
+from twilight.scene.medium import climate_medium, cloud_layers, wavelengths_of
 
 GAS_TOLERANCE = 1e-3
 """A gas is left out where its optical depth along the longest straight path through the air, once in and once out, is
@@ -68,7 +68,7 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
         climate = _without_empty_aerosol(climate, omissions)
         climate = _without_weak_gases(climate, wavelength_nm, omissions)
         climate = _without_weak_bands(climate, wavelength_nm, omissions)
-        aerosol = climate.aerosol is not None or climate.stratosphere is not None
+        aerosol = bool(climate.aerosol is not None or climate.stratosphere is not None or cloud_layers(climate))
         bends = climate.refraction.model != "none"
     else:
         medium = climate_medium(climate, wavelength_nm)
