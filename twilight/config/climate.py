@@ -250,7 +250,8 @@ class Climate(Section):
     @model_validator(mode="after")
     def _table_or_composition(self) -> Climate:
         if self.medium is not None:
-            mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere", "clouds"} & self.model_fields_set
+            mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere"} & self.model_fields_set
+            mixed |= {"clouds"} if self.clouds else set()
             if mixed:
                 raise ValueError(f"takes either medium (a table) or {', '.join(sorted(mixed))}, not both")
             if self.ground.altitude_km != 0.0:
