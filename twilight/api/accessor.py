@@ -21,6 +21,8 @@ from twilight.base.errors import TwilightError
 from twilight.io.facts import fields_from
 from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_from_fields
+from twilight.sky.quantities.catalogue import quantity, unit_of
+from twilight.sky.quantities.responses import response
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,15 +158,33 @@ class SkyAccessor:
         made = self._each("luminance", lambda sky: sky.luminance_at(elevation_deg, azimuth_deg))
         return made.assign_attrs(units="cd m-2", long_name=f"luminance at elevation {elevation_deg:g} deg")
 
-    def magnitude(self, band: str = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
-        """Surface brightness [mag arcsec^-2] in one direction; azimuth relative to the sun."""
-        made = self._each("magnitude", lambda sky: sky.magnitude(band, elevation_deg, azimuth_deg))
-        return made.assign_attrs(units="mag arcsec-2", long_name=f"surface brightness in {band}")
+    def magnitude(
+        self, band: Any = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0, system: str | None = None
+    ) -> xarray.DataArray:
+        """Surface brightness [mag arcsec^-2] in one direction, `Sky.magnitude`; azimuth relative to the sun."""
+        made = self._each("magnitude", lambda sky: sky.magnitude(band, elevation_deg, azimuth_deg, system))
+        return made.assign_attrs(units="mag arcsec-2", long_name=f"surface brightness in {response(band).name}")
 
-    def illuminance_lux(self, horizontal: bool = True) -> xarray.DataArray:
-        """Illuminance of the ground by the sky alone [lx], or of a sphere."""
-        made = self._each("illuminance", lambda sky: sky.illuminance_lux(horizontal))
+    def radiance_in(self, response: Any, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
+        """Radiance within a response [W m^-2 sr^-1], `Sky.radiance_in`."""
+        made = self._each("radiance_in", lambda sky: sky.radiance_in(response, elevation_deg, azimuth_deg))
+        return made.assign_attrs(units="W m-2 sr-1", long_name="radiance within a response")
+
+    def illuminance_lux(self, horizontal: bool = True, eye: str = "photopic") -> xarray.DataArray:
+        """Illuminance of the ground by the sky alone [lx], or of a sphere; eye: as of `Sky.illuminance_lux`."""
+        made = self._each("illuminance", lambda sky: sky.illuminance_lux(horizontal, eye=eye))
         return made.assign_attrs(units="lx", long_name="illuminance by the sky")
+
+    def measure(
+        self, name: str, elevation_deg: float | None = None, azimuth_deg: float = 0.0, *, horizontal: bool = True
+    ) -> xarray.DataArray:
+        """Any quantity of a direction, or of the sky's light on a plane or sphere: `Sky.measure`."""
+        found = quantity(name)
+        made = self._each(
+            found.variable, lambda sky: sky.measure(name, elevation_deg, azimuth_deg, horizontal=horizontal)
+        )
+        of: Any = "surface" if elevation_deg is None else "direction"
+        return made.assign_attrs(units=unit_of(found, of), long_name=found.about)
 
     def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Any) -> Figure:
         """Draw the one sky that is left (`Sky.plot`)."""

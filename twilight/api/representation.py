@@ -59,11 +59,13 @@ def facts(sky: Sky) -> list[tuple[str, str]]:
     found = [("climate", str(climate["name"]))] if climate.get("name") else []
     if sky.time is not None:
         found.append(("time", sky.time.isoformat()))
-    zenith = sky.luminance_at(90.0)
+    zenith = f"{sky.luminance_at(90.0):.4g} cd m^-2"
+    if sky.covers("V"):
+        zenith += f" ({sky.magnitude():.2f} V mag arcsec^-2)"
     return [
         *found,
         ("sun elevation (true)", f"{sky.sun_elevation_deg:.2f} deg"),
-        ("zenith luminance", f"{zenith:.4g} cd m^-2 ({sky.magnitude():.2f} V mag arcsec^-2)"),
+        ("zenith luminance", zenith),
         ("illuminance of the sky", f"{sky.illuminance_lux():.4g} lx"),
     ]
 

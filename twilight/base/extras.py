@@ -10,6 +10,7 @@ from pathlib import Path
 from twilight.base.errors import TwilightError
 
 REQUIREMENTS = {
+    "astroplan": "astroplan>=0.10,<1",
     "astropy": "astropy>=6.1,<9",
     "OpenImageIO": "openimageio>=3,<4",
     "dask_jobqueue": "dask-jobqueue>=0.9,<1",
@@ -19,6 +20,7 @@ REQUIREMENTS = {
     "rasterio": "rasterio>=1.3,<2",
     "rawpy": "rawpy>=0.21,<1",
     "sasktran2": "sasktran2>=2025.10",
+    "speclite": "speclite>=0.20,<2",
 }
 """What pip is asked for, by the name that is imported: the extras of pyproject.toml."""
 

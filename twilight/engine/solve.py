@@ -23,7 +23,9 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.answer import Answer, join_wavelengths, make_sky
 from twilight.engine.block import Block
 from twilight.engine.disc import make_disc
+from twilight.engine.field_light import FieldLight
 from twilight.engine.sunbeam import Direct
+from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
 from twilight.sky.disc import Disc
 from twilight.sky.sky import BrowserPage, Sky
@@ -150,7 +152,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Solved:
+class Solved(FieldLight):
     """A problem with all its blocks solved."""
 
     problem: Problem
@@ -165,6 +167,12 @@ class Solved:
     def medium(self) -> Medium:
         """The medium at all wavelengths."""
         return self.scene.medium
+
+    @property
+    def solar_spectrum(self) -> str:
+        """Name of the scene's solar spectrum."""
+        config = self.scene.config
+        return DEFAULT_SOLAR_SPECTRUM if config is None else config.solar_spectrum
 
     def radiance(
         self,

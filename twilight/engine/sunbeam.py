@@ -36,10 +36,9 @@ class Sunbeam:
 
     def at(self, sun_elevation_deg: float, altitude_km: float) -> Direct:
         """The direct light of a sun at true elevation, for an observer at an altitude."""
-        radius, ground_km = self.medium.earth_radius_km, self.medium.bottom_km
-        dip_deg = float(np.degrees(np.arccos((radius + ground_km) / (radius + max(altitude_km, ground_km)))))
+        ground_km = self.medium.bottom_km
         out = np.zeros(self.medium.n_wavelengths)
-        if sun_elevation_deg < -dip_deg - self.DARK_BELOW_HORIZON_DEG:
+        if not self.reaches(sun_elevation_deg, altitude_km):
             return Direct(out, 0.0)
         if self._numpy_only and altitude_km <= ground_km:
             if self._ground is None:
@@ -49,6 +48,12 @@ class Sunbeam:
             self._made = prepare_beam(self.medium)
         bending = beam_at(self._made, float(altitude_km), np.sin(np.radians(sun_elevation_deg)), out)
         return Direct(out, float(np.degrees(bending)) if out.any() else 0.0)
+
+    def reaches(self, sun_elevation_deg: float, altitude_km: float) -> bool:
+        """Whether the sun may reach an observer at an altitude; False only where no refraction lifts it that far."""
+        radius, ground_km = self.medium.earth_radius_km, self.medium.bottom_km
+        dip_deg = float(np.degrees(np.arccos((radius + ground_km) / (radius + max(altitude_km, ground_km)))))
+        return sun_elevation_deg >= -dip_deg - self.DARK_BELOW_HORIZON_DEG
 
     @property
     def beam(self) -> Beam:

@@ -64,7 +64,7 @@ _ONCE = ("solar_irradiance", "surface_albedo")
 def figures(sky: Sky) -> dict[str, Any]:
     """A sky's row of the table, without its name: numbers, text, and None for what is not known."""
     zenith = sky.luminance_at(90.0)
-    magnitude = sky.magnitude()
+    magnitude = sky.magnitude() if sky.covers("V") else np.inf
     record = sky.provenance
     return {
         "time": None if sky.time is None else sky.time.isoformat(),

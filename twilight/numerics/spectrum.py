@@ -213,25 +213,33 @@ def expand(factor: np.ndarray, wavelength_nm: np.ndarray, target_nm: np.ndarray 
     return out.reshape(*factor.shape[:-1], target.size)
 
 
+def solar_at(target_nm: np.ndarray, name: str = DEFAULT_SOLAR_SPECTRUM, distance_au: float = 1.0) -> np.ndarray:
+    """Solar irradiance [W m^-2 nm^-1] at whole nanometres within the spectrum, (T,)."""
+    grid, irradiance = solar_spectrum(name)
+    return irradiance[np.searchsorted(grid, target_nm)] / distance_au**2
+
+
 def solar_at_visible(name: str = DEFAULT_SOLAR_SPECTRUM, distance_au: float = 1.0) -> np.ndarray:
     """Solar irradiance [W m^-2 nm^-1] at ``VISIBLE_NM``, (471,)."""
-    grid, irradiance = solar_spectrum(name)
-    return irradiance[np.searchsorted(grid, VISIBLE_NM)] / distance_au**2
+    return solar_at(VISIBLE_NM, name, distance_au)
 
 
-def integrate(factor: np.ndarray, wavelength_nm: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Sum over 1 nm of ``expand(factor)`` times ``weight``, for factors (..., W) and weights (471,) or (471, K).
+def integrate(
+    factor: np.ndarray, wavelength_nm: np.ndarray, weight: np.ndarray, grid_nm: np.ndarray = VISIBLE_NM
+) -> np.ndarray:
+    """Sum over 1 nm of ``expand(factor)`` times ``weight``, for factors (..., W) and weights (G,) or (G, K) at grid_nm.
 
-    Returns (...) or (..., K).  Where the samples are 5 nm or more apart the expansion is evaluated every 5 nm and taken
-    to 1 nm by ``hermite_matrix``, which is folded into the weights once: 5 times faster, the same to 2e-5.  Works
-    through large arrays in pieces and, beyond 1e5 spectra, in float32 (5e-6).
+    grid_nm: consecutive whole nanometres, (G,).  Returns (...) or (..., K).  Where the samples are 5 nm or more apart
+    the expansion is evaluated every 5 nm and taken to 1 nm by ``hermite_matrix``, which is folded into the weights
+    once: 5 times faster, the same to 2e-5.  Works through large arrays in pieces and, beyond 1e5 spectra, in float32
+    (5e-6).
     """
     factor, wavelength = np.asarray(factor), np.asarray(wavelength_nm, dtype=float)
     flat = factor.reshape(-1, factor.shape[-1])
-    columns, target = weight.reshape(weight.shape[0], -1), VISIBLE_NM
+    columns, target = weight.reshape(weight.shape[0], -1), grid_nm
     if np.diff(wavelength).min(initial=np.inf) >= 5.0:
-        target = VISIBLE_NM[::5]
-        columns = hermite_matrix(target, VISIBLE_NM).T @ columns
+        target = np.arange(grid_nm[0], grid_nm[-1] + 5.0, 5.0)
+        columns = hermite_matrix(target, grid_nm).T @ columns
     if flat.shape[0] > 100_000:
         flat = flat.astype(np.float32, copy=False)
     out = np.empty((flat.shape[0], columns.shape[1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,6 +90,24 @@ class SkySeries(Sequence[Sky]):
         except StopIteration:
             raise TwilightError("the computation of this series was interrupted; render it again") from None
         return self._made[index]
+
+    def magnitude(
+        self, band: Any = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0, system: str | None = None
+    ) -> np.ndarray:
+        """`Sky.magnitude` of every sky [mag arcsec^-2], (S,)."""
+        return np.array([sky.magnitude(band, elevation_deg, azimuth_deg, system) for sky in self])
+
+    def radiance_in(self, response: Any, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> np.ndarray:
+        """`Sky.radiance_in` of every sky [W m^-2 sr^-1], (S,)."""
+        return np.array([sky.radiance_in(response, elevation_deg, azimuth_deg) for sky in self])
+
+    def illuminance_lux(self, horizontal: bool = True, direct: bool = False, eye: str = "photopic") -> np.ndarray:
+        """`Sky.illuminance_lux` of every sky [lx], (S,)."""
+        return np.array([sky.illuminance_lux(horizontal, direct, eye) for sky in self])
+
+    def measure(self, name: str, *direction_deg: float, **options: Any) -> np.ndarray:
+        """`Sky.measure` of every sky, (S,)."""
+        return np.array([sky.measure(name, *direction_deg, **options) for sky in self])
 
     if TYPE_CHECKING:  # what reads and writes files stands above this room: `twilight.api.representation` attaches it
 

@@ -14,6 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.numerics import interpolation, spectrum
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.disc import Disc
+from twilight.sky.quantities.sky_light import SkyLight
 
 if TYPE_CHECKING:
     import xarray
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 
 MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
 """Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
-(10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others)."""
+(10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others; `Sky.magnitude`
+integrates the band itself)."""
 
 
 class BrowserPage(Protocol):
@@ -33,7 +35,7 @@ class BrowserPage(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Sky:
+class Sky(SkyLight):
     """Radiance of the sky over directions and wavelengths, E x A x W.
 
     wavelength_nm (W,): increasing.
@@ -137,11 +139,12 @@ class Sky:
         when = "" if self.time is None else f", {self.time.isoformat()}"
         solver = self.provenance.get("solver")
         made = f", by {solver} ({self.provenance.get('quality')})" if solver else ""
+        v = f", {self.magnitude():.2f} V mag arcsec^-2" if self.covers("V") else ""
         return (
             f"<Sky: sun at {self.sun_elevation_deg:+.2f} deg{when}{made}\n"
             f"  {e.size} elevations {e[0]:g} to {e[-1]:g} deg, {self.azimuth_deg.size} azimuths from the sun\n"
             f"  {w.size} wavelengths {w[0]:g} to {w[-1]:g} nm, radiance [W m^-2 sr^-1 nm^-1] in .radiance\n"
-            f"  zenith {self.luminance_at(90.0):.4g} cd m^-2, {self.magnitude():.2f} V mag arcsec^-2\n"
+            f"  zenith {self.luminance_at(90.0):.4g} cd m^-2{v}\n"
             f"  illuminance by the sky {self.illuminance_lux():.4g} lx>"
         )
 
@@ -351,36 +354,6 @@ class Sky:
     def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
         return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
-
-    # Light as the eye sees it -----------------------------------------------------------------------------------
-
-    def _luminous(self, factor: np.ndarray) -> np.ndarray:
-        """683 lm/W times the integral of factor x solar spectrum x V(lambda), for factors (..., W)."""
-        return spectrum.integrate(
-            factor,
-            self.wavelength_nm,
-            spectrum.LUMINOUS_EFFICACY_LM_PER_W
-            * spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)
-            * spectrum.colour_matching_functions("cie1931_2deg")[:, 1],
-        )
-
-    def luminance(self) -> np.ndarray:
-        """Luminance [cd m^-2], (E, A): V(lambda) of the 2 deg observer, integrated at 1 nm."""
-        return self._luminous(self.normalised_radiance)
-
-    def luminance_at(self, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> float:
-        """Luminance [cd m^-2] in one direction; azimuth relative to the sun [deg]."""
-        return float(self.resample([elevation_deg], [azimuth_deg]).luminance()[0, 0])
-
-    def magnitude(self, band: str = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> float:
-        """Surface brightness [mag arcsec^-2] in one direction, by default of the zenith; only the band V is known."""
-        if band != "V":
-            raise TwilightError(f"magnitude: the band '{band}' is not known; V is")
-        return float(magnitude_per_square_arcsecond(self.luminance_at(elevation_deg, azimuth_deg)))
-
-    def illuminance_lux(self, horizontal: bool = True, direct: bool = False) -> float:
-        """Illuminance from the upper hemisphere [lx]; arguments as in ``irradiance_factor``."""
-        return float(self._luminous(self.irradiance_factor(horizontal, direct)))
 
 
 def magnitude_per_square_arcsecond(luminance_cd_per_m2) -> np.ndarray:

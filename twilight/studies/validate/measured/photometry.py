@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,20 +17,16 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
+from twilight.engine.hemisphere import disc_irradiance, hemisphere
 from twilight.engine.night import levels_of
 from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Sunbeam
 from twilight.numerics import spectrum
 from twilight.scene import resolve
-from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import references
 from twilight.studies.validate.measured.references import KOOMEN_SITES, Site
-from twilight.transport.beam import beam_at
-
-if TYPE_CHECKING:
-    from twilight.atmosphere.medium import Medium
 
 WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0, 620.0, 650.0, 720.0)
 """Where the radiance is computed: dense where V(lambda) is large, on both sides of the O4 bands (477, 577, 630 nm)."""
@@ -45,9 +40,6 @@ ILLUMINANCE_RANGES_DEG = ((20, 60), (5, 20), (-0.8, 5), (-5, -0.8), (-12, -5), (
 """The pieces of Janiczek and DeYoung."""
 LUMINANCE_RANGES_DEG = ((-6, 0), (-12, -6), (-15, -12))
 """Sun elevations [deg] over which errors of the luminance are summed up."""
-
-DISC_STRIPS = 12
-"""Horizontal strips of the sun's disc, at the nodes of Gauss and Chebyshev's second kind."""
 
 HIGH_SITE_KM = 0.5
 """A site this far above the climate's ground gets the same climate with its ground at the site's altitude."""
@@ -177,40 +169,6 @@ class Photometer:
         return self.luminous(
             radiance / spectrum.solar_irradiance(self.medium.wavelength_nm, self.config.solar_spectrum)
         )
-
-
-def disc_irradiance(beam: Any, medium: Medium, sun_elevation_deg: float) -> np.ndarray:
-    """Irradiance of level ground by the sun's disc over F0, (W,): uniform disc in horizontal strips, each refracted."""
-    # Gauss-Chebyshev nodes of the second kind: strips of a disc weigh by their chord
-    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
-    total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
-    for offset, fraction in zip(np.cos(k), 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2, strict=True):
-        true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
-        bending = beam_at(beam, medium.bottom_km, np.sin(true), out)
-        total += fraction * max(0.0, float(np.sin(true + bending))) * out
-    return total
-
-
-def hemisphere(sun_elevation_deg: float, rows: int = 24, columns: int = 20):
-    """Directions (elevation, azimuth) [deg] and weights whose sum over radiance is horizontal irradiance, each (D,).
-
-    Gauss-Legendre in sin^2 of the elevation, with the sun's elevation as an edge, and in the root of the azimuth: dense
-    about the sun; 2e-4 in continental air.  The other half of the sky is the mirror image.
-    """
-    edge = float(np.sin(np.radians(min(max(sun_elevation_deg, 0.0), 90.0))) ** 2)
-    edges = [0.0, edge, 1.0] if 0.01 < edge < 0.99 else [0.0, 1.0]
-    x, w = np.polynomial.legendre.leggauss(rows // (len(edges) - 1))
-    square, row_weight = [], []
-    for low, high in pairwise(edges):
-        square.append(low + 0.5 * (high - low) * (x + 1))
-        row_weight.append(0.5 * (high - low) * w)
-    s, sw = np.concatenate(square), np.concatenate(row_weight)
-    u, uw = np.polynomial.legendre.leggauss(columns)
-    root = 0.5 * (u + 1)
-    azimuth, aw = np.pi * root**2, np.pi * root * uw
-    grid = np.meshgrid(np.degrees(np.arcsin(np.sqrt(s))), np.degrees(azimuth), indexing="ij")
-    # cos dOmega = d(sin^2)/2 dA, both halves
-    return grid[0].ravel(), grid[1].ravel(), np.outer(sw, aw).ravel()
 
 
 def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:

@@ -1,0 +1,135 @@
+"""What a solved field can be asked in the units of people's trades, of the sun's scattered light alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twilight.engine.hemisphere import disc_irradiance, hemisphere
+from twilight.sky.quantities.catalogue import Quantity, check_of, quantity
+from twilight.sky.quantities.measure import Spectra, check_covered
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+    from twilight.engine.block import Block
+
+
+class FieldLight:
+    """The measures of a `Solved`; what they need of it is declared below."""
+
+    if TYPE_CHECKING:
+        blocks: tuple[Block, ...]
+
+        @property
+        def medium(self) -> Medium: ...
+        @property
+        def solar_spectrum(self) -> str: ...
+        def radiance(
+            self,
+            sun_elevation_deg: float,
+            elevation_deg: ArrayLike,
+            azimuth_deg: ArrayLike,
+            observer_altitude_km: float | None = None,
+        ) -> np.ndarray: ...
+
+    def measure(
+        self,
+        name: str | Quantity,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike | None = None,
+        azimuth_deg: ArrayLike = 0.0,
+        *,
+        direct: bool = False,
+        distance_au: float = 1.0,
+        observer_altitude_km: float | None = None,
+    ) -> np.ndarray:
+        """Any quantity of directions, or of level ground, without the night.
+
+        Parameters
+        ----------
+        name
+            As of `Sky.measure`.
+        sun_elevation_deg
+            True elevation of the sun [deg].
+        elevation_deg, azimuth_deg
+            Of the lines of sight [deg], azimuth from the sun; None: level ground under the whole sky.
+        direct
+            Whether the sun's own disc shines on the ground too.
+        distance_au
+            Earth to sun [au].
+        observer_altitude_km
+            Above sea level [km]; None: the scene's observer.
+
+        Returns
+        -------
+        numpy.ndarray
+            In the quantity's unit, the shape of the directions; of level ground a number.
+
+        Raises
+        ------
+        TwilightError
+            For a name that is none, and wavelengths that do not cover it.
+        """
+        found = quantity(name)
+        check_of(found, "surface" if elevation_deg is None else "direction")
+        for one in found.responses():
+            check_covered(one, self.medium.wavelength_nm, "the field")
+        if elevation_deg is None:
+            factor = self.horizontal_irradiance(sun_elevation_deg, direct, observer_altitude_km)
+        else:
+            factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        return found.value(Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, distance_au, "the field"))
+
+    def magnitude(
+        self,
+        band: Any,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike = 90.0,
+        azimuth_deg: ArrayLike = 0.0,
+        system: str | None = None,
+    ) -> np.ndarray:
+        """Surface brightness [mag arcsec^-2]; band and system as of `Sky.magnitude`, the rest as of `measure`."""
+        factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
+        return Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, where="the field").magnitude(
+            band, system
+        )
+
+    def radiance_in(
+        self,
+        response: Any,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike = 90.0,
+        azimuth_deg: ArrayLike = 0.0,
+    ) -> np.ndarray:
+        """Radiance within a response [W m^-2 sr^-1], as `Sky.radiance_in`."""
+        factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
+        return Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, where="the field").within(response)
+
+    def illuminance_lux(self, sun_elevation_deg: float, direct: bool = False) -> float:
+        """Illuminance of level ground by the sky [lx]; direct: with the sun's disc."""
+        return float(self.measure("illuminance", sun_elevation_deg, direct=direct))
+
+    def horizontal_irradiance(
+        self, sun_elevation_deg: float, direct: bool = False, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
+        """Irradiance of level ground over F0, (W,); direct: with the sun's disc, each strip of it refracted."""
+        elevation, azimuth, weight = hemisphere(sun_elevation_deg)
+        out = weight @ self.radiance(sun_elevation_deg, elevation, azimuth, observer_altitude_km)
+        return out + self.disc_irradiance(sun_elevation_deg, observer_altitude_km) if direct else out
+
+    def disc_irradiance(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> np.ndarray:
+        """Irradiance of level ground by the sun's disc over F0, (W,)."""
+        parts = []
+        for block in self.blocks:
+            if not block.sunbeam.reaches(sun_elevation_deg + 0.3, self._altitude(observer_altitude_km)):
+                return np.zeros(self.medium.n_wavelengths)
+            medium = block.sunbeam.medium
+            one = disc_irradiance(block.sunbeam.beam, medium, sun_elevation_deg, self._altitude(observer_altitude_km))
+            parts.append(one if block.bands is None else block.bands.sum_terms(one))
+        return np.concatenate(parts)
+
+    def _altitude(self, observer_altitude_km: float | None) -> float:
+        altitude = self.blocks[0].scene.altitude_km if observer_altitude_km is None else observer_altitude_km
+        return max(altitude, self.medium.bottom_km)

@@ -1,0 +1,212 @@
+"""Spectra become numbers: magnitudes, light as eyes and skins see it, photons, colour; integrated at 1 nm.
+
+The factor of a spectrum over the sun's is smooth in wavelength and is interpolated in the logarithm; the solar spectrum
+at 1 nm and the response are multiplied in afterwards (`twilight.numerics.spectrum`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.numerics import spectrum
+from twilight.sky.quantities.colour_temperature import correlated_colour_temperature
+from twilight.sky.quantities.responses import ALPHA_OPIC, Response, response, vega
+
+MAX_UNCOVERED = 0.04
+"""Largest fraction of a response, weighted with sunlight, beyond the sampled wavelengths, where the spectrum is
+continued as a power of the wavelength; that is wrong by some tenth of itself in the air's windows."""
+ARCSEC2_SR = (np.pi / 648000.0) ** 2
+"""One square arcsecond [sr]."""
+VEGA_MAGNITUDE = 0.023
+"""Of Vega in every band of the Vega system: its V (Bohlin 2007, ASP Conf. Ser. 364, 315), all its colours 0."""
+AB_JANSKY = 3631.0
+"""Flux density of AB magnitude 0 [Jy] (Oke & Gunn 1983)."""
+_LIGHT_NM_PER_S = 2.99792458e17
+_PHOTON_J_NM = 6.62607015e-34 * _LIGHT_NM_PER_S
+"""h c [J nm] (SI 2019)."""
+_AVOGADRO = 6.02214076e23
+ALPHA_OPIC_D65_W_PER_LM = dict(zip(ALPHA_OPIC, (0.8173e-3, 1.4558e-3, 1.6289e-3, 1.4497e-3, 1.3262e-3), strict=True))
+"""Efficacy of luminous radiation of daylight D65 for the five receptors, CIE S 026:2018 table 1 [W lm^-1]."""
+UV_INDEX_M2_PER_W = 40.0
+"""UV index of erythemal irradiance (WHO 2002; ISO/CIE 17166:2019)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Spectra of radiance or irradiance over those of the sun.
+
+    factor (..., W): over the solar irradiance at distance_au [sr^-1 or 1]; wavelength_nm (W,); solar_spectrum: one of
+    `spectrum.solar_spectra()`; where: what errors call the wavelengths.
+    """
+
+    factor: np.ndarray
+    wavelength_nm: np.ndarray
+    solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
+    distance_au: float = 1.0
+    where: str = "the sky"
+    _known: dict = field(default_factory=dict, repr=False)
+
+    def weighted(self, which: Response, weight: np.ndarray | None = None) -> np.ndarray:
+        """Integral of light times a response over wavelength, (...): of energy in W m^-2 (sr^-1) where the response is
+        to energy, with the wavelength [nm] as a factor where it is to photons; weight (G,): at its `grid_nm`, in place
+        of its own.
+
+        Errors: TwilightError where more than MAX_UNCOVERED of the response is beyond the wavelengths.
+        """
+        check_covered(which, self.wavelength_nm, self.where)
+        grid = which.grid_nm
+        given = which.energy_weight() if weight is None else weight
+        weights = given * _trapezoid(grid.size) * spectrum.solar_at(grid, self.solar_spectrum, self.distance_au)
+        return spectrum.integrate(self.factor, self.wavelength_nm, weights, grid)
+
+    def within(self, which: object) -> np.ndarray:
+        """Energy within a response, integral of L R over wavelength [W m^-2 (sr^-1)], (...)."""
+        found = response(which)
+        weight = np.interp(found.grid_nm, found.wavelength_nm, found.value, left=0.0, right=0.0)
+        return self.weighted(found, weight)
+
+    def photons(self, which: object) -> np.ndarray:
+        """Photons within a response, integral of L R wavelength / (h c) [s^-1 m^-2 (sr^-1)], (...)."""
+        found = response(which)
+        weight = np.interp(found.grid_nm, found.wavelength_nm, found.value, left=0.0, right=0.0)
+        return self.weighted(found, weight * found.grid_nm) / _PHOTON_J_NM
+
+    def magnitude(self, band: object, system: str | None = None) -> np.ndarray:
+        """Surface brightness of a radiance [mag arcsec^-2], (...); infinite where there is no light.
+
+        band: as of `responses.response`; system: AB, Vega, or None for what is usual with the band.
+        """
+        found = response(band)
+        with np.errstate(divide="ignore"):
+            return -2.5 * np.log10(self.weighted(found) * ARCSEC2_SR / zero_point(found, system))
+
+    def photopic(self) -> np.ndarray:
+        """Luminance [cd m^-2] or illuminance [lx] by V(lambda) of the 2 deg observer, (...)."""
+        return spectrum.LUMINOUS_EFFICACY_LM_PER_W * self.weighted(response("photopic"))
+
+    def scotopic(self) -> np.ndarray:
+        """Scotopic luminance [cd m^-2] or illuminance [lx] by V'(lambda) of CIE 1951, (...)."""
+        from twilight.sky.tone.eye import SCOTOPIC_EFFICACY_LM_PER_W  # start-up
+
+        return SCOTOPIC_EFFICACY_LM_PER_W * self.weighted(response("scotopic"))
+
+    def mesopic(self) -> np.ndarray:
+        """Mesopic luminance [cd m^-2] of an eye adapted to this very light, CIE 191:2010 (MES2), (...)."""
+        from twilight.sky.tone.eye import adaptation_coefficient  # start-up
+
+        return adaptation_coefficient(self.photopic(), self.scotopic())[1]
+
+    def alpha_opic_edi(self, receptor: str) -> np.ndarray:
+        """Equivalent daylight (D65) illuminance of a receptor [lx], CIE S 026:2018, (...)."""
+        return self.weighted(response(receptor)) / ALPHA_OPIC_D65_W_PER_LM[receptor]
+
+    def ppfd(self) -> np.ndarray:
+        """Photosynthetic photon flux density, 400 to 700 nm [umol m^-2 s^-1], (...)."""
+        return self.photons("PAR") * 1e6 / _AVOGADRO
+
+    def uv_index(self) -> np.ndarray:
+        """UV index of an irradiance, (...): 40 m^2/W times the erythemal irradiance from 300 nm on."""
+        return UV_INDEX_M2_PER_W * self.weighted(response("erythema"))
+
+    def cct_duv(self) -> tuple[np.ndarray, np.ndarray]:
+        """Correlated colour temperature [K] and distance from Planck's locus in (u, v) of CIE 1960, (...) each."""
+        if "cct" not in self._known:
+            check_covered(response("photopic"), self.wavelength_nm, self.where)
+            functions = spectrum.colour_matching_functions("cie1931_2deg")
+            sun = spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)[:, None]
+            xyz = spectrum.integrate(self.factor, self.wavelength_nm, functions * sun)
+            self._known["cct"] = correlated_colour_temperature(xyz)
+        return self._known["cct"]
+
+
+def zero_point(band: Response, system: str | None = None) -> float:
+    """Integral of response times the irradiance of magnitude 0 over wavelength, in the unit of `Spectra.weighted`.
+
+    Errors: TwilightError for a system that is neither AB nor Vega.
+    """
+    chosen = system or band.system
+    if chosen not in ("AB", "Vega"):
+        raise TwilightError(f"magnitude: the system '{chosen}' is not known; AB and Vega are")
+    return _zero_point(band, chosen)
+
+
+@lru_cache(maxsize=256)
+def _zero_point(band: Response, system: str) -> float:
+    nm = band.grid_nm
+    if system == "AB":
+        irradiance = AB_JANSKY * 1e-26 * _LIGHT_NM_PER_S / nm**2
+    else:
+        grid, of_vega = vega()
+        if band.grid_nm[-1] > grid[-1]:
+            raise TwilightError(
+                f"magnitude: Vega is known to {grid[-1]:g} nm, and {band.name} reaches {band.grid_nm[-1]:g} nm; take AB"
+            )
+        irradiance = of_vega[np.searchsorted(grid, nm)] * 10.0 ** (0.4 * VEGA_MAGNITUDE)
+    return float((irradiance * band.energy_weight() * _trapezoid(nm.size)).sum())
+
+
+def _trapezoid(count: int) -> np.ndarray:
+    """Weights of the trapezoidal rule at a step of 1."""
+    weight = np.ones(count)
+    weight[[0, -1]] = 0.5
+    return weight
+
+
+def uncovered(which: Response, wavelength_nm: np.ndarray) -> float:
+    """Fraction of a response, weighted with sunlight, that is beyond the first and the last wavelength."""
+    nm = which.grid_nm
+    weight = which.energy_weight() * _trapezoid(nm.size) * spectrum.solar_at(nm)
+    inside = (nm >= wavelength_nm[0]) & (nm <= wavelength_nm[-1])
+    return float(1.0 - weight[inside].sum() / weight.sum())
+
+
+def needed_nm(which: Response, most: float = MAX_UNCOVERED) -> tuple[float, float]:
+    """The wavelengths [nm] that enclose all of a response but `most`, half of that on either side."""
+    nm = which.grid_nm
+    weight = which.energy_weight() * _trapezoid(nm.size) * spectrum.solar_at(nm)
+    share = np.cumsum(weight) / weight.sum()
+    low = nm[int(np.searchsorted(share, 0.5 * most))]
+    return float(low), float(nm[int(np.searchsorted(share, 1.0 - 0.5 * most))])
+
+
+def check_covered(which: Response, wavelength_nm: np.ndarray, where: str = "the sky") -> None:
+    """Raise TwilightError where wavelengths do not cover a response, and say which would."""
+    if uncovered(which, wavelength_nm) <= MAX_UNCOVERED:
+        return
+    low, high = needed_nm(which)
+    there = (
+        f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm" if len(wavelength_nm) > 1 else f"{wavelength_nm[0]:g} nm"
+    )
+    raise TwilightError(
+        f"{which.name}: {uncovered(which, wavelength_nm):.0%} of its light is beyond the wavelengths of {where}, "
+        f"{there}; "
+        f"wavelengths from {np.floor(low):g} to {np.ceil(high):g} nm would cover it"
+        + (" (twilight computes 300 to 1000 nm)" if low < 300.0 or high > 1000.0 else "")
+    )
+
+
+SAMPLES_NM = (
+    *(300.0, 305.0, 310.0, 320.0, 330.0, 345.0, 360.0, 380.0, 400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0),
+    *(603.0, 620.0, 650.0, 675.0, 710.0, 750.0, 780.0, 810.0, 860.0, 885.0, 1000.0),
+)
+"""Wavelengths of which those are computed that a quantity needs: dense where ozone's Huggins bands and V(lambda) are,
+on both sides of the bands of O4 (477, 577, 630 nm), outside those of water vapour and oxygen."""
+
+
+def samples_for(responses: Sequence[Response]) -> tuple[float, ...]:
+    """Those of SAMPLES_NM that cover responses, and one more on either side where there is one.
+
+    Errors: TwilightError for a response that they do not cover.
+    """
+    for one in responses:
+        check_covered(one, np.array(SAMPLES_NM), "the air")
+    ends = [needed_nm(one) for one in responses]
+    low, high = min(a for a, _ in ends), max(b for _, b in ends)
+    first = max(int(np.searchsorted(SAMPLES_NM, low, side="right")) - 1, 0)
+    last = min(int(np.searchsorted(SAMPLES_NM, high)), len(SAMPLES_NM) - 1)
+    return SAMPLES_NM[first : last + 1]

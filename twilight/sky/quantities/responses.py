@@ -1,0 +1,234 @@
+"""Spectral responses: bands of photometry, receptors of the eye, action spectra, cameras, and curves of a user's
+own."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.base.extras import is_installed, missing
+from twilight.numerics import spectrum
+
+JOHNSON_COUSINS = ("U", "B", "V", "R", "I")
+ALPHA_OPIC = ("s_cone_opic", "m_cone_opic", "l_cone_opic", "rhodopic", "melanopic")
+"""The five of CIE S 026:2018."""
+CAMERA = "Nikon 5100 (NPL)"
+"""The camera of colour-science whose channels are `camera-red`, `camera-green`, `camera-blue`: Darrodi et al. 2015
+(JOSA A 32, 381), measured at the National Physical Laboratory."""
+ERYTHEMA_NM = np.arange(300.0, 401.0)
+"""Where erythema is counted [nm]: the air's data begin at 300 nm, and some 1 to 5 % of a high sun's is below."""
+MAX_FILE_BYTES = 10_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A relative spectral response, linear between its samples and 0 beyond them.
+
+    wavelength_nm (R,): increasing; value (R,): not negative; per: whether `value` counts the energy of light or its
+    photons; system: magnitudes that are usual with it, AB or Vega; source: where the curve is from.
+    """
+
+    name: str
+    wavelength_nm: np.ndarray
+    value: np.ndarray
+    per: Literal["energy", "photon"] = "energy"
+    system: Literal["AB", "Vega"] = "AB"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        nm, value = np.asarray(self.wavelength_nm, float), np.asarray(self.value, float)
+        object.__setattr__(self, "wavelength_nm", nm)
+        object.__setattr__(self, "value", value)
+        what = f"response {self.name}"
+        if nm.ndim != 1 or nm.shape != value.shape or nm.size < 2:
+            raise TwilightError(f"{what}: needs as many values as wavelengths, two or more")
+        if not (np.isfinite(nm).all() and np.isfinite(value).all() and (np.diff(nm) > 0).all()):
+            raise TwilightError(f"{what}: wavelengths must increase, and all numbers must be finite")
+        if (value < 0).any() or not value.any():
+            raise TwilightError(f"{what}: values must not be negative, and not all 0")
+        grid, _ = spectrum.solar_spectrum()
+        if nm[-1] <= grid[0] or nm[0] >= grid[-1]:
+            raise TwilightError(
+                f"{what}: lies from {nm[0]:g} to {nm[-1]:g}; wavelengths are in nm, from {grid[0]:g} to {grid[-1]:g}"
+            )
+
+    @property
+    def grid_nm(self) -> np.ndarray:
+        """Whole nanometres over which it is integrated, (G,), within the solar spectrum."""
+        solar, _ = spectrum.solar_spectrum()
+        low, high = max(np.floor(self.wavelength_nm[0]), solar[0]), min(np.ceil(self.wavelength_nm[-1]), solar[-1])
+        return np.arange(low, high + 1.0)
+
+    def energy_weight(self) -> np.ndarray:
+        """Its response to energy at `grid_nm`, (G,); of a response to photons with the wavelength [nm] as a factor."""
+        nm = self.grid_nm
+        weight = np.interp(nm, self.wavelength_nm, self.value, left=0.0, right=0.0)
+        return weight * nm if self.per == "photon" else weight
+
+
+@lru_cache(maxsize=1)
+def _bands() -> dict[str, Response]:
+    found: dict[str, list[tuple[float, float]]] = {}
+    for name, nm, value in _rows("bands.csv"):
+        found.setdefault(name, []).append((float(nm), float(value)))
+    out = {}
+    for name, pairs in found.items():
+        nm, value = np.array(pairs).T
+        johnson = name in JOHNSON_COUSINS
+        system: Any = "Vega" if johnson or name.startswith("gaia") else "AB"
+        source = "Bessell 1990" if johnson else "DR3, Riello et al. 2021" if system == "Vega" else (
+            "Doi et al. 2010" if name.startswith("sdss") else "LSST throughputs 1.9")  # fmt: skip
+        out[name] = Response(name, nm, value, "energy" if johnson else "photon", system, source)
+    nm, value = np.array(_rows("sqm.csv"), float).T
+    out["SQM"] = Response("SQM", nm, value, "energy", "Vega", "Illumina's sqm.dat")
+    return out
+
+
+@lru_cache(maxsize=1)
+def _receptors() -> dict[str, Response]:
+    table = np.array(_rows("alpha_opic.csv"), float).T
+    made = {
+        name: Response(name, table[0], column, source="CIE S 026:2018")
+        for name, column in zip(ALPHA_OPIC, table[1:], strict=True)
+    }
+    photopic = spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
+    made["photopic"] = Response("photopic", spectrum.VISIBLE_NM, photopic, source="CIE 018:2019")
+    made["PAR"] = Response("PAR", np.array([400.0, 700.0]), np.ones(2), "photon", source="400 to 700 nm, McCree 1972")
+    made["erythema"] = Response("erythema", ERYTHEMA_NM, erythema(ERYTHEMA_NM), source="ISO/CIE 17166:2019")
+    return made
+
+
+def erythema(wavelength_nm: np.ndarray) -> np.ndarray:
+    """Action spectrum of sunburn: 1 to 298 nm, 10^(0.094 (298 - nm)) to 328, 10^(0.015 (140 - nm)) to 400 (CIE)."""
+    nm = np.asarray(wavelength_nm, float)
+    value = np.where(nm <= 328.0, 10.0 ** (0.094 * (298.0 - nm)), 10.0 ** (0.015 * (140.0 - nm)))
+    return np.where(nm <= 298.0, 1.0, np.where(nm <= 400.0, value, 0.0))
+
+
+@lru_cache(maxsize=1)
+def _scotopic() -> Response:
+    from twilight.sky.tone.eye import scotopic_efficiency  # start-up
+
+    return Response("scotopic", spectrum.VISIBLE_NM, scotopic_efficiency(), source="CIE 1951")
+
+
+@lru_cache(maxsize=3)
+def _camera(channel: str) -> Response:
+    from colour import MSDS_CAMERA_SENSITIVITIES  # start-up
+
+    found = MSDS_CAMERA_SENSITIVITIES[CAMERA]
+    column = ("red", "green", "blue").index(channel)
+    return Response(
+        f"camera-{channel}", found.wavelengths, np.maximum(found.values[:, column], 0.0), source="Darrodi et al. 2015"
+    )
+
+
+CAMERA_NAMES = ("camera-red", "camera-green", "camera-blue")
+
+
+def names() -> list[str]:
+    """Names of the responses that come with the program; beside them, those of speclite, e.g. decam2014-g."""
+    return [*_bands(), *_receptors(), "scotopic", *CAMERA_NAMES]
+
+
+def response(which: Any) -> Response:
+    """A response by its name, file, or arrays.
+
+    Parameters
+    ----------
+    which
+        One of `names`; a name of speclite's such as decam2014-g (needs that package); the path of a CSV with the
+        columns wavelength [nm] and response to energy; a pair of arrays of the same; or a `Response`.
+
+    Raises
+    ------
+    TwilightError
+        For a name that is not known, and a curve that is none.
+    """
+    if isinstance(which, Response):
+        return which
+    if isinstance(which, str | Path):
+        return _named(str(which))
+    if isinstance(which, tuple | list) and len(which) == 2:
+        return Response("own", np.asarray(which[0], float), np.asarray(which[1], float), source="given")
+    raise TwilightError(f"response: must be a name, a CSV file, or (wavelengths, values), got {type(which).__name__}")
+
+
+@lru_cache(maxsize=256)
+def _named(name: str) -> Response:
+    for table in (_bands(), _receptors()):
+        if name in table:
+            return table[name]
+    if name == "scotopic":
+        return _scotopic()
+    if name in CAMERA_NAMES:
+        return _camera(name.partition("-")[2])
+    if name.lower().endswith(".csv"):
+        return _file(Path(name))
+    group, dash, _ = name.partition("-")
+    if dash and group and "/" not in name:
+        return _from_speclite(name)
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, names(), 1, 0.6)
+    meant = f" (did you mean {near[0]}?)" if near else ""
+    raise TwilightError(
+        f"the band '{name}' is not known{meant}; choose one of {', '.join(names())}, one of speclite's such as "
+        "decam2014-g, or a CSV file of wavelength [nm] and response"
+    )
+
+
+def _from_speclite(name: str) -> Response:
+    if not is_installed("speclite"):
+        raise missing("speclite", f"the band '{name}', none of {', '.join(names())},")
+    from speclite import filters  # optional
+
+    try:
+        found = filters.load_filter(name)
+    except ValueError:
+        raise TwilightError(f"the band '{name}' is neither one of {', '.join(names())} nor one of speclite's") from None
+    nm = np.asarray(found.wavelength, float) / 10.0
+    return Response(name, nm, np.asarray(found.response, float), "photon", "AB", "speclite")
+
+
+def _file(path: Path) -> Response:
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise TwilightError(f"{path}: more than {MAX_FILE_BYTES // 1_000_000} MB is no spectral response")
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TwilightError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'it is no text'})") from None
+    rows = [row for row in csv.reader(line for line in lines if line.strip() and not line.startswith("#"))]
+    try:
+        numbers = np.array([[float(x) for x in row[:2]] for row in (rows[1:] if not _is_numbers(rows[:1]) else rows)])
+        nm, value = numbers.T
+    except ValueError:
+        raise TwilightError(f"{path}: needs two columns of numbers, wavelength [nm] and response to energy") from None
+    return Response(path.stem, nm, value, source=str(path))
+
+
+def _is_numbers(rows: Iterable[list[str]]) -> bool:
+    try:
+        return all(np.isfinite([float(x) for x in row[:2]]).all() for row in rows)
+    except ValueError:
+        return False
+
+
+def _rows(name: str) -> list[list[str]]:
+    text = resources.files("twilight").joinpath(f"data/photometry/{name}").read_text(encoding="utf-8")
+    return list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))[1:]
+
+
+@lru_cache(maxsize=1)
+def vega() -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths [nm] (step 1) and Vega's irradiance above the air [W m^-2 nm^-1], 280 to 1150 nm."""
+    nm, irradiance = np.array(_rows("vega.csv"), float).T
+    return nm, irradiance
