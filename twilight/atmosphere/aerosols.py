@@ -42,7 +42,7 @@ class AerosolRegion:
     def top_km(self) -> float:
         return float(self.altitude_km[-1])
 
-    def scaled(self, factor: float) -> AerosolRegion:
+    def scaled(self, factor: float | np.ndarray) -> AerosolRegion:
         return replace(self, extinction_per_km=self.extinction_per_km * factor)
 
     def henyey_greenstein(self) -> AerosolRegion:
@@ -245,24 +245,45 @@ def opac_stratosphere(spec: opac.AerosolSpec, wavelength_nm, ground_km: float = 
     return [uniform_region("stratosphere", optics, bottom, opac.STRATOSPHERE_TOP_KM)]
 
 
-def tropospheric_factor(
-    target: float, tropospheric: Iterable[AerosolRegion], stratospheric: Iterable[AerosolRegion], top_km: float
-) -> float:
-    """Factor on the tropospheric aerosol that makes the column's optical depth at 550 nm the target.
+def optical_depth_at(known_nm, known_depth, wavelength_nm: np.ndarray) -> np.ndarray:
+    """Optical depth (W,) at wavelengths (W,) [nm] from two or more known ones.
 
-    The regions hold the one wavelength 550 nm.  Raises TwilightError where no factor does it.
+    A power law between neighbours, and beyond the ends that of the outermost two (Angstrom 1929).
     """
-    below = sum(float(r.optical_depth(top_km)[0]) for r in tropospheric)
-    above = sum(float(r.optical_depth(top_km)[0]) for r in stratospheric)
-    if target < above:
+    x, y = np.log(np.asarray(known_nm, dtype=float)), np.log(np.asarray(known_depth, dtype=float))
+    at = np.log(np.asarray(wavelength_nm, dtype=float))
+    i = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
+    return np.exp(y[i] + (at - x[i]) * (y[i + 1] - y[i]) / (x[i + 1] - x[i]))
+
+
+def tropospheric_factor(
+    target: np.ndarray,
+    wavelength_nm: np.ndarray,
+    tropospheric: Iterable[AerosolRegion],
+    stratospheric: Iterable[AerosolRegion],
+    top_km: float,
+) -> np.ndarray:
+    """Factor (W,) on the tropospheric aerosol that makes the column's optical depth the target (W,).
+
+    wavelength_nm: of the regions.  Raises TwilightError where no factor does it.
+    """
+    below = sum((region.optical_depth(top_km) for region in tropospheric), np.zeros(target.size))
+    above = sum((region.optical_depth(top_km) for region in stratospheric), np.zeros(target.size))
+    for w in np.flatnonzero(target < above):
         raise TwilightError(
-            f"aerosol.optical_depth_550nm: {target:g} is less than the stratospheric aerosol's own {above:.4g}; "
-            f"allowed is {above:.4g} and more, or leave out the stratospheric aerosol"
+            f"{_depth_key(wavelength_nm[w])}: {target[w]:.4g} is less than the stratospheric aerosol's own "
+            f"{above[w]:.4g}; allowed is {above[w]:.4g} and more, or leave out the stratospheric aerosol"
         )
-    if below <= 0.0:
-        if target > above:
-            raise TwilightError(
-                f"aerosol.optical_depth_550nm: {target:g} cannot be reached, there is no tropospheric aerosol to scale"
-            )
-        return 1.0
-    return (target - above) / below
+    for w in np.flatnonzero((below <= 0.0) & (target > above)):
+        raise TwilightError(
+            f"{_depth_key(wavelength_nm[w])}: {target[w]:.4g} cannot be reached, there is no tropospheric aerosol to "
+            "scale"
+        )
+    return np.divide(target - above, below, out=np.ones(target.size), where=below > 0.0)
+
+
+def _depth_key(wavelength_nm: float) -> str:
+    """What a message calls the optical depth at a wavelength."""
+    if wavelength_nm == _REFERENCE_NM:
+        return "aerosol.optical_depth_550nm"
+    return f"aerosol.optical_depths at {wavelength_nm:g} nm"

@@ -34,7 +34,7 @@ import numpy as np
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.atmosphere.levels import layer_mean, vertical_integral
 from twilight.atmosphere.medium import Medium
-from twilight.atmosphere.profiles import AirProfile, load_profile
+from twilight.atmosphere.profiles import AirProfile
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -228,20 +228,20 @@ def amounts(gas: str, profile: AirProfile, wavelength_nm: np.ndarray, column_mm:
 
 def make_gas_bands(
     medium: Medium,
-    profile_name: str,
+    full: AirProfile,
     gases: tuple[str, ...] = GASES,
     water_vapour_mm: float | None = None,
     *,
     layers: bool = False,
     for_plan: bool = False,
 ) -> GasBands | None:
-    """The exponential sums of a medium that was built from a profile; None where no wavelength lies in a band.
+    """The exponential sums of a medium that was built from a whole profile; None where no wavelength lies in a band.
 
     water_vapour_mm: precipitable water above the ground; None: the profile's own.  layers: the medium is homogeneous
     between its levels, and takes means.  for_plan: amounts are rounded to PLANNED_PER_DECADE, so that few sums are
     fitted; how many terms they have is then about right.
     """
-    profile = load_profile(profile_name).above(medium.bottom_km)
+    profile = full.above(medium.bottom_km)
     nm = medium.wavelength_nm
     found = {gas: amounts(gas, profile, nm, water_vapour_mm) for gas in gases}
     wavelength_index, weight, columns = [], [], []

@@ -14,7 +14,7 @@ from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
 from twilight.atmosphere.levels import vertical_integral
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import AerosolSpec
-from twilight.atmosphere.profiles import PROFILE_TOP_KM, WHERE_AND_WHEN, AirProfile, load_profile
+from twilight.atmosphere.profiles import PROFILE_TOP_KM, AirProfile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
 from twilight.base.errors import TwilightError
 
@@ -34,7 +34,7 @@ REFRACTION_MODELS = ("ciddor", "haber", "none")
 def build_medium(
     wavelength_nm,
     *,
-    profile: str = "midlatitude_summer",
+    profile: str | AirProfile = "midlatitude_summer",
     top_km: float = 100.0,
     ground_altitude_km: float = 0.0,
     layers: EqualAirMass | Boundaries | None = None,
@@ -53,7 +53,7 @@ def build_medium(
 ) -> Medium:
     """The optical medium of an atmosphere at W wavelengths (300 to 1000 nm, increasing).
 
-    profile: one of ``profiles.PROFILES``.
+    profile: one of ``profiles.PROFILES``, or the air itself.
     top_km: 10 to 120; what is above is left out.
     ground_altitude_km: 0 to 9 above sea level; the medium begins there, with the profile's state at that altitude.
     layers: None gives coefficients that go continuously through the profile's own altitudes; otherwise they are
@@ -84,7 +84,7 @@ def build_medium(
             f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is 0 to {MAX_GROUND_KM:g} km"
         )
     ground_km = float(ground_altitude_km)
-    full = load_profile(profile).above(ground_km)
+    full = (load_profile(profile) if isinstance(profile, str) else profile).above(ground_km)
     ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
     check_layers(clouds, ground_km, top_km)
     regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km))
@@ -120,7 +120,7 @@ def build_medium(
         depths["ozone overhead"] = overhead
     notes = {
         "profile": full.name,
-        "ozone_source": _ozone_source(full.name, ozone_column_du, ozone_day_of_year),
+        "ozone_source": _ozone_source(full.source, ozone_column_du, ozone_day_of_year),
         "ozone_column_du": 0.0 if ozone_treatment == "none" else full.ozone_column_du * ozone_factor,
         "optical_depth": {key: value.tolist() for key, value in depths.items()},
         "regions": [(region.name, region.bottom_km, min(region.top_km, top_km)) for region in regions],
@@ -149,13 +149,13 @@ def _ozone_column(column_du: float | None, day_of_year: float | None) -> float |
     return gases.seasonal_ozone_column_du(day_of_year)
 
 
-def _ozone_source(profile: str, column_du: float | None, day_of_year: float | None) -> str:
+def _ozone_source(profile_source: str, column_du: float | None, day_of_year: float | None) -> str:
     """Where the ozone column comes from, in words."""
     if column_du is not None:
         return "as asked for"
     if day_of_year is not None:
         return f"day {day_of_year:g} of the year, northern midlatitudes"
-    return f"AFGL 1986, {WHERE_AND_WHEN[profile]}"
+    return profile_source
 
 
 def _aerosol_regions(
@@ -163,8 +163,8 @@ def _aerosol_regions(
     stratosphere: StratosphereSpec | None,
     wavelength: np.ndarray,
     span_km: tuple[float, float],
-) -> tuple[list[AerosolRegion], float]:
-    """Regions between ground and top, and the factor on the tropospheric ones."""
+) -> tuple[list[AerosolRegion], float | np.ndarray]:
+    """Regions between ground and top, and the factor on the tropospheric ones, one for all wavelengths or (W,)."""
     ground_km, top_km = span_km
     bottom_km = 0.0 if stratosphere is None else stratosphere.bottom_km
     if aerosol is not None:
@@ -184,15 +184,19 @@ def _aerosol_regions(
             return [region.henyey_greenstein() for region in found] if formula else found
         return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, ground_km)
 
-    factor = 1.0
+    below, above = tropospheric(wavelength), stratospheric(wavelength)
+    factor: float | np.ndarray = 1.0
     if aerosol is not None and aerosol.optical_depth_550nm is not None:
         at_550 = np.array([550.0])
-        factor = aerosols.tropospheric_factor(
-            aerosol.optical_depth_550nm, tropospheric(at_550), stratospheric(at_550), top_km
+        of_550 = aerosols.tropospheric_factor(
+            np.array([aerosol.optical_depth_550nm]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
         )
-    scaled = [region.scaled(factor) for region in tropospheric(wavelength)] if factor > 0.0 else []
-    regions = scaled + stratospheric(wavelength)
-    return [region for region in regions if region.bottom_km < top_km], factor
+        factor = float(of_550[0])
+    elif aerosol is not None and aerosol.optical_depths is not None:
+        target = aerosols.optical_depth_at(*aerosol.optical_depths, wavelength)
+        factor = aerosols.tropospheric_factor(target, wavelength, below, above, top_km)
+    scaled = [region.scaled(factor) for region in below] if np.any(factor) else []
+    return [region for region in scaled + above if region.bottom_km < top_km], factor
 
 
 def _levels(profile_km: np.ndarray, regions: list[AerosolRegion], top_km: float) -> tuple[np.ndarray, np.ndarray]:

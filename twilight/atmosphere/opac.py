@@ -95,6 +95,8 @@ class AerosolSpec:
     stratosphere: OPAC's own background, constant from there to 35 km; a StratosphereSpec takes its place.
     optical_depth_550nm: if given, the whole tropospheric aerosol (boundary layer, dust, free troposphere) is scaled by
         one factor until the column of all aerosol up to the medium's top has this optical depth at 550 nm.
+    optical_depths: in place of it two or more wavelengths [nm] and the column's optical depth at each: one factor for
+        each wavelength.
     phase_function: `mie`, or `henyey_greenstein` with the asymmetry from Mie.
     own: what the boundary layer holds in place of OPAC's components (see ``twilight.atmosphere.own_aerosol``).
     """
@@ -110,6 +112,7 @@ class AerosolSpec:
     free_troposphere_scale_height_km: float = FREE_TROPOSPHERE_SCALE_HEIGHT_KM
     stratosphere: bool = True
     optical_depth_550nm: float | None = None
+    optical_depths: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     phase_function: str = "mie"
     own: BoundaryOptics | None = None
 

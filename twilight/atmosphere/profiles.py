@@ -51,7 +51,7 @@ class AirProfile:
 
     Between two altitudes temperature and the logarithms of pressure and of the densities of air and water vapour are
     monotone cubics with continuous slopes (:mod:`twilight.atmosphere.steffen`); ozone and nitrogen dioxide go
-    exponentially.
+    exponentially.  source: where they come from, in words.
     """
 
     name: str
@@ -62,6 +62,7 @@ class AirProfile:
     o3_per_cm3: np.ndarray
     h2o_per_cm3: np.ndarray
     no2_per_cm3: np.ndarray
+    source: str = ""
 
     def at(self, altitude_km) -> AirProfile:
         """The same profile at other altitudes, 0 to 120 km."""
@@ -87,6 +88,7 @@ class AirProfile:
             exponential(self.o3_per_cm3),
             smooth(self.h2o_per_cm3),
             exponential(self.no2_per_cm3),
+            self.source,
         )
 
     def above(self, altitude_km: float) -> AirProfile:
@@ -115,6 +117,20 @@ class AirProfile:
         return self.column_per_cm2(self.o3_per_cm3) / MOLECULES_PER_CM2_PER_DU
 
 
+def profile_of_levels(
+    name: str, altitude_km, pressure_hpa, temperature_k, water_vapour_ppm, ozone_ppm, source: str = "atmosphere.levels"
+) -> AirProfile:
+    """The air of someone's own levels (Z,), n = p / (k T), with the nitrogen dioxide of the AFGL atmosphere `name`.
+
+    water_vapour_ppm, ozone_ppm: molecules per million molecules of moist air.
+    """
+    z = np.asarray(altitude_km, dtype=float)
+    pressure, temperature = np.asarray(pressure_hpa, dtype=float), np.asarray(temperature_k, dtype=float)
+    air = pressure * 100.0 / (BOLTZMANN_J_PER_K * temperature) * 1e-6
+    o3, h2o = (1e-6 * np.asarray(ppm, dtype=float) * air for ppm in (ozone_ppm, water_vapour_ppm))
+    return AirProfile(name, z, pressure, temperature, air, o3, h2o, load_profile(name).at(z).no2_per_cm3, source)
+
+
 def profile_name(name: str) -> str:
     """The canonical spelling of a profile's name: `Midlatitude summer` and `midlatitude-summer` are the same."""
     canonical = name.strip().lower().replace("-", "_").replace(" ", "_")
@@ -125,7 +141,8 @@ def profile_name(name: str) -> str:
 
 @lru_cache(maxsize=len(PROFILES))
 def _load(name: str) -> AirProfile:
-    return AirProfile(name, *data_numbers(f"atmosphere/afgl_{name}.csv")[1].T)
+    z, pressure, temperature, air, o3, h2o, no2 = data_numbers(f"atmosphere/afgl_{name}.csv")[1].T
+    return AirProfile(name, z, pressure, temperature, air, o3, h2o, no2, f"AFGL 1986, {WHERE_AND_WHEN[name]}")
 
 
 def load_profile(name: str) -> AirProfile:

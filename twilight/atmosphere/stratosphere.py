@@ -45,6 +45,20 @@ SAGE_RADII_UM = np.geomspace(0.045, 0.225, 6)
 
 
 @dataclass(frozen=True)
+class ExtinctionLevels:
+    """A measured profile of extinction.
+
+    altitude_km: (n,), increasing; wavelength_nm: (c,), increasing; extinction_per_km: n rows of c, positive.
+    median_radius_um: (n,), of the droplets; None: that of the scenario at the altitude.
+    """
+
+    altitude_km: tuple[float, ...]
+    wavelength_nm: tuple[float, ...]
+    extinction_per_km: tuple[tuple[float, ...], ...]
+    median_radius_um: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
 class StratosphereSpec:
     """Stratospheric aerosol that takes the place of OPAC's own.
 
@@ -54,12 +68,14 @@ class StratosphereSpec:
     optics: spectral optics of a LOWTRAN loading, one of `background_stratospheric`, `aged_volcanic`,
         `fresh_volcanic`; None takes the usual one of the loading.
     upper_atmosphere: meteoric dust above 30 km, `normal` or `extreme`; LOWTRAN kinds only.
+    levels: extinction in place of the scenario's, which then gives radii that the levels lack, and the decay above.
     """
 
     kind: str = "background"
     season: str = "spring_summer"
     optics: str | None = None
     upper_atmosphere: str = "normal"
+    levels: ExtinctionLevels | None = None
 
     def __post_init__(self):
         if self.kind not in LOWTRAN_KINDS and self.kind not in sage_scenarios():
@@ -73,6 +89,11 @@ class StratosphereSpec:
             for key in ("season", "optics", "upper_atmosphere"):
                 if getattr(self, key) != getattr(StratosphereSpec, key):
                     raise TwilightError(f"stratosphere.{key}: has no meaning for the measured profile `{self.kind}`")
+        elif self.levels is not None:
+            raise TwilightError(
+                f"stratosphere.kind: `{self.kind}` has no droplets for stratosphere.levels; allowed are "
+                f"{', '.join(sage_scenarios())}"
+            )
 
     @property
     def bottom_km(self) -> float:
@@ -80,7 +101,7 @@ class StratosphereSpec:
         if self.kind in LOWTRAN_KINDS:
             z, extinction = self._lowtran_stratosphere()
             return float(z[extinction > 0][0])
-        return float(_sage()[self.kind][0, 0])
+        return float(_sage()[self.kind][0, 0] if self.levels is None else self.levels.altitude_km[0])
 
     def _lowtran_stratosphere(self) -> tuple[np.ndarray, np.ndarray]:
         column = LOWTRAN_KINDS[self.kind][0] + SEASONS[self.season]
@@ -92,7 +113,7 @@ class StratosphereSpec:
         wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
         if self.kind in LOWTRAN_KINDS:
             return self._lowtran_regions(wavelength)
-        return [_sage_region(self.kind, wavelength)]
+        return [_sage_region(self.kind, wavelength, self.levels)]
 
     def _lowtran_regions(self, wavelength: np.ndarray) -> list[AerosolRegion]:
         z, extinction = self._lowtran_stratosphere()
@@ -186,8 +207,10 @@ def droplets(median_radius_um: float) -> LogNormal:
     return LogNormal(median_radius_um, SAGE_MODE_WIDTH, median_radius_um / 50.0, median_radius_um * 50.0)
 
 
-def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
-    """Extinction (n, W) from n rows at the nine channels, log-log in wavelength.
+def sage_extinction_per_km(
+    measured: np.ndarray, wavelength_nm: np.ndarray, channel_nm: np.ndarray = SAGE_WAVELENGTH_NM
+) -> np.ndarray:
+    """Extinction (n, W) from n rows at two or more channels, log-log in wavelength.
 
     A channel that is missing or not positive (noise of the retrieval) is bridged; beyond the outermost good channel
     the spectrum goes on with the power law fitted to the row.
@@ -196,15 +219,17 @@ def sage_extinction_per_km(measured: np.ndarray, wavelength_nm: np.ndarray) -> n
     log_w = np.log(wavelength_nm)
     for i, row in enumerate(measured):
         good = np.isfinite(row) & (row > 0)
-        x, y = np.log(SAGE_WAVELENGTH_NM[good]), np.log(row[good])
+        x, y = np.log(channel_nm[good]), np.log(row[good])
         slope = np.polyfit(x, y, 1)[0]
         beyond = slope * (np.minimum(log_w - x[0], 0.0) + np.maximum(log_w - x[-1], 0.0))
         out[i] = np.exp(np.interp(log_w, x, y) + beyond)
     return out
 
 
-def _sage_region(scenario: str, wavelength: np.ndarray) -> AerosolRegion:
-    """A measured profile; above it the extinction falls with the scenario's scale height.
+def _sage_region(scenario: str, wavelength: np.ndarray, levels: ExtinctionLevels | None = None) -> AerosolRegion:
+    """A measured profile, the scenario's or `levels`; above it the extinction falls with the scenario's scale height.
+
+    Levels of one wavelength get their spectrum from the droplets (Mie theory).
 
     Droplets of 75 % sulphuric acid (OPAC's index), log-normal with mode width 1.6 and the retrieved median radius.
     Phase functions are computed at fixed radii and mixed, linearly in the logarithm of the radius: half way between
@@ -212,7 +237,16 @@ def _sage_region(scenario: str, wavelength: np.ndarray) -> AerosolRegion:
     """
     rows = _sage()[scenario]
     z, radius_um = rows[:, 0], rows[:, 1] * 1e-3
-    extinction = sage_extinction_per_km(rows[:, 2:], wavelength)
+    channel_nm, measured = SAGE_WAVELENGTH_NM, rows[:, 2:]
+    if levels is not None:
+        own_z = np.array(levels.altitude_km)
+        radius_um = np.interp(own_z, z, radius_um)
+        if levels.median_radius_um is not None:
+            radius_um = np.array(levels.median_radius_um)
+        z, channel_nm, measured = own_z, np.array(levels.wavelength_nm), np.array(levels.extinction_per_km)
+    radius_um = np.clip(radius_um, SAGE_RADII_UM[0], SAGE_RADII_UM[-1])
+    single = channel_nm.size == 1
+    extinction = measured if single else sage_extinction_per_km(measured, wavelength, channel_nm)
     decay = np.exp(-(PROFILE_TOP_KM - z[-1]) / _sage_upper_scale_heights()[scenario])
     z = np.append(z, PROFILE_TOP_KM)
     radius_um = np.append(radius_um, radius_um[-1])
@@ -221,14 +255,21 @@ def _sage_region(scenario: str, wavelength: np.ndarray) -> AerosolRegion:
     weight = np.maximum(0.0, 1.0 - np.abs(position[None, :] - np.arange(SAGE_RADII_UM.size)[:, None]))
     used = np.any(weight > 0.0, axis=1)
     weight = weight[used]
-    phases, albedos = [], []
+    phases, albedos, spectra = [], [], []
     _, index = opac.particles("suso", 0.0, wavelength)
+    _, index_of_channel = opac.particles("suso", 0.0, channel_nm)
     for radius in SAGE_RADII_UM[used]:
         optics = particle_optics(droplets(float(radius)), index, wavelength)
         phases.append(table_phase_function(np.exp(optics.log_phase), optics.ratios, f"sulphate {1e3 * radius:.0f} nm"))
         albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
+        if single:
+            of_channel = particle_optics(droplets(float(radius)), index_of_channel, channel_nm).extinction_per_km[0]
+            spectra.append(optics.extinction_per_km / of_channel)
+    if single:
+        extinction = extinction * np.exp(np.einsum("kn,kw->nw", weight, np.log(spectra)))
     phase_fraction = np.repeat(weight[:, :, None], wavelength.size, axis=2)
     albedo = np.einsum("kn,kw->nw", weight, np.stack(albedos))
+    name = scenario if levels is None else "measured"
     return AerosolRegion(
-        f"stratosphere ({scenario})", z, extinction, np.minimum(1.0, albedo), phase_fraction, tuple(phases)
+        f"stratosphere ({name})", z, extinction, np.minimum(1.0, albedo), phase_fraction, tuple(phases)
     )

@@ -159,6 +159,26 @@ class OpticsTable(Section):
         return one_line(value)
 
 
+class OpticalDepths(Section):
+    """The optical depth of all aerosol at some wavelengths: a power law between two, and beyond the outermost."""
+
+    wavelength_nm: tuple[Annotated[Number, Field(ge=200.0, le=5000.0)], ...] = key(
+        ..., "wavelengths, increasing", unit="nm", min_length=2, max_length=100
+    )
+    optical_depth: tuple[Annotated[Number, Field(gt=0.0, le=20.0)], ...] = key(
+        ..., "one for each wavelength", unit="1", min_length=2, max_length=100
+    )
+
+    @model_validator(mode="after")
+    def _match(self) -> OpticalDepths:
+        w = self.wavelength_nm
+        if len(w) != len(self.optical_depth):
+            raise ValueError(f"has {len(w)} wavelength_nm but {len(self.optical_depth)} optical_depth")
+        if any(b <= a for a, b in itertools.pairwise(w)):
+            raise ValueError("wavelength_nm must increase")
+        return self
+
+
 class Aerosol(Section):
     """Particles below the stratosphere: an OPAC type, OPAC components, or one's own particles, and their heights."""
 
@@ -167,7 +187,7 @@ class Aerosol(Section):
         dict, "own mixture at the ground by OPAC component, e.g. {waso: 7000, inso: 0.4}", unit="cm^-3"
     )
     modes: tuple[Mode, ...] = key(
-        tuple, "own spheres: sizes and refractive index, e.g. [{median_radius_um: 0.1, sigma: 1.6}]", max_length=20
+        tuple, "own spheres: sizes and refractive index, e.g. [{median_radius_um: 0.1, sigma: 1.6}]", max_length=40
     )
     angstrom: Angstrom | None = key(None, "own power law of the wavelength, with albedo and asymmetry")
     table: OpticsTable | None = key(None, "own tables of extinction, albedo and phase function")
@@ -180,6 +200,11 @@ class Aerosol(Section):
         unit="1",
         ge=0.0,
         le=20.0,
+    )
+    optical_depths: OpticalDepths | None = key(
+        None,
+        "in place of optical_depth_550nm, at several wavelengths: scales the extinction at each; e.g. {wavelength_nm: "
+        "[440, 870], optical_depth: [0.2, 0.08]}",
     )
     phase_function: Literal["mie", "henyey_greenstein"] = key(
         "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives, in the stratosphere too"
@@ -218,8 +243,38 @@ class Aerosol(Section):
             raise ValueError(f"needs one of {', '.join(AEROSOL_SOURCES)}, got {' and '.join(given) or 'none'}")
         if given[0] in ("modes", "angstrom", "table") and "relative_humidity_percent" in self.model_fields_set:
             raise ValueError(f"relative_humidity_percent has no meaning for {given[0]}: only OPAC's particles swell")
-        if self.angstrom is not None and self.optical_depth_550nm is None:
+        if self.optical_depths is not None and self.optical_depth_550nm is not None:
+            raise ValueError("takes either optical_depth_550nm or optical_depths, not both")
+        if self.angstrom is not None and self.optical_depth_550nm is None and self.optical_depths is None:
             raise ValueError("angstrom needs optical_depth_550nm, which says how much there is")
+        return self
+
+
+class ExtinctionLevels(Section):
+    """A measured profile of the stratosphere's extinction; above it the extinction falls as that of `kind` does."""
+
+    altitude_km: tuple[Number, ...] = key(..., "above sea level, increasing", unit="km", min_length=2, max_length=500)
+    wavelength_nm: tuple[Annotated[Number, Field(ge=300.0, le=2000.0)], ...] = key(
+        ..., "increasing; of a single one the droplets give the spectrum", unit="nm", min_length=1, max_length=50
+    )
+    extinction_per_km: tuple[tuple[Annotated[Number, Field(gt=0.0, le=10.0)], ...], ...] = key(
+        ..., "for each altitude a list with one number for each wavelength", unit="km^-1"
+    )
+    median_radius_um: tuple[Annotated[Number, Field(ge=0.02, le=0.5)], ...] | None = key(
+        None, "of the droplets, one for each altitude (log-normal, mode width 1.6); unset: that of `kind`", unit="um"
+    )
+
+    @model_validator(mode="after")
+    def _match(self) -> ExtinctionLevels:
+        for name in ("altitude_km", "wavelength_nm"):
+            if any(b <= a for a, b in itertools.pairwise(getattr(self, name))):
+                raise ValueError(f"{name} must increase")
+        if len(self.extinction_per_km) != len(self.altitude_km) or any(
+            len(row) != len(self.wavelength_nm) for row in self.extinction_per_km
+        ):
+            raise ValueError("extinction_per_km must hold a list for each altitude, with a number for each wavelength")
+        if self.median_radius_um is not None and len(self.median_radius_um) != len(self.altitude_km):
+            raise ValueError("median_radius_um must hold a number for each altitude")
         return self
 
 
@@ -233,8 +288,14 @@ class Stratosphere(Section):
     season: Literal["spring_summer", "fall_winter"] = key("spring_summer", "half of the year, for LOWTRAN's loadings")
     upper_atmosphere: Literal["normal", "extreme"] = key("normal", "meteoric dust above 30 km, for LOWTRAN's loadings")
 
+    levels: ExtinctionLevels | None = key(
+        None, "a measured profile in place of that of `kind`, which must be one of SAGE III/ISS and gives what it lacks"
+    )
+
     @model_validator(mode="after")
     def _measured(self) -> Stratosphere:
+        if self.levels is not None and self.kind.endswith(("background", "volcanic")):
+            raise ValueError(f"levels needs a kind with droplets, such as nh_midlat_typical, not {self.kind}")
         if not self.kind.endswith(("background", "volcanic")):
             for name in ("season", "upper_atmosphere"):
                 if getattr(self, name) != type(self).model_fields[name].default:

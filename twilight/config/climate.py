@@ -58,10 +58,43 @@ class Layers(Section):
         return self
 
 
+class Levels(Section):
+    """The air at someone's own altitudes; between them as between those of the AFGL atmospheres."""
+
+    altitude_km: tuple[Number, ...] = key(
+        ..., "above sea level, increasing, from the ground (or below) to top_km (or above)", unit="km", min_length=2,
+        max_length=500,
+    )  # fmt: skip
+    pressure_hpa: tuple[Annotated[Number, Field(gt=0.0, le=1200.0)], ...] = key(
+        ..., "one for each altitude, decreasing", unit="hPa"
+    )
+    temperature_k: tuple[Annotated[Number, Field(ge=120.0, le=1000.0)], ...] = key(..., "likewise", unit="K")
+    water_vapour_ppm: tuple[Annotated[Number, Field(gt=0.0, le=2e5)], ...] = key(
+        ..., "molecules per million of moist air, likewise", unit="1e-6"
+    )
+    ozone_ppm: tuple[Annotated[Number, Field(gt=0.0, le=1e3)], ...] = key(..., "likewise", unit="1e-6")
+
+    @model_validator(mode="after")
+    def _match(self) -> Levels:
+        z = self.altitude_km
+        for name in ("pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm"):
+            if len(getattr(self, name)) != len(z):
+                raise ValueError(f"has {len(z)} altitude_km but {len(getattr(self, name))} {name}")
+        if z[0] < 0.0 or z[-1] > 120.0 or any(b <= a for a, b in itertools.pairwise(z)):
+            raise ValueError("altitude_km must increase from 0 or more to at most 120 km")
+        if any(b >= a for a, b in itertools.pairwise(self.pressure_hpa)):
+            raise ValueError("pressure_hpa must decrease")
+        return self
+
+
 class Atmosphere(Section):
     """Pressure, temperature, humidity and gas densities with altitude."""
 
     profile: AirProfileName = key("midlatitude_summer", "AFGL profile of pressure, temperature, air and gases")
+    levels: Levels | None = key(
+        None,
+        "own altitudes, pressures, temperatures, humidity and ozone in place of the profile's, whose NO2 stays",
+    )
     top_km: Number = key(100.0, "altitude above which there is vacuum", unit="km", ge=10.0, le=120.0)
     layers: Layers = key(Layers, "how the air is cut into layers")
 
@@ -70,6 +103,9 @@ class Atmosphere(Section):
         b = self.layers.boundaries_km
         if b is not None and abs(b[-1] - self.top_km) > 1e-9 * self.top_km:
             raise ValueError(f"layers.boundaries_km must end at top_km, {self.top_km:g} km, not at {b[-1]:g} km")
+        if self.levels is not None and self.levels.altitude_km[-1] < self.top_km:
+            highest = self.levels.altitude_km[-1]
+            raise ValueError(f"levels.altitude_km must go up to top_km, {self.top_km:g} km, not to {highest:g} km")
         return self
 
 
@@ -257,6 +293,12 @@ class Climate(Section):
             if self.ground.altitude_km != 0.0:
                 raise ValueError("ground.altitude_km has no meaning for a table: its lowest level is the ground")
             return self
+        levels = self.atmosphere.levels
+        if levels is not None and levels.altitude_km[0] > self.ground.altitude_km:
+            raise ValueError(
+                f"atmosphere.levels.altitude_km must begin at or below the ground (ground.altitude_km, "
+                f"{self.ground.altitude_km:g} km), not at {levels.altitude_km[0]:g} km"
+            )
         lowest = (self.atmosphere.layers.boundaries_km or (self.ground.altitude_km,))[0]
         if lowest != self.ground.altitude_km:
             raise ValueError(

@@ -20,9 +20,9 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 from twilight.atmosphere.own_aerosol import OwnAerosol
-from twilight.atmosphere.profiles import WHERE_AND_WHEN, load_profile
+from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
-from twilight.atmosphere.stratosphere import StratosphereSpec, measured_kind
+from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
 from twilight.atmosphere.water_surface import mean_square_slope
 from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
@@ -73,6 +73,14 @@ def planning_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     return replace(medium, grid_medium=GridMedium.built_by(nearest, fixed_wavelengths(medium.wavelength_nm)))
 
 
+def air_profile(climate: Climate) -> AirProfile:
+    """Pressure, temperature and gases of a climate that is no table, over all altitudes that it knows."""
+    levels = climate.atmosphere.levels
+    if levels is None:
+        return load_profile(climate.atmosphere.profile)
+    return profile_of_levels(climate.atmosphere.profile, **levels.model_dump())
+
+
 def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     """The air of a climate that is no table, over black ground."""
     layers: EqualAirMass | Boundaries | None = None
@@ -82,7 +90,7 @@ def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
         layers = Boundaries(climate.atmosphere.layers.boundaries_km)
     medium = build_medium(
         wavelength_nm,
-        profile=climate.atmosphere.profile,
+        profile=air_profile(climate),
         top_km=climate.atmosphere.top_km,
         ground_altitude_km=climate.ground.altitude_km,
         layers=layers,
@@ -101,8 +109,8 @@ def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     column_mm = climate.gases.water_vapour.column_mm
     source = "as asked for"
     if column_mm is None:
-        full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
-        column_mm, source = water_column_mm(full), f"AFGL 1986, {WHERE_AND_WHEN[full.name]}"
+        full = air_profile(climate).above(climate.ground.altitude_km)
+        column_mm, source = water_column_mm(full), full.source
     water = {"water_vapour_column_mm": column_mm, "water_vapour_source": source}
     return replace(medium, notes={**medium.notes, **water})
 
@@ -119,7 +127,7 @@ def climate_gas_bands(climate: Climate, medium: Medium, for_plan: bool = False) 
     layers = climate.atmosphere.layers
     return bands.make_gas_bands(
         medium,
-        climate.atmosphere.profile,
+        air_profile(climate),
         tuple(gas for gas, absorbs in wanted.items() if absorbs),
         column_mm,
         layers=layers.equal_air_mass is not None or layers.boundaries_km is not None,
@@ -135,11 +143,12 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
         spec = opac_type(aerosol.type, aerosol.relative_humidity_percent)
     else:
         spec = AerosolSpec({str(k): v for k, v in aerosol.components.items()}, aerosol.relative_humidity_percent)
-    dust = aerosol.mineral_transported
+    dust, depths = aerosol.mineral_transported, aerosol.optical_depths
     changes: dict[str, Any] = {
         "free_troposphere": aerosol.free_troposphere,
         "stratosphere": aerosol.stratosphere == "opac" and aerosol.optical_depth_550nm != 0.0,
         "optical_depth_550nm": aerosol.optical_depth_550nm,
+        "optical_depths": None if depths is None else (depths.wavelength_nm, depths.optical_depth),
         "phase_function": aerosol.phase_function,
         "boundary_layer_base": aerosol.boundary_layer_base,
         "mineral_transported": None if dust is None else MineralLayer(**dust.model_dump()),
@@ -173,7 +182,9 @@ def _own_aerosol(aerosol: Aerosol) -> OwnAerosol:
 def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
     """The stratospheric aerosol of the climate; None where there is none, or OPAC's own."""
     if climate.stratosphere is not None:
-        return StratosphereSpec(**climate.stratosphere.model_dump())
+        levels = climate.stratosphere.levels
+        of_levels = None if levels is None else ExtinctionLevels(**levels.model_dump())
+        return StratosphereSpec(**climate.stratosphere.model_dump(exclude={"levels"}), levels=of_levels)
     aerosol = climate.aerosol
     if aerosol is None or aerosol.stratosphere != "measured" or aerosol.optical_depth_550nm == 0.0:
         return None

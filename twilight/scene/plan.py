@@ -9,12 +9,11 @@ import numpy as np
 
 from twilight import solvers
 from twilight.atmosphere import bands, gases
-from twilight.atmosphere.profiles import load_profile
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.config.climate import Climate, Gases
 from twilight.config.scene import PLACED_NM, Config
 from twilight.numerics.spectrum import VISIBLE_NM, colour_matching_functions
-from twilight.scene.medium import climate_medium, cloud_layers, wavelengths_of
+from twilight.scene.medium import air_profile, climate_medium, cloud_layers, wavelengths_of
 
 GAS_TOLERANCE = 1e-3
 """A gas is left out where its optical depth along the longest straight path through the air, once in and once out, is
@@ -114,7 +113,7 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, omissions: 
     eye = colour_matching_functions("cie1931_2deg")[:, 1]
     eye = eye / eye.sum()
     column_mm = climate.gases.water_vapour.column_mm
-    profile = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
+    profile = air_profile(climate).above(climate.ground.altitude_km)
     changes: dict[str, dict[str, object]] = {
         bands.WATER_VAPOUR: {"water_vapour": climate.gases.water_vapour.model_copy(update={"column_mm": 0.0})},
         bands.OXYGEN: {"oxygen": False},
@@ -185,7 +184,7 @@ def _without_weak_gases(climate: Climate, wavelength_nm: np.ndarray, omissions: 
 
 def _weak_gases(climate: Climate, wavelength_nm: np.ndarray) -> Iterator[tuple[str, float]]:
     """Gases whose absorption cannot be seen at these wavelengths, with twice their largest limb optical depth."""
-    full = load_profile(climate.atmosphere.profile).above(climate.ground.altitude_km)
+    full = air_profile(climate).above(climate.ground.altitude_km)
     profile = full.at(full.altitude_km[full.altitude_km <= climate.atmosphere.top_km])
     ozone = climate.gases.ozone
     wanted = {"ozone": ozone.treatment == "layer", "no2": climate.gases.no2, "o4": climate.gases.o4}

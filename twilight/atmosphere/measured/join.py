@@ -1,0 +1,178 @@
+"""One profile from a measured column of air and the air of a climate around it.
+
+Within the measured column pressure goes hydrostatically between its altitudes (the integral of 1 / T_v, stretched to
+meet both ends), temperature and the logarithms of the mixing ratios are linear.  At the program's levels they are the
+polygon of least squares through the column: what is finer than the levels is smoothed, what is linear between them is
+kept exactly.
+
+Above its top the difference of temperature to the climate's air fades out over FADE_KM, as do the factors on the mixing
+ratios of what was measured.  Pressure goes on from the measured one:
+
+    d ln p / dz = (d ln p / dz of the climate) T_v(climate) / T_v,
+
+which is the hydrostatic equation with whatever gravity and molar mass the climate's air has, so that p is continuous
+and the climate's own column joined onto itself stays as it is.  Gases that were not measured keep their number density.
+Below the lowest altitude temperature goes on by 6.5 K/km, mixing ratios stay.  Between levels the program goes by
+monotone cubics with continuous slope, so that no kink is left in the refractive index.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twilight.atmosphere.measured import moist_air
+from twilight.atmosphere.measured.parts import AirColumn
+from twilight.atmosphere.profiles import BOLTZMANN_J_PER_K, AirProfile
+from twilight.base.errors import TwilightError
+
+FADE_KM = 10.0
+"""Over so much air above the top of a measurement the climate's own air takes over [km]."""
+
+LAPSE_K_PER_KM = 6.5
+"""Below the lowest measured altitude temperature rises so much downwards (US Standard Atmosphere 1976) [K/km]."""
+
+FINE_KM = 0.02
+"""Step of integrals and of the polygon's fit [km]."""
+
+LOW_LEVELS_KM = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5)
+"""Levels below the climate's of 4 km: the boundary layer and its inversion."""
+
+LEAST_SPAN_KM = 2.0
+"""A column that reaches over less is no profile."""
+
+LEAST_FRACTION = 1e-12
+"""Smallest mixing ratio that is kept: 0 has no logarithm."""
+
+
+def join(column: AirColumn, around: AirProfile) -> AirProfile:
+    """A column of air inside the air of a climate, at levels from 0 km to the top of that air.
+
+    Errors: TwilightError for a column that is not in order, or not possible.
+    """
+    z, pressure, temperature = column.altitude_km, column.pressure_hpa, column.temperature_k
+    _check(column)
+    bottom, top = float(z[0]), float(min(z[-1], around.altitude_km[-1]))
+    levels = _levels(around, bottom)
+    fine = np.unique(np.concatenate([np.arange(0.0, levels[-1], FINE_KM), levels, [bottom, top]]))
+    outer = around.at(fine)
+    inside = fine <= top
+
+    outer_water = outer.h2o_per_cm3 / outer.air_per_cm3
+    water = _known(column.water_vapour)
+    of_water, measured_water = outer_water, None
+    if water is not None:
+        measured_water = _on_levels(fine, levels, z[water], np.log(_positive(column.water_vapour)[water]), top)
+        of_water = np.exp(_faded(fine, measured_water, np.log(outer_water)))
+    of_temperature = _faded(fine, _on_levels(fine, levels, z, temperature, top), outer.temperature_k)
+    below = fine < bottom
+    of_temperature[below] = np.interp(bottom, fine, of_temperature) + LAPSE_K_PER_KM * (bottom - fine[below])
+
+    virtual = moist_air.virtual_temperature_k(of_temperature, of_water)
+    outer_virtual = moist_air.virtual_temperature_k(outer.temperature_k, outer_water)
+    # ln p from one fine altitude to the next, were it for the temperatures alone
+    step = (
+        np.diff(np.log(outer.pressure_hpa))
+        * 0.5
+        * (outer_virtual[1:] / virtual[1:] + outer_virtual[:-1] / virtual[:-1])
+    )
+    course = np.concatenate([[0.0], np.cumsum(step)])
+    at_points = np.interp(z, fine, course)
+    log_pressure = np.interp(-course, -at_points, np.log(pressure))
+    log_pressure[~inside] = np.interp(top, z, np.log(pressure)) + course[~inside] - np.interp(top, fine, course)
+    log_pressure[below] = np.log(pressure[0]) + course[below] - at_points[0]
+
+    at = np.searchsorted(fine, levels)
+    p, t = np.exp(log_pressure[at]), of_temperature[at]
+    air = p * 100.0 / (BOLTZMANN_J_PER_K * t) * 1e-6
+    there = around.at(levels)
+    h2o = there.h2o_per_cm3 if measured_water is None else of_water[at] * air
+    o3, source = there.o3_per_cm3, around.source
+    ozone = _known(column.ozone)
+    if ozone is not None:
+        fitted = _on_levels(fine, levels, z[ozone], np.log(_positive(column.ozone)[ozone]), top)
+        o3 = np.exp(_faded(fine, fitted, np.log(outer.o3_per_cm3 / outer.air_per_cm3)))[at] * air
+        source = column.source
+    if np.any(np.diff(p) >= 0.0) or not np.all(np.isfinite(p) & np.isfinite(t) & (t > 0.0)):
+        raise TwilightError(f"{column.source}: pressure does not fall with altitude")
+    return AirProfile(around.name, levels, p, t, air, o3, np.minimum(h2o, 0.2 * air), there.no2_per_cm3, source)
+
+
+def _check(column: AirColumn) -> None:
+    z, pressure, temperature = column.altitude_km, column.pressure_hpa, column.temperature_k
+    if z.size < 3 or z[-1] - z[0] < LEAST_SPAN_KM:
+        span = f"{z[0]:.3g} to {z[-1]:.3g} km" if z.size else "no altitude"
+        raise TwilightError(
+            f"{column.source}: has {z.size} altitudes with pressure and temperature ({span}); a profile needs 3 or "
+            f"more over at least {LEAST_SPAN_KM:g} km"
+        )
+    if np.any(np.diff(z) <= 0.0) or np.any(np.diff(pressure) >= 0.0):
+        raise TwilightError(f"{column.source}: altitude must increase and pressure fall from one row to the next")
+    # the hypsometric equation between the ends: a column of another unit, or rows of two columns mixed
+    slope = -np.diff(np.log(pressure)) / np.diff(z)  # 1 / km
+    kelvin = 1e3 * moist_air.STANDARD_GRAVITY * moist_air.MOLAR_MASS_DRY / (moist_air.GAS_CONSTANT * slope)
+    mean = np.sum(kelvin * np.diff(z)) / (z[-1] - z[0])
+    own = np.trapezoid(temperature, z) / (z[-1] - z[0])
+    if abs(mean / own - 1.0) > 0.05:
+        raise TwilightError(
+            f"{column.source}: its altitudes and pressures mean {mean:.0f} K and its temperatures {own:.0f} K: they do "
+            "not belong together (units?)"
+        )
+
+
+def _levels(around: AirProfile, bottom_km: float) -> np.ndarray:
+    low = np.array(LOW_LEVELS_KM)
+    return np.unique(np.concatenate([low, around.altitude_km[around.altitude_km > low[-1]]]))
+
+
+def _known(values: np.ndarray | None) -> np.ndarray | None:
+    """Which of the altitudes have a value; None where less than two have."""
+    if values is None:
+        return None
+    good = np.isfinite(values)
+    return good if np.count_nonzero(good) >= 2 else None
+
+
+def _positive(values: np.ndarray | None) -> np.ndarray:
+    assert values is not None
+    return np.maximum(values, LEAST_FRACTION)
+
+
+class _Fitted:
+    """A polygon over the levels inside a measured column: its corners, and where it begins and ends."""
+
+    def __init__(self, corner_km: np.ndarray, value: np.ndarray):
+        self.corner_km, self.value = corner_km, value
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Linear inside, constant outside."""
+        return np.interp(z, self.corner_km, self.value)
+
+
+def _on_levels(fine: np.ndarray, levels: np.ndarray, z: np.ndarray, y: np.ndarray, top_km: float) -> _Fitted:
+    """The polygon over the levels that is nearest (least squares) to the one through y (N,) at z (N,) [km]."""
+    bottom, top = float(z[0]), min(float(z[-1]), top_km)
+    inner = levels[(levels > bottom) & (levels < top)]
+    corner = np.concatenate([[bottom], inner, [top]])
+    if corner.size > 2:  # a corner at less than a third of a step from an end says nothing of its own
+        gaps = np.diff(corner)
+        keep = np.ones(corner.size, dtype=bool)
+        if gaps[0] < gaps[1] / 3.0:
+            keep[1] = False
+        if corner.size > 3 and gaps[-1] < gaps[-2] / 3.0:
+            keep[-2] = False
+        corner = corner[keep]
+    x = fine[(fine >= bottom) & (fine <= top)]
+    hats = np.stack([np.interp(x, corner, unit) for unit in np.eye(corner.size)], axis=1)
+    value, *_ = np.linalg.lstsq(hats, np.interp(x, z, y), rcond=None)
+    return _Fitted(corner, value)
+
+
+def _faded(fine: np.ndarray, measured: _Fitted, outer: np.ndarray) -> np.ndarray:
+    """The measured polygon, and above its end the outer values with the difference at the end fading out."""
+    top = measured.corner_km[-1]
+    out = measured.at(fine)
+    above = fine > top
+    part = np.clip((fine[above] - top) / FADE_KM, 0.0, 1.0)
+    fade = 1.0 - part * part * (3.0 - 2.0 * part)  # 1 to 0 with slope 0 at both ends
+    out[above] = outer[above] + (out[above] - np.interp(top, fine, outer)) * fade
+    return out

@@ -1,0 +1,91 @@
+"""What a file can hold of the air: one class for each kind of measurement, in the program's units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class AirColumn:
+    """Air above a place, at Z altitudes from the lowest up; all arrays have shape (Z,).
+
+    altitude_km: geometric, above sea level, increasing.  pressure_hpa decreases.
+    water_vapour, ozone: molecules per molecule of moist air; NaN at altitudes without, None where the file has none.
+    source: the file and what it measured where and when, in words.
+    """
+
+    source: str
+    altitude_km: np.ndarray
+    pressure_hpa: np.ndarray
+    temperature_k: np.ndarray
+    water_vapour: np.ndarray | None = None
+    ozone: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class OzoneColumn:
+    """Ozone above the ground [DU]."""
+
+    source: str
+    column_du: float
+
+
+@dataclass(frozen=True)
+class WaterColumn:
+    """Precipitable water [mm]."""
+
+    source: str
+    column_mm: float
+
+
+@dataclass(frozen=True)
+class AerosolDepth:
+    """Optical depth (C,) of all aerosol at wavelengths (C,) [nm], increasing; one or more."""
+
+    source: str
+    wavelength_nm: np.ndarray
+    optical_depth: np.ndarray
+
+
+@dataclass(frozen=True)
+class SizeDistribution:
+    """Sizes and refractive index of the aerosol of a column.
+
+    radius_um: (R,), equidistant in ln r; volume_um3_per_um2: (R,), dV/dln r of the column.
+    wavelength_nm: (C,), of the index n - ik (C,) and of the extinction's optical_depth (C,).
+    """
+
+    source: str
+    radius_um: np.ndarray
+    volume_um3_per_um2: np.ndarray
+    wavelength_nm: np.ndarray
+    index: np.ndarray
+    optical_depth: np.ndarray
+
+
+@dataclass(frozen=True)
+class ExtinctionProfile:
+    """Extinction (n, C) [km^-1] of the stratosphere's aerosol at altitudes (n,) [km] and wavelengths (C,) [nm].
+
+    Both increase; NaN where there is none.  median_radius_um: (n,), of the droplets, None where not known.
+    """
+
+    source: str
+    altitude_km: np.ndarray
+    wavelength_nm: np.ndarray
+    extinction_per_km: np.ndarray
+    median_radius_um: np.ndarray | None = None
+
+
+Part = AirColumn | OzoneColumn | WaterColumn | AerosolDepth | SizeDistribution | ExtinctionProfile
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The parts that were taken from one file, and what it holds besides that is not used, in words."""
+
+    kind: str
+    parts: tuple[Part, ...]
+    not_used: tuple[str, ...] = field(default=())
