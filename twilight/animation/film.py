@@ -350,6 +350,7 @@ def _check_layers(config: Config) -> None:
     output = config.output
     for name, there in (
         ("terrain", config.terrain is not None),
+        ("moon", config.moon is not None),
         ("output.polariser_deg", output.polariser_deg is not None),
     ):
         if there:

@@ -22,20 +22,23 @@ FORMATS = Registry(
         "h5": "twilight.io.netcdf:write_h5",
         "polarisation": "twilight.io.polarisation:write",
         "sun": "twilight.io.sun:write_sun",
+        "moon": "twilight.io.moon:write_moon",
         "disc": "twilight.io.sun_picture:write_picture",
         "view": "twilight.io.view:write_view",
     },
 )
 OF_A_SKY = (
     "sky.png", "sky.wide.png", "sky.panorama.png", "sky.fisheye.png", "sky.luminance.json", "sky.rgb.exr",
-    "sky.rgb.hdr", "sky.spectral.exr", "sky.h5", "sky.polarisation.png", "sun.json", "sun.png", "sky.view.png",
-    "sky.view.exr",
+    "sky.rgb.hdr", "sky.spectral.exr", "sky.h5", "sky.polarisation.png", "sun.json", "moon.json", "sun.png",
+    "sky.view.png", "sky.view.exr",
 )  # fmt: skip
 """Names of all files that the program's own formats write."""
 WHERE_POLARISED = ("polarisation",)
 """Files that are written by themselves for polarised skies alone."""
 WHERE_DISC = ("disc",)
 """Files that are written by themselves for skies that know the sun's disc."""
+WHERE_MOON = ("moon",)
+"""Files that are written by themselves for skies that know the moon."""
 WITH_VIEW = ("h5", "view")
 """Files that are written by themselves where the observer has a view, and nothing else is."""
 

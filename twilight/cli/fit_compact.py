@@ -18,6 +18,7 @@ FITTED_KEYS = (
     "output",
     "observer",
     "night",
+    "moon",
     "vary",
     "solar_spectrum",
     "omit_negligible",

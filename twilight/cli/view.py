@@ -107,6 +107,8 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
             raise TwilightError(
                 f"{scene}: vary makes {len(cases)} scenes of it; a page shows one, or two with --beside"
             )
+        if cases[0].config.moon is not None:
+            raise TwilightError(f"{scene}: moon is not drawn in pages; leave it out")
         say_that_it_compiles(cases[0].config.chosen_solver.name)
         return Problem(resolve(cases[0].config)), cases[0].config
     if chosen:

@@ -9,9 +9,10 @@ from pydantic import Field, model_validator
 
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
+from twilight.config.moon import Moon
 from twilight.config.output import Output
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
-from twilight.config.sun import Sun, SunElevation
+from twilight.config.sun import Sun, SunElevation, SunElevations
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 
@@ -158,6 +159,10 @@ class Config(Section):
         dict, "name, quality, and any option of that solver (see `twilight solvers`)"
     )
     night: Night | None = key(None, "airglow, starlight and zodiacal light; unset: none, {}: all as usual")
+    moon: Moon | None = key(
+        None,
+        "the moon, its light in the air and its disc; unset: none, {}: where the place and time of the sun have it",
+    )
     terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
@@ -184,11 +189,26 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _knows_the_moon(self) -> Config:
+        if self.moon is None:
+            return self
+        timeless = isinstance(self.sun, SunElevation | SunElevations)
+        if timeless and self.moon.elevation_deg is None:
+            raise ValueError("moon: needs a place and a time (sun.at, latitude_deg, longitude_deg), or elevation_deg")
+        if not timeless and self.moon.elevation_deg is not None:
+            raise ValueError("moon: stands where the place and time of the sun have it; leave out elevation_deg")
+        if self.terrain is not None:
+            raise ValueError("moon: does not light terrain; leave out one of the two")
+        return self
+
+    @model_validator(mode="after")
     def _has_the_disc(self) -> Config:
         if self.output.disc and not self.sun.disc:
             raise ValueError("output.disc needs the sun's disc: set sun.disc to true")
         if "disc" in (self.output.files or ()) and not self.sun.disc:
             raise ValueError("output.files: disc needs the sun's disc: set sun.disc to true")
+        if "moon" in (self.output.files or ()) and self.moon is None:
+            raise ValueError("output.files: moon needs the moon: add moon: {}")
         return self
 
     @property

@@ -27,14 +27,17 @@ def make_disc(
     altitude_km: float,
     distance_au: float = 1.0,
     bands: GasBands | None = None,
+    radius_deg: float | None = None,
 ) -> Disc:
     """The disc of a sun at a true elevation [deg], seen from an altitude [km], at the wavelengths of a medium.
 
-    bands: of gases, which take from its light too.  All images count: where layers of air bend several lines of sight
-    to one point of the disc it is seen several times.
+    bands: of gases, which take from its light too.  radius_deg: angular, of another body; None: the sun's.
+    All images count: where layers of air bend several lines of sight to one point of the disc it is seen several times.
     """
     sights = ApparentRays(medium)
-    radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
+    radius = radius_deg
+    if radius is None:
+        radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
     low, high = sun_elevation_deg - radius - 0.1, min(90.0, sun_elevation_deg + radius + _LIFTED_DEG)
     scan = np.arange(max(low, -90.0), high + _SEARCH_DEG, _SEARCH_DEG)
     scan = scan[scan <= 90.0]

@@ -19,6 +19,7 @@ from twilight.engine.block import Block
 from twilight.engine.directions import texture_rows
 from twilight.engine.disc import make_disc
 from twilight.engine.memory import check_size
+from twilight.engine.moon import moon_light, warn_of_the_moon
 from twilight.engine.night import (
     NightLight,
     check_stars,
@@ -35,9 +36,11 @@ from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.grids import latlong_grid, texture_centres
 from twilight.numerics.spectrum import solar_irradiance
+from twilight.scene.moons import moon_of
 from twilight.scene.record import resolved_configuration
 from twilight.scene.scene import Scene
 from twilight.scene.suns import SceneSun
+from twilight.sky.moon import Moon
 from twilight.sky.night import night_radiance
 from twilight.sky.sky import Sky
 from twilight.terrain.heights import Standpoint
@@ -120,12 +123,17 @@ def frames(
     if not suns:
         return
     # ground far away has another sun than the observer
+    moons = [moon_of(config, sun) for sun in suns]
+    if len(moons) == 1 and moons[0] is not None:
+        warn_of_the_moon(config, moons[0])
     known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
+    if known is not None:
+        known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)
     problem = Problem(scene, known, keep, numpy_only_sun)
     if scene.observer.view is not None:
         check_view(scene.observer.view, scene.capabilities, scene.title)
     set_up_s = 0.0
-    found = [_SunResult() for _ in suns]
+    found = [_SunResult(moon) for moon in moons]
     meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
     for b in range(len(problem.slices)):
         begin = time.perf_counter()
@@ -139,7 +147,7 @@ def frames(
                 frame = _frame(scene, sun, found[s], set_up_s)
                 _warn_of_black(scene, frame.sky)
                 yield frame
-                found[s] = _SunResult()
+                found[s] = _SunResult(None)
         del block
     tell("done", 1.0)
 
@@ -186,8 +194,13 @@ def _standpoint(sun: SceneSun) -> Standpoint | None:
 
 @dataclass
 class _SunResult:
-    """What the blocks give for one sun: on the texture, in the panorama's own directions, of the sun itself."""
+    """What the blocks give for one sun: on the texture, in the panorama's own directions, of the sun itself.
 
+    by_moon: the same for the moon of that moment, where it stands high enough to light the air; it has no moon itself.
+    """
+
+    moon: Moon | None
+    by_moon: _SunResult | None = None
     texture: list[Answer] = field(default_factory=list)
     panorama: list[Answer] = field(default_factory=list)
     view: list[ViewRadiance] = field(default_factory=list)
@@ -200,20 +213,13 @@ class _SunResult:
 
     def take(self, block: Block, sun: SceneSun) -> None:
         """Evaluate a block under the sun."""
-        begin, config = time.perf_counter(), block.scene.configuration
-        self.texture.append(block.texture(sun.elevation_deg, *_grid(block.scene)))
-        if block.scene.observer.view is not None:
-            seen = see(block, block.scene.observer.view, sun.elevation_deg)
-            if config.terrain is None:
-                self.view.append(seen)
-            else:
-                self.landscape.append(
-                    landscape(block, seen.whole(), config.terrain, sun.elevation_deg, _standpoint(sun))
-                )
-        if config.texture.latlong_width is not None:
-            grid = latlong_grid(config.texture.latlong_width, sun.azimuth_deg)
-            self.panorama.append(block.texture(sun.elevation_deg, *grid))
-        self.direct.append(block.direct(sun.elevation_deg))
+        begin = time.perf_counter()
+        self._look(block, sun)
+        if self.moon is not None and self.moon.shines:
+            self.by_moon = self.by_moon or _SunResult(None)
+            azimuth = None if sun.azimuth_deg is None else (sun.azimuth_deg + self.moon.azimuth_deg) % 360.0
+            moon = replace(sun, elevation_deg=self.moon.elevation_deg, azimuth_deg=azimuth)
+            self.by_moon._look(block, moon, self.moon.azimuth_deg)
         self.facts.update(block.field.facts)
         self.from_disk &= block.from_disk
         converged = block.field.convergence
@@ -223,11 +229,34 @@ class _SunResult:
                     self.convergence[key] = max(self.convergence.get(key, here), here)
         self.seconds += time.perf_counter() - begin
 
+    def _look(self, block: Block, sun: SceneSun, away_deg: float = 0.0) -> None:
+        """What a block shows under a light, away_deg from the azimuth from which directions count."""
+        config = block.scene.configuration
+        elevation, azimuth = _grid(block.scene)
+        self.texture.append(block.texture(sun.elevation_deg, elevation, np.mod(azimuth - away_deg, 360.0)))
+        if block.scene.observer.view is not None:
+            seen = see(block, block.scene.observer.view, sun.elevation_deg, away_deg)
+            if config.terrain is None:
+                self.view.append(seen)
+            else:
+                self.landscape.append(
+                    landscape(block, seen.whole(), config.terrain, sun.elevation_deg, _standpoint(sun))
+                )
+        if config.texture.latlong_width is not None:
+            own = None if sun.azimuth_deg is None else sun.azimuth_deg - away_deg
+            rows, columns = latlong_grid(config.texture.latlong_width, own)
+            self.panorama.append(block.texture(sun.elevation_deg, rows, np.mod(columns - away_deg, 360.0)))
+        self.direct.append(block.direct(sun.elevation_deg))
+
 
 def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
     config = scene.configuration
     direct = Direct(np.concatenate([one.irradiance for one in found.direct]), found.direct[-1].bending_deg)
     place = sun.section if isinstance(sun.section, SunAt) else None
+    moon = None
+    if found.moon is not None:
+        seen_by_moon = None if found.by_moon is None else found.by_moon.direct
+        moon = moon_light(scene, found.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
     about: dict[str, Any] = {
         "sun_azimuth_deg": sun.azimuth_deg,
         "distance_au": sun.distance_au,
@@ -238,10 +267,15 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
         "disc": make_disc(scene.medium, sun.elevation_deg, scene.altitude_km, sun.distance_au, scene.bands)
         if config.sun.disc
         else None,
+        "moon": None if moon is None else moon.seen,
         "provenance": _provenance(scene, sun, found, set_up_s),
     }
 
-    def sky(answers: list[Answer], grid: tuple[np.ndarray, np.ndarray]) -> Sky:
+    def sky(answers: list[Answer], by_moon: list[Answer], grid: tuple[np.ndarray, np.ndarray]) -> Sky:
+        night = _night(scene, sun, *grid) if grid[0][0] >= 0.0 else _night_above(scene, sun, *grid)
+        if moon is not None and by_moon:
+            moonlight = join_wavelengths(by_moon).radiance * moon.irradiance
+            night = moonlight if night is None else night + moonlight
         return make_sky(
             scene.medium,
             grid,
@@ -249,19 +283,21 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
             direct,
             sun.elevation_deg,
             scene.altitude_km,
-            night_radiance=_night(scene, sun, *grid) if grid[0][0] >= 0.0 else _night_above(scene, sun, *grid),
+            night_radiance=night,
             **about,
         )
 
     width = config.texture.latlong_width
-    panorama = None if width is None else sky(found.panorama, latlong_grid(width, sun.azimuth_deg))
+    by_moon = found.by_moon or _SunResult(None)
+    panorama = None if width is None else sky(found.panorama, by_moon.panorama, latlong_grid(width, sun.azimuth_deg))
     night = _night_of_view(scene, sun)
-    view: ViewSource | None = replace(together(found.view, direct), night=night) if found.view else None
+    moonlit = None if moon is None or not by_moon.view else (together(by_moon.view, None), moon)
+    view: ViewSource | None = replace(together(found.view, direct), night=night, moon=moonlit) if found.view else None
     if found.landscape:
         radiance = np.concatenate([one.radiance for one in found.landscape], axis=-1)
         seen = replace(found.landscape[0], radiance=radiance)
         view = with_sun(seen if night is None else with_night(seen, night), direct, sun.elevation_deg)
-    return Frame(sun.name, sky(found.texture, _grid(scene)), panorama, view)
+    return Frame(sun.name, sky(found.texture, by_moon.texture, _grid(scene)), panorama, view)
 
 
 def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

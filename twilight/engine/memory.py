@@ -151,7 +151,7 @@ def cost(config: Config) -> SceneCost:
         values *= 3
     if config.texture.latlong_width is not None:
         values += width * width // 4 * n_wavelengths
-    arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None else 0)
+    arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None or config.moon is not None else 0)
     max_wavelengths = min(able.wavelengths_at_once, n_wavelengths)
     return SceneCost(
         count_suns(config),

@@ -18,6 +18,7 @@ from twilight.base.errors import TwilightError
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 from twilight.engine.block import Block
+from twilight.engine.moon import MoonLight, with_disc
 from twilight.engine.night import NightLight
 from twilight.engine.solve import Solved
 from twilight.engine.sunbeam import Direct
@@ -118,7 +119,8 @@ class ViewRadiance:
 
     elevation_deg (E,), azimuth_deg (A,): the nodes, azimuths from the sun within 0..180; radiance (E, A, W):
     sun-normalised [sr^-1]; pitch_deg: angle between pixels; direct: the sun's light at the observer, None: no disc;
-    night: in the same unit, None: there is none.
+    night: in the same unit, None: there is none; light_azimuth_deg: from which the nodes' azimuths count, from the sun;
+    moon: the same view under the moon alone, and its light, None: there is none.
     """
 
     view: View
@@ -129,6 +131,8 @@ class ViewRadiance:
     sun_elevation_deg: float
     direct: Direct | None = None
     night: NightLight | None = None
+    light_azimuth_deg: float = 0.0
+    moon: tuple[ViewRadiance, MoonLight] | None = None
 
     @property
     def kind(self) -> str:
@@ -145,12 +149,17 @@ class ViewRadiance:
         rays = self.view.rays((first, stop))
         azimuth, elevation = azimuth_elevation(rays)
         inside = np.isfinite(elevation)
-        folded = np.minimum(azimuth, 360.0 - azimuth)[inside]
+        away = np.mod(azimuth - self.light_azimuth_deg, 360.0)
+        folded = np.minimum(away, 360.0 - away)[inside]
         picture = np.full((*elevation.shape, self.radiance.shape[-1]), np.nan, np.float32)
         picture[inside] = interpolate(self.elevation_deg, self.azimuth_deg, self.radiance, elevation[inside], folded)
         seen = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
         if self.night is not None:
             seen = with_night(seen, self.night)
+        if self.moon is not None:
+            look, light = self.moon
+            lit = look.rows(first, stop).radiance * light.over_sun
+            seen = with_disc(replace(seen, radiance=(seen.radiance + lit).astype(np.float32)), light)
         return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
 
     def whole(self) -> ViewPixels:
@@ -167,9 +176,14 @@ def check_view(view: View, able: Capabilities, title: str) -> None:
         )
 
 
-def see(block: Block, view: View, sun_elevation_deg: float) -> ViewRadiance:
-    """What a block of wavelengths shows in a view, without the sun's disc."""
+def see(block: Block, view: View, sun_elevation_deg: float, light_azimuth_deg: float = 0.0) -> ViewRadiance:
+    """What a block of wavelengths shows in a view, without the sun's disc.
+
+    light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place.
+    """
     (low, high), (left, right) = _extent(view)
+    if light_azimuth_deg:
+        left, right = 0.0, 180.0
     pitch = pixel_pitch_deg(view)
     medium = block.medium
     above_ground = block.scene.altitude_km - medium.bottom_km
@@ -181,7 +195,8 @@ def see(block: Block, view: View, sun_elevation_deg: float) -> ViewRadiance:
         block.answer(sun_elevation_deg, *np.meshgrid(e[k : k + rows], a, indexing="ij")).radiance
         for k in range(0, e.size, rows)
     ]
-    return ViewRadiance(view, e, a, parts[0] if len(parts) == 1 else np.concatenate(parts), pitch, sun_elevation_deg)
+    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return ViewRadiance(view, e, a, whole, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
 
 
 def look(solved: Solved, view: View, sun_elevation_deg: float) -> ViewRadiance:
@@ -189,7 +204,7 @@ def look(solved: Solved, view: View, sun_elevation_deg: float) -> ViewRadiance:
     return together([see(block, view, sun_elevation_deg) for block in solved.blocks], solved.direct(sun_elevation_deg))
 
 
-def together(looks: Sequence[ViewRadiance], direct: Direct) -> ViewRadiance:
+def together(looks: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
     """The same view at the wavelengths of all blocks, and the sun's disc in it."""
     return replace(looks[0], radiance=np.concatenate([one.radiance for one in looks], axis=-1), direct=direct)
 
@@ -273,4 +288,5 @@ def with_sun(seen: ViewPixels, direct: Direct, sun_elevation_deg: float) -> View
         fraction = np.where(seen.hidden, 0.0, fraction)
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
     disc = np.nan_to_num(fraction)[..., None] * (direct.irradiance / solid_angle)
-    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=np.nan_to_num(fraction))
+    covered = np.nan_to_num(fraction) if seen.sun is None else np.maximum(seen.sun, np.nan_to_num(fraction))
+    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=covered)

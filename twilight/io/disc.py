@@ -1,6 +1,8 @@
-"""The sun's disc in pictures and environment maps."""
+"""The discs of sun and moon in pictures; that of the sun in environment maps."""
 
 from __future__ import annotations
+
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from twilight.io.environment import pixel_of, pixel_solid_angle
 from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.sky import colour
 from twilight.sky.disc import Disc
+from twilight.sky.moon import MoonDisc
 from twilight.sky.sky import Sky
 from twilight.sky.tone import Light, Tone
 
@@ -18,7 +21,31 @@ _NODES = 24
 """Points of a row, from limb to limb, whose light is given to the pixels of a map."""
 
 
-def _fine(disc: Disc) -> Disc:
+class _Shown(NamedTuple):
+    """A disc; azimuth_deg: of its body from the sun; scale: of its radiance to that over F0 at the sky's distance."""
+
+    disc: Disc | MoonDisc
+    azimuth_deg: float
+    scale: float
+
+
+def _shown(sky: Sky) -> list[_Shown]:
+    """The discs of a sky that are above its horizon."""
+    found: list[_Shown] = []
+    if sky.disc is not None and sky.disc.is_seen:
+        found.append(_Shown(sky.disc, 0.0, 1.0))
+    if sky.moon is not None and sky.moon.disc is not None:
+        found.append(_Shown(sky.moon.disc, sky.moon.moon.azimuth_deg, sky.distance_au**2))
+    return found
+
+
+@overload
+def _fine(disc: Disc) -> Disc: ...
+@overload
+def _fine(disc: MoonDisc) -> MoonDisc: ...
+@overload
+def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc: ...
+def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc:
     """The disc at wavelengths close enough for its colours, where those of the sky are far apart."""
     nm = disc.wavelength_nm
     if nm.size == 1 or np.diff(nm).max() <= COLOUR_STEP_NM:
@@ -92,22 +119,33 @@ def add_to_picture(
     tone: Tone,
     points: int = 8,
 ) -> None:
-    """Add the disc to a picture (height, width, K) of a tone's channels, whose pixels look in directions from the sun.
+    """Add the discs to a picture (height, width, K) of a tone's channels, whose pixels look in directions from the sun.
 
     elevation_deg, azimuth_deg: broadcast to (height, width).  Each pixel holds the mean of points x points.
     """
-    if sky.disc is None or not sky.disc.is_seen:
-        return
+    for shown in _shown(sky):
+        _add_to_picture(sky, shown, picture, elevation_deg, azimuth_deg, tone, points)
+
+
+def _add_to_picture(
+    sky: Sky,
+    shown: _Shown,
+    picture: np.ndarray,
+    elevation_deg: np.ndarray,
+    azimuth_deg: np.ndarray,
+    tone: Tone,
+    points: int,
+) -> None:
     elevation, azimuth = np.broadcast_arrays(elevation_deg, azimuth_deg)
-    lower, upper = sky.disc.edges_deg()
+    lower, upper = shown.disc.edges_deg()
     down, right = _steps(elevation, azimuth)
-    around = np.mod(azimuth + 180.0, 360.0) - 180.0
+    around = np.mod(azimuth - shown.azimuth_deg + 180.0, 360.0) - 180.0
     margin = 2.0 * np.nanmax(np.abs(down))
-    reach = 2.0 * sky.disc.half_width_deg().max() + 2.0 * np.nanmax(np.abs(right))
+    reach = 2.0 * shown.disc.half_width_deg().max() + 2.0 * np.nanmax(np.abs(right))
     near = (elevation > lower - margin) & (elevation < upper + margin) & (np.abs(around) < reach)
     if not near.any():
         return
-    disc = _fine(sky.disc)
+    disc = _fine(shown.disc)
     offset = (np.arange(points) + 0.5) / points - 0.5
     where = np.nonzero(near)
     e = elevation[where][:, None, None] + down[where][:, None, None] * offset[:, None]
@@ -115,29 +153,33 @@ def add_to_picture(
     e, a = np.broadcast_arrays(e, a)
     for start in range(0, e.shape[0], 512):
         part = slice(start, start + 512)
-        light = disc.radiance(e[part], a[part]).mean(axis=(1, 2))
+        light = disc.radiance(e[part], a[part]).mean(axis=(1, 2)) * shown.scale
         picture[where[0][part], where[1][part]] += tone.see(light, disc.wavelength_nm, light_of(sky))
 
 
 def add_to_view(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int = 8) -> None:
     """As `add_to_picture` for pixels (height, width, 3) that look along unit vectors from the sun's azimuth, in any
     projection: a pixel at a seam is taken as wide as most are."""
-    if sky.disc is None or not sky.disc.is_seen:
-        return
+    for shown in _shown(sky):
+        _add_to_view(sky, shown, picture, rays, tone, points)
+
+
+def _add_to_view(sky: Sky, shown: _Shown, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int) -> None:
     down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
-    lower, upper = sky.disc.edges_deg()
-    sun = direction(np.zeros(1), np.full(1, 0.5 * (lower + upper)))[0]
+    lower, upper = shown.disc.edges_deg()
+    middle = direction(shown.azimuth_deg, 0.5 * (lower + upper))
     size = np.linalg.norm(down, axis=-1) + np.linalg.norm(right, axis=-1)
-    where = np.nonzero(rays @ sun > np.cos(np.radians(upper - lower) + size))
+    where = np.nonzero(rays @ middle > np.cos(np.radians(upper - lower) + size))
     if not where[0].size:
         return
-    disc = _fine(sky.disc)
+    disc = _fine(shown.disc)
     offset = (np.arange(points) + 0.5) / points - 0.5
     for start in range(0, where[0].size, 512):
         pixels = where[0][start : start + 512], where[1][start : start + 512]
         ray = rays[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None, None]
         azimuth, elevation = azimuth_elevation(ray + right[pixels][:, None, None] * offset[None, :, None])
-        light = disc.radiance(elevation, np.mod(azimuth + 180.0, 360.0) - 180.0).mean(axis=(1, 2))
+        around = np.mod(azimuth - shown.azimuth_deg + 180.0, 360.0) - 180.0
+        light = disc.radiance(elevation, around).mean(axis=(1, 2)) * shown.scale
         picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
 
 

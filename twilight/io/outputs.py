@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
-from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_POLARISED, WITH_VIEW, check_names, file_names
+from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
 from twilight.io.environment import environment_directions
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
 from twilight.io.rendered import Options, Rendered, ViewSource
@@ -59,10 +59,11 @@ def write_outputs(
     except ValueError as error:
         raise TwilightError(f"files: {error}") from None
     if files is None and view is not None:
-        chosen = WITH_VIEW
+        chosen = WITH_VIEW if sky.moon is None else WITH_VIEW + WHERE_MOON
     elif files is None:
         without = {"view"}
         without.update(WHERE_POLARISED if sky.polarisation is None else ())
+        without.update(WHERE_MOON if sky.moon is None else ())
         without.update(WHERE_DISC if sky.disc is None else ())
         chosen = tuple(name for name in chosen if name not in without)
     elif "view" in chosen and view is None:

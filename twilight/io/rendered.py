@@ -42,8 +42,8 @@ class ViewPixels:
 
     kind: of the projection; rays (H, W, 3): directions of the pixels, to the right of the sun, to the sun's azimuth,
     up; radiance (H, W, K): sun-normalised [sr^-1], NaN outside the view; pitch_deg: angle between pixels;
-    sun (H, W): fraction of the pixel that the sun's disc covers, None where it is not in the picture; hidden (H, W):
-    whether terrain stands before the sky, None where there is none.
+    sun (H, W): fraction of the pixel that the disc of sun or moon covers, None where neither is in the picture;
+    hidden (H, W): whether terrain stands before the sky, None where there is none.
     """
 
     kind: str

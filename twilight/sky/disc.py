@@ -128,7 +128,7 @@ class Disc:
         low, high = self.elevation_deg[[0, -1]]
         near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high) & (np.abs(turn) <= reach))
         if near.size:
-            true, passed = self._along(elevation.ravel()[near])
+            true, passed = self.along(elevation.ravel()[near])
             out[near] = self._above_the_air(true, turn[near][:, None]) * passed
         return out.reshape(*shape, self.wavelength_nm.size)
 
@@ -196,7 +196,7 @@ class Disc:
             passed = np.exp(np.log(np.where(both, a, 1.0)) * (1 - f) + np.log(np.where(both, b, 1.0)) * f)
         return replace(self, wavelength_nm=nm, true_elevation_deg=true, transmittance=np.where(both, passed, 0.0))
 
-    def _along(self, elevation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def along(self, elevation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True elevation and transmittance (N, W) at apparent elevations (N,), between the rows."""
         step = self.elevation_deg[1] - self.elevation_deg[0]
         position = np.clip((elevation - self.elevation_deg[0]) / step, 0.0, self.elevation_deg.size - 1.0)

@@ -14,6 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.numerics import interpolation, spectrum
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.disc import Disc
+from twilight.sky.moon.disc import MoonSeen
 from twilight.sky.quantities.sky_light import SkyLight
 
 if TYPE_CHECKING:
@@ -55,9 +56,11 @@ class Sky(SkyLight):
     direct_irradiance (W,): of the sun's beam at the observer at normal incidence, divided by F0 (0 in shadow), or None.
     apparent_sun_elevation_deg: refracted elevation of the disc, or None = the true one.
     solar_spectrum: one of ``spectrum.solar_spectra()``.
-    night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light), mean over each
-        wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun: it is no part of sun_normalised_radiance.
+    night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light, light pollution,
+        moonlight scattered in the air), mean over each wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun:
+        it is no part of sun_normalised_radiance, and counts as unpolarised.
     disc: of the sun, where it was asked for; a layer of its own, never part of a radiance here.
+    moon: where it was asked for, with its beam and its disc, which are no part of a radiance here either.
     provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
 
     Radiance in W m^-2 sr^-1 nm^-1 is the sun-normalised radiance times ``solar_irradiance``, plus the night.
@@ -84,6 +87,7 @@ class Sky(SkyLight):
     polarisation: np.ndarray | None = None
     polarisation_error: np.ndarray | None = None
     disc: Disc | None = None
+    moon: MoonSeen | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):

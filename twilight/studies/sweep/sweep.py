@@ -79,6 +79,8 @@ class Sweep:
             raise TwilightError(
                 f"{where}: night: a sweep holds the sun's part of the sky alone; leave this section out"
             )
+        if self.first.moon is not None:
+            raise TwilightError(f"{where}: moon: a sweep holds the sun's part of the sky alone; leave this section out")
         dimensions = dimensions_of(series.axes, self.first, where)
         self.everywhere = everywhere_observer(series.axes, self.first)
         self.outer = tuple(d for d in dimensions if not d.serves)
