@@ -58,9 +58,6 @@ BENCHMARKS = {
         "montecarlo_speed.py importance", "montecarlo_importance.csv", "what a finer importance function would bring"
     ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in thirteen climates"),
-    "zones_study_settings": Benchmark(
-        "zones_study.py settings", "zones_study_settings.csv", "what the errors of `zones` consist of, by setting"
-    ),
     "zones_study_quadrature": Benchmark(
         "zones_study.py quadrature",
         "zones_study_quadrature.csv",
@@ -110,15 +107,7 @@ BENCHMARKS = {
     "compact": Benchmark("compact.py", "compact.csv", "the compact sky beside `zones`"),
     "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),
     "zones_speed": Benchmark("zones_speed.py", "zones_speed.csv", "time of `zones`: a field, and one more sky of it"),
-    "sweep": Benchmark("sweep.py", "sweep.csv", "what a sweep costs"),
-    "sweep_many": Benchmark(
-        "sweep.py pure-air --many --places 1x1 --table sweep_many", "sweep_many.csv", "10,000 skies of a sweep"
-    ),
-    "sweep_compact_many": Benchmark(
-        "sweep.py sweep-compact --many --places 1x1 --table sweep_compact_many",
-        "sweep_compact_many.csv",
-        "10,000 skies of a sweep by `compact`",
-    ),
+    "sweep": Benchmark("sweep.py", "sweep.csv", "what 10,000 skies of a sweep by `compact` cost"),
     "memory": Benchmark(
         "memory.py", "memory.csv", "what `--plan` says of skies, views, terrain and series, and what they take"
     ),
@@ -156,7 +145,6 @@ BENCHMARKS = {
     "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the reference solution"),
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
     "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
-    "tables_time": Benchmark("tables.py times", "tables_time.csv", "how long whole exports take"),
 }
 
 

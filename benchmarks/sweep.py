@@ -1,15 +1,13 @@
-"""What a sweep costs: a sky, its bytes, one and two workers, reading it back; from these, on paper, 10^6 skies.
+"""What a sweep costs: 10,000 skies by `compact`, their bytes, one and two workers, reading them back.
 
-    python benchmarks/sweep.py [CONFIG] [--set KEY=VALUE ...] [--places 1x1,1x2,2x1] [--table NAME]
-    python benchmarks/sweep.py pure-air --many --places 1x1 --table sweep_many     10,000 skies, all of them computed
-    python benchmarks/sweep.py sweep-compact --many --places 1x1 --table sweep_compact_many      10,000 by `compact`
+    python benchmarks/sweep.py [--set KEY=VALUE ...] [--places 1x1,1x2,2x1]
 
-Runs of the same sweep, each on machine code that is there: WORKERSxTHREADS, all of 1x1, 1x2 and 2x1 unless said
-otherwise.  Processor time hardly depends on what else the machine does; `busy` is the share of the workers' wall time
-that went into tasks, and the rest is Dask and the dataset.  `read_s`: xarray opens the dataset lazily and takes the
-mean radiance of every sky, chunk by chunk.
+Runs of the same sweep, each on machine code that is there: WORKERSxTHREADS, 1x1 unless said otherwise.  Processor
+time hardly depends on what else the machine does; `busy` is the share of the workers' wall time that went into tasks,
+and the rest is Dask and the dataset.  `read_s`: xarray opens the dataset lazily and takes the mean radiance of every
+sky, chunk by chunk.
 
-Writes benchmarks/sweep.csv, or NAME.csv.
+Writes benchmarks/sweep.csv.
 """
 
 from __future__ import annotations
@@ -30,19 +28,7 @@ from twilight.studies.sweep.run import run_sweep
 from twilight.studies.sweep.store import COMPUTED, open_store
 from twilight.studies.sweep.sweep import Sweep
 
-PLACES = "1x1,1x2,2x1"
 MANY = {
-    "solver.quality": "draft",
-    "texture.resolution_deg": 15,
-    "wavelengths": {"list_nm": [440.0, 550.0, 680.0]},
-    "vary": {
-        "gases.ozone.column_du": [200, 300, 400, 500],
-        "ground.albedo": [0, 0.2, 0.4, 0.6, 0.8],
-        "sun.elevation_deg": {"from": 30, "to": -18, "count": 500},
-    },
-}
-"""20 airs under 500 suns, on 6 x 24 directions."""
-MANY_COMPACT = {
     "vary": {
         "aerosol.optical_depth_550nm": {"from": 0.02, "to": 0.7, "count": 10, "scale": "log"},
         "gases.ozone.column_du": [220, 280, 340, 400],
@@ -57,19 +43,15 @@ HOURS_PER_S = 1.0 / 3600.0
 def main() -> None:
     """Measure and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("config", nargs="?", default="sweep-haze")
     parser.add_argument("--set", dest="settings", nargs="*", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--many", action="store_true", help="10,000 skies of few directions")
-    parser.add_argument("--places", default=PLACES, help="WORKERSxTHREADS, with commas between")
-    parser.add_argument("--table", default="sweep")
+    parser.add_argument("--places", default="1x1", help="WORKERSxTHREADS, with commas between")
     options = parser.parse_args()
-    many = MANY_COMPACT if options.config == "sweep-compact" else MANY
-    settings = (many if options.many else {}) | dict(parse_setting(text) for text in options.settings)
+    settings = MANY | dict(parse_setting(text) for text in options.settings)
     places = [tuple(int(n) for n in place.split("x")) for place in options.places.split(",")]
-    warm = Sweep(load_axes(options.config, settings | {"vary": {"sun.elevation_deg": [5.0, -4.0]}}))
+    warm = Sweep(load_axes("sweep-compact", settings | {"vary": {"sun.elevation_deg": [5.0, -4.0]}}))
     measured(warm, 1, 1)
-    sweep = Sweep(load_axes(options.config, settings))
-    notes = [f"{options.config} {settings}: {sweep.scenes} skies of {sweep.fields} fields, {len(sweep.tasks)} tasks"]
+    sweep = Sweep(load_axes("sweep-compact", settings))
+    notes = [f"sweep-compact {settings}: {sweep.scenes} skies of {sweep.fields} fields, {len(sweep.tasks)} tasks"]
     print(notes[0])
     per_sky, rows = [], []
     for workers, threads in places:
@@ -84,7 +66,7 @@ def main() -> None:
     notes.append(f"load average {os.getloadavg()[0]:.1f} at the end on {len(os.sched_getaffinity(0))} cores")
     print(*notes[1:], sep="\n")
     columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share read_s".split()
-    results.write(Path(__file__).with_name(f"{options.table}.csv"), columns, rows, notes=notes)
+    results.write(Path(__file__).with_name("sweep.csv"), columns, rows, notes=notes)
 
 
 def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, float, int, float]:

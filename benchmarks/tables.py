@@ -1,7 +1,4 @@
-"""Tables for real-time renderers: their errors against the field that filled them, and how long they take.
-
-    python benchmarks/tables.py          # tables.csv
-    python benchmarks/tables.py times    # tables_time.csv, whole exports
+"""Tables for real-time renderers: their errors against the field that filled them; writes tables.csv.
 
 Errors are seen from the ground, over the sky, for every sun: median and 95th percentile of the relative error, in
 percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
@@ -10,10 +7,6 @@ percent, at 680, 550 and 440 nm.  `--quality` is that of the field.
 from __future__ import annotations
 
 import argparse
-import re
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +23,6 @@ from twilight.studies.export.field_values import FieldSource
 HERE = Path(__file__).parent
 SUNS_DEG = (30.3, 10.0, 5.2, 2.1, 0.0, -2.1, -4.2, -6.0, -9.0, -12.1, -15.1, -17.9)
 DIRECTIONS = 1500
-TIMES = ("layout", "size_mb", "field_cpu_s", "tables_cpu_s")
 NM = (680, 550, 440)
 TAKRAM_KM = (6360.0, 6420.0)
 
@@ -45,16 +37,10 @@ def quiet(doing: str, share: float) -> None:
     """No progress is told."""
 
 
-def source_of(climate: str, quality: str, wavelengths_nm) -> tuple[FieldSource, float]:
-    """What fills the tables, and the processor time of the field [s]."""
-    medium = climate_medium(load_climate(climate), np.array(wavelengths_nm, dtype=float))
-    start = time.process_time()
-    field = zones.prepare(medium, zones.QUALITIES[quality])
-    return FieldSource(field, medium, medium.has_refraction), time.process_time() - start
-
-
 def errors(options: argparse.Namespace) -> None:
-    source, _ = source_of(options.climate, options.quality, NM[::-1])
+    """tables.csv"""
+    medium = climate_medium(load_climate(options.climate), np.array(NM[::-1], dtype=float))
+    source = FieldSource(zones.prepare(medium, zones.QUALITIES[options.quality]), medium, medium.has_refraction)
     field, radius = source.field, source.medium.earth_radius_km
     elevation, azimuth = directions(DIRECTIONS)
     exact = {sun: field.radiance(sun, elevation, azimuth)[:, ::-1] for sun in SUNS_DEG}
@@ -101,34 +87,11 @@ def errors(options: argparse.Namespace) -> None:
     write(HERE / "tables.csv", ["layout", "size_mb", "sun_elevation_deg", *columns], rows, notes=notes)
 
 
-def times(options: argparse.Namespace) -> None:
-    """The command as a user gives it, once for each layout, kernels compiled before; the folders stay in --folder."""
-    source, _ = source_of(options.climate, options.quality, NM[::-1])
-    few = bruneton.make_mapping(*TAKRAM_KM)._replace(n_mu=4, n_mu_s=4)
-    bruneton.fill(source, np.ones(3), mapping=few, scale=1.0, facts={}, progress=quiet, rows=1)
-    sky_tables.fill(source, sky_tables.SkyTableSizes(3, 3, 2, 3, (0.0, 1.0)), {}, quiet)
-    rows = []
-    for layout in ("twilight", "bruneton2017"):
-        command = [sys.executable, "-c", "from twilight.cli import main; main()", "export", "tables", options.climate]
-        command += ["--layout", layout, "--quality", options.quality, "--output", f"{options.folder}-{layout}"]
-        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        size = re.search(r"([\d.]+) MB", said)
-        spent = re.search(r"(\d+) s for the field, (\d+) s for the tables", said)
-        assert size and spent, said
-        rows.append([layout, size[1], *spent.groups()])
-        print(*rows[-1], flush=True)
-    note = f"{options.climate}, zones {options.quality}; processor time of the field, and of the tables from it"
-    write(HERE / "tables_time.csv", TIMES, rows, notes=[note], command="python benchmarks/tables.py times")
-
-
 def main() -> None:
     parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parse.add_argument("what", nargs="?", choices=("errors", "times"), default="errors")
     parse.add_argument("--climate", default="continental-average")
     parse.add_argument("--quality", default="draft")
-    parse.add_argument("--folder", default="sky", help="folder of an export: `times` makes FOLDER-LAYOUT")
-    options = parse.parse_args()
-    {"errors": errors, "times": times}[options.what](options)
+    errors(parse.parse_args())
 
 
 if __name__ == "__main__":

@@ -1,12 +1,8 @@
-"""What the errors of `zones` consist of, in airs where they are largest.
+"""Two parts of the errors of `zones`: the quadrature over polar angles, and a layer at 50 km after sunset.
 
-    python benchmarks/zones_study.py settings           zones_study_settings.csv
     python benchmarks/zones_study.py quadrature         zones_study_quadrature.csv
     python benchmarks/zones_study.py layer              zones_study_layer.csv
     python benchmarks/zones_study.py layer-reference    zones_study_layer_reference.csv
-
-`settings`: errors of `standard` beside the reference solution (benchmarks/reference), as it is and with one setting
-changed, by how much that changes the radiance at most, and the processor time of the field.
 
 `quadrature`: for all types of aerosol half a kilometre above the ground, what is missing (negative) or too much after
 one scattering into an elevation, over the mean of all elevations, of light from above the horizon that is uniform or
@@ -22,12 +18,10 @@ SEEDS seeds for SEED_S seconds each.
 from __future__ import annotations
 
 import sys
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import results
@@ -49,27 +43,6 @@ STANDARD = zones.QUALITIES["standard"]
 COLOURS_NM = (450.0, 550.0, 680.0)
 
 
-class Case(NamedTuple):
-    """A climate with a table of the reference solution, and what is changed of `standard`, one setting at a time."""
-
-    climate: str
-    wavelength_nm: tuple[float, ...]
-    suns_deg: tuple[float, ...]
-    changes: tuple[tuple[str, float], ...]
-
-
-STEPS = (("first_order_step_density", 0.7), ("step_density", 1.0))
-CASES = (
-    Case("antarctic", COLOURS_NM, (0.0, -4.0), STEPS),
-    Case("urban", COLOURS_NM, (5.0, 0.0, -9.0), STEPS),
-    Case("desert", COLOURS_NM, (5.0, 0.0, -6.0), (*STEPS, ("max_degree", 20), ("polar_directions", 24))),
-    Case(
-        "volcanic-stratosphere",
-        (680.0,),
-        (-12.0, -18.0),
-        (("polar_directions", 32), ("altitude_density", 2.0), ("early_orders", 8)),
-    ),
-)
 TYPES = (
     "antarctic",
     "arctic",
@@ -94,43 +67,6 @@ LAYER_SUN_DEG = -6.0
 LAYER_ELEVATION_DEG, LAYER_AZIMUTH_DEG = np.array([20.0, 90.0]), np.array([40.0, 40.0])
 SEEDS, SEED_S = 4, 110.0
 SEEDS_TABLE = HERE / "zones_study_layer_reference.csv"
-
-
-def settings() -> None:
-    """zones_study_settings.csv"""
-    rows = []
-    for case in CASES:
-        table = results.read_numbers(HERE / "reference" / f"{case.climate}.csv")
-        medium = climate_medium(load_climate(case.climate), np.array(case.wavelength_nm))
-        unchanged: dict[float, np.ndarray] = {}
-        for name, value in (("", 0.0), *case.changes):
-            start = time.process_time()
-            changed = replace(STANDARD, **{name: value}) if name else STANDARD  # type: ignore[arg-type]
-            field = zones.prepare(medium, changed, sun_elevations_deg=case.suns_deg)
-            seconds = time.process_time() - start
-            for sun in case.suns_deg:
-                some = table[(table["sun_elevation_deg"] == sun) & np.isin(table["wavelength_nm"], case.wavelength_nm)]
-                sky = field.radiance(sun, some["elevation_deg"], some["azimuth_deg"])
-                sky = sky[np.arange(some.size), np.searchsorted(case.wavelength_nm, some["wavelength_nm"])]
-                error = sky / some["radiance_per_sr"] - 1.0
-                own = some["standard_error_per_sr"] / some["radiance_per_sr"]
-                moved = np.abs(sky / unchanged.setdefault(sun, sky) - 1.0).max()
-                excess = results.excess(error, own)
-                numbers = (error.mean(), excess, error[np.argmax(np.abs(error))], np.median(own), moved)
-                rows.append(
-                    [
-                        case.climate,
-                        " ".join(f"{nm:g}" for nm in case.wavelength_nm),
-                        f"{name} {value:g}" if name else "standard",
-                        f"{sun:g}",
-                        *(f"{round(100.0 * x, 2) + 0.0:.2f}" for x in numbers),
-                        f"{seconds:.0f}",
-                    ]
-                )
-                print(*rows[-1], sep="\t", flush=True)
-    columns = "climate,wavelengths_nm,settings,sun_elevation_deg,mean_percent,excess_percent,worst_percent"
-    columns += ",reference_percent,moved_percent,processor_s"
-    results.write(HERE / "zones_study_settings.csv", columns.split(","), rows)
 
 
 def quadrature() -> None:
@@ -202,7 +138,7 @@ def layer() -> None:
     results.write(HERE / "zones_study_layer.csv", columns.split(","), rows)
 
 
-STUDIES = {"settings": settings, "quadrature": quadrature, "layer": layer, "layer-reference": layer_reference}
+STUDIES = {"quadrature": quadrature, "layer": layer, "layer-reference": layer_reference}
 
 if __name__ == "__main__":
     if len(sys.argv) != 2 or sys.argv[1] not in STUDIES:
