@@ -124,6 +124,32 @@ class Texture(Section):
         return round(90.0 / self.resolution_deg), 4 * round(90.0 / self.resolution_deg)
 
 
+class LightPollution(Section):
+    """The light of lamps in the air: a level that is known, not computed, brighter at the horizon (Garstang 1989)."""
+
+    zenith_mag_per_arcsec2: Number | None = key(
+        None, "V brightness of the zenith with the natural sky (22.0) in it", unit="mag arcsec^-2", ge=14.0, le=22.0
+    )
+    bortle_class: Integer | None = key(
+        None, "class of Bortle 2001 in its place: 1 natural, 4 at the edge of a town, 9 in a city", unit="1", ge=1, le=9
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> LightPollution:
+        if (self.zenith_mag_per_arcsec2 is None) == (self.bortle_class is None):
+            raise ValueError("takes one of zenith_mag_per_arcsec2 and bortle_class")
+        return self
+
+    @property
+    def zenith_mag(self) -> float:
+        """Brightness of the zenith [V mag arcsec^-2]."""
+        from twilight.sky.night.pollution import bortle_zenith_mag  # start-up
+
+        if self.zenith_mag_per_arcsec2 is not None:
+            return self.zenith_mag_per_arcsec2
+        return bortle_zenith_mag(self.bortle_class or 1)
+
+
 class Night(Section):
     """The moonless night sky behind the twilight; each part in units of its usual brightness, 0 leaves it out."""
 
@@ -132,6 +158,9 @@ class Night(Section):
     )
     starlight: Number = key(1.0, "all stars as a smooth glow, by galactic latitude", unit="1", ge=0, le=100)
     zodiacal_light: Number = key(1.0, "sunlight on interplanetary dust", unit="1", ge=0, le=100)
+    light_pollution: LightPollution | None = key(
+        None, "zenith_mag_per_arcsec2 or bortle_class of the place, all around the same; unset: none"
+    )
     stars: Flag | None = key(
         None, "views and films draw the 8948 brighter stars as points; unset: where place and time are known"
     )
@@ -186,6 +215,16 @@ class Config(Section):
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
                 f"{ground_km:g} km); both count from sea level"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _is_near_the_lamps(self) -> Config:
+        if self.night is not None and self.night.light_pollution is not None:
+            above_km = self.observer.altitude_km - self.climate.ground.altitude_km
+            if above_km > 1.0:
+                raise ValueError(
+                    f"night.light_pollution: is known for observers on the ground, not {above_km:g} km above it"
+                )
         return self
 
     @model_validator(mode="after")

@@ -15,6 +15,7 @@ from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.scene.suns import SceneSun
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction
+from twilight.sky.night.pollution import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
 from twilight.transport.refracted_sight import horizon_dip_deg
 
 ROWS = 46
@@ -79,7 +80,10 @@ class NightLight:
 
 def levels_of(night: Night) -> NightLevels:
     """How bright each part is."""
-    return NightLevels(night.airglow, night.starlight, night.zodiacal_light)
+    given = night.light_pollution
+    zenith = NATURAL_ZENITH_MAG if given is None else given.zenith_mag
+    lamps = artificial_zenith_cd_per_m2(zenith)
+    return NightLevels(night.airglow, night.starlight, night.zodiacal_light, lamps)
 
 
 def check_stars(config: Config) -> None:

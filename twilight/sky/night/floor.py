@@ -10,6 +10,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.night import light
+from twilight.sky.night.pollution import pollution_radiance
 from twilight.sky.night.veil import veil
 from twilight.sky.night.world import Place, ecliptic_from_sun, galactic_latitude
 
@@ -22,14 +23,16 @@ class NightLevels:
         from night to night.
     starlight: all stars as a smooth glow, and starlight scattered by dust between them.
     zodiacal_light: sunlight scattered by dust between the planets.
+    light_pollution_cd_per_m2: luminance of the lamps' light in the zenith (`night.pollution`), which is given.
     """
 
     airglow: float = 1.0
     starlight: float = 1.0
     zodiacal_light: float = 1.0
+    light_pollution_cd_per_m2: float = 0.0
 
     def __post_init__(self):
-        for name in ("airglow", "starlight", "zodiacal_light"):
+        for name in ("airglow", "starlight", "zodiacal_light", "light_pollution_cd_per_m2"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise TwilightError(f"night.{name}: must be 0 or more, not {value}")
@@ -55,8 +58,10 @@ def night_radiance(
     * Starlight with diffuse galactic light by galactic latitude, with the sun's spectrum.
     * Zodiacal light by ecliptic longitude from the sun and latitude, Leinert et al. 1998.
 
-    Then the scene's own air dims it and scatters some of it in (``night.veil``).  Where `place` or the sun's
-    azimuth is not known, starlight is its mean over the sky and the ecliptic stands at 60 deg to the horizon.
+    * Light pollution, by elevation alone: of lamps, in the air.
+
+    Then the scene's own air dims the first three and scatters some of them in (``night.veil``).  Where `place` or the
+    sun's azimuth is not known, starlight is its mean over the sky and the ecliptic stands at 60 deg to the horizon.
     Validity: brightness to some 20 %; real nights differ by a factor 2, and cities by any factor.
     """
     levels = levels or NightLevels()
@@ -67,7 +72,11 @@ def night_radiance(
     hemisphere = _above_air(medium.wavelength_nm, rows, columns, levels, *here)
     weight = np.sin(2 * np.radians(rows))  # cosine x solid angle
     mean = np.einsum("e,eaw->w", weight / weight.sum() / columns.size, hemisphere)
-    return veil(medium, elevation, observer_altitude_km).behind(radiance, mean)
+    seen = veil(medium, elevation, observer_altitude_km).behind(radiance, mean)
+    if levels.light_pollution_cd_per_m2 > 0.0:
+        lamps = pollution_radiance(medium.wavelength_nm, elevation, levels.light_pollution_cd_per_m2)
+        seen = seen + lamps[:, None, :]
+    return seen
 
 
 def _above_air(
