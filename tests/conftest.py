@@ -13,7 +13,7 @@ import pytest
 import typer.testing
 from hazy_zones import SCALAR
 from rendering import plain, table
-from sweeping import log, toy
+from sweeping import client, log, toy
 
 from twilight.engine import sunbeam, view
 from twilight.solvers import zones
@@ -24,7 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # a shell's background job ignores it, and so would the programs that tests start and interrupt
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-__all__ = ["log", "plain", "table", "toy"]
+__all__ = ["client", "log", "plain", "table", "toy"]
 
 LONG = (
     "test_montecarlo_walk",

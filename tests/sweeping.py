@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from twilight import solvers
+from twilight.config.load import load_axes
+from twilight.studies.sweep.store import open_store
+from twilight.studies.sweep.sweep import Sweep
 
 BASE = {
     "version": 1,
@@ -47,3 +50,27 @@ def right(toy, data, factor=1.0, albedo=0.0, altitude=0.0):
     e, a = np.meshgrid(data.elevation.values, data.azimuth.values, indexing="ij")
     suns = np.atleast_1d(data.sun_elevation_deg.values)
     return np.stack([toy.truth(factor, albedo, sun, altitude, e, a, data.wavelength.values) for sun in suns])
+
+
+@pytest.fixture(scope="module")
+def client(toy):
+    """Workers that are threads of this process: a cluster without its start."""
+    import distributed
+
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster, set_as_default=False) as made,
+    ):
+        yield made
+
+
+def planned(vary, **changes):
+    return Sweep(load_axes({**BASE, **changes, "vary": vary}))
+
+
+def swept(sweep, client, path):
+    from twilight.studies.sweep.run import failures, run_sweep
+
+    with open_store(path, sweep) as store:
+        outcome = run_sweep(client, store, threads=1)
+        return outcome, dict(failures(store, outcome))

@@ -25,7 +25,7 @@ from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate
 from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.comparison import Rung, compare, ladder, with_rung
 from twilight.studies.compare.directions import stratified_directions
-from twilight.studies.compare.figure import LARGEST_PERCENT, FigurePoint, draw, read_points
+from twilight.studies.compare.figure import FigurePoint, draw, read_points
 from twilight.studies.compare.job import Job, SampleDirections
 from twilight.studies.compare.reference_solution import (
     COLUMNS,
@@ -346,22 +346,7 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, monkeypa
     assert len(log.read_text().splitlines()) > before
 
 
-# Picture, ablations, reference solution ------------------------------------------------------------------------
-
-
-def test_the_picture_needs_marks_and_holds_errors_of_any_size(tmp_path):
-    assert not draw([], tmp_path / "none.png") and not (tmp_path / "none.png").exists()
-    marks = [
-        FigurePoint("a", "draft", 5.0, 0.1, 1e4, 0.2),
-        FigurePoint("a", "standard", 5.0, 10.0, 0.0, 0.2),
-        FigurePoint("b", "other", -6.0, 1.0, 3.0),
-    ]
-    assert marks[0].drawn_percent == LARGEST_PERCENT and marks[1].drawn_percent == pytest.approx(0.1)
-    assert not marks[1].resolved and marks[2].resolved
-    assert draw(marks, tmp_path / "p.png", title="x")
-    with pytest.raises(TwilightError, match="not a table"):
-        (tmp_path / "t.csv").write_text("a,b\n1,2\n")
-        read_points(tmp_path / "t.csv")
+# Ablations, reference solution ---------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

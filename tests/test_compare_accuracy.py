@@ -1,4 +1,4 @@
-"""Errors beside a reference with noise of its own, the directions that are compared, and tables that cannot be read."""
+"""Errors beside a reference with noise of its own, their picture, the directions that are compared, bad tables."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 from twilight.base.errors import TwilightError
 from twilight.studies.compare.accuracy import colour_spread, noise_largest, noise_quantile, radiance_spread
 from twilight.studies.compare.directions import half_texture, stratified_directions
+from twilight.studies.compare.figure import LARGEST_PERCENT, FigurePoint, draw, read_points
 from twilight.studies.compare.reference_solution import COLUMNS, read_references
 
 NM = (450.0, 550.0, 680.0)
@@ -124,3 +125,18 @@ def test_binary_and_missing_tables_are_one_sentence(tmp_path):
     for name in ("bytes.csv", "none.csv", "."):
         with pytest.raises(TwilightError):
             read_references(tmp_path / name)
+
+
+def test_the_picture_needs_marks_and_holds_errors_of_any_size(tmp_path):
+    assert not draw([], tmp_path / "none.png") and not (tmp_path / "none.png").exists()
+    marks = [
+        FigurePoint("a", "draft", 5.0, 0.1, 1e4, 0.2),
+        FigurePoint("a", "standard", 5.0, 10.0, 0.0, 0.2),
+        FigurePoint("b", "other", -6.0, 1.0, 3.0),
+    ]
+    assert marks[0].drawn_percent == LARGEST_PERCENT and marks[1].drawn_percent == pytest.approx(0.1)
+    assert not marks[1].resolved and marks[2].resolved
+    assert draw(marks, tmp_path / "p.png", title="x")
+    with pytest.raises(TwilightError, match="not a table"):
+        (tmp_path / "t.csv").write_text("a,b\n1,2\n")
+        read_points(tmp_path / "t.csv")

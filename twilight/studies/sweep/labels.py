@@ -44,6 +44,7 @@ TEXTS = {
     "night.zodiacal_light": "zodiacal light over usual",
     "refraction.co2_ppm": "CO2",
     "stratosphere.kind": "stratosphere",
+    "stratosphere.levels.altitude_km": "altitude (stratospheric levels)",
     "sun.at": "time",
     "sun.distance_au": "distance of the sun",
     "sun.latitude_deg": "latitude",
