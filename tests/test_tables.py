@@ -184,7 +184,7 @@ def test_sunlight_between_the_texels_of_transmittance(climate, most):
         expected = np.exp(-exact.straight_depth(np.full(mu_s.size, altitude), mu_s))
         for cosine, passed in zip(mu_s, expected, strict=True):
             if passed > 1e-3:
-                assert sunlight(t_mapping, depth, altitude, cosine, out)
+                assert sunlight(t_mapping, depth, np.zeros(0), altitude, cosine, out)
                 off.append(abs(out[0] / passed - 1.0))
     assert len(off) > 1000
     assert np.percentile(off, 95) < most

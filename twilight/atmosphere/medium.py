@@ -21,6 +21,7 @@ import numpy as np
 
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.atmosphere.levels import interpolate_coefficient, layer_mean
+from twilight.atmosphere.screen import Screen
 from twilight.atmosphere.steffen import interpolate_smooth, log_cubics, monotone_cubic, smooth_mean
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
@@ -76,6 +77,8 @@ class Medium:
         Radius of the sphere of altitude 0 [km].
     water_mean_square_slope
         Of a ground that is a water surface (:mod:`twilight.atmosphere.water_surface`); 0: the ground is land.
+    screen
+        What lies beyond the horizon and takes a part of the direct beam; None: nothing.
     name, notes
         For records and messages.
     grid_medium
@@ -97,6 +100,7 @@ class Medium:
     overhead_absorption_optical_depth: np.ndarray
     earth_radius_km: float = EARTH_RADIUS_KM
     water_mean_square_slope: float = 0.0
+    screen: Screen | None = None
     name: str = ""
     notes: dict = field(default_factory=dict)
     grid_medium: GridMedium | None = field(default=None, repr=False, compare=False)

@@ -89,6 +89,8 @@ def _has_one(config: Config) -> bool:
     o, (name, _, settings) = config.output, config.chosen_solver
     able = solvers.load(name).CAPABILITIES
     pictures = "png" in (o.files or (() if config.observer.view is not None else ("png",)))
+    if config.horizon.screen is not None:
+        return False
     exact = able.below_horizon and not able.formula and not able.numpy_only
     return exact and getattr(settings, "max_orders", None) != 1 and pictures and o.polariser_deg is None
 

@@ -237,6 +237,7 @@ def _sun(
 
 def _print_plans(cases: list[Any]) -> None:
     from twilight.scene import resolve
+    from twilight.scene.horizon import described
     from twilight.scene.plan import not_computed
     from twilight.studies.fit.compact.own import needs_fit, waiting
 
@@ -249,6 +250,10 @@ def _print_plans(cases: list[Any]) -> None:
             rows.append([name, "nothing", "all that this program knows is computed", ""])
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
+    for case in cases:
+        beyond = described(case.config.horizon)
+        if beyond is not None:
+            print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
     for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
         print(sentence)
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]

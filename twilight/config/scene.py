@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.climate import Climate
+from twilight.config.horizon import Horizon
 from twilight.config.moon import Moon
 from twilight.config.output import Output
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
@@ -193,6 +194,7 @@ class Config(Section):
         "the moon, its light in the air and its disc; unset: none, {}: where the place and time of the sun have it",
     )
     terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
+    horizon: Horizon = key(Horizon, "what lies beyond the horizon and takes sunbeams on their way; unset: nothing")
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
     omit_negligible: Flag = key(True, "leave out what cannot matter (see --plan)")

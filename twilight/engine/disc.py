@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc
+from twilight.transport.beam_screen import passing_at
+from twilight.transport.ray_profile import ray_profile, refractivity_at
 from twilight.transport.refracted_sight import ApparentRays
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
+    from twilight.atmosphere.screen import Screen
 
 ROW_DEG = 1.0 / 1200.0
 """Distance of rows: 3 arc seconds, a tenth of what the eye resolves."""
@@ -60,4 +63,16 @@ def make_disc(
         true, passed = true[:, np.unique(bands.wavelength_index, return_index=True)[1]], bands.sum_terms(passed)
     if not hits.any():
         passed[:] = 0.0
+    if medium.screen is not None:
+        passed *= _screened(medium, medium.screen, max(altitude_km, medium.bottom_km), rows)
     return Disc(medium.wavelength_nm, rows, true, passed, float(sun_elevation_deg), radius)
+
+
+def _screened(medium: Medium, screen: Screen, altitude_km: float, rows_deg: np.ndarray) -> np.ndarray:
+    """What a screen beyond the horizon lets pass (H, W) of rays that arrive under apparent elevations (H,) [deg]."""
+    profile, elevation = ray_profile(medium), np.radians(rows_deg)
+    found = []
+    for w in range(medium.n_wavelengths):
+        x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
+        found.append(passing_at(screen, profile, w, x * np.cos(elevation), x * np.sin(elevation)))
+    return np.stack(found, axis=1)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
+from twilight.scene.horizon import screen_of
 from twilight.scene.medium import climate_gas_bands, climate_medium, planning_medium, wavelengths_of
 from twilight.scene.plan import Omission, make_plan
 from twilight.scene.suns import SceneSun, suns_of
@@ -61,6 +62,11 @@ class Scene:
         if self.medium.has_water and not self.capabilities.water:
             name = self.solver.__name__.rsplit(".", 1)[-1]
             raise TwilightError(f"ground.kind: water cannot be seen by the solver {name}; zones and montecarlo can")
+        if self.medium.screen is not None and not self.capabilities.screen:
+            name = self.solver.__name__.rsplit(".", 1)[-1]
+            raise TwilightError(
+                f"horizon.screen: the solver {name} knows nothing beyond the horizon; zones, montecarlo and tables do"
+            )
 
     @property
     def capabilities(self) -> Capabilities:
@@ -119,6 +125,9 @@ def resolve(
     wanted_nm = wavelengths_of(config) if wavelength_nm is None else wavelength_nm
     quick = for_plan and plan.climate.medium is None and wanted_nm is not None
     medium = (planning_medium if quick else climate_medium)(plan.climate, wanted_nm)  # type: ignore[arg-type]
+    screen = screen_of(config.horizon)
+    if screen is not None:
+        medium = replace(medium, screen=screen)
     return Scene(
         medium,
         None if solver[0].CAPABILITIES.formula else climate_gas_bands(plan.climate, medium, for_plan),

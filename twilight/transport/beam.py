@@ -20,6 +20,9 @@ point, found from a tabulated shift that is proportional to the difference of th
 What jumps or bends strongly at an edge of a layer is in neither table but added in closed form, at every wavelength's
 own ray: :mod:`twilight.transport.beam_edges`.
 
+A screen beyond the horizon (:mod:`twilight.transport.beam_screen`) is a factor on all this, at every wavelength's own
+ray.
+
 What the table leaves out: several images of the sun (mirages; d chi/d i is kept above 0.05), the gap in direction that
 a duct makes (bridged), and dispersion of the ground's edge for rays from above (0.01 deg in the lowest metre).
 """
@@ -38,6 +41,7 @@ from twilight.transport.beam_edges import Edges
 from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground, lit_at
 from twilight.transport.beam_nodes import limb_edges, segment_nodes, segments, uniform_in_invariant
 from twilight.transport.beam_pack import Segments, Tables, pack
+from twilight.transport.beam_screen import screen_table
 from twilight.transport.ray_profile import RayProfile, ray_profile, refractivity_at
 
 __all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepare_beam"]
@@ -153,6 +157,7 @@ def prepare_beam(
             log_up=log_up,
             log_down=_past_lowest_point(air, limb, distances, shift),
             edges=air.edges,
+            screen=screen_table(medium.screen, air.profile, air.reference),
         )
     )
 

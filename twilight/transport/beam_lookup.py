@@ -19,6 +19,7 @@ import numpy as np
 from twilight.jit.kernels import njit
 from twilight.transport.beam_edges import dispersion_lag, edge_depth
 from twilight.transport.beam_interpolation import bicubic, cubic, even_nodes, weights
+from twilight.transport.beam_screen import passing
 
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
@@ -61,8 +62,10 @@ TOUCHING = 1.0 - 1e-12
     N_EDGE,
     AT_EDGE,
     AT_EDGE_COEFFICIENT,
+    SCREENED,
+    AT_SCREEN,
     N_INDEX,
-) = range(27)
+) = range(29)
 
 # places in Beam.pool
 RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, EDGE, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(10)
@@ -264,6 +267,13 @@ def _of_edges(pool, index, w, z, xx, u):
     return edge_depth(pool, index[N_EDGE], index[AT_EDGE], c, index[N_W], z, xx, u)
 
 
+@njit(inner=True, cache=True, inline=True)
+def _screened(pool, index, w, p, u, bending, slope):
+    """T of a wavelength's own ray from above; bending, slope: of the reference's ray."""
+    own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
+    return passing(pool, index[AT_SCREEN], math.sqrt(max(0.0, u * u + (p - own_u) * (p + own_u))), own_u)
+
+
 @njit(inner=True, cache=True)
 def lit_at(beam, altitude_km, cos_sun_zenith):
     """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
@@ -306,6 +316,9 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
                 own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
                 out[w] -= _of_edges(pool, index, w, altitude_km, xx, own_u)
             out[w] = math.exp(min(out[w], LARGEST_LOG))
+        if index[SCREENED] == 1:
+            for w in range(n_w):
+                out[w] *= _screened(pool, index, w, p, u, bending, slope)
         return bending
     d, fd, shift = _place_down(pool, index, p, u)
     v0, v1, v2, v3 = weights(fd)
@@ -329,6 +342,8 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
         own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
         value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
         out[w] = factor * math.exp(min(value, limit))
+        if index[SCREENED] == 1:
+            out[w] *= passing(pool, index[AT_SCREEN], own, own_u)
     return bending
 
 
@@ -367,7 +382,10 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
         if jz >= 0:
             own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
             value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
-        return math.exp(min(value, LARGEST_LOG)), bending
+        light = math.exp(min(value, LARGEST_LOG))
+        if index[SCREENED] == 1:
+            light *= _screened(pool, index, w, p, u, bending, slope)
+        return light, bending
     d, fd, shift = _place_down(pool, index, p, u)
     own = p + pool[index[AT_DISPERSION] + w] * shift
     if own < pool[P_GROUND] * TOUCHING:
@@ -381,4 +399,7 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
     value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
     factor = 1.0 / (1.0 - u / pool[FAR])
-    return factor * math.exp(min(value, LARGEST_LOG - math.log(factor))), bending
+    light = factor * math.exp(min(value, LARGEST_LOG - math.log(factor)))
+    if index[SCREENED] == 1:
+        light *= passing(pool, index[AT_SCREEN], own, own_u)
+    return light, bending

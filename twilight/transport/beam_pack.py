@@ -54,6 +54,7 @@ class Tables(NamedTuple):
     overhead (W,): optical depth above the top; log_up (J, C + 1, W): log of the irradiance over F0 of rays from above;
     log_down (W, Y, D + 1): log of the irradiance of a limb ray and of its mirror image, with log(1 + u/far_km).
     edges: what is sharp at edges of layers, and missing in log_up and log_down.
+    screen: of `beam_screen.screen_table`, and in none of the tables.
     """
 
     radius_km: float
@@ -76,6 +77,7 @@ class Tables(NamedTuple):
     log_up: np.ndarray
     log_down: np.ndarray
     edges: Edges
+    screen: np.ndarray
 
 
 def pack(t: Tables) -> Beam:
@@ -92,6 +94,7 @@ def pack(t: Tables) -> Beam:
         lookup.N_LIMB_NODE: t.limb_bending.size,
         lookup.N_HASH: _HASH,
         lookup.N_EDGE: t.edges.record.shape[0],
+        lookup.SCREENED: t.screen.size > 0,
         # the hashes stand behind the index itself
         lookup.AT_SEGMENT_HASH: lookup.N_INDEX,
         lookup.AT_LIMB_HASH: lookup.N_INDEX + _HASH + 1,
@@ -121,6 +124,7 @@ def pack(t: Tables) -> Beam:
         lookup.AT_DOWN: t.log_down,
         lookup.AT_EDGE: t.edges.record,
         lookup.AT_EDGE_COEFFICIENT: t.edges.coefficient,
+        lookup.AT_SCREEN: t.screen,
     }
     index = np.zeros(lookup.N_INDEX, dtype=np.int64)
     for place, size in sizes.items():

@@ -62,6 +62,8 @@ class GroundSun:
         self._per_x = per_km * np.diff(radius)[:, None] / rise
         self._overhead = medium.overhead_absorption_optical_depth
         self._index = index[0]
+        self._screen = medium.screen
+        self._altitude_km = z
 
     def _chi(self, apparent: np.ndarray) -> np.ndarray:
         """True zenith angle (W,) [rad] of the rays under apparent ones (W,)."""
@@ -91,7 +93,16 @@ class GroundSun:
         path = np.diff(np.sqrt(np.maximum(self._x**2 - p**2, 0.0)), axis=0)
         depth = (self._per_x * path).sum(axis=0) + self._overhead
         most = int(np.argmax(self._index))
-        return np.where(lit, spread * np.exp(-depth), 0.0), float(np.degrees(max(0.0, chi - i[most])))
+        passed = self._passed(p, self._x[0] * np.cos(i))
+        return np.where(lit, spread * np.exp(-depth) * passed, 0.0), float(np.degrees(max(0.0, chi - i[most])))
+
+    def _passed(self, p: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """What a screen beyond the horizon lets pass (W,), of rays from above (`beam_screen`)."""
+        if self._screen is None:
+            return np.ones(p.size)
+        x = np.hypot(p, u + self._screen.from_km)
+        lowest = [np.interp(xx, column, self._altitude_km) for xx, column in zip(x, self._x.T, strict=True)]
+        return self._screen.at(np.array(lowest))
 
     def _slope(self, apparent: np.ndarray) -> np.ndarray:
         """d chi/d i, from angles on the near side of the horizontal."""

@@ -10,7 +10,9 @@ from twilight.solvers.montecarlo.field import Field, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
 from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
 
-CAPABILITIES = Capabilities(standard_error=True, finite_segments=True, stokes=True, water=True, target_stderr=True)
+CAPABILITIES = Capabilities(
+    standard_error=True, finite_segments=True, stokes=True, water=True, screen=True, target_stderr=True
+)
 
 __all__ = [
     "CAPABILITIES",

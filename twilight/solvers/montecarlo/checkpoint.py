@@ -49,7 +49,9 @@ def fingerprint(medium, settings, pixels) -> str:
         value = getattr(medium, f.name)
         if f.name in ("name", "notes", "grid_medium"):
             continue
-        if f.name == "phase_functions":
+        if f.name == "screen":
+            digest.update(repr(value).encode())
+        elif f.name == "phase_functions":
             for p in value:
                 digest.update(repr(p.kind).encode())
                 digest.update(np.ascontiguousarray(p.asymmetry).tobytes())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from twilight.solvers.montecarlo.chunks import line_of_sight_transmittance
 from twilight.solvers.montecarlo.importance import ImportanceTables
 from twilight.solvers.montecarlo.importance_solution import solve_importance
 from twilight.solvers.montecarlo.run import Run, pixels_of, stop_after
+from twilight.solvers.montecarlo.screen import screen_in_space
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.sunlight import SolarBeam
 from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
@@ -66,7 +67,13 @@ def prepare(
     # unscattered would brighten a hazy horizon up to twofold, counting none would lose light.
     line_of_sight_air = prepare_air(medium, 3) if isotropic else air
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
-    sun = SolarBeam(beam, prepare_beam_table(air, beam), settings.exact_beam_fraction)
+    table = prepare_beam_table(air, beam)
+    if medium.screen is not None:
+        # the walk looks up a screened table; what is exact has the screen at its place
+        bare = replace(medium, screen=None)
+        beam = prepare_beam(bare, refraction=settings.refraction, spreading=settings.spreading)
+    screen = screen_in_space(medium, settings.refraction and medium.has_refraction)
+    sun = SolarBeam(beam, table, settings.exact_beam_fraction, screen)
     with stop_after(settings.time_limit_s) as stop:
         importance = solve_importance(air, medium, sun, settings.importance_sweeps, stop)
     return Field(medium, settings, air, line_of_sight_air, sun, importance, altitude_km, progress)

@@ -113,7 +113,7 @@ def meet_ground(air, sun, importance, w, chord, distance, factor, n, last_chord,
     direct = 0.0
     diffuse = 0.0
     if reflected > 0.0:
-        of_i, of_q, of_u = ground_sunlight(air, sun.beam, w, x, y, z, mu_sun, chord, to_sun, polarised)
+        of_i, of_q, of_u = ground_sunlight(air, sun, w, x, y, z, mu_sun, chord, to_sun, polarised)
         direct = factor * of_i
         sun_q += factor * of_q
         sun_u += factor * of_u
@@ -234,7 +234,7 @@ def trace(air, sun, importance, w, ray, to_sun, options, stream, leg):
                     )
                 if options.random and uniform(stream) < sun.exact_beam_fraction:
                     exact_i, exact_q, exact_u = sunlight(
-                        air, sun.beam, w, z, mu_sun, row, here, to_sun, i, f, options.polarised
+                        air, sun, w, z, mu_sun, row, here, to_sun, i, f, options.polarised
                     )
                     light_i += (exact_i - light_i) / sun.exact_beam_fraction
                     light_q += (exact_q - light_q) / sun.exact_beam_fraction

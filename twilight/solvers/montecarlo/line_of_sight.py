@@ -176,7 +176,7 @@ def quadrature(air, sun, importance, w, options, line, piece, at_observer, parts
                 scattering = column(air.table[w], i, f, SCATTERING)
                 if side == 0:
                     source_i, source_q, source_u = sunlight(
-                        air, sun.beam, w, z, mu_sun, row, s, to_sun, i, f, options.polarised
+                        air, sun, w, z, mu_sun, row, s, to_sun, i, f, options.polarised
                     )
                     darkest = min(darkest, source_i)
                     brightest = max(brightest, source_i)

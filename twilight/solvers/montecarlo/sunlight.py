@@ -15,6 +15,7 @@ from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
 from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
+from twilight.solvers.montecarlo.screen import ScreenInSpace, passing_in_space
 from twilight.transport.beam import Beam, beam_at_one
 
 BENDING_STEP_RAD = 0.01
@@ -22,11 +23,15 @@ BENDING_STEP_RAD = 0.01
 
 
 class SolarBeam(NamedTuple):
-    """The direct beam, exact, and its table; exact_beam_fraction: how often the difference of the two is asked for."""
+    """The direct beam, exact but for what lies beyond the horizon, its table, and that screen at its place.
+
+    exact_beam_fraction: how often the difference of the table and what is exact is asked for.
+    """
 
     beam: Beam
     table: SolarBeamTable
     exact_beam_fraction: float
+    screen: ScreenInSpace
 
 
 @njit(inline="always", **INNER)
@@ -45,13 +50,13 @@ def lifted_sun(x, y, z, to_sun, mu_sun, bending):
 
 
 @njit(**INNER)
-def sunlight(air, beam, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
+def sunlight(air, sun, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
     """(I, Q, U) of sunlight scattered at a point against a chord: sum over species of beta_s P_s E / F0 [sr^-1 km^-1].
 
     chord (9,): its start, direction and reference; s [km]: the point's distance; z [km] its altitude; mu_sun: cosine of
     the true sun's zenith angle there; (i, f): its place among the levels; to_sun (3,).
     """
-    irradiance, bending = beam_at_one(beam, z, mu_sun, w)
+    irradiance, bending = beam_at_one(sun.beam, z, mu_sun, w)
     if irradiance <= 0.0:
         return 0.0, 0.0, 0.0
     d = chord[DIRECTION:REFERENCE]
@@ -59,6 +64,11 @@ def sunlight(air, beam, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
     x, y, h = lifted_sun(
         chord[ORIGIN] + s * d[0], chord[ORIGIN + 1] + s * d[1], chord[ORIGIN + 2] + s * d[2], to_sun, mu_sun, bending
     )
+    if sun.screen.altitude_km.size > 0:
+        irradiance *= passing_in_space(
+            air, sun.screen, w,
+            chord[ORIGIN] + s * d[0], chord[ORIGIN + 1] + s * d[1], chord[ORIGIN + 2] + s * d[2], x, y, h,
+        )  # fmt: skip
     cosine = min(1.0, max(-1.0, d[0] * x + d[1] * y + d[2] * h))
     total = 0.0
     polarising = 0.0
@@ -78,16 +88,18 @@ def sunlight(air, beam, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
 
 
 @njit(inner=True, **INNER)
-def ground_sunlight(air, beam, w, x, y, z, mu_sun, chord, to_sun, polarised):
+def ground_sunlight(air, sun, w, x, y, z, mu_sun, chord, to_sun, polarised):
     """(I, Q, U) [sr^-1] of sunlight that the ground at a point (x, y, z) [km] sends back along a chord (9,).
 
     mu_sun: cosine of the true sun's zenith angle there.
     """
-    irradiance, bending = beam_at_one(beam, air.shell_km[0], mu_sun, w)
+    irradiance, bending = beam_at_one(sun.beam, air.shell_km[0], mu_sun, w)
     if irradiance <= 0.0:
         return 0.0, 0.0, 0.0
     d = chord[DIRECTION:REFERENCE]
     sx, sy, sz = lifted_sun(x, y, z, to_sun, mu_sun, bending)
+    if sun.screen.altitude_km.size > 0:
+        irradiance *= passing_in_space(air, sun.screen, w, x, y, z, sx, sy, sz)
     r = math.sqrt(x * x + y * y + z * z)
     # the sun stands higher by its bending
     mu_in = math.cos(math.acos(min(1.0, max(-1.0, mu_sun))) - bending)

@@ -8,6 +8,8 @@ from twilight.solvers.base import Capabilities
 from twilight.solvers.tables.field import Field, prepare
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
 
-CAPABILITIES = Capabilities(every_sun=True, every_observer=True, finite_segments=True, wavelengths_at_once=16)
+CAPABILITIES = Capabilities(
+    every_sun=True, every_observer=True, finite_segments=True, screen=True, wavelengths_at_once=16
+)
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "TablesSettings", "prepare"]

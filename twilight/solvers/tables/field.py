@@ -16,7 +16,9 @@ from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
 from twilight.solvers.tables.solve import rayleigh_at, solve, stored
+from twilight.transport.beam_screen import passing_at
 from twilight.transport.profile import prepare_profile
+from twilight.transport.ray_profile import ray_profile
 from twilight.transport.scaling import delta_scaled, species_phase
 
 LOWEST_JUDGED_SUN_DEG = -6.0
@@ -160,6 +162,10 @@ class Field(BareField):
         on_ground, sky_above, to_the_top = np.zeros(len(tau)), np.zeros(len(tau), bool), np.full(len(tau), np.inf)
         depths(tables.profile, self.mapping, on_ground, mu_s[up], sky_above, to_the_top, tau)
         direct[up] = np.exp(-tau) * mu_s[up, None]
+        if self.medium.screen is not None:
+            r, across = self.mapping.bottom_km, np.sqrt(np.clip(1.0 - mu_s[up] ** 2, 0.0, 1.0))
+            straight = ray_profile(self.medium, refraction=False)
+            direct[up] *= passing_at(self.medium.screen, straight, 0, r * across, r * mu_s[up])[:, None]
         nodes = np.linspace(-1.0, 1.0, self.mapping.n_e_mu_s)
         sky = np.stack([np.interp(mu_s, nodes, column) for column in tables.irradiance[0].T], axis=-1)
         passed = np.exp(-self._depths(tables.profile, rays, rays.length_km)[g])

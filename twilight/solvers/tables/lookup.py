@@ -21,6 +21,7 @@ from twilight.solvers.tables.mapping import (
     transmittance_texels,
     view_texel,
 )
+from twilight.transport.beam_screen import passing
 
 DARK = np.float32(1e-30)
 """What a texel without light holds where logarithms are interpolated."""
@@ -50,14 +51,22 @@ def optical_depth_to_top(mapping, depth, height_km, mu, out):
 
 
 @njit(cache=True)
-def sunlight(mapping, depth, height_km, mu_s, out):
-    """Transmittance (W,) to the sun; 0 in the shadow of the Earth.  Returns whether the sun is up."""
+def sunlight(mapping, depth, screen, height_km, mu_s, out):
+    """Transmittance (W,) to the sun; 0 in the shadow of the Earth.  Returns whether the sun is up.
+
+    screen: of `transport.beam_screen.screen_table`, for straight rays.
+    """
     if meets_ground(mapping, height_km, mu_s):
         out[:] = 0.0
         return False
     optical_depth_to_top(mapping, depth, height_km, mu_s, out)
     for w in range(out.size):
         out[w] = math.exp(-out[w])
+    if screen.size > 0:
+        r = mapping.bottom_km + height_km
+        passed = passing(screen, 0, r * math.sqrt(max(0.0, (1.0 - mu_s) * (1.0 + mu_s))), r * mu_s)
+        for w in range(out.size):
+            out[w] *= passed
     return True
 
 

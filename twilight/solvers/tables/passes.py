@@ -8,9 +8,9 @@ about the local vertical: with L_lm those of the light at a point and chi_l the 
 which is the integral of the phase function times the light for all directions at once.
 
 Arguments that the kernels share: profile: `transport.profile.Profile`; mapping: `Mapping`; depth (r, mu, W): -ln T as
-`fill_depth` makes it; height, height_km [km]: above the ground; mu, mu_s, nu: cosines of Algorithm 4.1, of the view's
-zenith angle, the sun's and the angle between them; ground: whether a view ends there; fineness: density of the steps
-along a ray; out: filled for the r begin..end.
+`fill_depth` makes it; screen: of `transport.beam_screen.screen_table`; height, height_km [km]: above the ground; mu,
+mu_s, nu: cosines of Algorithm 4.1, of the view's zenith angle, the sun's and the angle between them; ground: whether a
+view ends there; fineness: density of the steps along a ray; out: filled for the r begin..end.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
 
 
 @njit(cache=True, nogil=True)
-def fill_single(profile, mapping, depth, texels, fineness, out, begin, end):
+def fill_single(profile, mapping, depth, screen, texels, fineness, out, begin, end):
     """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol.
 
     texels: `Texels`.
@@ -164,7 +164,7 @@ def fill_single(profile, mapping, depth, texels, fineness, out, begin, end):
                     for p in range(n):
                         height = line.place[p, ALTITUDE] - bottom
                         mu_s = (r * sun[j] + line.place[p, DISTANCE] * nu) / (mapping.bottom_km + height)
-                        if sunlight(mapping, depth, height, mu_s, light):
+                        if sunlight(mapping, depth, screen, height, mu_s, light):
                             for s in range(n_species):
                                 for w in range(n_w):
                                     total[s, w] += source[p, s, w] * light[w]
@@ -198,7 +198,7 @@ def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, 
 
 
 @njit(cache=True, nogil=True)
-def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texels, directions, out, begin, end):
+def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_ground, texels, directions, out, begin, end):
     """J (r, mu_s, nu, mu, W) from the last order: all species, and the ground lit by it.
 
     incoming: `Incoming`; scatterers: `Scatterers`; lit_ground: `Ground`; texels: `Texels`; directions: `Directions`.
@@ -245,7 +245,7 @@ def fill_source(profile, mapping, depth, incoming, scatterers, lit_ground, texel
                     if ground:
                         mu_g = min(1.0, max(-1.0, (r * mu_s + far * nu) / mapping.bottom_km))
                         irradiance(mapping, sky_irradiance, 0.0, mu_g, scratch)
-                        if direct and sunlight(mapping, depth, 0.0, mu_g, sunlit):
+                        if direct and sunlight(mapping, depth, screen, 0.0, mu_g, sunlit):
                             for w in range(n_w):
                                 scratch[w] += sunlit[w] * mu_g
                         for w in range(n_w):

@@ -24,7 +24,9 @@ from twilight.solvers.tables.passes import (
     fill_source,
 )
 from twilight.solvers.tables.settings import TablesSettings
+from twilight.transport.beam_screen import screen_table
 from twilight.transport.profile import Profile, prepare_profile
+from twilight.transport.ray_profile import ray_profile
 from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
 
 
@@ -80,6 +82,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     refuse_unseen_layers(medium, mapping)
     n_w = medium.n_wavelengths
     texels = Texels(*grid(mapping))
+    screen = screen_table(medium.screen, ray_profile(medium, refraction=False), 0)
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
     progress("transmittance", 0.0)
     in_slices(lambda a, b: fill_depth(profile, mapping, depth, a, b), mapping.n_t_r)
@@ -88,7 +91,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     progress("single scattering", 0.05)
     fineness = settings.step_density
     in_slices(
-        lambda a, b: fill_single(profile, mapping, depth, texels, fineness, single, a, b),
+        lambda a, b: fill_single(profile, mapping, depth, screen, texels, fineness, single, a, b),
         mapping.n_r,
     )
     logarithmic = settings.interpolation == "logarithmic"
@@ -119,7 +122,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         ground = LitGround(medium.ground_albedo, lit, number == 1)
         in_slices(
             lambda a, b, last=last, ground=ground, out=source: fill_source(  # type: ignore[misc]
-                profile, mapping, depth, last, scatterers, ground, texels, directions, out, a, b
+                profile, mapping, depth, screen, last, scatterers, ground, texels, directions, out, a, b
             ),
             mapping.n_r,
         )

@@ -15,6 +15,7 @@ CAPABILITIES = Capabilities(
     every_observer=True,
     stokes=True,
     water=True,
+    screen=True,
     target_error=True,
     field_file=True,
     spectral_groups=spectral_groups,

@@ -14,6 +14,7 @@ import numpy as np
 
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.base.reading import check_hdf5
 from twilight.base.whole_files import whole_content
@@ -23,12 +24,12 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 9"
+FORMAT = "twilight zones field 10"
 _SOLUTION = ("log_mean", "ratio", "log_ground", "amplitudes")
 _MEDIUM = tuple(
     f.name
     for f in fields(Medium)
-    if f.name not in ("phase_functions", "earth_radius_km", "name", "notes", "grid_medium")
+    if f.name not in ("phase_functions", "earth_radius_km", "screen", "name", "notes", "grid_medium")
 )
 
 
@@ -54,6 +55,7 @@ def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[
     for part in (medium, medium.at_grid_wavelengths):
         if part is not None:
             _add_medium(digest, part)
+            digest.update(repr(part.screen).encode())
     digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
     return digest.hexdigest()
 
@@ -160,6 +162,8 @@ def _write_medium(group: Any, medium: Medium) -> None:
     group.attrs["earth_radius_km"], group.attrs["name"] = medium.earth_radius_km, medium.name
     for key in _MEDIUM:
         group[key] = getattr(medium, key)
+    if medium.screen is not None:
+        group.attrs["screen"] = json.dumps(asdict(medium.screen))
     for k, phase in enumerate(medium.phase_functions):
         g = group.create_group(f"phase_function_{k}")
         g.attrs["kind"], g.attrs["name"] = phase.kind, phase.name
@@ -178,9 +182,15 @@ def _read_medium(group: Any) -> Medium:
     return Medium(
         **{key: group[key][()] for key in _MEDIUM},
         phase_functions=tuple(phases),
+        screen=_read_screen(group.attrs["screen"]) if "screen" in group.attrs else None,
         earth_radius_km=float(group.attrs["earth_radius_km"]),
         name=str(group.attrs["name"]),
     )
+
+
+def _read_screen(text: str) -> Screen:
+    values = json.loads(text)
+    return Screen(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
 
 
 def stored_hash(path: str | Path) -> str | None:

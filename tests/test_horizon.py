@@ -1,0 +1,203 @@
+"""What lies beyond the horizon: its factor on the sunbeam, in closed form, in space, in every solver and on files."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from airs import pure_air
+from montecarlo_media import assert_all_agree, hazy_earth
+
+from twilight.atmosphere.screen import Screen
+from twilight.base.errors import TwilightError
+from twilight.config import load
+from twilight.engine.disc import make_disc
+from twilight.engine.field_cache import field_key
+from twilight.scene import resolve
+from twilight.scene.horizon import described
+from twilight.solvers import montecarlo, tables, zones
+from twilight.solvers.zones.storage import field_hash
+from twilight.transport.beam import beam_at_one, prepare_beam
+from twilight.transport.ground_sun import GroundSun
+
+RADIUS = 6371.0
+LEVELS = np.linspace(0.0, 100.0, 51)
+RAMP = Screen((5.0, 15.0), (0.2, 0.9))
+CLOUDS = Screen.of_clouds(0.7, 9.0, 1.5, 0.0)
+SINGLE = montecarlo.MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0)
+
+
+def factor(screen, altitude_km, sun_deg, refractivity=0.0):
+    """T that the beam's tables give: screened over bare."""
+    air = pure_air(LEVELS, refractivity=refractivity)
+    beams = [prepare_beam(replace(air, screen=s)) for s in (screen, None)]
+    found = [beam_at_one(beam, altitude_km, math.sin(math.radians(sun_deg)), 0)[0] for beam in beams]
+    return found[0] / found[1]
+
+
+def least_altitude(altitude_km, sun_deg, from_km, to_km):
+    """Least altitude of a straight ray between two distances from a point, by brute force."""
+    r, e = RADIUS + altitude_km, math.radians(sun_deg)
+    s = np.linspace(from_km, min(to_km, 3000.0), 200001)
+    return float(np.min(np.hypot(r * math.cos(e), r * math.sin(e) + s)) - RADIUS)
+
+
+@pytest.mark.parametrize(
+    "place", [(20.0, -3.0, 0.0, math.inf), (8.0, -1.0, 0.0, math.inf), (8.0, 2.0, 0.0, math.inf),
+              (20.0, -3.0, 150.0, math.inf), (8.0, -1.0, 150.0, math.inf), (0.0, 0.5, 300.0, math.inf),
+              (0.0, 1.0, 250.0, 250.0), (20.0, -3.5, 100.0, 100.0)]
+)  # fmt: skip
+def test_straight_beam_against_its_least_altitude(place):
+    """Fails if T were taken at a tangent point that a beam has not reached, or nearer than the screen begins."""
+    altitude_km, sun_deg, from_km, to_km = place
+    screen = replace(RAMP, from_km=from_km, to_km=to_km)
+    expected = np.interp(least_altitude(altitude_km, sun_deg, from_km, to_km), RAMP.altitude_km, RAMP.transmission)
+    assert factor(screen, altitude_km, sun_deg) == pytest.approx(expected, abs=1e-4)
+
+
+def test_refracted_beam_against_its_tangent_altitude():
+    """Bouguer's n r sin i gives the tangent altitude of a limb ray: fails if the screen were met by straight rays."""
+    nu, altitude_km, sun_deg = 2.8e-4, 20.0, -3.8
+
+    def x(z):
+        return (RADIUS + z) * (1.0 + nu * math.exp(-z / 8.0))
+
+    air = pure_air(LEVELS, refractivity=nu)
+    _, bending = beam_at_one(prepare_beam(air), altitude_km, math.sin(math.radians(sun_deg)), 0)
+    p = x(altitude_km) * math.cos(math.radians(sun_deg) + bending)
+    low, high = 0.0, altitude_km
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if x(middle) < p else (low, middle)
+    assert 5.0 < low < 15.0 and bending > math.radians(0.1)
+    expected = np.interp(low, RAMP.altitude_km, RAMP.transmission)
+    assert factor(RAMP, altitude_km, sun_deg, nu) == pytest.approx(expected, abs=2e-3)
+
+
+def test_a_skyline_puts_the_sun_out():
+    """A wall is all or nothing: fails if its edge were smeared or at a wrong elevation."""
+    wall = Screen.of_skyline(3.0, 100.0)
+    edge = math.degrees(math.atan2(3.0 - 100.0**2 / (2.0 * RADIUS), 100.0))
+    assert factor(wall, 0.0, edge - 0.05) == 0.0
+    assert factor(wall, 0.0, edge + 0.05) == 1.0
+
+
+def test_screens_that_pass_all_change_nothing_and_half_halves():
+    """The field is linear in the beam: fails if some light (ground, disc, later orders) went past the screen."""
+    air = hazy_earth()
+    everything, half = Screen((0.0,), (1.0,)), Screen((0.0,), (0.5,))
+    suns, e, a = (3.0, -4.0), [3.0, 40.0, 90.0, -20.0], [0.0, 60.0, 0.0, 30.0]
+    small = tables.TablesSettings(scattering_r=8, scattering_mu=32, scattering_nu=4, max_orders=2, polar_directions=4)
+    for solver, settings in ((zones, zones.QUALITIES["draft"]), (tables, small)):
+        fields = [solver.prepare(replace(air, screen=s), settings) for s in (None, everything, half)]
+        for sun in suns:
+            bare, same, halved = (field.radiance(sun, e, a) for field in fields)
+            assert np.allclose(same, bare, rtol=2e-6)
+            assert np.allclose(halved, 0.5 * bare, rtol=2e-4)
+    sun = GroundSun(replace(air, screen=half)).at(3.0)[0] / GroundSun(air).at(3.0)[0]
+    assert np.allclose(sun, 0.5)
+    disc = make_disc(replace(air, screen=half), 3.0, 0.0).transmittance / make_disc(air, 3.0, 0.0).transmittance
+    assert np.allclose(disc, 0.5)
+
+
+def test_ground_sun_and_disc_see_the_same_screen():
+    """The sun's own light by quadrature and by tables would differ where clouds lie on its way."""
+    air = replace(pure_air(LEVELS), screen=Screen.of_clouds(0.7, 6.0, 2.0, 150.0))
+    beam, ground = prepare_beam(air), GroundSun(air)
+    for sun in (0.0, 0.7, 1.5, 3.0):
+        assert ground.at(sun)[0][0] == pytest.approx(
+            beam_at_one(beam, 0.0, math.sin(math.radians(sun)), 0)[0], rel=2e-3
+        )
+
+
+def test_zones_against_rays_followed_in_space():
+    """`montecarlo` follows every beam to the sun, `zones` knows its tangent altitude: light scattered once."""
+    air = replace(hazy_earth(), screen=CLOUDS)
+    suns, e, a = (2.0, -4.0), np.array([10.0, 30.0, 90.0, 30.0]), np.array([0.0, 0.0, 0.0, 180.0])
+    bare = replace(air, screen=None)
+    field = montecarlo.prepare(air, SINGLE)
+    screened, clear = (zones.prepare(m, replace(zones.QUALITIES["draft"], max_orders=1)) for m in (air, bare))
+    unscreened = montecarlo.prepare(bare, SINGLE)
+    for sun in suns:
+        # what delta scaling moves of light scattered once is the same in both
+        ratio = screened.radiance(sun, e, a) / clear.radiance(sun, e, a)
+        expected = field.radiance(sun, e, a) / unscreened.radiance(sun, e, a)
+        assert np.min(expected) < 0.9
+        assert np.allclose(ratio, expected, rtol=4e-3)
+
+
+@pytest.mark.slow
+def test_zones_against_rays_followed_in_space_at_every_order():
+    """As above, with all orders of scattering and their noise."""
+    air = replace(hazy_earth(), screen=CLOUDS)
+    e, a = np.array([10.0, 30.0, 90.0, 30.0]), np.array([0.0, 0.0, 0.0, 180.0])
+    settings = replace(montecarlo.QUALITIES["standard"], target_stderr=0.01)
+    reference, field = montecarlo.prepare(air, settings), zones.prepare(air, zones.QUALITIES["standard"])
+    for sun in (2.0, -4.0, -8.0):
+        found = reference.radiance_with_error(sun, e, a)
+        noise = np.hypot(found.standard_error, 0.006 * found.radiance)  # that of `standard` in clear air
+        assert_all_agree(found.radiance, noise, field.radiance(sun, e, a))
+
+
+def test_a_screen_is_never_confused_with_another():
+    """Cached fields and stored files would be read for the wrong evening."""
+    air = pure_air(LEVELS)
+    settings = zones.QUALITIES["draft"]
+    media = [air, replace(air, screen=CLOUDS), replace(air, screen=replace(CLOUDS, from_km=150.0))]
+    assert len({field_key("twilight.solvers.zones", settings, m, None, 0.0) for m in media}) == 3
+    assert len({field_hash(m, settings, (0.0, 110.0)) for m in media}) == 3
+
+
+def test_a_field_with_a_screen_survives_its_file(tmp_path):
+    """Fails if a stored field lost what it was solved for."""
+    path = tmp_path / "field.h5"
+    air = replace(pure_air(LEVELS), screen=CLOUDS)
+    settings = replace(zones.QUALITIES["draft"], max_orders=1)
+    field = zones.prepare(air, settings)
+    field.save(path)
+    again = zones.load(path)
+    assert again.medium.screen == CLOUDS
+    assert np.array_equal(again.radiance(-4.0, [20.0], [0.0]), field.radiance(-4.0, [20.0], [0.0]))
+
+
+def scene(screen, **more):
+    return {"version": 1, "climate": "pure-air", "sun": {"elevation_deg": -4}, "horizon": {"screen": screen}, **more}
+
+
+def test_sections_become_screens():
+    """Each form of the section, and what the plan says of it."""
+    table = load(scene({"heights_km": [4, 9], "transmission": [0.3, 1], "from_km": 50}))
+    assert resolve(table).medium.screen == Screen((4.0, 9.0), (0.3, 1.0), 50.0)
+    clouds = load(scene({"clouds": {"top_km": 8}}))
+    assert resolve(clouds).medium.screen == Screen.of_clouds(0.7, 8.0, 1.5, 150.0)
+    assert described(clouds.horizon) == "clouds from 150 km on stop 70% of the beams below 8 +- 1.5 km"
+    skyline = load(scene({"skyline": {"height_km": 3, "distance_km": 60}}))
+    assert resolve(skyline).medium.screen == Screen.of_skyline(3.0, 60.0)
+    assert resolve(load({"version": 1, "climate": "pure-air"})).medium.screen is None
+
+
+@pytest.mark.parametrize(
+    ("screen", "words"),
+    [
+        ({}, "takes one of heights_km with transmission, clouds, and skyline"),
+        ({"clouds": {}, "skyline": {}}, "takes one of heights_km with transmission, clouds, and skyline"),
+        ({"heights_km": [3, 5]}, "needs both heights_km and transmission"),
+        ({"heights_km": [3, 5], "transmission": [0.1]}, "heights_km has 2 values and transmission 1"),
+        ({"heights_km": [5, 3], "transmission": [0.1, 1]}, "heights_km must increase"),
+        ({"heights_km": [5], "transmission": [1.5]}, "transmission"),
+        ({"clouds": {"cover": 1.2}}, "cover"),
+        ({"clouds": {}, "from_km": 3}, "from_km belongs to heights_km"),
+    ],
+)
+def test_what_no_screen_can_be_is_one_sentence(screen, words):
+    """A section that means nothing would be computed as something."""
+    with pytest.raises(TwilightError) as error:
+        load(scene(screen))
+    assert words in str(error.value) and "horizon" in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["cells", "preetham", "compact", "sunsky"])
+def test_other_solvers_refuse(name):
+    """A solver that ignored the screen would give another evening without a word."""
+    with pytest.raises(TwilightError, match=r"horizon\.screen: the solver .* zones, montecarlo and tables do"):
+        resolve(load(scene({"clouds": {}}, solver={"name": name})))

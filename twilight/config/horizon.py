@@ -1,0 +1,75 @@
+"""`horizon`: what lies beyond the horizon and takes sunbeams on their way: clouds, haze, mountains."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from twilight.config.base import Number, Section, key
+
+
+class HorizonClouds(Section):
+    """Clouds beyond the horizon, as a part of the grazing beams that they stop."""
+
+    cover: Number = key(0.7, "part of the beams far below the cloud tops that is stopped", unit="1", ge=0.0, le=1.0)
+    top_km: Number = key(9.0, "mean altitude of the cloud tops", unit="km", ge=0.0, le=40.0)
+    top_spread_km: Number = key(1.5, "standard deviation of that altitude", unit="km", ge=0.0, le=10.0)
+    from_km: Number = key(
+        150.0, "distance from the observer at which they begin; nearer it is clear", unit="km", ge=0.0, le=2000.0
+    )
+
+
+class Skyline(Section):
+    """Mountains, or a dense bank of clouds, across the sun's azimuth."""
+
+    height_km: Number = key(2.0, "of the skyline above sea level", unit="km", ge=0.0, le=100.0)
+    distance_km: Number = key(100.0, "from the observer", unit="km", ge=0.0, le=2000.0)
+
+
+class HorizonScreen(Section):
+    """Which part of the direct sunbeams passes: a table by altitude, clouds, or a skyline; one of the three."""
+
+    heights_km: tuple[Annotated[Number, Field(ge=-1.0, le=200.0)], ...] | None = key(
+        None, "least altitudes of a beam on its way, increasing", unit="km", min_length=1, max_length=1000
+    )
+    transmission: tuple[Annotated[Number, Field(ge=0.0, le=1.0)], ...] | None = key(
+        None,
+        "part of the light that passes at each of heights_km; linear between, beyond them as at the ends",
+        unit="1",
+        min_length=1,
+        max_length=1000,
+    )
+    from_km: Number = key(
+        0.0, "with heights_km: distance from the observer at which they begin to count", unit="km", ge=0.0, le=2000.0
+    )
+    clouds: HorizonClouds | None = key(None, "clouds beyond the horizon; {}: 0.7 cover up to about 9 km")
+    skyline: Skyline | None = key(None, "mountains or a dense bank of clouds across the sun's azimuth")
+
+    @model_validator(mode="after")
+    def _one(self) -> HorizonScreen:
+        table = self.heights_km is not None or self.transmission is not None
+        if [table, self.clouds is not None, self.skyline is not None].count(True) != 1:
+            raise ValueError("takes one of heights_km with transmission, clouds, and skyline")
+        if table and (self.heights_km is None or self.transmission is None):
+            raise ValueError("needs both heights_km and transmission")
+        if self.heights_km is not None and self.transmission is not None:
+            if len(self.heights_km) != len(self.transmission):
+                raise ValueError(
+                    f"heights_km has {len(self.heights_km)} values and transmission {len(self.transmission)}; they "
+                    "must be as many"
+                )
+            if any(b <= a for a, b in itertools.pairwise(self.heights_km)):
+                raise ValueError("heights_km must increase")
+        elif "from_km" in self.model_fields_set:
+            raise ValueError("from_km belongs to heights_km; clouds have their own")
+        return self
+
+
+class Horizon(Section):
+    """What lies beyond the horizon."""
+
+    screen: HorizonScreen | None = key(
+        None, "what takes sunbeams on their way: heights_km and transmission | clouds | skyline; unset: nothing"
+    )
