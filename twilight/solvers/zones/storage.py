@@ -189,8 +189,8 @@ def _read_medium(group: Any) -> Medium:
 
 
 def _read_screen(text: str) -> Screen:
-    values = json.loads(text)
-    return Screen(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
+    v = json.loads(text)
+    return Screen(tuple(v["altitude_km"]), tuple(v["transmission"]), v["from_km"], v["to_km"])
 
 
 def stored_hash(path: str | Path) -> str | None:
