@@ -110,14 +110,18 @@ def test_lines_of_sight_are_cached_for_the_next_sun_and_no_longer_than_they_may(
     np.testing.assert_array_equal(small.radiance(10.0, *question), first)
 
 
-@pytest.mark.parametrize("sun", [30.0, 5.0, 0.0, -2.0, -4.0])
-def test_light_scattered_once_is_that_of_the_cells_solver(sun):
-    """Without aerosol: with it the forward peak counts as unscattered here."""
+@pytest.fixture(scope="module")
+def scattered_once():
+    """Fields of `zones` and `cells` without aerosol: with it the forward peak counts as unscattered here."""
     pure = medium_from_table(REFERENCE / "pure-air.csv")
-    ours = zones.prepare(pure, replace(MIDDLE, max_orders=1)).radiance(sun, ELEVATION, AZIMUTH)
-    theirs = cells.prepare(pure, replace(cells.QUALITIES["standard"], multiple_scattering="none")).radiance(
-        sun, ELEVATION, AZIMUTH
-    )
+    single = replace(cells.QUALITIES["standard"], multiple_scattering="none")
+    return zones.prepare(pure, replace(MIDDLE, max_orders=1)), cells.prepare(pure, single)
+
+
+@pytest.mark.parametrize("sun", [30.0, 5.0, 0.0, -2.0, -4.0])
+def test_light_scattered_once_is_that_of_the_cells_solver(scattered_once, sun):
+    """Sunlight or a line of sight would be wrong in one of them."""
+    ours, theirs = (field.radiance(sun, ELEVATION, AZIMUTH) for field in scattered_once)
     lit = theirs > 1e-12
     assert lit.mean() > 0.5
     np.testing.assert_allclose(ours[lit], theirs[lit], rtol=0.02)  # at the edge of the shadow
@@ -206,7 +210,7 @@ def test_a_bent_line_sees_what_a_straight_one_sees_half_a_degree_lower(hazy):
 
 def test_one_field_serves_observers_on_the_ground_in_the_air_and_in_orbit(hazy, small):
     """A field would be right for the observer it was made for alone."""
-    for altitude in (0.0, 8.0, 50.0, 99.9):
+    for altitude in (8.0, 99.9):
         there = zones.prepare(hazy, SMALL, observer_altitude_km=altitude)
         np.testing.assert_array_equal(
             there.radiance(-4.0, ELEVATION, AZIMUTH),
@@ -227,14 +231,14 @@ def test_deep_night_is_finite_and_darker_and_darker(small):
 
 def test_only_the_zones_that_the_suns_need(hazy, small):
     """A scene's suns would be solved with all others, or with too few nodes."""
-    for sun in (25.0, 60.0, -8.0):
+    for sun in (-8.0, 25.0):
         part = zones.prepare(hazy, SMALL, sun_elevations_deg=[sun])
         assert part.grids.nodes.zenith_rad.size < small.grids.nodes.zenith_rad.size
         np.testing.assert_allclose(
             part.radiance(sun, ELEVATION, AZIMUTH), small.radiance(sun, ELEVATION, AZIMUTH), rtol=2e-3
         )
     with pytest.raises(TwilightError, match=r"sun.elevation_deg is -10 and .* the field was solved for 25 to 25 deg"):
-        zones.prepare(hazy, SMALL, sun_elevations_deg=[25.0]).radiance(-10.0, 10.0, 0.0)
+        part.radiance(-10.0, 10.0, 0.0)
 
 
 def test_a_field_is_saved_and_loaded(hazy, small, tmp_path):

@@ -131,6 +131,7 @@ def view_fields(
             "from_km": altitudes[-1],
             "limb": sizes.limb,
             "limb_power": space.LIMB_POWER,
+            "edge_km": space.TOP_EDGE_KM,
             "lines_to_km": space.LINES_TO_KM,
         }
     for k, solved in enumerate(fields):

@@ -10,6 +10,13 @@ for all lines, so that tables over the foot's sun stay smooth where the Earth's 
               top of the haze to r_top, as `tables.rows_above` has it with a power of 1.5
 
 u from 0 to 1 over the rows; suns and azimuths are those of the other tables.
+
+The air ends at the radius r_top.  With a scale height H a line that passes s below has erf(sqrt(s / H)) of the light
+that it would have were the air to go on, a root of s whose logarithm no table can hold: the limb is stored over
+
+    edge(s) = sqrt(1 - exp(-4 s / (pi H)))
+
+which is that function within 0.7 %, and the page multiplies by it.
 """
 
 from __future__ import annotations
@@ -38,6 +45,8 @@ from twilight.viewer.tables import (
 
 LIMB_POWER = 1.5
 """Power with which rows stand closer together at the top of the haze."""
+TOP_EDGE_KM = 4.7
+"""pi H / 4 of `edge`, H = 6 km as of the air at 80 to 100 km."""
 LINES_TO_KM = 300.0
 """Height above the grazing ray up to which the sun's beam and the night's light are listed: over all airglow."""
 ABOVE_AIRGLOW_KM = 320.0
@@ -85,6 +94,11 @@ class Geometry:
         central_angle_deg = np.concatenate([foot - (90.0 + elevation[: sizes.ground]), -elevation[sizes.ground :]])
         return elevation, np.maximum(central_angle_deg, 0.0)
 
+    def edge(self, elevation_deg: np.ndarray) -> np.ndarray:
+        """Fraction of the light of lines (rows,) by their elevations at the top of the air that its end leaves."""
+        below_km = self.top_radius_km * (1.0 - np.cos(np.radians(elevation_deg)))
+        return np.sqrt(-np.expm1(-below_km / TOP_EDGE_KM))
+
     def line_elevations(self, radius_km: float) -> np.ndarray:
         """Elevations (NODES,) [deg] of lines by their height above the grazing ray, LINES_TO_KM x^1.5, seen from a
         distance from the Earth's centre; positive where they pass above it."""
@@ -121,6 +135,8 @@ def fill_space(
     for j, sun in enumerate(suns):
         spectra[j] = source.radiance(top, float(sun), elevation, azimuth)
         progress("above the air", 0.8 * (j + 1) / suns.size)
+    edge = np.where(np.arange(rows.size) < sizes.ground, 1.0, geometry.edge(rows))[:, None, None]
+    spectra /= edge
     light = np.maximum(channels.of(spectra), DARK)
     aureole = phase = None
     if source.phase is not None:
@@ -128,7 +144,7 @@ def fill_space(
         once = np.empty_like(light)
         for first in range(0, suns.size, SUNS_AT_ONCE):
             part = slice(first, first + SUNS_AT_ONCE)
-            once[part] = channels.of(source.single_aerosol(top, rows, azimuths, suns[part])[0])
+            once[part] = channels.of(source.single_aerosol(top, rows, azimuths, suns[part])[0]) / edge
         once = np.minimum(once, LARGEST_FRACTION_ONCE * light)
         once += REST_IN_AUREOLE * (light - once)
         aureole = once / read_phase(phase, scattering_cosine(elevation, azimuth, suns))

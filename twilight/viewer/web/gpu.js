@@ -128,6 +128,7 @@ function drawLight(into, aspect, sun, sky, disc) {
   gl.uniform1i(p.at("uZodiac"), slots.uZodiac.unit);
   gl.uniform1i(p.at("uSpace"), slots.uSpace.unit);
   gl.uniform1i(p.at("uLimb"), HEAD.space?.limb ?? 0);
+  gl.uniform1f(p.at("uEdge"), HEAD.space?.edge_km ?? 1);
   gl.uniform3fv(p.at("uSunAxis"), HEAD.sun_axis ?? [0, 0, 1]);
   gl.uniform4i(p.at("uTexels"), t.ground, t.haze, t.sky, t.azimuth);
   gl.uniform2fv(p.at("uHaze"), twice((k) => hazeOf(k).map((e) => e * DEG)).flat());

@@ -53,7 +53,7 @@ function spectrumOf(d, field) {
   const at = (row, column, b) => values[(row * columns + column % columns) * bands + b];
   const night = state.night && HEAD.kind === "field" ? nightSpectrum(field, up, u, d, celestial(sun)) : null;
   const near = 1 / (HEAD.distance_au ?? sun.distance) ** 2;
-  const lit = inSpace() ? (foot ? near * Math.exp(Math.min(0, foot.sun - HEAD.sun_axis[0])) : 0) : near;
+  const lit = inSpace() ? (foot ? near * foot.edge * Math.exp(Math.min(0, foot.sun - HEAD.sun_axis[0])) : 0) : near;
   return HEAD.fields[field].solar_irradiance.map((f, b) => f * lit * Math.exp(
     (1 - v) * ((1 - w) * at(j, i, b) + w * at(j, i + 1, b)) + v * ((1 - w) * at(j + 1, i, b) + w * at(j + 1, i + 1, b)),
   ) + (night ? night[b] : 0));

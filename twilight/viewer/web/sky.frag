@@ -12,6 +12,7 @@ out vec4 light;
 uniform sampler2D uSlice;    // logarithms under this sun: for each field the rows of sky, then those of aureole
 uniform sampler3D uSpace;     // above the air: logarithms, layers by the sun at the foot, rows as of uSlice
 uniform int uLimb;           // its rows of the limb
+uniform float uEdge;         // km over which light falls towards the top of the air
 uniform vec3 uSunAxis;       // lowest sun of the tables, centre and width of their axis, deg
 uniform sampler2D uLines;    // rows of 256 for each field: phase, beam, refraction, 5 of the night
 uniform sampler2D uZodiac;   // logarithm by longitude from the sun and latitude
@@ -147,6 +148,7 @@ vec4 fromSpace(int field, bool up, vec3 d, float angle) {
   int rows = uTexels.x + uTexels.y + uLimb, begin = 2 * rows * field;
   vec4 sum = exp(spaceTable(begin, up, s, y, x));
   if (uAureole[field]) sum += exp(spaceTable(begin + rows, up, s, y, x) + line(LINES * field, sqrt(angle / PI)));
+  if (up) sum *= sqrt(1.0 - exp((p - top) / uEdge));   // space.py
   // below the lowest sun of the tables the light falls by e per degree
   return sum * uNear * exp(min(0.0, sun - uSunAxis.x));
 }

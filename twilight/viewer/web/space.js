@@ -18,7 +18,8 @@ function footOf(d, field, sun) {
   const across = Math.sqrt(Math.max(0, 1 - up * up - ahead * ahead));
   const y = ground ? (1 - Math.sqrt(1 - Math.asin(p / low) / (Math.PI / 2))) * (HEAD.texels.ground - 1)
     : HEAD.texels.ground + rowAbove(p, low, [HEAD.fields[field].haze_km, HEAD.fields[field].haze_km], top, HEAD.space.limb_power, HEAD.texels.haze, HEAD.space.limb);
-  return { sun: Math.asin(up) / DEG, azimuth: Math.atan2(across, ahead) / DEG, y, ground };
+  const edge = ground ? 1 : Math.sqrt(1 - Math.exp((p - top) / HEAD.space.edge_km));   // space.py
+  return { sun: Math.asin(up) / DEG, azimuth: Math.atan2(across, ahead) / DEG, y, ground, edge };
 }
 
 // A line's place among the nodes of the lines above the air, 0 to 1.
