@@ -55,8 +55,13 @@ TYPES = (
     "maritime-tropical",
     "urban",
 )
-QUADRATURES = ((20, 14), (32, 14), (32, 20))
-"""degree and polar_directions of `standard`, in most air and beside coarse particles, and of `reference`."""
+REFERENCE = zones.QUALITIES["reference"]
+QUADRATURES = (
+    (STANDARD.degree, STANDARD.polar_directions),
+    (STANDARD.max_degree, STANDARD.polar_directions),
+    (REFERENCE.max_degree, REFERENCE.polar_directions),
+)
+"""degree and polar_directions of `standard`, in most air and beside coarse particles, of `reference` there."""
 SKIES: dict[str, Callable[[np.ndarray], np.ndarray]] = {"uniform": np.ones_like, "falling": lambda x: np.exp(-x / 0.3)}
 """Radiance by the cosine of the zenith angle, above the horizon."""
 ELEVATIONS_DEG = (1.0, 6.0, 20.0, 45.0, 60.0, 75.0, 82.0, 90.0)
