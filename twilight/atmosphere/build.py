@@ -51,7 +51,7 @@ def build_medium(
     ground_albedo=0.0,
     name: str = "",
 ) -> Medium:
-    """The optical medium of an atmosphere at W wavelengths (300 to 1000 nm, increasing).
+    """The optical medium of an atmosphere at W wavelengths (280 to 1000 nm, increasing).
 
     profile: one of ``profiles.PROFILES``, or the air itself.
     top_km: 10 to 120; what is above is left out.

@@ -3,9 +3,10 @@
 Cross sections are means over 1 nm at 301 to 899 nm (vacuum), tabulated at several temperatures:
 ozone Serdyuchenko et al. 2014 (193 to 293 K), NO2 Vandaele et al. 1998 (220 and 294 K), O2-O2 HITRAN 2016 collision
 induced absorption (200 to 293 K).  They are linear in wavelength and in temperature, and keep the edge value outside
-the tabulated temperatures.  From 301 down to 300 nm ozone goes on exponentially (it falls by 13 % per nm) and the
-others keep the row of 301 nm; 900 to 1000 nm take the row of 899 nm, where all three are weak (vertical optical depth
-of ozone 5e-4, of O2-O2 2e-4, of NO2 0).
+the tabulated temperatures.  From 301 down to 280 nm ozone is that of Malicet et al. 1995 (218 to 295 K), scaled at
+every temperature to meet the other table at 301 nm (by 0.97 to 1.01), and the others keep the row of 301 nm, where they
+are far weaker than ozone (vertical optical depth of O2-O2 0, of NO2 6e-4); 900 to 1000 nm take the row of 899 nm, where
+all three are weak (vertical optical depth of ozone 5e-4, of O2-O2 2e-4, of NO2 0).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from twilight.base.shipped_data import data_numbers
 OXYGEN_FRACTION = 0.2095
 """Volume of O2 in dry air, constant up to about 85 km; above, pairs of molecules do not matter."""
 
-MIN_WAVELENGTH_NM = 300.0
+MIN_WAVELENGTH_NM = 280.0
 """Where the optical data begin [nm]."""
 
 MAX_WAVELENGTH_NM = 1000.0
@@ -31,6 +32,9 @@ MAX_WAVELENGTH_NM = 1000.0
 
 _TABLES = {"o3": "o3_serdyuchenko2014", "no2": "no2_vandaele1998", "o4": "o2o2_hitran2016"}
 """File of each gas in data/gases."""
+
+_OZONE_BELOW_301_NM = "o3_malicet1995"
+"""Of ozone at 279 to 301 nm."""
 
 
 def check_wavelengths(wavelength_nm) -> np.ndarray:
@@ -49,14 +53,22 @@ def check_wavelengths(wavelength_nm) -> np.ndarray:
     return w
 
 
+@lru_cache(maxsize=len(_TABLES) + 1)
+def _file(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wavelengths (W,), temperatures (T,) and cross sections (W, T)."""
+    names, rows = data_numbers(f"gases/{name}.csv")
+    return rows[:, 0], np.array([float(name[1:-1]) for name in names[1:]]), rows[:, 1:]
+
+
 @lru_cache(maxsize=len(_TABLES))
 def _table(gas: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    names, rows = data_numbers(f"gases/{_TABLES[gas]}.csv")
-    temperature_k = np.array([float(name[1:-1]) for name in names[1:]])
+    nm, temperature_k, values = _file(_TABLES[gas])
     if gas == "o3":
-        first = rows[0, 1:] ** 2 / rows[1, 1:]
-        rows = np.vstack([np.concatenate([[2 * rows[0, 0] - rows[1, 0]], first]), rows])
-    return rows[:, 0], temperature_k, rows[:, 1:]
+        below_nm, below_k, below = _file(_OZONE_BELOW_301_NM)
+        below = np.stack([np.interp(temperature_k, below_k, row) for row in below])
+        below *= values[0] / below[-1]
+        nm, values = np.concatenate([below_nm[:-1], nm]), np.concatenate([below[:-1], values])
+    return nm, temperature_k, values
 
 
 def cross_section(gas: str, wavelength_nm, temperature_k) -> np.ndarray:

@@ -4,7 +4,21 @@ from __future__ import annotations
 
 import typer
 
-from twilight.cli import animate, cache, compare, export, fit, frontier, render, show, sweep, times, validate, view
+from twilight.cli import (
+    animate,
+    cache,
+    compare,
+    export,
+    fit,
+    fluxes,
+    frontier,
+    render,
+    show,
+    sweep,
+    times,
+    validate,
+    view,
+)
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -22,6 +36,7 @@ commands = (
     compare.compare,
     frontier.frontier,
     times.times,
+    fluxes.fluxes,
     show.climates,
     show.configs,
     show.describe,

@@ -40,10 +40,10 @@ class Observer(Section):
 class Wavelengths(Section):
     """Where the radiance is computed; unset for a tabulated medium means the table's wavelengths."""
 
-    min_nm: Number | None = key(None, "first of `count` equidistant wavelengths; 380", unit="nm", ge=300.0, le=1000.0)
-    max_nm: Number | None = key(None, "last of `count` equidistant wavelengths; 720", unit="nm", ge=300.0, le=1000.0)
+    min_nm: Number | None = key(None, "first of `count` equidistant wavelengths; 380", unit="nm", ge=280.0, le=1000.0)
+    max_nm: Number | None = key(None, "last of `count` equidistant wavelengths; 720", unit="nm", ge=280.0, le=1000.0)
     count: Integer | None = key(None, "number of equidistant wavelengths; 8", unit="1", ge=1, le=2000)
-    list_nm: tuple[Annotated[Number, Field(ge=300.0, le=1000.0)], ...] | None = key(
+    list_nm: tuple[Annotated[Number, Field(ge=280.0, le=1000.0)], ...] | None = key(
         None,
         "the wavelengths themselves, increasing, instead of min_nm, max_nm and count; where none of the four is set, "
         "eight that are placed so that colours come out right",

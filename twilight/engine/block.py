@@ -50,6 +50,8 @@ class Block:
         The solver's own field (of the terms), of the observer who was asked for last.
     from_disk
         Whether the field was read from the cache.
+    term_medium
+        The medium with a column for each term in place of each wavelength; without bands the medium itself.
     """
 
     field: Field
@@ -61,8 +63,8 @@ class Block:
         self.wavelengths, self.medium, self.bands = wavelengths, medium, bands
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
-        self._term_medium = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self._term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
+        self.term_medium = medium if bands is None else bands.expand(medium)
+        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
 
@@ -89,14 +91,14 @@ class Block:
 
         def solved(settings: Any) -> Field:
             return prepare(
-                self._term_medium, settings, observer_altitude_km=altitude_km, progress=self._progress, **more
+                self.term_medium, settings, observer_altitude_km=altitude_km, progress=self._progress, **more
             )
 
         settings = scene.settings
         if not self.problem.cached or not self.capabilities.field_file or settings.field_file:
             return solved(settings)
         suns = more.get("sun_elevations_deg")
-        key = field_key(scene.solver.__name__, settings, self._term_medium, suns, altitude_km, interpolation)
+        key = field_key(scene.solver.__name__, settings, self.term_medium, suns, altitude_km, interpolation)
         path = cache.find(cache.FIELDS, key)
         if path is not None:
             try:
@@ -111,7 +113,7 @@ class Block:
 
     def rows_at_once(self, columns: int) -> int:
         """Rows of so many directions that the solver is asked for at once."""
-        return max(1, VALUES_AT_ONCE // (columns * self._term_medium.n_wavelengths))
+        return max(1, VALUES_AT_ONCE // (columns * self.term_medium.n_wavelengths))
 
     def answer(
         self,
@@ -130,6 +132,21 @@ class Block:
         of a wavelength's terms are added, for their noise may be correlated.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
+        question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        found = self.of_terms(*question, polarisation=polarisation, checkpoint=checkpoint)
+        return found if self.bands is None else sum_terms(found, self.bands)
+
+    def of_terms(
+        self,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+        *,
+        polarisation: bool = False,
+        checkpoint: Path | None = None,
+    ) -> Answer:
+        """As `answer`, of each term of the exponential sums; without bands of each wavelength."""
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:
@@ -150,7 +167,7 @@ class Block:
             raise TwilightError("the solver gave radiance that is negative or not a number")
         if found.polarisation is not None and not np.isfinite(found.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found if self.bands is None else sum_terms(found, self.bands)
+        return found
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and what to tell it."""

@@ -31,6 +31,9 @@ from twilight.sky.disc import Disc
 from twilight.sky.sky import BrowserPage, Sky
 from twilight.solvers.base import Cost, Interpolation
 
+if TYPE_CHECKING:
+    import xarray
+
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 
@@ -275,9 +278,12 @@ class Solved(FieldLight):
         scattered, transmittance = zip(*(block.inscatter(*question) for block in self.blocks), strict=True)
         return np.concatenate(scattered, axis=-1), np.concatenate(transmittance, axis=-1)
 
-    if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
+    if TYPE_CHECKING:  # the viewer and the studies stand above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
+        def fluxes(
+            self, sun_elevation_deg: ArrayLike, altitude_km: ArrayLike = 0.0, *, rates: bool = True
+        ) -> xarray.Dataset: ...
 
 
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
