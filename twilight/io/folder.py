@@ -26,7 +26,7 @@ SHEETS = ("contact-sheet.png", "series.csv", "series.nc")
 """What a series has once, made again at its end."""
 FRAMES = "frames"
 """The folder of a series' files by number, also once."""
-NUMBERED = ("sky.png", "sky.rgb.exr")
+NUMBERED: tuple[str, ...] = ("sky.png", "sky.rgb.exr")
 
 
 @dataclass(frozen=True)
