@@ -89,7 +89,7 @@ SKIES = (
     (
         "polariser",
         "Through a polariser, its axis horizontal",
-        "pure-air --sun-elevation 20 --set output.views=[fisheye] --set solver.polarisation=true --polariser 90",
+        "pure-air --sun-elevation 20 --set output.views=[fisheye] --polariser 90",
     ),
     (
         "airliner",
