@@ -38,8 +38,6 @@ CELLS = CellsSettings(
 MONTECARLO = MonteCarloSettings(
     target_stderr=None, samples=16, paths_per_sample=1, importance_sweeps=1, pilot_samples=2
 )
-PER_SUN = {"cells", "montecarlo"}
-"""Solvers that do most of their work for each sun anew."""
 
 
 def settings_of(name: str):
@@ -135,21 +133,14 @@ def check(radiance: np.ndarray, names, airs, suns, what: str, error: np.ndarray 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
-def test_extreme_air(name):
-    suns = (20.0, -6.0) if name in PER_SUN else SUNS_DEG
-    check_extremes(name, suns, DRAFT if name == "zones" else None)
+def test_extreme_air_under_every_sun(name):
+    check_extremes(name, SUNS_DEG, DRAFT if name == "zones" else None)
 
 
 @pytest.mark.parametrize("what", EXTREMES)
 def test_extreme_air_is_dark_at_night(what):
     """Each by itself: a block of all has the grids that any of them needs, and takes three times as long."""
     check_extremes("zones", (-18.0, -40.0), replace(ZONES, polarisation=False), some=(what,))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["cells", "montecarlo"])
-def test_extreme_air_under_every_sun(name):
-    check_extremes(name, SUNS_DEG)
 
 
 @pytest.mark.slow
