@@ -37,7 +37,10 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
     reach = grids.layout.reach
     early = scattering_operators(grids, s.polar_directions, reach.orders, s.degree, grids.spin2_degree)
     late_degrees = reach.late_degree, s.late_polarisation_degree if s.polarisation else 0
-    late = scattering_operators(grids, s.late_polar_directions, reach.late_orders, *late_degrees)
+
+    @cache
+    def late_operators() -> Callable[[int], ScatteringOperator]:
+        return scattering_operators(grids, s.late_polar_directions, reach.late_orders, *late_degrees)
 
     @cache
     def thick_operators() -> Callable[[int], ScatteringOperator]:
@@ -57,9 +60,11 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
         def report(order: int, residual: float, block: int = block) -> None:
             progress(f"order of scattering {order}", 0.1 + 0.9 * (block + min(0.95, order / 12)) / n_blocks)
 
+        # made where it is needed, and dropped with its block
+        late = cache(lambda block=block: late_operators()(block))
         solutions.append(
             solve_orders(
-                early(block), late(block), partial(thick, block), lanes_of(slow, block) > 0.0,
+                early(block), late, partial(thick, block), lanes_of(slow, block) > 0.0,
                 s.early_orders, sunlight, s.max_orders, s.tolerance, report,
             )
         )  # fmt: skip

@@ -32,7 +32,7 @@ little."""
 
 def solve_orders(
     early: ScatteringOperator,
-    late: ScatteringOperator,
+    late: Callable[[], ScatteringOperator],
     thick: Callable[[], ScatteringOperator],
     slow: np.ndarray,
     early_orders: int,
@@ -51,7 +51,7 @@ def solve_orders(
     early
         Operator of the first `early_orders` orders.
     late
-        Operator of later orders, whose light is smooth: fewer directions and harmonics do.
+        Gives the operator of later orders, whose light is smooth: fewer directions and harmonics do.
     thick
         Gives the operator of light that decays slowly.
     slow
@@ -61,18 +61,25 @@ def solve_orders(
     progress
         Called with the number of orders and the residual.
     """
+    all_at_once = max_orders > FEW_ORDERS and early.water is None
+    if all_at_once and tolerance > 0.0 and slow.all():
+        # what single orders do here is known beforehand
+        total, total_ground, steps, missing = _stiff_lanes(
+            early.conserving(), thick().conserving(), early_orders, np.arange(LANES), sunlight, max_orders, tolerance,
+            progress,
+        )  # fmt: skip
+        return _solution(early, total, total_ground, steps + 1, missing)
     mean, order, ground = early.analyse(early.first_order(sunlight))
     total, total_ground = order.copy(), ground.copy()
     retained = np.arange(order.shape[2])
     orders, residual = 1, np.ones(LANES)
     open_lanes, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
-    all_at_once = max_orders > FEW_ORDERS and early.water is None
     slow = slow & all_at_once
     previous = None
     while orders + 1 < max_orders and open_lanes.any():
-        operator = early if orders < early_orders else late
-        if operator is late and orders == max(early_orders, 1) and late is not early:
-            retained = early.angles.shared_with(late.angles)
+        operator = early if orders < early_orders else late()
+        if operator is not early and orders == max(early_orders, 1):
+            retained = early.angles.shared_with(operator.angles)
             order = np.ascontiguousarray(order[:, :, retained])
         before = mean
         mean, order, ground = operator.analyse(operator.next_order(mean, order, ground))
@@ -108,9 +115,15 @@ def solve_orders(
         total[..., lanes], total_ground[..., lanes] = whole, whole_ground
         residual[lanes] = missing
         orders += steps
-    nodes = early.nodes
-    log_mean, relative = nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    return Solution(log_mean, relative, *early.ground_light(total_ground), orders + 1, float(residual.max()))
+    return _solution(early, total, total_ground, orders + 1, residual)
+
+
+def _solution(
+    early: ScatteringOperator, total: np.ndarray, ground: np.ndarray, orders: int, residual: np.ndarray
+) -> Solution:
+    """The solution from the moments (Z, T, C, LANES) of all light and the radiance of the ground (T, LANES)."""
+    log_mean, relative = early.nodes.refine_altitude(*normalised(total[:, :, 0], total))
+    return Solution(log_mean, relative, *early.ground_light(ground), orders, float(residual.max()))
 
 
 def _stiff_lanes(early, late, early_orders, lanes, sunlight, max_orders, tolerance, progress):
