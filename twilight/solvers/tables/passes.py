@@ -174,11 +174,12 @@ def fill_single(profile, mapping, depth, screen, texels, fineness, out, begin, e
 
 
 @njit(inner=True, cache=True)
-def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, mu_s, nu, ground, scratch):
+def incident(mapping, incoming, cosines, light, height, mu, mu_s, nu, ground, scratch):
     """Radiance (W,) of light that comes to a point, into light: one table as it is, or single scattering by species.
 
-    tables, logarithmic, moments: of `Incoming`; cosines (degree + 1,), scratch (W,): work space.
+    incoming: `Incoming`; cosines (degree + 1,), scratch (W,): work space.
     """
+    tables, logarithmic, moments = incoming
     if moments.shape[1] == 0:
         scattering(mapping, tables[0], logarithmic, height, mu, mu_s, nu, ground, light)
         return
@@ -201,9 +202,9 @@ def incident(mapping, tables, logarithmic, moments, cosines, light, height, mu, 
 def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_ground, texels, directions, out, begin, end):
     """J (r, mu_s, nu, mu, W) from the last order: all species, and the ground lit by it.
 
-    incoming: `Incoming`; scatterers: `Scatterers`; lit_ground: `Ground`; texels: `Texels`; directions: `Directions`.
+    incoming: `Incoming`; scatterers: `Scatterers`; lit_ground: `LitGround`; texels: `Texels`; directions:
+    `SphereQuadrature`.
     """
-    tables, logarithmic, single_moments = incoming
     moments, sigma = scatterers
     albedo, sky_irradiance, direct = lit_ground
     heights, view, sun, nus = texels
@@ -213,7 +214,7 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
     degree = moments.shape[1] - 1
     bottom = profile.altitude_km[0]
     light, scratch, tau, sunlit = np.empty(n_w), np.empty(n_w), np.empty(n_w), np.empty(n_w)
-    cosines = np.empty(max(2, single_moments.shape[1]))
+    cosines = np.empty(max(2, incoming.moments.shape[1]))
     amplitude = np.empty((degree + 1, n_w))
     harmonic = np.empty((n_coefficient, n_w))
     gain = np.empty((degree + 1, n_w))
@@ -238,10 +239,7 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
                 for p in range(azimuth.size):
                     c = math.cos(azimuth[p])
                     nu = mu * mu_s + c * math.sqrt(max(0.0, (1.0 - mu * mu) * (1.0 - mu_s * mu_s)))
-                    incident(
-                        mapping, tables, logarithmic, single_moments, cosines, light, heights[i], mu, mu_s, nu, ground,
-                        scratch,
-                    )  # fmt: skip
+                    incident(mapping, incoming, cosines, light, heights[i], mu, mu_s, nu, ground, scratch)
                     if ground:
                         mu_g = min(1.0, max(-1.0, (r * mu_s + far * nu) / mapping.bottom_km))
                         irradiance(mapping, sky_irradiance, 0.0, mu_g, scratch)
@@ -286,10 +284,9 @@ def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin
 
     incoming: `Incoming`; node_mu, node_weight (Q,): over the upper hemisphere; azimuth (A,) [rad]: as in `Directions`.
     """
-    tables, logarithmic, single_moments = incoming
     n_w = out.shape[2]
     light, scratch = np.empty(n_w), np.empty(n_w)
-    cosines = np.empty(max(2, single_moments.shape[1]))
+    cosines = np.empty(max(2, incoming.moments.shape[1]))
     turn = math.pi / azimuth.size * 2.0
     for i in range(begin, end):
         height = mapping.thickness_km * i / (mapping.n_e_r - 1)
@@ -299,10 +296,7 @@ def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin
                 mu = node_mu[q]
                 for p in range(azimuth.size):
                     nu = mu * mu_s + math.cos(azimuth[p]) * math.sqrt((1.0 - mu * mu) * max(0.0, 1.0 - mu_s * mu_s))
-                    incident(
-                        mapping, tables, logarithmic, single_moments, cosines, light, height, mu, mu_s, nu, False,
-                        scratch,
-                    )  # fmt: skip
+                    incident(mapping, incoming, cosines, light, height, mu, mu_s, nu, False, scratch)
                     for w in range(n_w):
                         out[i, j, w] += turn * node_weight[q] * mu * light[w]
 
