@@ -8,6 +8,7 @@ import pytest
 from photographs import eight_bit, fisheye, latlong, picture, take
 from typer.testing import CliRunner
 
+from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
@@ -15,11 +16,12 @@ from twilight.engine import run
 from twilight.numerics import spectrum
 from twilight.numerics.grids import texture_grid
 from twilight.scene import resolve
+from twilight.scene.horizon import screen_of
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import write_camera
 from twilight.studies.camera.image import write_exr
-from twilight.studies.validate.photographs.estimate import estimate, facts, sentences
+from twilight.studies.validate.photographs.estimate import estimate, facts, sentences, untold_wavelengths
 from twilight.studies.validate.photographs.library import (
     AEROSOL,
     OTHERS,
@@ -33,7 +35,7 @@ from twilight.studies.validate.photographs.library import (
 from twilight.studies.validate.photographs.photo import OBSERVER
 from twilight.studies.validate.photographs.photograph import Photograph
 
-HUMIDITY, OZONE, ALBEDO = OTHERS
+HUMIDITY, OZONE, ALBEDO, HORIZON = OTHERS
 TOY_DESIGN = Design((HUMIDITY, OZONE, ALBEDO))
 ELEVATION, AZIMUTH = texture_grid(3.0)
 TO_XYZ = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
@@ -326,3 +328,38 @@ def test_the_solver_s_own_skies_are_recovered():
         assert abs(p.value - value) < 3 * p.standard_error, (name, p)
     assert found["aerosol"].value == pytest.approx(0.21, rel=0.1)
     assert AEROSOL.nodes[0] < found["aerosol"].low < found["aerosol"].high < AEROSOL.nodes[-1]
+
+
+def test_the_screen_beyond_the_horizon_is_a_parameter_of_the_scene():
+    """Fails if the fitted clouds were not those that are computed, or took the place of the scene's own height."""
+    design = Design((HORIZON,))
+    settings = climate_settings(design, {"aerosol": 0.1, "horizon": 0.4}, "continental_average")
+    plain = load("continental-average", {"sun.elevation_deg": -4.0})
+    assert screen_of(with_settings(plain, settings).horizon) == Screen.of_clouds(0.4, 9.0, 1.5, 150.0)
+    high = load("continental-average", {"sun.elevation_deg": -4.0, "horizon.screen": {"clouds": {"top_km": 11.0}}})
+    assert screen_of(with_settings(high, settings).horizon) == Screen.of_clouds(0.4, 11.0, 1.5, 150.0)
+
+
+def test_a_reader_is_told_which_wavelengths_were_not():
+    """A free white balance takes the colour of the whole sky, and luminance alone has none."""
+    assert "cannot tell how much red, green or blue" in untold_wavelengths(True, True)
+    assert "luminance alone" in untold_wavelengths(False, False)
+    assert "above 650 nm" in untold_wavelengths(False, True)
+
+
+@pytest.mark.slow
+def test_what_lay_beyond_the_horizon_is_recovered():
+    """From a rendered dusk, by emulated ones: fails if the cover left no mark or its sky were interpolated wrongly."""
+    base = load(
+        "continental-average",
+        {"sun.elevation_deg": -3.0, "solver": {"name": "zones", "quality": "draft"}, "texture.resolution_deg": 6},
+    )
+    design = Design((HORIZON,))
+    truth = {"aerosol": 0.15, "horizon": 0.7}
+    scene = with_settings(base, climate_settings(design, truth, "continental_average"))
+    camera = latlong(180)
+    shot = Photograph(take(run(resolve(scene)), camera, 40.0, sun=False), camera, 6.0, min_elevation_deg=3.0)
+    library = make_library(base, design, "continental_average", [-3.0], 6.0)
+    found = by_name(estimate(shot.seen(40.0, -3.0).sky, [library])[0])
+    assert found["horizon"].constrained
+    assert found["horizon"].value == pytest.approx(0.7, abs=0.15)

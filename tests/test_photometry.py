@@ -1,6 +1,9 @@
 """Illuminance and zenith luminance against measurements, and the pieces that the comparison is made of."""
 
+import csv
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,11 +13,16 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.sky.ephemeris import sun_position
+from twilight.sky.moon import Moon
+from twilight.studies.validate.measured import meter as meters
 from twilight.studies.validate.measured import photometry as work
 from twilight.studies.validate.measured import report
 from twilight.studies.validate.measured.references import (
     KOOMEN_SITES,
     horizontal_illuminance_lux,
+    level_ground_spectra,
+    meter_moonlit,
+    meter_zenith,
     zenith_luminance_cd_m2,
 )
 from twilight.transport.beam import beam_at, prepare_beam
@@ -102,6 +110,63 @@ def test_level_and_slope_of_made_up_points():
     assert level.factor == pytest.approx(10**0.2)
 
 
+# The meter ------------------------------------------------------------------------------------------------------
+
+
+class Even:
+    """A sky of the same factor in all directions."""
+
+    def __init__(self, factor: float):
+        self.factor, self.config = factor, SimpleNamespace(solar_spectrum="astm_g173_etr")
+        self.medium = SimpleNamespace(wavelength_nm=np.array(meters.WAVELENGTHS_NM), bottom_km=0.0)
+        self.solved = self
+
+    def radiance(self, source_deg, elevation_deg, azimuth_deg, observer_altitude_km):
+        return np.full((np.size(elevation_deg), self.medium.wavelength_nm.size), self.factor)
+
+
+def test_the_meter_adds_light_and_not_magnitudes():
+    """Five magnitudes are a factor of 100, and a sky as bright as the night is 0.75 mag brighter than it."""
+    bright = meters.Meter(Even(1e-10), None).twilight_mag(-9.0)
+    assert meters.Meter(Even(1e-12), None).twilight_mag(-9.0) - bright == pytest.approx(5.0, abs=1e-6)
+    assert meters.Meter(Even(1e-30), 21.92).twilight_mag(-18.0) == pytest.approx(21.92, abs=1e-3)
+    both = meters.Meter(Even(1e-10), bright).twilight_mag(-9.0)
+    assert bright - both == pytest.approx(2.5 * np.log10(2.0), abs=1e-6)
+
+
+def test_the_meter_sees_a_gaussian_about_the_zenith():
+    """Its mean squared distance is that of the field of view: fails if rings were too near or too far."""
+    elevation, azimuth, weight = meters.field_of_view()
+    sigma = np.radians(meters.FIELD_DEG) / (2.0 * np.sqrt(2.0 * np.log(2.0)))
+    r = np.radians(90.0 - elevation)
+    assert weight.sum() == pytest.approx(1.0, rel=1e-12)
+    assert weight @ r**2 == pytest.approx(2.0 * sigma**2, rel=1e-9)
+    assert weight @ (r * np.cos(np.radians(azimuth))) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_moonlight_is_sunlight_dimmed_by_the_moon():
+    """A full moon is 14 magnitudes fainter than the sun above the air."""
+    even = meters.Meter(Even(1e-2), None)
+    fainter = even.moonlit_mag(Moon(40.0, 0.0, 7.0)) - even.twilight_mag(40.0)
+    assert fainter == pytest.approx(14.3, abs=0.3)  # -26.7 and -12.4 at 7 deg from opposition
+
+
+def test_the_measured_curves_are_those_of_their_sources():
+    """A few figures by hand; all of them where the data lie beside the repository."""
+    sun, mag = meter_zenith()
+    assert (sun[0], mag[0], sun[-1], mag[-1]) == (-4.0, 10.582, -18.0, 21.91)
+    suns, nm, spectra = level_ground_spectra(3)
+    assert nm[0] == 380.0 and nm[-1] == 700.0
+    assert spectra[suns == -4.0][0, nm == 550.0][0] == pytest.approx(0.000334, rel=0.05)
+    assert meter_moonlit()[1] == (2.5, 30.0, 272, 18.32)
+    folder = Path(__file__).resolve().parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("the sources are not beside the repository")
+    with open(folder / "rural_twilight_spectra" / "sessions_2_3_4.csv", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["run"] == "3"]
+    assert np.array_equal(spectra, [[float(row[f"{w:g}"]) for w in nm] for row in rows])
+
+
 # The sky --------------------------------------------------------------------------------------------------------
 
 
@@ -145,12 +210,24 @@ def test_tables_and_picture(tmp_path):
                 "a", "zenith luminance", "s", site.name, site.altitude_km, -7.0, 0.1, 1e-4, float("nan")
             )
         )
+    points.append(work.PhotometricPoint("a", work.METER_QUANTITY, "s", "Cosmic Campground", 1.6, -9.0, 0.02, 0.0, 0.02))
+    points += [
+        work.PhotometricPoint("a", quantity, "s", "session 3", 0.0, h, 1.5, 0.0, 1.0)
+        for quantity in work.COLOURS
+        for h in (-1.0, 1.0)
+    ]
+    moonlit = [meters.MoonlitPoint("a", 7.5, up, 100, 18.0, 18.2) for up in (20.0, 40.0)]
+    report.write_moonlit(moonlit, tmp_path / "moonlit.csv")
+    assert (tmp_path / "moonlit.csv").read_text().splitlines()[1] == "a,7.5,20,100,18.00,18.20,-0.20"
     report.write_points(points, tmp_path / "points.csv")
     report.write_levels(work.levels(points), tmp_path / "levels.csv")
-    report.draw(points, tmp_path / "picture.png")
+    report.draw(points, moonlit, tmp_path / "picture.png")
     lines = (tmp_path / "points.csv").read_text().splitlines()
     assert lines[0].split(",") == list(report.POINT_COLUMNS) and len(lines) == 1 + len(points)
-    assert lines[-1].endswith(",,") and (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+    assert (
+        sum(line.endswith(",,") for line in lines) == len(KOOMEN_SITES)
+        and (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+    )
 
 
 @pytest.mark.parametrize(

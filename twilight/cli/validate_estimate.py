@@ -30,6 +30,8 @@ from twilight.cli.validate_photo import _azimuth
 
 SUN_STEP_DEG = 1.0
 """Distance of the suns that an estimate is made for from each other [deg]."""
+HORIZON = "horizon"
+"""Parameter that is no part of the climate."""
 MOST_SUNS = 25
 """Suns that an estimate is made for, at most."""
 
@@ -45,7 +47,12 @@ def estimate(
         str, option("NAMES", "Aerosol types to try, with commas between.")
     ] = "continental_average,maritime_clean,desert,urban",
     parameters: Annotated[
-        str, option("NAMES", "Besides the aerosol's optical depth: humidity, ozone, albedo, or none.")
+        str,
+        option(
+            "NAMES",
+            "Besides the aerosol's optical depth: humidity, ozone, albedo, horizon (which part of the sunbeams clouds "
+            "beyond the horizon stop), or none.",
+        ),
     ] = "humidity,ozone,albedo",
     library: Annotated[
         Path | None,
@@ -163,7 +170,7 @@ def _estimate(
     from twilight.scene import resolve
     from twilight.sky.colour import sky_to_xyz
     from twilight.studies.validate.photographs.estimate import estimate as fit
-    from twilight.studies.validate.photographs.estimate import facts, sentences
+    from twilight.studies.validate.photographs.estimate import facts, sentences, untold_wavelengths
     from twilight.studies.validate.photographs.library import make_library
     from twilight.studies.validate.photographs.photo import OBSERVER
     from twilight.studies.validate.photographs.report import write_json
@@ -207,6 +214,9 @@ def _estimate(
             return sky_to_xyz(run(resolve(scene), numpy_only_sun=True), observer=OBSERVER)
 
         made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
+    told = [*sentences(made), untold_wavelengths(options["white_balance"], options["with_colour"])]
+    if HORIZON in made[0].values:
+        told.append(_beyond(config, made[0].values[HORIZON]))
     unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []
     best = made[0]
     final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg, suns)
@@ -225,7 +235,7 @@ def _estimate(
                 for library in libraries
             },
             "estimates": facts(made),
-            "remarks": [*remarks, *sentences(made), *unseen],
+            "remarks": [*remarks, *told, *unseen],
         },
     )
     rows = [
@@ -245,7 +255,7 @@ def _estimate(
         right=(1, 2),
     )
     print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
-    for line in [*remarks, *sentences(made), *unseen]:
+    for line in [*remarks, *told, *unseen]:
         print(line)
     luminance = max(one.luminance_error for one in libraries)
     chromaticity = max(one.chromaticity_error for one in libraries)
@@ -270,6 +280,18 @@ def _scene(config: Any, design: Any, values: Any, aerosol_type: str, cell_deg: f
     elif isinstance(config.sun, SunElevations):
         settings["sun"] = {"elevation_deg": suns[0]}
     return with_settings(config, settings)
+
+
+def _beyond(config: Any, cover: float) -> str:
+    """What lay beyond the horizon, which climate.yaml does not hold."""
+    from twilight.config.horizon import HorizonClouds
+
+    section = config.horizon.screen
+    clouds = HorizonClouds() if section is None or section.clouds is None else section.clouds
+    return (
+        f"what lay beyond the horizon: clouds up to about {clouds.top_km:g} km that stop {cover:.0%} of the sunbeams "
+        f"(climate.yaml does not hold it: --set horizon.screen.clouds.cover={cover:.2f})"
+    )
 
 
 def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None) -> float:

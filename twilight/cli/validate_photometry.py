@@ -23,10 +23,11 @@ def photometry(
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     output: Annotated[Path, option("DIR", "Folder for the tables and the picture.")] = Path("out/photometry"),
 ) -> None:
-    """Illuminance of the ground (Janiczek and DeYoung 1987) and luminance of the zenith (Koomen et al. 1952).
+    """Illuminance of the ground (Janiczek and DeYoung 1987), luminance of the zenith (Koomen et al. 1952; Sky Quality
+    Meter, twilight and moonlit nights) and colour of level ground (Spitschan et al. 2016).
 
-    Writes points.csv, levels.csv and photometry.png: level and slope apart, for measured sites differ by a factor 1.5
-    to 2. With the night sky; --set night=null leaves it out.
+    Writes points.csv, levels.csv, moonlit.csv and photometry.png: level and slope apart, for measured sites differ by a
+    factor 1.5 to 2. With the night sky; --set night=null leaves it out.
     """
     from twilight.base.progress import part_of
     from twilight.base.whole_files import check_folder
@@ -51,12 +52,14 @@ def photometry(
     check_folder(output)
     output.mkdir(parents=True, exist_ok=True)
     points: list[work.PhotometricPoint] = []
+    moonlit: list[Any] = []
     air: list[str] = []
     with progress_bar() as progress:
         for i, config in enumerate(configs):
             tell = part_of(progress, i / len(configs), 1.0 / len(configs), titles[i])
-            found, transmission = work.photometry(config, tell)
+            found, by_moon, transmission = work.photometry(config, tell)
             points += found
+            moonlit += by_moon
             for site in work.KOOMEN_SITES:
                 low, high = site.transmission
                 air.append(
@@ -66,8 +69,9 @@ def photometry(
     summary = work.levels(points)
     report.write_points(points, output / "points.csv")
     report.write_levels(summary, output / "levels.csv")
-    report.draw(points, output / "photometry.png")
+    report.write_moonlit(moonlit, output / "moonlit.csv")
+    report.draw(points, moonlit, output / "photometry.png")
     print_table(list(report.LEVEL_COLUMNS), report.level_rows(summary), right=tuple(range(3, 11)))
     for line in air:
         print(line)
-    print(f"wrote points.csv, levels.csv, photometry.png to {output}/")
+    print(f"wrote points.csv, levels.csv, moonlit.csv, photometry.png to {output}/")

@@ -26,7 +26,8 @@ from twilight.scene import resolve
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import references
-from twilight.studies.validate.measured.references import KOOMEN_SITES, Site
+from twilight.studies.validate.measured.meter import Meter, MoonlitPoint, site_of
+from twilight.studies.validate.measured.references import KOOMEN_SITES, METER_SITE, Site
 
 WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0, 620.0, 650.0, 720.0)
 """Where the radiance is computed: dense where V(lambda) is large, on both sides of the O4 bands (477, 577, 630 nm)."""
@@ -40,6 +41,17 @@ ILLUMINANCE_RANGES_DEG = ((20, 60), (5, 20), (-0.8, 5), (-5, -0.8), (-12, -5), (
 """The pieces of Janiczek and DeYoung."""
 LUMINANCE_RANGES_DEG = ((-6, 0), (-12, -6), (-15, -12))
 """Sun elevations [deg] over which errors of the luminance are summed up."""
+COLOUR_RANGES_DEG = ((2, 15), (-2, 2), (-6, -2), (-10, -6))
+"""Sun elevations [deg] over which errors of the colour are summed up."""
+
+BLUE_GREEN_RED_NM = (450.0, 550.0, 650.0)
+"""Wavelengths whose ratios say the colour of level ground."""
+COLOURS = ("blue over green", "red over green")
+"""Ratios of the irradiance of level ground at the first and the last of them to that at the second."""
+METER_QUANTITY = "zenith, meter's band"
+"""Of the Sky Quality Meter, as the luminance that such meters print."""
+METER_CD_M2 = 10.8e4
+"""Luminance that meters print for 0 mag arcsec^-2 [cd m^-2] (Unihedron)."""
 
 HIGH_SITE_KM = 0.5
 """A site this far above the climate's ground gets the same climate with its ground at the site's altitude."""
@@ -47,7 +59,7 @@ HIGH_SITE_KM = 0.5
 
 @dataclass(frozen=True)
 class PhotometricPoint:
-    """One computed value: lx or cd m^-2 by `quantity`; `night` is the night sky's part of `computed`.
+    """One computed value: lx, cd m^-2 or a ratio by `quantity`; `night` is the night sky's part of `computed`.
 
     measured: NaN where there is no measurement.
     """
@@ -134,6 +146,16 @@ class Photometer:
         lux = float(np.pi * np.mean(night)) if night is not None else 0.0  # rows of equal cosine x solid angle
         return sun + sky + lux, lux
 
+    def colours(self, sun_elevation_deg: float) -> np.ndarray:
+        """Irradiance of level ground by sun and sky at 450 and at 650 nm over that at 550 nm, (2,)."""
+        elevation, azimuth, weight = hemisphere(sun_elevation_deg)
+        factor = weight @ self.solved.radiance(sun_elevation_deg, elevation, azimuth)
+        factor = factor + disc_irradiance(self.beam.beam, self.medium, sun_elevation_deg)
+        nm = np.array(BLUE_GREEN_RED_NM)
+        at = np.exp(np.interp(nm, self.medium.wavelength_nm, np.log(np.maximum(factor, 1e-300))))
+        blue, green, red = at * spectrum.solar_irradiance(nm, self.config.solar_spectrum)
+        return np.array([blue / green, red / green])
+
     def zenith_luminance(self, sun_elevation_deg: float, site: Site) -> tuple[float, float]:
         """(sky and night together; night alone): luminance of the zenith at a site [cd m^-2]."""
         altitude_km = max(site.altitude_km, self.medium.bottom_km)
@@ -181,8 +203,10 @@ def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
     return middle, float(at.azimuth_deg)
 
 
-def photometry(config: Config, progress: Progress | None = None) -> tuple[list[PhotometricPoint], dict[str, float]]:
-    """All points of one climate, and the vertical photopic transmission above each site.
+def photometry(
+    config: Config, progress: Progress | None = None
+) -> tuple[list[PhotometricPoint], list[MoonlitPoint], dict[str, float]]:
+    """All points of one climate, those under the moon, and the vertical photopic transmission above Koomen's sites.
 
     Raises TwilightError for a configuration with a solver other than zones.
     """
@@ -216,8 +240,45 @@ def photometry(config: Config, progress: Progress | None = None) -> tuple[list[P
                     name, "zenith luminance", references.LUMINANCE_SOURCE, *where, sun, computed, night, measured
                 )
             )
+    points += _colour_points(meter, name)
+    tell("zenith, meter", 0.98)
+    there = Photometer(site_of(config), None, METER_SITE.altitude_km)
+    floor = None if config.night is None else references.METER_FLOOR_MAG
+    zenith = Meter(there, floor)
+    points += _meter_points(zenith, name, floor)
+    moonlit = list(zenith.moonlit(name))
     tell("done", 1.0)
-    return points, {site.name: at_site[site.name].transmission(site.altitude_km) for site in KOOMEN_SITES}
+    return points, moonlit, {site.name: at_site[site.name].transmission(site.altitude_km) for site in KOOMEN_SITES}
+
+
+def _colour_points(meter: Photometer, climate: str) -> list[PhotometricPoint]:
+    """Colours of level ground beside every session."""
+    points = []
+    for session in references.SESSIONS:
+        suns, nm, spectra = references.level_ground_spectra(session)
+        blue, green, red = (spectra[:, np.abs(nm - w) < 6.0].mean(axis=1) for w in BLUE_GREEN_RED_NM)
+        for k, sun in enumerate(suns):
+            for quantity, computed, measured in zip(
+                COLOURS, meter.colours(float(sun)), (blue[k] / green[k], red[k] / green[k]), strict=True
+            ):
+                where = (references.SPECTRA_SOURCE, f"session {session}", 0.0)
+                points.append(
+                    PhotometricPoint(climate, quantity, *where, float(sun), float(computed), 0.0, float(measured))
+                )
+    return points
+
+
+def _meter_points(zenith: Meter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
+    """The zenith through twilight, as luminances that the meter prints."""
+    night = 0.0 if floor_mag is None else METER_CD_M2 * 10.0 ** (-0.4 * floor_mag)
+    where = (references.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
+    return [
+        PhotometricPoint(
+            climate, METER_QUANTITY, *where, float(sun),
+            METER_CD_M2 * 10.0 ** (-0.4 * zenith.twilight_mag(float(sun))), night, METER_CD_M2 * 10.0 ** (-0.4 * mag),
+        )
+        for sun, mag in zip(*references.meter_zenith(), strict=True)
+    ]  # fmt: skip
 
 
 def levels(points: Iterable[PhotometricPoint]) -> list[Level]:
@@ -228,7 +289,8 @@ def levels(points: Iterable[PhotometricPoint]) -> list[Level]:
             groups.setdefault((point.climate, point.quantity, point.site), []).append(point)
     out = []
     for (climate, quantity, site), group in groups.items():
-        for low, high in ILLUMINANCE_RANGES_DEG if quantity == "illuminance" else LUMINANCE_RANGES_DEG:
+        ranges = {"illuminance": ILLUMINANCE_RANGES_DEG, **dict.fromkeys(COLOURS, COLOUR_RANGES_DEG)}
+        for low, high in ranges.get(quantity, LUMINANCE_RANGES_DEG):
             inside = [p for p in group if low <= p.sun_elevation_deg <= high]
             if len(inside) < 2:
                 continue

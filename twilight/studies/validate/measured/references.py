@@ -35,7 +35,7 @@ ILLUMINANCE_SOURCE = "Janiczek and DeYoung 1987"
 LUMINANCE_SOURCE = "Koomen et al. 1952"
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _rows(name: str) -> list[dict[str, str]]:
     text = resources.files("twilight").joinpath(f"data/references/{name}").read_text(encoding="utf-8")
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
@@ -64,3 +64,47 @@ def zenith_luminance_cd_m2(site: str) -> tuple[np.ndarray, np.ndarray]:
     if not rows:
         raise TwilightError(f"site: '{site}' is not known, choose from {', '.join(s.name for s in KOOMEN_SITES)}")
     return tuple(np.array([float(row[k]) for row in rows]) for k in ("sun_elevation_deg", "luminance_cd_m2"))  # type: ignore[return-value]
+
+
+SPECTRA_SOURCE = "Spitschan et al. 2016"
+METER_SOURCE = "Dark Sky Network, 2018 to 2025"
+METER_SITE = Site("Cosmic Campground", 1.634, 33.480, -108.923, datetime(2021, 6, 10, 19, tzinfo=UTC), (0.0, 1.0))
+"""A Sky Quality Meter towards the zenith, 20 deg wide; its transmission was not measured."""
+METER_OZONE_DU = 285.0
+"""Mean column of ozone over that site [DU]."""
+METER_FLOOR_MAG = 21.92
+"""Median of the clear moonless nights there, in the meter's own band [mag arcsec^-2]."""
+SESSIONS = (2, 3, 4)
+"""Recording sessions of the rural spectra."""
+
+
+def level_ground_spectra(session: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sun elevations (S,) [deg], wavelengths (W,) [nm], spectral irradiance of level ground (S, W) [W m^-2 nm^-1]."""
+    rows = [row for row in _rows("spitschan2016_rural.csv") if int(row["session"]) == session]
+    if not rows:
+        raise TwilightError(f"session: {session} is not known, choose from {', '.join(map(str, SESSIONS))}")
+    names = [key for key in rows[0] if key.isdigit()]
+    spectra = np.array([[float(row[key]) for key in names] for row in rows])
+    return np.array([float(row["sun_elevation_deg"]) for row in rows]), np.array(names, float), spectra
+
+
+def meter_zenith(column: str = "clear_median") -> tuple[np.ndarray, np.ndarray]:
+    """Sun elevations [deg] and brightness of the moonless zenith at METER_SITE [mag arcsec^-2, the meter's own band].
+
+    column: clear_median, all_median, all_p25 or all_p75.
+    """
+    rows = _rows("dark_sky_zenith.csv")
+    return np.array([float(row["sun_elevation_deg"]) for row in rows]), np.array([float(row[column]) for row in rows])
+
+
+def meter_moonlit(least_readings: int = 50) -> list[tuple[float, float, int, float]]:
+    """Phase angle and elevation of the moon [deg] (middles of bins), readings, their 75th percentile [mag arcsec^-2].
+
+    Most of these readings are under clouds, which are bright: the percentile is the clearer side.
+    """
+    out = []
+    for row in _rows("dark_sky_moonlit.csv"):
+        phase, moon = (0.5 * (float(row[f"{k}_from_deg"]) + float(row[f"{k}_to_deg"])) for k in ("phase", "moon"))
+        if int(row["readings"]) >= least_readings:
+            out.append((phase, moon, int(row["readings"]), float(row["p75"])))
+    return out

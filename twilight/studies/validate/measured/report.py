@@ -9,8 +9,21 @@ from typing import Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
-from twilight.studies.validate.measured.photometry import Level, PhotometricPoint
-from twilight.studies.validate.measured.references import KOOMEN_SITES, horizontal_illuminance_lux
+from twilight.studies.validate.measured.meter import MoonlitPoint
+from twilight.studies.validate.measured.photometry import (
+    COLOURS,
+    METER_CD_M2,
+    METER_QUANTITY,
+    Level,
+    PhotometricPoint,
+)
+from twilight.studies.validate.measured.references import (
+    KOOMEN_SITES,
+    METER_SITE,
+    SESSIONS,
+    horizontal_illuminance_lux,
+    meter_zenith,
+)
 
 POINT_COLUMNS = (
     "climate",
@@ -22,6 +35,15 @@ POINT_COLUMNS = (
     "of_which_night",
     "measured",
     "log10_ratio",
+)
+MOONLIT_COLUMNS = (
+    "climate",
+    "phase_angle_deg",
+    "moon_elevation_deg",
+    "readings",
+    "computed_mag_per_arcsec2",
+    "measured_p75_mag_per_arcsec2",
+    "difference_mag",
 )
 LEVEL_COLUMNS = (
     "climate",
@@ -66,8 +88,19 @@ def write_levels(found: Sequence[Level], path: Path) -> None:
     write_csv(path, LEVEL_COLUMNS, level_rows(found))
 
 
-def draw(points: Sequence[PhotometricPoint], path: Path) -> None:
-    """PNG: illuminance and zenith luminance over sun elevation above, log10 ratio to the measurements below."""
+def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
+    """CSV of the zenith under the moon."""
+    rows = []
+    for p in points:
+        place = (f"{x:g}" for x in (p.phase_angle_deg, p.moon_elevation_deg, p.readings))
+        off = f"{p.computed_mag - p.measured_mag:+.2f}"
+        rows.append([p.climate, *place, f"{p.computed_mag:.2f}", f"{p.measured_mag:.2f}", off])
+    write_csv(path, MOONLIT_COLUMNS, rows)
+
+
+def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], path: Path) -> None:
+    """PNG: illuminance and zenith luminance over sun elevation, log10 ratio to the measurements below them; the zenith
+    in the meter's band, under the moon, and the colour of level ground."""
     import matplotlib  # start-up
 
     matplotlib.use("Agg")
@@ -75,7 +108,7 @@ def draw(points: Sequence[PhotometricPoint], path: Path) -> None:
 
     figure: Any
     figure, axes = pyplot.subplots(
-        2, 3, figsize=(15, 8), layout="constrained", gridspec_kw={"height_ratios": [2.2, 1]}, squeeze=False
+        4, 3, figsize=(15, 15), layout="constrained", gridspec_kw={"height_ratios": [2.2, 1, 2.2, 1]}, squeeze=False
     )
     panels = [("illuminance", "ground", "illuminance of level ground [lx]")]
     panels += [
@@ -120,9 +153,83 @@ def draw(points: Sequence[PhotometricPoint], path: Path) -> None:
         for axis in (top, bottom):
             axis.grid(alpha=0.3)
         top.legend(fontsize=8)
+    _draw_meter(points, climates, axes[2, 0], axes[3, 0])
+    _draw_moonlit(moonlit, climates, axes[2, 1], axes[3, 1])
+    for axis, quantity in zip(axes[2:, 2], COLOURS, strict=True):
+        _draw_colour(points, climates, quantity, axis)
     axes[1, 0].text(0.02, 0.03, "grey: a factor 2", transform=axes[1, 0].transAxes, fontsize=8)
     try:
         with whole_file(path) as temporary:
             figure.savefig(temporary, dpi=110)
     finally:
         pyplot.close(figure)
+
+
+def _draw_meter(points: Sequence[PhotometricPoint], climates: list[str], top: Any, bottom: Any) -> None:
+    """Magnitudes of the zenith in the meter's band, and computed less measured."""
+    for i, climate in enumerate(climates):
+        line = [p for p in points if p.quantity == METER_QUANTITY and p.climate == climate]
+        sun = [p.sun_elevation_deg for p in line]
+        top.plot(sun, [_mag(p.computed) for p in line], color=f"C{i}", label=climate, lw=1.4)
+        bottom.plot(sun, [_mag(p.computed) - _mag(p.measured) for p in line], color=f"C{i}", marker="o", ms=3, lw=1.2)
+    sun, clear = meter_zenith()
+    top.plot(sun, clear, "ks", ms=4, label="563 clear twilights")
+    top.fill_between(sun, meter_zenith("all_p25")[1], meter_zenith("all_p75")[1], color="0.85", label="all, quartiles")
+    label = (
+        f"zenith, {METER_SITE.name}, {1000 * METER_SITE.altitude_km:.0f} m\n[mag arcsec$^{{-2}}$ in the meter's band]"
+    )
+    top.set(ylabel=label)
+    top.invert_yaxis()
+    top.legend(fontsize=8)
+    bottom.axhspan(-0.1, 0.1, color="0.92", zorder=0)
+    bottom.axhline(0, color="0.5", lw=0.8)
+    bottom.set(xlabel="true elevation of the sun [deg]", ylabel="computed - measured [mag]", ylim=(-0.5, 0.5))
+    bottom.text(
+        0.02, 0.05, "grey: 0.1 mag, as well as the meter's zero is known", transform=bottom.transAxes, fontsize=8
+    )
+    for axis in (top, bottom):
+        axis.grid(alpha=0.3)
+
+
+def _draw_moonlit(moonlit: Sequence[MoonlitPoint], climates: list[str], top: Any, bottom: Any) -> None:
+    """The zenith by the moon's elevation, a line for every phase angle, and computed less measured."""
+    first = [p for p in moonlit if p.climate == climates[0]]
+    phases = sorted({p.phase_angle_deg for p in first})
+    for i, phase in enumerate(phases):
+        colour = str(0.75 * i / max(1, len(phases) - 1))
+        line = [p for p in first if p.phase_angle_deg == phase]
+        up = [p.moon_elevation_deg for p in line]
+        top.plot(up, [p.computed_mag for p in line], color=colour, lw=1.2, label=f"{phase:g} deg")
+        top.plot(up, [p.measured_mag for p in line], "s", color=colour, ms=4)
+    for i, climate in enumerate(climates):
+        line = [p for p in moonlit if p.climate == climate]
+        off = [p.computed_mag - p.measured_mag for p in line]
+        bottom.plot([p.moon_elevation_deg + 0.6 * i for p in line], off, "o", color=f"C{i}", ms=3)
+    top.set(ylabel=f"the same under the moon: {climates[0]} (lines),\n75th percentile of readings (squares)")
+    top.invert_yaxis()
+    top.legend(fontsize=7, title="phase angle", title_fontsize=7, ncols=2)
+    bottom.axhspan(-0.2, 0.2, color="0.92", zorder=0)
+    bottom.axhline(0, color="0.5", lw=0.8)
+    bottom.set(xlabel="elevation of the moon [deg]", ylabel="computed - measured [mag]", ylim=(-0.8, 0.8))
+    for axis in (top, bottom):
+        axis.grid(alpha=0.3)
+
+
+def _draw_colour(points: Sequence[PhotometricPoint], climates: list[str], quantity: str, axis: Any) -> None:
+    """A ratio of irradiances of level ground: computed, and measured in each session."""
+    here = [p for p in points if p.quantity == quantity]
+    for i, climate in enumerate(climates):
+        line = {p.sun_elevation_deg: p.computed for p in here if p.climate == climate}
+        axis.plot(sorted(line), [line[sun] for sun in sorted(line)], color=f"C{i}", lw=1.4)
+    for session, marker in zip(SESSIONS, "v^s", strict=True):
+        line = {p.sun_elevation_deg: p.measured for p in here if p.site == f"session {session}"}
+        axis.plot(sorted(line), [line[sun] for sun in sorted(line)], "k" + marker, ms=4, label=f"session {session}")
+    nm = "450" if quantity == COLOURS[0] else "650"
+    axis.set(xlabel="true elevation of the sun [deg]", ylabel=f"level ground, {nm} over 550 nm")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=8, title="Spitschan et al. 2016", title_fontsize=8)
+
+
+def _mag(luminance_cd_m2: float) -> float:
+    """Magnitudes per square arc second for which meters print a luminance [cd m^-2]."""
+    return float(-2.5 * np.log10(luminance_cd_m2 / METER_CD_M2))

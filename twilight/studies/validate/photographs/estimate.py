@@ -303,6 +303,21 @@ def facts(estimates: list[AirEstimate]) -> list[dict[str, Any]]:
     ]
 
 
+def untold_wavelengths(white_balance: bool, with_colour: bool) -> str:
+    """Which wavelengths a fit tells apart: a photograph has three broad bands, of which a white balance takes two."""
+    if not with_colour:
+        return "wavelengths: luminance alone was fitted, about 500 to 620 nm; of other wavelengths it tells nothing"
+    if white_balance:
+        return (
+            "wavelengths: with a free white balance the photograph cannot tell how much red, green or blue light the "
+            "sky has as a whole, only how its colour changes from place to place"
+        )
+    return (
+        "wavelengths: three broad bands, red, green and blue, as the camera balanced them; within a band, and below "
+        "430 and above 650 nm, the photograph tells nothing"
+    )
+
+
 def sentences(estimates: list[AirEstimate]) -> list[str]:
     """What a reader must know: parameters that the photograph cannot tell, and types that it cannot tell apart."""
     best = estimates[0]

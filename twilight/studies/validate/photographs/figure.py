@@ -16,6 +16,8 @@ from twilight.studies.validate.photographs.photo import OBSERVER, Comparison, Me
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
+COMPUTED = "computed sky, with the photograph's own ground, trees and clouds before it"
+"""Title of the computed picture, in which none of these is computed."""
 UV_LIMIT = 0.04
 """Largest distance in u'v' on the scale of its map."""
 
@@ -38,7 +40,7 @@ def write_figure(
     wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0)
     figure: Any = pyplot.figure(figsize=(11, 11 if wide > 2.5 else 13), layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 0.85, 1.15])
-    for i, (name, image) in enumerate((("photograph", photo), ("computed", simulated))):
+    for i, (name, image) in enumerate((("photograph", photo), (COMPUTED, simulated))):
         axes = figure.add_subplot(grid[i, :])
         axes.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest")
         axes.set(ylabel="elevation [deg]", title=f"{name}{': ' + title if title and i == 0 else ''}")

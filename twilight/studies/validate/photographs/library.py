@@ -71,7 +71,9 @@ OTHERS = (
     Parameter("humidity", "aerosol.relative_humidity_percent", "%", (50.0, 80.0, 95.0), "humidity"),
     Parameter("ozone", "gases.ozone.column_du", "DU", (200.0, 320.0, 450.0), "linear", (2,)),
     Parameter("albedo", "ground.albedo", "1", (0.0, 0.25, 0.6), "linear"),
+    Parameter("horizon", "horizon.screen.clouds.cover", "1", (0.0, 0.5, 1.0), "linear", (2,)),
 )
+"""What may be estimated besides the aerosol; horizon: clouds beyond the horizon, at the scene's top and distance."""
 PARAMETERS = {parameter.name: parameter for parameter in (AEROSOL, *OTHERS)}
 SUN = "sun"
 """Name of the parameter that is the sun's elevation."""
