@@ -253,13 +253,15 @@ def photometry(
 
 def _colour_points(meter: Photometer, climate: str) -> list[PhotometricPoint]:
     """Colours of level ground beside every session."""
-    points = []
+    points, known = [], {}
     for session in references.SESSIONS:
         suns, nm, spectra = references.level_ground_spectra(session)
         blue, green, red = (spectra[:, np.abs(nm - w) < 6.0].mean(axis=1) for w in BLUE_GREEN_RED_NM)
         for k, sun in enumerate(suns):
+            if sun not in known:
+                known[sun] = meter.colours(float(sun))
             for quantity, computed, measured in zip(
-                COLOURS, meter.colours(float(sun)), (blue[k] / green[k], red[k] / green[k]), strict=True
+                COLOURS, known[sun], (blue[k] / green[k], red[k] / green[k]), strict=True
             ):
                 where = (references.SPECTRA_SOURCE, f"session {session}", 0.0)
                 points.append(
