@@ -1,7 +1,7 @@
 """Computed illuminance and zenith luminance against photometers: python benchmarks/photometry.py
 
 Runs `twilight validate photometry` on one climate under a measured stratosphere and under OPAC's own, and writes
-benchmarks/photometry/points.csv, levels.csv and docs/photometry.png.
+benchmarks/photometry/points.csv, levels.csv, moonlit.csv and docs/photometry.png.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", "from twilight.cli import main; main()", "validate", "photometry"]
         subprocess.run([*command, *climates, "--output", folder], cwd=ROOT, check=True)
-        for name in ("points.csv", "levels.csv"):
+        for name in ("points.csv", "levels.csv", "moonlit.csv"):
             results.stamp(Path(folder) / name, HERE / name)
         shutil.copyfile(Path(folder) / "photometry.png", ROOT / "docs" / "photometry.png")
 

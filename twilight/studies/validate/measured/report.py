@@ -172,9 +172,9 @@ def _draw_meter(points: Sequence[PhotometricPoint], climates: list[str], top: An
         sun = [p.sun_elevation_deg for p in line]
         top.plot(sun, [_mag(p.computed) for p in line], color=f"C{i}", label=climate, lw=1.4)
         bottom.plot(sun, [_mag(p.computed) - _mag(p.measured) for p in line], color=f"C{i}", marker="o", ms=3, lw=1.2)
-    sun, clear = meter_zenith()
-    top.plot(sun, clear, "ks", ms=4, label="563 clear twilights")
-    top.fill_between(sun, meter_zenith("all_p25")[1], meter_zenith("all_p75")[1], color="0.85", label="all, quartiles")
+    suns, clear = meter_zenith()
+    top.plot(suns, clear, "ks", ms=4, label="563 clear twilights")
+    top.fill_between(suns, meter_zenith("all_p25")[1], meter_zenith("all_p75")[1], color="0.85", label="all, quartiles")
     label = (
         f"zenith, {METER_SITE.name}, {1000 * METER_SITE.altitude_km:.0f} m\n[mag arcsec$^{{-2}}$ in the meter's band]"
     )
