@@ -12,6 +12,7 @@ from twilight.base.errors import TwilightError
 REQUIREMENTS = {
     "astroplan": "astroplan>=0.10,<1",
     "astropy": "astropy>=6.1,<9",
+    "cfgrib": "cfgrib>=0.9.15,<0.10",
     "OpenImageIO": "openimageio>=3,<4",
     "dask_jobqueue": "dask-jobqueue>=0.9,<1",
     "imageio_ffmpeg": "imageio-ffmpeg>=0.5,<1",

@@ -7,6 +7,7 @@ import typer
 from twilight.cli import (
     animate,
     cache,
+    climate,
     compare,
     export,
     fit,
@@ -46,6 +47,7 @@ commands = (
 )
 for command in commands:
     app.command()(sentences(command))
+app.add_typer(climate.app)
 app.add_typer(export.app)
 app.add_typer(fit.app)
 app.add_typer(validate.app)

@@ -133,6 +133,7 @@ def render(
     if plan:
         _print_plans(cases)
         return
+    from twilight.cli.climate import said_in_short
     from twilight.cli.first_run import own_models, say_that_it_compiles
     from twilight.cli.preview import shown
     from twilight.cli.render_files import check_cases, render_files
@@ -145,6 +146,8 @@ def render(
     for case in cases:
         check_polarised(case.config)
     check_cases(cases)  # before anything is said: a refusal is one sentence
+    for words in dict.fromkeys(said_in_short(a.sources) for c in cases if (a := c.config.climate.air) and a.sources):
+        print(f"twilight: {words}", file=sys.stderr)
     if any(_has_default_sun(case.config) for case in cases):
         default = SunElevation().elevation_deg
         print(

@@ -123,7 +123,9 @@ def describe(
     rows = [[name, *(f"{tau:.4f}" for tau in depth)] for name, depth in optical_depths(medium)]
     columns = ["vertical optical depth", *(f"{w:g} nm" for w in wavelength_nm)]
     print_table(columns, rows, right=tuple(range(1, len(columns))))
-    print_table(["property", "value"], [list(row) for row in facts(medium)])
+    sources = {} if model.air is None else model.air.sources
+    named = [[name if name == "not used" else f"source of {name}", text] for name, text in sources.items()]
+    print_table(["property", "value"], [*(list(row) for row in facts(medium)), *named])
     reference = int(abs(wavelength_nm - 550.0).argmin())
     parts = {
         "air": medium.air_scattering_per_km,

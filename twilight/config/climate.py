@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from twilight.config.aerosol import Aerosol, Stratosphere, one_line
+from twilight.config.air import Air, air_files
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.clouds import Cloud
 
@@ -24,8 +25,12 @@ CLIMATE_FILES = (
 """Keys of a climate that name files, by section, and the keys of their SHA-256."""
 
 
-def climate_files(climate: Any) -> Iterator[tuple[dict[str, Any], tuple[str, ...], str, str]]:
-    """For each file that a climate (plain data) names: the section that holds it, its place, its key, its SHA-256's."""
+def climate_files(climate: Any) -> Iterator[tuple[Any, tuple[str, ...], Any, str | None]]:
+    """For each file that a climate (plain data) names: the section that holds it, its place, its key, its SHA-256's.
+
+    Files of `air` have no SHA-256: what they held stands in the climate's other sections once they are read.
+    """
+    yield from air_files(climate)
     for place, name, sha256 in CLIMATE_FILES:
         section = climate
         for part in place:
@@ -281,12 +286,15 @@ class Climate(Section):
         max_length=10,
     )
     ground: Ground = key(Ground, "the ground")
+    air: Air | None = key(
+        None, "files of measurements in place of parts of the climate, e.g. {sounding: munich.txt, ozone: climatology}"
+    )
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
 
     @model_validator(mode="after")
     def _table_or_composition(self) -> Climate:
         if self.medium is not None:
-            mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere"} & self.model_fields_set
+            mixed = {"atmosphere", "gases", "refraction", "aerosol", "stratosphere", "air"} & self.model_fields_set
             mixed |= {"clouds"} if self.clouds else set()
             if mixed:
                 raise ValueError(f"takes either medium (a table) or {', '.join(sorted(mixed))}, not both")

@@ -13,7 +13,7 @@ from typing import Any
 
 from twilight.base.errors import TwilightError
 from twilight.config.climate import Climate, climate_files
-from twilight.config.document import parse_yaml, read_yaml
+from twilight.config.document import dotted, parse_yaml, read_yaml
 from twilight.config.library import find, shipped
 from twilight.config.scene import Config
 from twilight.config.slips import warn_of_slips
@@ -91,10 +91,22 @@ class _Draft:
         for section, place, name, _ in climate_files(config.climate.model_dump()):
             if not isfile(section[name]):
                 where, shown = origins.describe(("climate", *place, name))
-                raise TwilightError(f"{where}: {'.'.join(shown)}: there is no file {section[name]}")
+                raise TwilightError(f"{where}: {dotted(shown)}: there is no file {section[name]}")
+        if config.climate.air is not None and config.climate.air.asks:
+            config = validate(Config, {**self.data, "climate": _measured(config, origins)}, origins)
         if solver:
             choose_solver(config.solver, origins)
         return config
+
+
+def _measured(config: Config, origins: Origins) -> dict[str, Any]:
+    """The climate with what its section `air` asks for."""
+    from twilight.config.measured import wanted_of, with_measured_air  # start-up: numpy, and readers
+
+    try:
+        return with_measured_air(config.climate, wanted_of(config))
+    except TwilightError as error:
+        raise TwilightError(f"{origins.describe(('climate', 'air'))[0]}: air: {error}") from None
 
 
 Target = str | Path | Mapping[str, Any]

@@ -20,7 +20,6 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 from twilight.atmosphere.own_aerosol import OwnAerosol
-from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
 from twilight.atmosphere.water_surface import mean_square_slope
@@ -28,6 +27,7 @@ from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
 from twilight.config.clouds import THINNEST_KM
+from twilight.config.measured import air_profile
 from twilight.config.scene import Config, Wavelengths
 
 USUAL_WIND_M_S = 5.0
@@ -71,14 +71,6 @@ def planning_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
 
     medium = _with_ground(nearest(np.asarray(wavelength_nm, dtype=float)), climate.ground)
     return replace(medium, grid_medium=GridMedium.built_by(nearest, fixed_wavelengths(medium.wavelength_nm)))
-
-
-def air_profile(climate: Climate) -> AirProfile:
-    """Pressure, temperature and gases of a climate that is no table, over all altitudes that it knows."""
-    levels = climate.atmosphere.levels
-    if levels is None:
-        return load_profile(climate.atmosphere.profile)
-    return profile_of_levels(climate.atmosphere.profile, **levels.model_dump())
 
 
 def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
@@ -247,7 +239,8 @@ def check_sha256(path: str, wanted: str | None, name: str) -> None:
 def name_by_content(climate: dict[str, Any]) -> None:
     """Give each file that a climate (plain data, changed in place) names the SHA-256 of its content."""
     for section, _, name, sha256 in climate_files(climate):
-        section[sha256] = table_sha256(section[name])
+        if sha256 is not None:
+            section[sha256] = table_sha256(section[name])
 
 
 def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarray | None) -> Medium:

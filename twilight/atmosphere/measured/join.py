@@ -1,18 +1,19 @@
 """One profile from a measured column of air and the air of a climate around it.
 
 Within the measured column pressure goes hydrostatically between its altitudes (the integral of 1 / T_v, stretched to
-meet both ends), temperature and the logarithms of the mixing ratios are linear.  At the program's levels they are the
-polygon of least squares through the column: what is finer than the levels is smoothed, what is linear between them is
-kept exactly.
+meet both ends), temperature linearly.  Mixing ratios of water and ozone are the climate's times a factor whose
+logarithm is linear between the measured altitudes, so that few of them still make a profile with a climate's bends.  At
+the program's levels all are polygons of least squares through the column: what is finer than the levels is smoothed,
+what is linear between them is kept exactly.
 
-Above its top the difference of temperature to the climate's air fades out over FADE_KM, as do the factors on the mixing
-ratios of what was measured.  Pressure goes on from the measured one:
+Above its top the difference of temperature to the climate's air fades out over FADE_KM, as do the factors.  Pressure
+goes on from the measured one:
 
     d ln p / dz = (d ln p / dz of the climate) T_v(climate) / T_v,
 
 which is the hydrostatic equation with whatever gravity and molar mass the climate's air has, so that p is continuous
 and the climate's own column joined onto itself stays as it is.  Gases that were not measured keep their number density.
-Below the lowest altitude temperature goes on by 6.5 K/km, mixing ratios stay.  Between levels the program goes by
+Below the lowest altitude temperature goes on by 6.5 K/km, the factors stay.  Between levels the program goes by
 monotone cubics with continuous slope, so that no kink is left in the refractive index.
 """
 
@@ -58,16 +59,12 @@ def join(column: AirColumn, around: AirProfile) -> AirProfile:
     inside = fine <= top
 
     outer_water = outer.h2o_per_cm3 / outer.air_per_cm3
-    water = _known(column.water_vapour)
-    of_water, measured_water = outer_water, None
-    if water is not None:
-        measured_water = _on_levels(fine, levels, z[water], np.log(_positive(column.water_vapour)[water]), top)
-        of_water = np.exp(_faded(fine, measured_water, np.log(outer_water)))
+    of_water = _gas(column.water_vapour, z, fine, levels, outer_water, top)
     of_temperature = _faded(fine, _on_levels(fine, levels, z, temperature, top), outer.temperature_k)
     below = fine < bottom
     of_temperature[below] = np.interp(bottom, fine, of_temperature) + LAPSE_K_PER_KM * (bottom - fine[below])
 
-    virtual = moist_air.virtual_temperature_k(of_temperature, of_water)
+    virtual = moist_air.virtual_temperature_k(of_temperature, outer_water if of_water is None else of_water)
     outer_virtual = moist_air.virtual_temperature_k(outer.temperature_k, outer_water)
     # ln p from one fine altitude to the next, were it for the temperatures alone
     step = (
@@ -85,13 +82,11 @@ def join(column: AirColumn, around: AirProfile) -> AirProfile:
     p, t = np.exp(log_pressure[at]), of_temperature[at]
     air = p * 100.0 / (BOLTZMANN_J_PER_K * t) * 1e-6
     there = around.at(levels)
-    h2o = there.h2o_per_cm3 if measured_water is None else of_water[at] * air
+    h2o = there.h2o_per_cm3 if of_water is None else of_water[at] * air
+    of_ozone = _gas(column.ozone, z, fine, levels, outer.o3_per_cm3 / outer.air_per_cm3, top)
     o3, source = there.o3_per_cm3, around.source
-    ozone = _known(column.ozone)
-    if ozone is not None:
-        fitted = _on_levels(fine, levels, z[ozone], np.log(_positive(column.ozone)[ozone]), top)
-        o3 = np.exp(_faded(fine, fitted, np.log(outer.o3_per_cm3 / outer.air_per_cm3)))[at] * air
-        source = column.source
+    if of_ozone is not None:
+        o3, source = of_ozone[at] * air, column.source
     if np.any(np.diff(p) >= 0.0) or not np.all(np.isfinite(p) & np.isfinite(t) & (t > 0.0)):
         raise TwilightError(f"{column.source}: pressure does not fall with altitude")
     return AirProfile(around.name, levels, p, t, air, o3, np.minimum(h2o, 0.2 * air), there.no2_per_cm3, source)
@@ -124,17 +119,19 @@ def _levels(around: AirProfile, bottom_km: float) -> np.ndarray:
     return np.unique(np.concatenate([low, around.altitude_km[around.altitude_km > low[-1]]]))
 
 
-def _known(values: np.ndarray | None) -> np.ndarray | None:
-    """Which of the altitudes have a value; None where less than two have."""
-    if values is None:
+def _gas(
+    measured: np.ndarray | None, z: np.ndarray, fine: np.ndarray, levels: np.ndarray, outer: np.ndarray, top_km: float
+) -> np.ndarray | None:
+    """Mixing ratio (F,) at the fine altitudes; None where less than two altitudes have one.
+
+    measured (Z,) at altitudes z (Z,), NaN where there is none; outer (F,): the climate's.
+    """
+    known = np.zeros(0, dtype=bool) if measured is None else np.isfinite(measured)
+    if measured is None or np.count_nonzero(known) < 2 or z[known][0] >= top_km:
         return None
-    good = np.isfinite(values)
-    return good if np.count_nonzero(good) >= 2 else None
-
-
-def _positive(values: np.ndarray | None) -> np.ndarray:
-    assert values is not None
-    return np.maximum(values, LEAST_FRACTION)
+    own = np.interp(z[known], fine, np.log(outer))
+    factor = np.log(np.maximum(measured[known], LEAST_FRACTION)) - own
+    return outer * np.exp(_faded(fine, _on_levels(fine, levels, z[known], factor, top_km), np.zeros_like(outer)))
 
 
 class _Fitted:
@@ -176,3 +173,17 @@ def _faded(fine: np.ndarray, measured: _Fitted, outer: np.ndarray) -> np.ndarray
     fade = 1.0 - part * part * (3.0 - 2.0 * part)  # 1 to 0 with slope 0 at both ends
     out[above] = outer[above] + (out[above] - np.interp(top, fine, outer)) * fade
     return out
+
+
+def tropopause_km(air: AirProfile) -> float:
+    """Altitude [km] of the lowest tropopause of a profile: WMO 1957.
+
+    The lowest altitude from 5 km up where temperature falls by 2 K/km or less on average to all within 2 km above.
+    """
+    z = np.arange(5.0, 22.0, 0.1)
+    t = air.at(z).temperature_k
+    for i in range(z.size - 21):
+        above = slice(i + 1, i + 21)
+        if np.all((t[i] - t[above]) / (z[above] - z[i]) <= 2.0):
+            return float(z[i])
+    return float(z[-1])

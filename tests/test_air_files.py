@@ -1,0 +1,432 @@
+"""Files of measurements, each in its makers' words: what is taken from them, what is refused, and the sky they give."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import air_files
+import h5py
+import numpy as np
+import pytest
+import xarray
+import yaml
+from typer.testing import CliRunner
+
+from twilight.atmosphere.aerosols import optical_depth_at
+from twilight.atmosphere.measured.join import tropopause_km
+from twilight.atmosphere.measured.parts import (
+    AerosolDepth,
+    AirColumn,
+    ExtinctionProfile,
+    OzoneColumn,
+    SizeDistribution,
+    WaterColumn,
+)
+from twilight.atmosphere.profiles import load_profile
+from twilight.base.errors import TwilightError
+from twilight.cli.app import app
+from twilight.config import load
+from twilight.config.load import load_climate
+from twilight.engine import solve
+from twilight.io.air import KINDS, Wanted, read_air_file
+from twilight.scene import resolve
+from twilight.scene.medium import climate_medium
+from twilight.scene.record import resolved_configuration
+
+WANTED = Wanted(dt.datetime(2026, 6, 21, 18, 30, tzinfo=dt.UTC), air_files.LATITUDE, air_files.LONGITUDE)
+PLACE = {"at": "2026-06-21T18:30+00:00", "latitude_deg": air_files.LATITUDE, "longitude_deg": air_files.LONGITUDE}
+SUMMER = load_profile("midlatitude_summer")
+
+
+def part_of(path, kind, wanted=WANTED):
+    return next(part for part in read_air_file(path, wanted).parts if isinstance(part, kind))
+
+
+def assert_summer(column: AirColumn, rtol: float, ozone: bool):
+    """The column is AFGL's midlatitude summer, up to what the format rounds."""
+    inside = (column.altitude_km > 0.05) & (column.altitude_km < 49.0)
+    there = SUMMER.at(column.altitude_km[inside])
+    np.testing.assert_allclose(column.pressure_hpa[inside], there.pressure_hpa, rtol=rtol)
+    np.testing.assert_allclose(column.temperature_k[inside], there.temperature_k, atol=0.5)
+    low = column.altitude_km[inside] < 10.0
+    humid = there.h2o_per_cm3 / there.air_per_cm3
+    np.testing.assert_allclose(column.water_vapour[inside][low], humid[low], rtol=0.06)
+    if ozone:
+        part = there.o3_per_cm3 / there.air_per_cm3
+        np.testing.assert_allclose(column.ozone[inside], part, rtol=0.02)
+
+
+def test_sounding_of_the_university_of_wyoming(tmp_path):
+    column = part_of(air_files.wyoming(tmp_path / "munich.txt"), AirColumn)
+    assert column.source == (
+        "sounding munich.txt: 10868 Muenchen-Oberschleissheim, 2026-06-21 12:00 UTC, 0 km and 6.5 h away"
+    )
+    assert_summer(column, 5e-3, ozone=False)
+
+
+def test_sounding_of_igra(tmp_path):
+    """The sounding of the day; heights that the archive lacks are hydrostatic."""
+    path = air_files.igra(tmp_path / "GMM00010868-data.txt")
+    column = part_of(path, AirColumn)
+    assert "IGRA GMM00010868, 2026-06-21 12:00 UTC" in column.source
+    assert_summer(column, 5e-3, ozone=False)
+    other = part_of(path, AirColumn, Wanted(dt.datetime(2026, 6, 22, 9, tzinfo=dt.UTC)))
+    np.testing.assert_allclose(other.temperature_k - column.temperature_k, 5.0, atol=0.11)
+    with pytest.raises(TwilightError, match="holds 3 soundings, from 2026-06-20 12:00 UTC to 2026-06-22 12:00 UTC"):
+        read_air_file(path, Wanted())
+
+
+@pytest.mark.parametrize("make", [air_files.era5, air_files.merra2, air_files.grib])
+def test_reanalyses(tmp_path, make):
+    if make is air_files.grib:
+        pytest.importorskip("cfgrib")
+    reading = read_air_file(make(tmp_path / "analysis"), WANTED)
+    assert reading.kind == "reanalysis"
+    column = next(part for part in reading.parts if isinstance(part, AirColumn))
+    assert_summer(column, 3e-3, ozone=True)
+    if make is air_files.merra2:
+        amounts = {type(part): part for part in reading.parts}
+        assert amounts[OzoneColumn].column_du == 331.0 and amounts[WaterColumn].column_mm == 25.0
+        depth = amounts[AerosolDepth]
+        assert optical_depth_at(depth.wavelength_nm, depth.optical_depth, [550.0])[0] == pytest.approx(0.21)
+        assert column.altitude_km[0] > 0.1  # the lowest level is under the ground and missing
+        assert any("clouds (QL)" in words for words in reading.not_used)
+
+
+def test_maps_are_interpolated_in_place_and_time(tmp_path):
+    path = air_files.era5(tmp_path / "a.nc", slope_k=4.0)  # 4 K in an hour
+    hours = [part_of(path, AirColumn, Wanted(WANTED.time + dt.timedelta(minutes=m), 48.25, 11.5)) for m in (-30, 0, 15)]
+    np.testing.assert_allclose(hours[1].temperature_k - hours[0].temperature_k, 2.0, atol=1e-6)
+    np.testing.assert_allclose(hours[2].temperature_k - hours[1].temperature_k, 1.0, atol=1e-6)
+    lat, lon = np.arange(90.0, -91.0, -30.0), np.arange(0.0, 360.0, 30.0)
+    field = 300.0 + 0.5 * lat[:, None] + 10.0 * np.cos(np.radians(lon))
+    xarray.Dataset(
+        {"tco3": (("latitude", "longitude"), field * 2.1415e-5)}, {"latitude": lat, "longitude": lon}
+    ).to_netcdf(tmp_path / "globe.nc", engine="h5netcdf")
+
+    def column(latitude, longitude):
+        return part_of(tmp_path / "globe.nc", OzoneColumn, Wanted(None, latitude, longitude)).column_du
+
+    assert column(15.0, 90.0) == pytest.approx(307.5, abs=0.01)
+    assert (
+        column(0.0, -15.0)
+        == column(0.0, 345.0)
+        == pytest.approx(300.0 + 5.0 * (1.0 + np.cos(np.radians(30))), abs=0.01)
+    )
+    with pytest.raises(
+        TwilightError, match=r"valid_time goes from 2026-06-21 18:00 UTC to 2026-06-21 19:00 UTC, and 2026"
+    ):
+        read_air_file(path, Wanted(dt.datetime(2026, 6, 22, tzinfo=dt.UTC), 48.25, 11.5))
+    with pytest.raises(TwilightError, match=r"latitude goes from 48 to 48.5 deg, and 52 is asked for"):
+        read_air_file(path, Wanted(WANTED.time, 52.0, 11.5))
+    with pytest.raises(TwilightError, match="holds a map; say where"):
+        read_air_file(path, Wanted(WANTED.time))
+
+
+def test_columns_of_cams_and_omps(tmp_path):
+    reading = read_air_file(air_files.cams(tmp_path / "cams.nc"), WANTED)
+    depth = next(part for part in reading.parts if isinstance(part, AerosolDepth))
+    np.testing.assert_allclose(depth.wavelength_nm, [469, 550, 670, 865, 1240])
+    np.testing.assert_allclose(depth.optical_depth, [0.30, 0.25, 0.19, 0.13, 0.08])
+    # 2.1415e-5 kg m^-2 in a Dobson unit, as ECMWF has it
+    assert part_of(tmp_path / "cams.nc", OzoneColumn).column_du == pytest.approx(320.0, abs=0.05)
+    omps = air_files.omps(tmp_path / "OMPS-NPP_NMTO3-L3-DAILY_v2.1.h5")
+    assert read_air_file(omps, WANTED).kind == "ozone"
+    assert part_of(omps, OzoneColumn).column_du == pytest.approx(300.0 + 0.5 * 48.25 + 0.1 * 11.55, abs=0.01)
+    with pytest.raises(TwilightError, match="allowed is a number from 50 to 700 DU"):
+        read_air_file(omps, Wanted(WANTED.time, 48.0, -120.0))  # not seen that day
+
+
+def test_optical_depths_of_aeronet(tmp_path):
+    path = air_files.aeronet(tmp_path / "a.lev15")
+    depth = part_of(path, AerosolDepth)
+    assert "Munich_University, 2026-06-21 18:10 UTC, 11 km and 0.3 h away" in depth.source
+    nm = sorted(air_files.AOD)
+    np.testing.assert_allclose(depth.wavelength_nm, [500.3 if w == 500 else w for w in nm])  # the filter's own
+    np.testing.assert_allclose(depth.optical_depth, [air_files.AOD[w] + 0.02 for w in nm])
+    assert part_of(path, WaterColumn).column_mm == pytest.approx(21.0)
+    # a single channel goes on with the row's exponent
+    one = part_of(air_files.aeronet(tmp_path / "one.lev15", {500: 0.2}, exponent=1.5), AerosolDepth)
+    assert optical_depth_at(one.wavelength_nm, one.optical_depth, [1000.6])[0] == pytest.approx(0.22 * 2.0**-1.5)
+
+
+def test_an_inversion_is_an_aerosol_of_its_own(tmp_path):
+    """The narrow modes that stand for its bins have its volume, and its extinction by Mie theory."""
+    path = air_files.inversion(tmp_path / "a.all")
+    sizes = part_of(path, SizeDistribution)
+    np.testing.assert_allclose(sizes.index, [1.45 - 0.008j, 1.45 - 0.007j, 1.46 - 0.007j, 1.46 - 0.007j])
+    climate = load({"version": 1, "climate": {"version": 1, "air": {"aeronet": str(path), **PLACE}}}).climate
+    modes = climate.aerosol.modes
+    per_um2 = np.array([m.number_density_per_cm3 for m in modes]) * 2e5 * 1e-8
+    median, width = np.array([m.median_radius_um for m in modes]), np.log([m.sigma for m in modes])
+    volume = np.sum(per_um2 * 4.0 / 3.0 * np.pi * median**3 * np.exp(4.5 * width**2))
+    # of the two log-normal modes that the file was made from, between its outermost radii
+    assert volume == pytest.approx(0.05 + 0.03, rel=0.02)
+    medium = climate_medium(climate, np.array([440.0, 675.0, 870.0]))
+    np.testing.assert_allclose(medium.optical_depth("aerosol"), [0.27, 0.15, 0.11], rtol=1e-6)
+    assert 0.9 < medium.aerosol_single_scattering_albedo[0, 0] < 0.97
+    assert "inversion" in climate.air.sources["aerosol sizes and index"]
+
+
+def test_ozone_column_of_woudc(tmp_path):
+    column = part_of(air_files.woudc(tmp_path / "o.csv"), OzoneColumn)
+    assert column.column_du == 318.0 and "Brewer Hohenpeissenberg, 2026-06-21, 64 km" in column.source
+    day_before = Wanted(dt.datetime(2026, 6, 20, 8, tzinfo=dt.UTC))
+    assert part_of(tmp_path / "o.csv", OzoneColumn, day_before).column_du == 331.0
+
+
+def extinction(z):
+    return 1e-3 * np.exp(-(((z - 18.0) / 5.0) ** 2))
+
+
+@pytest.mark.parametrize("kind", ["sage", "osiris", "table"])
+def test_extinction_of_the_stratosphere(tmp_path, kind):
+    z = np.arange(0.5, 40.1, 0.5)
+    spectrum = (np.array(air_files.SAGE_NM) / 525.0) ** -1.8
+    if kind == "sage":
+        values = extinction(z)[:, None] * spectrum
+        values[z < 9.0] = -999.0
+        values[z == 20.0, 3] = -999.0  # a channel that failed is bridged
+        path = air_files.sage(tmp_path / "g3b.ssp.h5", z, values)
+    elif kind == "osiris":
+        path = air_files.osiris(tmp_path / "osiris.he5", z, np.where(z < 9.0, -9999.0, extinction(z)))
+    else:
+        path = tmp_path / "mine.csv"
+        rows = "".join(f"{a},{extinction(a)},{extinction(a) / 2}\n" for a in z)
+        path.write_text(f"# km^-1\naltitude_km,525nm,1020nm\n{rows}")
+    profile = part_of(path, ExtinctionProfile)
+    climate = load("pure-air", {"air": {"stratosphere": str(path), **PLACE}}).climate
+    levels = climate.stratosphere.levels
+    # from a kilometre above AFGL's tropopause
+    assert levels.altitude_km[0] == pytest.approx(tropopause_km(SUMMER) + 1.0, abs=0.5)
+    nm = {"sage": 520.5, "osiris": 750.0, "table": 525.0}[kind]
+    medium = climate_medium(climate, np.array([nm]))
+    above = z[z >= levels.altitude_km[0]]
+    part = {"sage": (520.5 / 525.0) ** -1.8}.get(kind, 1.0)
+    depth = part * np.trapezoid(extinction(above), above)
+    assert medium.optical_depth("aerosol")[0] == pytest.approx(depth, rel=0.01)
+    assert np.all(profile.altitude_km[1:] > profile.altitude_km[:-1]) and profile.source.split()[0] in (
+        "SAGE", "OSIRIS", "table"
+    )  # fmt: skip
+    if kind == "osiris":
+        assert "47.0 N 9.0 E" in profile.source  # the nearest scan that has numbers
+
+
+def test_tropopauses():
+    """AFGL's: 17 km in the tropics, 13 in summer at 45 N, 9 in the subarctic winter (Anderson et al. 1986)."""
+    assert tropopause_km(load_profile("tropical")) == pytest.approx(17.0, abs=0.6)
+    assert tropopause_km(SUMMER) == pytest.approx(13.0, abs=0.6)
+    assert tropopause_km(load_profile("subarctic_winter")) == pytest.approx(9.0, abs=0.6)
+
+
+def broken(tmp_path, name, make, change):
+    """A file with words replaced: of `change` each second one in place of the one before."""
+    path = make(tmp_path / name)
+    text = path.read_text()
+    for old, new in zip(change[::2], change[1::2], strict=True):
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return path
+
+
+BROKEN = [
+    ("w.txt", air_files.wyoming, (" 902.0", " 90x.0"), r"line 10: PRES is `90x.0`, allowed is a number from 0.001"),
+    (
+        "w.txt",
+        air_files.wyoming,
+        ("Observations at 12Z", "", "Observation time", ""),
+        "line 6: the sounding has no time",
+    ),
+    (
+        "i.txt",
+        air_files.igra,
+        ("21 -9999 101300", "21 -9999 1o1300"),
+        r"line 32: PRESS \(columns 10 to 15\) is `1o1300`",
+    ),
+    ("i.txt", air_files.igra, ("12 1045   29", "12 1045   27"), r"line 29: `20 .* is no header of a sounding"),
+    (
+        "a.txt",
+        air_files.aeronet,
+        ("0.250000", "2.3e9"),
+        r"line 10: AOD_500nm is `2.3e9`, allowed is a number from -0.1",
+    ),
+    ("a.txt", air_files.aeronet, ("21:06:2026", "2026-06-21"), r"line 8: .* is no time such as 21:06:2026"),
+    ("a.txt", air_files.aeronet, ("AOD_", "XYZ_"), "line 7: has no column AOD_"),
+    (
+        "o.csv",
+        air_files.woudc,
+        ("0,318,", "0,3180,"),
+        r"line 30: ColumnO3 is `3180`, allowed is a number from 50 to 700",
+    ),
+    ("o.csv", air_files.woudc, ("TotalOzone,", "Lidar,"), r"line 5: holds `Lidar`; allowed is TotalOzone"),
+    ("o.csv", air_files.woudc, ("#CONTENT", "#TENT"), "none of the files that are read: a sounding"),
+]
+
+
+@pytest.mark.parametrize(("name", "make", "change", "words"), BROKEN)
+def test_a_broken_text_is_one_sentence(tmp_path, name, make, change, words):
+    with pytest.raises(TwilightError, match=words) as caught:
+        read_air_file(broken(tmp_path, name, make, change), WANTED)
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_a_broken_map_is_one_sentence(tmp_path):
+    whole = air_files.era5(tmp_path / "a.nc").read_bytes()
+    (tmp_path / "half.nc").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "old.hdf").write_bytes(b"\x0e\x03\x13\x01" + bytes(99))
+    (tmp_path / "bad.grib").write_bytes(b"GRIB" + bytes(99))
+    with h5py.File(tmp_path / "g3b.h5", "w") as file:
+        file.create_group("Section 6.1 - Aerosol Extinction profiles")
+    no_height = air_files.era5(tmp_path / "b.nc", z=None)
+    for path, words in (
+        (tmp_path / "half.nc", "damaged"),
+        (tmp_path / "empty", "none of the files"),
+        (tmp_path / "old.hdf", "HDF4"),
+        (tmp_path / "bad.grib", "damaged|GRIB"),
+        (tmp_path / "g3b.h5", "lacks what a file of SAGE has"),
+        (no_height, "download z"),
+        (tmp_path, "is a folder"),
+    ):
+        with pytest.raises(TwilightError, match=words):
+            read_air_file(path, WANTED)
+
+
+def test_grib_asks_for_its_package(tmp_path, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "cfgrib", None)
+    (tmp_path / "e.grib").write_bytes(b"GRIB")
+    with pytest.raises(TwilightError, match="install 'cfgrib>="):
+        read_air_file(tmp_path / "e.grib", WANTED)
+
+
+ASKED = ["--at", "2026-06-21T18:30Z", "--latitude", str(air_files.LATITUDE), "--longitude", str(air_files.LONGITUDE)]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["climate", "from", *map(str, arguments)])
+
+
+def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = [air_files.wyoming(tmp_path / "w.txt"), air_files.era5(tmp_path / "e.nc")]
+    made += [air_files.aeronet(tmp_path / "a.lev15"), air_files.woudc(tmp_path / "o.csv")]
+    result = run(*made, *ASKED)
+    assert result.exit_code == 0, result.output
+    (tmp_path / "mine.yaml").write_text(result.stdout)
+    climate = load_climate(tmp_path / "mine.yaml")
+    sources = climate.air.sources
+    assert sources["pressure and temperature"].startswith("to 30 km sounding w.txt")
+    assert (
+        "above to 49" in sources["pressure and temperature"] and "climate's own" in sources["pressure and temperature"]
+    )
+    assert sources["ozone column"].startswith("318 DU, WOUDC o.csv") and climate.gases.ozone.column_du == 318.0
+    assert sources["aerosol sizes and index"] == "the climate's own, continental_average"
+    assert "water vapour, 21 mm" in sources["not used"]
+    for name, words in sources.items():
+        assert f"{name}: {words}" in result.stderr
+    assert yaml.safe_load(result.stdout)["atmosphere"]["levels"]["pressure_hpa"][0] == pytest.approx(1013.0, abs=0.2)
+    described = CliRunner().invoke(app, ["describe", "mine.yaml", "--output", "p.png"])
+    assert described.exit_code == 0 and "source of humidity" in described.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "needs a file, or --ozone climatology"),
+        (["missing.txt"], "missing.txt: cannot be read: No such file"),
+        (["--ozone", "climatology"], "needs a place and a date"),
+        (["--ozone", "all"], "must be climatology"),
+        (["--ozone", "climatology", "--at", "2026-06-21T18:30Z"], "a time needs a place"),
+        (["--ozone", "climatology", *ASKED, "--base", "bruneton2008"], "is a table of coefficients"),
+        (["--ozone", "climatology", "--at", "2026-06-21T18:30", *ASKED[2:]], "needs time_zone"),
+    ],
+)
+def test_the_command_refuses_in_one_sentence(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(*arguments)
+    assert result.exit_code == 2 and words in result.stderr
+    assert len(result.stderr.splitlines()) == 1 and result.stdout == ""
+
+
+def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp_path):
+    """Paths count from the climate's folder, the place is the sun's; its record gives the same air without them."""
+    air_files.wyoming(tmp_path / "w.txt")
+    air_files.aeronet(tmp_path / "a.lev15")
+    (tmp_path / "munich.yaml").write_text(
+        "version: 1\nname: munich\naerosol: {type: continental_average}\n"
+        "air: {sounding: w.txt, aeronet: [a.lev15], ozone: climatology}\n"
+    )
+    sun = {"at": "2026-06-21T20:30", "latitude_deg": 48.25, "longitude_deg": 11.55, "time_zone": "Europe/Berlin"}
+    config = load(tmp_path / "munich.yaml", {"sun": sun})
+    climate = config.climate
+    assert not climate.air.asks and climate.atmosphere.levels is not None
+    assert climate.gases.ozone.column_du == pytest.approx(338.0, abs=3.0)  # 45 to 55 N in June
+    record = resolved_configuration(config, config.sun)
+    for file in tmp_path.iterdir():
+        file.unlink()
+    again = load(record).climate
+    assert again.air.sources == climate.air.sources
+    wavelength = np.array([450.0, 650.0])
+    first, second = climate_medium(climate, wavelength), climate_medium(again, wavelength)
+    np.testing.assert_array_equal(first.absorption_per_km, second.absorption_per_km)
+    np.testing.assert_array_equal(first.aerosol_extinction_per_km, second.aerosol_extinction_per_km)
+
+
+@pytest.mark.parametrize(
+    ("air", "words"),
+    [
+        ({"sounding": "o.csv", **PLACE}, "; air.sounding takes a sounding"),
+        ({"sounding": "gone.txt"}, "air.sounding: there is no file"),
+        ({"sondage": "o.csv"}, "sondage is not a key; did you mean sounding"),
+        ({"ozone": "climatology", "at": "2026-06-21T18:30"}, "at needs its offset"),
+        ({"ozone": "climatology", "latitude_deg": 3.0}, "both latitude_deg and longitude_deg"),
+        ({"ozone": "climatology"}, "needs a place and a date"),
+    ],
+)
+def test_the_section_air_refuses_in_one_sentence(tmp_path, air, words):
+    air_files.woudc(tmp_path / "o.csv")
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump({"version": 1, "name": "c", "air": air}))
+    with pytest.raises(TwilightError, match=words):
+        load(tmp_path / "c.yaml")
+
+
+def test_a_kind_for_each_key():
+    from twilight.config.air import AIR_FILES
+
+    assert set(AIR_FILES) == set(KINDS)
+
+
+def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(tmp_path):
+    """AFGL's summer as a sounding and a reanalysis, with the digits that these have: the radiance comes back."""
+    air_files.wyoming(tmp_path / "w.txt")
+    air_files.era5(tmp_path / "e.nc")
+    common = {
+        "wavelengths": {"list_nm": [450.0, 550.0, 600.0]},
+        "solver.quality": "draft",
+        "solver.polarisation": False,
+        "omit_negligible": False,
+        "gases.water_vapour.column_mm": 0.0,
+    }
+    air = {"sounding": str(tmp_path / "w.txt"), "reanalysis": str(tmp_path / "e.nc"), **PLACE}
+    elevation, azimuth = np.array([3.0, 10.0, 30.0, 90.0, 10.0]), np.array([0.0, 0.0, 90.0, 0.0, 180.0])
+    skies = []
+    for more in ({}, {"air": air}):
+        field = solve(resolve(load("pure-air", {**common, **more, "sun.elevation_deg": -4.0})), [5.0, -4.0])
+        skies.append(np.stack([field.radiance(sun, elevation, azimuth) for sun in (5.0, -4.0)]))
+    assert np.max(np.abs(skies[1] / skies[0] - 1.0)) < 0.003
+
+
+def test_files_of_other_air_than_the_base_bring_their_own(tmp_path):
+    """A subarctic winter over a base of summer: its ozone, its water, its cold."""
+    air_files.wyoming(tmp_path / "w.txt", "subarctic_winter")
+    air_files.era5(tmp_path / "e.nc", "subarctic_winter")
+    air = {"sounding": str(tmp_path / "w.txt"), "reanalysis": str(tmp_path / "e.nc"), **PLACE}
+    notes = climate_medium(load("pure-air", {"air": air}).climate, np.array([550.0])).notes
+    winter = climate_medium(load("pure-air", {"atmosphere.profile": "subarctic_winter"}).climate, np.array([550.0]))
+    assert notes["ozone_column_du"] == pytest.approx(winter.notes["ozone_column_du"], rel=0.02)
+    assert notes["water_vapour_column_mm"] == pytest.approx(winter.notes["water_vapour_column_mm"], rel=0.03)
+    air_depth, wanted = notes["optical_depth"]["air"][0], winter.notes["optical_depth"]["air"][0]
+    assert air_depth == pytest.approx(wanted, rel=1e-3)

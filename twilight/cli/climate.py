@@ -1,0 +1,97 @@
+"""`twilight climate from`: the climate of a place and date from files of measurements."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import climate_names, option, settings_of, within
+from twilight.cli.terminal import sentences
+
+app = typer.Typer(name="climate", help="Make climates.", no_args_is_help=True, rich_markup_mode=None)
+
+
+def from_files(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="FILE...", help="Soundings, reanalyses, AERONET, ozone, SAGE: known by what they hold."),
+    ] = None,
+    at: Annotated[
+        str | None, option("TIME", "Date and time, e.g. 2026-06-21T21:45 or '2026-06-21 civil dusk'; needs a place.")
+    ] = None,
+    latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
+    longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
+    time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
+    base: Annotated[
+        str,
+        typer.Option(metavar="CLIMATE", help="Gives what the files do not.", autocompletion=climate_names),
+    ] = "continental-average",
+    ozone: Annotated[
+        str | None, option("climatology", "The usual ozone column of the place and date, where no file has one.")
+    ] = None,
+    name: Annotated[str | None, option("NAME", "Of the climate; without it, the base's with the date.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key of the base; may be repeated.", "--set")] = None,
+) -> None:
+    """Print a climate in YAML with the air that files hold at a place and time, and say what is from where."""
+    import yaml
+
+    from twilight.config import load_climate
+    from twilight.config.air import CLIMATOLOGY
+    from twilight.config.measured import assemble, read
+
+    if not files and ozone is None:
+        raise TwilightError("climate from: needs a file, or --ozone climatology")
+    if ozone not in (None, CLIMATOLOGY):
+        raise TwilightError(f"--ozone: must be {CLIMATOLOGY}, got {ozone}; a file of ozone stands among the files")
+    wanted = _wanted(at, latitude, longitude, time_zone)
+    climate = load_climate(base, *settings_of(settings))
+    readings = [read(str(path), wanted) for path in files or ()]
+    data = assemble(climate, readings, wanted, usual_ozone=ozone is not None)
+    date = f"-{wanted.time:%Y-%m-%d}" if wanted.time is not None else ""
+    data["name"] = name or f"{climate.name}{date}"
+    where = "" if wanted.latitude_deg is None else f" at {wanted.latitude_deg:g} N {wanted.longitude_deg:g} E"
+    data["description"] = f"The air of {climate.name} with that of files{where}{date and f' on {date[1:]}'}"
+    for words in said(data["air"]["sources"]):
+        print(f"twilight: {words}", file=sys.stderr)
+    print(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=118, allow_unicode=True), end="")
+
+
+def said(sources: dict[str, str]) -> list[str]:
+    """A line for each part of the air: where it is from."""
+    return [f"{name}: {words}" for name, words in sources.items()]
+
+
+def said_in_short(sources: dict[str, str]) -> str:
+    """Which parts of the air are from files, and which are the climate's own."""
+    of: dict[bool, list[str]] = {True: [], False: []}
+    for name, words in sources.items():
+        if name != "not used":
+            of[words.startswith("the climate's own")].append(name)
+    return f"air from files: {', '.join(of[False]) or 'nothing'}; the climate's own: {', '.join(of[True]) or 'nothing'}"
+
+
+def _wanted(at: str | None, latitude: float | None, longitude: float | None, zone: str | None) -> Any:
+    """The place and time of the options."""
+    from twilight.config.sun import SunAt
+    from twilight.config.validate import Origins, validate
+    from twilight.io.air import Wanted
+
+    if (latitude is None) != (longitude is None):
+        raise TwilightError("--latitude and --longitude: give both, or neither")
+    if latitude is not None and longitude is not None:
+        within(latitude, "--latitude", -90.0, 90.0)
+        within(longitude, "--longitude", -360.0, 360.0)
+    if at is None:
+        return Wanted(None, latitude, longitude)
+    if latitude is None:
+        raise TwilightError("--at: a time needs a place: give --latitude and --longitude")
+    section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
+    sun = validate(SunAt, section, Origins({(): "--at"}))
+    return Wanted(sun.aware(sun.at), latitude, longitude)
+
+
+app.command("from")(sentences(from_files))

@@ -1,0 +1,319 @@
+"""Maps over time: reanalyses (ERA5, CAMS, MERRA-2) in netCDF or GRIB, and daily maps of ozone (OMPS, OMI).
+
+Quantities are known by their names: ECMWF's short names (ERA5 and CAMS from the Copernicus data stores, and what cfgrib
+makes of GRIB), and MERRA-2's (Bosilovich et al. 2016, GMAO Office Note 9).  In place and time they are interpolated
+linearly where there are neighbours on both sides; a map of one time or one point is taken as it is.
+
+References
+----------
+Copernicus Climate Change Service, ERA5 hourly data on pressure levels: t (K), q (kg/kg), r (%), o3 (kg/kg of moist
+air), z (m^2 s^-2), pressure_level or level (hPa), valid_time or time.  Copernicus Atmosphere Monitoring Service, EAC4:
+go3, aod469 to aod1240, gtco3 (kg m^-2).  MERRA-2: T, QV, RH, O3 (kg/kg), H (m), lev (hPa); TOTEXTTAU, TOTANGSTR, TO3
+(DU), TQV.
+OMPS NMTO3-L3-DAILY: ColumnAmountO3 (DU) over Latitude and Longitude.
+"""
+
+from __future__ import annotations
+
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight.atmosphere.measured import moist_air
+from twilight.atmosphere.measured.parts import AerosolDepth, AirColumn, OzoneColumn, Part, Reading, WaterColumn
+from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
+from twilight.base.errors import TwilightError
+from twilight.base.extras import missing
+from twilight.io.air.wanted import Wanted, spoken
+
+COORDINATES = {
+    "latitude": ("latitude", "lat", "Latitude"),
+    "longitude": ("longitude", "lon", "Longitude"),
+    "time": ("valid_time", "time"),
+    "pressure": ("pressure_level", "isobaricInhPa", "level", "lev", "plev"),
+}
+"""What each coordinate is called."""
+
+TEMPERATURE, HEIGHT_M, GEOPOTENTIAL = ("t", "T"), ("H", "gh"), ("z",)
+SPECIFIC_HUMIDITY, RELATIVE_HUMIDITY = ("q", "QV"), ("r", "RH")
+OZONE_MASS = ("o3", "go3", "O3")
+OZONE_DU, OZONE_KG = ("ColumnAmountO3", "TO3"), ("tco3", "gtco3")
+WATER_KG = ("tcwv", "TQV")
+DEPTHS = {"aod469": 469.0, "aod550": 550.0, "aod670": 670.0, "aod865": 865.0, "aod1240": 1240.0}
+"""Optical depths of CAMS by wavelength [nm]."""
+MERRA_DEPTH, MERRA_EXPONENT = "TOTEXTTAU", "TOTANGSTR"
+"""Optical depth at 550 nm, and the exponent between 470 and 870 nm."""
+MERRA_NM = (470.0, 550.0, 870.0)
+
+CLOUDS = ("cc", "clwc", "ciwc", "CLOUD", "QL", "QI", "tcc", "CLDTOT")
+AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")
+KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * moist_air.MOLAR_MASS_OZONE / 6.02214076e23
+"""kg of ozone on a square metre in one Dobson unit, 2.1415e-5."""
+
+MOST_STEPS_OUTSIDE = 0.51
+"""A point may be so far outside a map, in its own steps: maps are of cells."""
+
+
+def read_gridded(path: Path, content: str, wanted: Wanted) -> Reading:
+    """What a map holds at a place and time.
+
+    content: `netcdf`, `netcdf3` or `grib`.  Errors: TwilightError with the file and the variable.
+    """
+    datasets = _open(path, content)
+    try:
+        columns: dict[str, np.ndarray | float] = {}
+        pressure_hpa: np.ndarray | None = None
+        said: set[str] = set()
+        name = ""
+        for data in datasets:
+            name = name or _name(data)
+            found, levels, where = _at_the_place(path, data, wanted)
+            said.add(where)
+            columns |= found
+            pressure_hpa = levels if levels is not None else pressure_hpa
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise TwilightError(f"{path}: is not the map that its names promise: {' '.join(str(error).split())}") from None
+    finally:
+        for data in datasets:
+            data.close()
+    source = f"{name or 'map'} {path.name}: {', '.join(sorted(said))}"
+    parts: list[Part] = []
+    if any(one in columns for one in TEMPERATURE) and pressure_hpa is not None:
+        parts.append(_air(path, source, pressure_hpa, columns, wanted))
+    parts += _amounts(path, source, columns)
+    if not parts:
+        raise TwilightError(
+            f"{path}: has none of the variables that are used: t, q, o3 and z (ERA5, CAMS), T, QV, O3 and H (MERRA-2) "
+            "on pressure levels, aod550, TOTEXTTAU, tcwv, tco3, gtco3, TO3, ColumnAmountO3"
+        )
+    left = [one for one in columns if one in CLOUDS or one.startswith(AEROSOL_MASSES)]
+    words = []
+    if clouds := [one for one in left if one in CLOUDS]:
+        words.append(f"clouds ({', '.join(clouds)})")
+    if masses := [one for one in left if one not in CLOUDS]:
+        words.append(f"mixing ratios of aerosol ({', '.join(masses)})")
+    only_ozone = all(isinstance(part, OzoneColumn) for part in parts)
+    return Reading("ozone" if only_ozone else "reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words))
+
+
+def _open(path: Path, content: str) -> list[Any]:
+    """The datasets of a file: GRIB may hold several that share no coordinates."""
+    import xarray  # start-up: half a second, and most climates name no such file
+
+    try:
+        if content == "grib":
+            try:
+                import cfgrib  # optional
+            except ImportError:
+                raise missing("cfgrib", f"{path}: GRIB") from None
+            with warnings.catch_warnings():  # of xarray, about what cfgrib asks it
+                warnings.simplefilter("ignore", FutureWarning)
+                return list(cfgrib.open_datasets(str(path), backend_kwargs={"indexpath": ""}))
+        engine = "h5netcdf" if content == "netcdf" else "scipy"
+        options = {"phony_dims": "sort"} if content == "netcdf" else {}
+        return [xarray.open_dataset(path, engine=engine, backend_kwargs=options)]
+    except TwilightError:
+        raise
+    except Exception as error:  # what a damaged file raises depends on the library that reads it
+        reason = " ".join(str(error).split())[:200]
+        raise TwilightError(
+            f"{path}: is damaged, or no {'GRIB' if content == 'grib' else 'netCDF'}: {reason}"
+        ) from None
+
+
+def _name(data: Any) -> str:
+    """What the file calls itself."""
+    for key in ("title", "Title", "LongName", "source", "institution", "GRIB_centreDescription"):
+        if isinstance(data.attrs.get(key), str) and data.attrs[key].strip():
+            return " ".join(data.attrs[key].split())[:60]
+    return ""
+
+
+def _coordinate(data: Any, kind: str) -> str | None:
+    return next((name for name in COORDINATES[kind] if name in data.variables), None)
+
+
+def _at_the_place(path: Path, data: Any, wanted: Wanted) -> tuple[dict[str, Any], np.ndarray | None, str]:
+    """Values of all variables at the place and time, by pressure where they have it; the pressures; and where."""
+    words = []
+    latitude, longitude = (_coordinate(data, kind) for kind in ("latitude", "longitude"))
+    if latitude is None or longitude is None:
+        raise TwilightError(
+            f"{path}: has no latitude and longitude; allowed are maps over {', '.join(COORDINATES['latitude'])} and "
+            f"{', '.join(COORDINATES['longitude'])}"
+        )
+    weights: list[tuple[str, list[tuple[int, float]]]] = []
+    lat = np.atleast_1d(data[latitude].values).astype(float)
+    lon = np.atleast_1d(data[longitude].values).astype(float)
+    if lat.ndim != 1 or lon.ndim != 1:
+        raise TwilightError(
+            f"{path}: {latitude} and {longitude} must be one-dimensional; other projections are not read"
+        )
+    if lat.size * lon.size > 1 or wanted.latitude_deg is not None:
+        there = wanted.place(path)
+        weights.append((latitude, _between(path, latitude, lat, there[0], "deg")))
+        weights.append((longitude, _between(path, longitude, lon, there[1], "deg", turn=360.0)))
+        words.append(f"{there[0]:g} N {there[1]:g} E" if lat.size * lon.size > 1 else f"{lat[0]:g} N {lon[0]:g} E")
+    time = _coordinate(data, "time")
+    if time is not None:
+        stamps = np.atleast_1d(data[time].values)
+        if np.issubdtype(stamps.dtype, np.datetime64) and stamps.ndim == 1:
+            seconds = stamps.astype("datetime64[ms]").astype(np.int64) / 1000.0
+            if seconds.size > 1:
+                moments = [datetime.fromtimestamp(s, UTC) for s in seconds]
+                wanted.nearest(moments, path, "times")  # a sentence where no time is asked for
+                assert wanted.time is not None
+                weights.append((time, _between(path, time, seconds, wanted.time.timestamp(), "s")))
+                words.append(spoken(wanted.time))
+            else:
+                moment = datetime.fromtimestamp(float(seconds[0]), UTC)
+                words.append(spoken(moment) + wanted.away(moment))
+    pressure = _coordinate(data, "pressure")
+    levels = None
+    if pressure is not None:
+        levels = np.atleast_1d(data[pressure].values).astype(float)
+        if str(data[pressure].attrs.get("units", "hPa")).strip().lower() in ("pa", "pascal", "pascals"):
+            levels = levels / 100.0
+    wide = {dim for _, dim in _dims(data, [w[0] for w in weights])}
+    found: dict[str, Any] = {}
+    for name in data.data_vars:
+        variable = data[name]
+        if not np.issubdtype(variable.dtype, np.number):
+            continue
+        value = _weighted(variable, [(dim, w) for (c, w), dim in zip(weights, _dims_of(data, weights), strict=True)])
+        value = value.squeeze()
+        value = _first_known(value, pressure, wide)
+        on_levels = value.ndim == 1 and pressure is not None and value.dims == data[pressure].dims
+        if value.ndim == 0:
+            found[str(name)] = float(value)
+        elif on_levels:
+            found[str(name)] = np.asarray(value.values, dtype=float)
+        elif str(name) in (*TEMPERATURE, *SPECIFIC_HUMIDITY, *OZONE_MASS):
+            raise TwilightError(
+                f"{path}: {name} still has the dimensions {', '.join(map(str, value.dims))} at a place and time"
+            )
+    return found, levels, " ".join(words)
+
+
+def _dims_of(data: Any, weights: list[tuple[str, Any]]) -> list[str]:
+    """The dimension of each coordinate; its own name where it has none."""
+    return [str(data[name].dims[0]) if data[name].dims else name for name, _ in weights]
+
+
+def _dims(data: Any, names: list[str]) -> list[tuple[str, str]]:
+    return [(name, str(data[name].dims[0])) for name in names if data[name].dims]
+
+
+def _weighted(variable: Any, weights: list[tuple[str, list[tuple[int, float]]]]) -> Any:
+    """A variable with its dimensions of place and time taken at weighted indices."""
+    for dim, pairs in weights:
+        if dim in variable.dims:
+            variable = sum(variable.isel({dim: index}) * weight for index, weight in pairs if weight > 0.0)
+    return variable
+
+
+def _first_known(value: Any, pressure: str | None, placed: set[str]) -> Any:
+    """Of versions of one field (ERA5's expver) the first that has numbers."""
+    extra = [dim for dim in value.dims if dim == "expver"]
+    for dim in extra:
+        pieces = [value.isel({dim: i}) for i in range(value.sizes[dim])]
+        value = next((piece for piece in pieces if bool(np.isfinite(piece).any())), pieces[0])
+    return value
+
+
+def _between(
+    path: Path, name: str, nodes: np.ndarray, at: float, unit: str, turn: float = 0.0
+) -> list[tuple[int, float]]:
+    """Indices and weights of the nodes on both sides of a value; the single one, or the end half a step away."""
+    if nodes.size == 1:
+        return [(0, 1.0)]
+    order = np.argsort(nodes)
+    x = nodes[order]
+    if turn:  # a map that goes round the globe, from any meridian
+        at = x[0] + (at - x[0]) % turn
+        if at > x[-1]:
+            gap = x[0] + turn - x[-1]
+            step = float(np.max(np.diff(x)))
+            if gap <= 1.5 * step:
+                f = (at - x[-1]) / gap
+                return [(int(order[-1]), 1.0 - f), (int(order[0]), f)]
+            if at - turn >= x[0] - MOST_STEPS_OUTSIDE * step:
+                at -= turn
+    slack = MOST_STEPS_OUTSIDE * float(np.max(np.diff(x)))
+    if not x[0] - slack <= at <= x[-1] + slack:
+        if unit == "s":
+            low, high, here = (spoken(datetime.fromtimestamp(v, UTC)) for v in (x[0], x[-1], at))
+            raise TwilightError(f"{path}: {name} goes from {low} to {high}, and {here} is asked for")
+        raise TwilightError(f"{path}: {name} goes from {x[0]:g} to {x[-1]:g} {unit}, and {at:g} is asked for")
+    at = float(np.clip(at, x[0], x[-1]))
+    i = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2))
+    f = (at - x[i]) / (x[i + 1] - x[i])
+    return [(int(order[i]), 1.0 - f), (int(order[i + 1]), f)]
+
+
+def _one(columns: dict[str, Any], names: tuple[str, ...]) -> Any:
+    return next((columns[name] for name in names if name in columns), None)
+
+
+def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: Wanted) -> AirColumn:
+    """Pressure levels as a column of air at geometric altitudes."""
+    temperature = np.asarray(_one(columns, TEMPERATURE), dtype=float)
+    height_m, geopotential = _one(columns, HEIGHT_M), _one(columns, GEOPOTENTIAL)
+    if height_m is None and geopotential is not None:
+        height_m = geopotential / moist_air.STANDARD_GRAVITY
+    if height_m is None:
+        raise TwilightError(
+            f"{path}: has temperature and no altitude of the pressure levels; download z (geopotential) too, or H, gh "
+            "(height)"
+        )
+    height = np.asarray(height_m, dtype=float)
+    good = np.isfinite(temperature) & np.isfinite(height) & (temperature > 0.0) & (pressure_hpa > 0.0)
+    if not good.any():
+        raise TwilightError(f"{path}: has no temperature and altitude at the place and time")
+    order = np.flatnonzero(good)[np.argsort(-pressure_hpa[good])]
+    q, r, o3 = _one(columns, SPECIFIC_HUMIDITY), _one(columns, RELATIVE_HUMIDITY), _one(columns, OZONE_MASS)
+    water = None
+    if q is not None:
+        water = moist_air.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
+    elif r is not None:
+        percent = np.maximum(np.asarray(r), 0.0) * (100.0 if np.nanmax(r) <= 2.0 else 1.0)  # MERRA-2 has fractions
+        water = moist_air.from_relative_humidity(percent, temperature, pressure_hpa)
+    ozone = None
+    if o3 is not None:
+        ozone = moist_air.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
+    latitude = 45.0 if wanted.latitude_deg is None else wanted.latitude_deg
+    z = moist_air.geometric_km(1e-3 * height, latitude)
+    return AirColumn(
+        source,
+        z[order],
+        pressure_hpa[order],
+        temperature[order],
+        None if water is None else water[order],
+        None if ozone is None else ozone[order],
+    )
+
+
+def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[Part]:
+    """Vertical columns: ozone, water, optical depths."""
+    parts: list[Part] = []
+    du, kg = _one(columns, OZONE_DU), _one(columns, OZONE_KG)
+    if du is None and kg is not None:
+        du = kg / KG_PER_DU
+    if du is not None:
+        if not (np.ndim(du) == 0 and 50.0 <= du <= 700.0):
+            raise TwilightError(f"{path}: the ozone column at the place is {du}, allowed is a number from 50 to 700 DU")
+        parts.append(OzoneColumn(source, float(du)))
+    water = _one(columns, WATER_KG)
+    if water is not None and np.isfinite(water) and water > 0.0:
+        parts.append(WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
+    depths = {nm: columns[name] for name, nm in DEPTHS.items() if np.isfinite(columns.get(name, np.nan))}
+    if MERRA_DEPTH in columns and np.isfinite(columns[MERRA_DEPTH]):
+        exponent = columns.get(MERRA_EXPONENT, np.nan)
+        nm = MERRA_NM if np.isfinite(exponent) else MERRA_NM[1:2]
+        depths = {w: columns[MERRA_DEPTH] * ((w / MERRA_NM[1]) ** -exponent if len(nm) > 1 else 1.0) for w in nm}
+    if depths := {nm: depth for nm, depth in sorted(depths.items()) if depth > 0.0}:
+        parts.append(AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
+    return parts

@@ -1,0 +1,54 @@
+"""Which kind of file one is, by its content, and what it holds of the air."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from twilight.atmosphere.measured.parts import Reading
+from twilight.base.errors import TwilightError
+from twilight.io.air import aeronet, extinction, gridded, sounding, woudc
+from twilight.io.air.lines import read_bytes, read_lines
+from twilight.io.air.wanted import Wanted
+
+KINDS = {
+    "sounding": "a sounding (University of Wyoming's text list, IGRA version 2)",
+    "reanalysis": "a reanalysis (ERA5, CAMS, MERRA-2; netCDF or GRIB)",
+    "aeronet": "AERONET version 3 (optical depths, or an inversion with all products)",
+    "ozone": "an ozone column (WOUDC's extended CSV, OMPS or OMI in HDF5)",
+    "stratosphere": "extinction of the stratosphere (SAGE III/ISS, OSIRIS, or CSV with altitude_km, 520nm, ...)",
+}
+"""Kinds of files, as a configuration names them, and what each can be."""
+
+HDF5, GRIB, HDF4 = b"\x89HDF\r\n\x1a\n", b"GRIB", b"\x0e\x03\x13\x01"
+NETCDF3 = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
+
+
+def read_air_file(path: Path, wanted: Wanted) -> Reading:
+    """What a file holds of the air at a place and time.
+
+    Errors: TwilightError that names the file, the line where there is one, and what is allowed.
+    """
+    if path.is_dir():
+        raise TwilightError(f"{path}: is a folder; allowed is a file of measurements")
+    head = read_bytes(path, 8)
+    if head.startswith(HDF4):
+        raise TwilightError(f"{path}: is HDF4, which is not read; newer versions of the same data come in HDF5")
+    if head.startswith(GRIB):
+        return gridded.read_gridded(path, "grib", wanted)
+    if head.startswith(NETCDF3):
+        return gridded.read_gridded(path, "netcdf3", wanted)
+    if head.startswith(HDF5):
+        kind = extinction.hdf5_kind(path)
+        if kind == "map":
+            return gridded.read_gridded(path, "netcdf", wanted)
+        return extinction.read_extinction(path, kind, wanted)
+    lines = read_lines(path)
+    if aeronet.is_aeronet(lines):
+        return aeronet.read_aeronet(path, wanted)
+    if sounding.is_igra(lines) or sounding.is_wyoming(lines):
+        return sounding.read_sounding(path, wanted)
+    if woudc.is_woudc(lines):
+        return woudc.read_woudc(path, wanted)
+    if extinction.is_table(lines):
+        return extinction.read_extinction(path, "table", wanted)
+    raise TwilightError(f"{path}: is none of the files that are read: {'; '.join(KINDS.values())}")

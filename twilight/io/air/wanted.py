@@ -1,0 +1,68 @@
+"""The place and the time for which a file is asked, and how far away what it holds is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.errors import TwilightError
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A time (aware) and a place [deg], north and east positive; None where not given."""
+
+    time: datetime | None = None
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+
+    def hours_to(self, time: datetime | None) -> float | None:
+        """How far another time is away [h], later positive; None where one is not known."""
+        if self.time is None or time is None:
+            return None
+        return (time - self.time).total_seconds() / 3600.0
+
+    def km_to(self, latitude_deg: float | None, longitude_deg: float | None) -> float | None:
+        """Distance to another place [km]; None where one is not known."""
+        if None in (self.latitude_deg, self.longitude_deg, latitude_deg, longitude_deg):
+            return None
+        a, b = math.radians(self.latitude_deg), math.radians(latitude_deg)  # type: ignore[arg-type]
+        half = math.radians(longitude_deg - self.longitude_deg) / 2.0  # type: ignore[operator]
+        chord = math.sin((b - a) / 2.0) ** 2 + math.cos(a) * math.cos(b) * math.sin(half) ** 2
+        return 2.0 * EARTH_RADIUS_KM * math.asin(min(1.0, math.sqrt(chord)))
+
+    def away(self, time: datetime | None, latitude_deg: float | None = None, longitude_deg: float | None = None) -> str:
+        """`, 85 km and 2.3 h away`; nothing for what is not known."""
+        km, hours = self.km_to(latitude_deg, longitude_deg), self.hours_to(time)
+        parts = [] if km is None else [f"{km:.0f} km"]
+        if hours is not None:
+            parts.append(f"{abs(hours):.1f} h" if abs(hours) < 100.0 else f"{abs(hours) / 24.0:.0f} days")
+        return f", {' and '.join(parts)} away" if parts else ""
+
+    def nearest(self, times: Sequence[datetime], file: object, what: str) -> int:
+        """Which of the times is nearest; TwilightError where there are several and none is asked for."""
+        if self.time is None:
+            if len(times) > 1:
+                raise TwilightError(
+                    f"{file}: holds {len(times)} {what}, from {spoken(min(times))} to {spoken(max(times))}; say "
+                    "which by its time (air.at, --at, or the sun's)"
+                )
+            return 0
+        return min(range(len(times)), key=lambda i: abs((times[i] - self.time).total_seconds()))  # type: ignore[operator]
+
+    def place(self, file: object) -> tuple[float, float]:
+        """Latitude and longitude [deg]; TwilightError where they are not given."""
+        if self.latitude_deg is None or self.longitude_deg is None:
+            raise TwilightError(
+                f"{file}: holds a map; say where by air.latitude_deg and air.longitude_deg, --latitude and "
+                "--longitude, or the sun's"
+            )
+        return self.latitude_deg, self.longitude_deg
+
+
+def spoken(time: datetime) -> str:
+    """`2026-06-21 12:00 UTC`."""
+    return f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
