@@ -5,19 +5,20 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twilight import solvers
+from twilight.api.arguments import config_of, moment_of, numbers, place_of
 from twilight.api.representation import Sky, SkySeries
 from twilight.api.types import PlaceLike, RenderOptions, SceneLike, TimeLike, TimesLike
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.config import Climate, Config, load, load_climate
+from twilight.config import Climate, load_climate
 from twilight.config.sun import SunAt, SunElevation
 from twilight.config.validate import unknown
 from twilight.engine import Solved, check_size, frames
@@ -107,19 +108,19 @@ def render(
     """
     if sun_elevation_deg is not None and at is not None:
         raise TwilightError("render: takes either sun_elevation_deg or at, not both")
-    where = _place(place, latitude_deg, longitude_deg, time_zone)
+    where = place_of(place, latitude_deg, longitude_deg, time_zone)
     if at is None and any(value is not None for value in where.values()):
         raise TwilightError("render: a place needs a time: give at")
     chosen: dict[str, Any] = {}
     if sun_elevation_deg is not None:
         several = np.ndim(sun_elevation_deg) > 0
-        suns = _numbers(sun_elevation_deg, "sun_elevation_deg")
+        suns = numbers(sun_elevation_deg, "sun_elevation_deg")
         chosen["sun"] = {"elevations_deg": suns} if several else {"elevation_deg": suns[0]}
     elif at is not None:
         observer_km = where.pop("altitude_km")
         altitude_km = observer_km if altitude_km is None else altitude_km
         chosen["sun"] = {**_times(at), **{key: value for key, value in where.items() if value is not None}}
-    config = _config(scene, chosen, altitude_km, wavelength_nm, solver, quality, settings)
+    config = config_of(scene, chosen, altitude_km, wavelength_nm, solver, quality, settings)
     if "sun" not in config.model_fields_set:
         sun = SunElevation().elevation_deg
         warnings.warn(
@@ -170,8 +171,8 @@ def solve(
     TwilightError
         For whatever is not allowed or cannot be computed, in one sentence.
     """
-    suns = None if sun_elevation_deg is None else _numbers(sun_elevation_deg, "sun_elevation_deg")
-    config = _config(scene, {}, altitude_km, wavelength_nm, solver, quality, settings)
+    suns = None if sun_elevation_deg is None else numbers(sun_elevation_deg, "sun_elevation_deg")
+    config = config_of(scene, {}, altitude_km, wavelength_nm, solver, quality, settings)
     return solve_scene(resolve(config), suns)
 
 
@@ -201,7 +202,7 @@ def medium(
             raise TwilightError("medium: settings go with the name or the file of a climate")
     else:
         climate = load_climate(str(climate), settings)
-    return climate_medium(climate, np.array(_numbers(wavelength_nm, "wavelength_nm")))
+    return climate_medium(climate, np.array(numbers(wavelength_nm, "wavelength_nm")))
 
 
 def solver(name: str) -> Solver:
@@ -282,98 +283,13 @@ Solved.view = view  # type: ignore[method-assign]
 Solved.fluxes = fluxes  # type: ignore[method-assign]
 
 
-def _config(
-    scene: SceneLike,
-    chosen: Mapping[str, Any],
-    altitude_km: float | None,
-    wavelength_nm: ArrayLike | None,
-    solver: str | None,
-    quality: str | None,
-    settings: Mapping[str, object] | None,
-) -> Config:
-    given: dict[str, Any] = {
-        "observer.altitude_km": altitude_km,
-        "wavelengths": None if wavelength_nm is None else {"list_nm": _numbers(wavelength_nm, "wavelength_nm")},
-        "solver.name": solver,
-        "solver.quality": quality,
-    }
-    keys = {**chosen, **{key: value for key, value in given.items() if value is not None}, **(settings or {})}
-    if isinstance(scene, Config):
-        if not keys:
-            return _own_model(scene)
-        return _own_model(load(scene.model_dump(mode="json", exclude_unset=True), keys))
-    return _own_model(load(scene if isinstance(scene, Mapping) else str(scene), keys))
-
-
-def _own_model(config: Config) -> Config:
-    """With the compact model of its own air, fitted first where there is none, for scenes that ask for that solver."""
-    if config.solver.get("name") != "compact":
-        return config
-    from twilight.studies.fit.compact.own import with_own_model  # start-up
-
-    return with_own_model(config, say=lambda sentence: warnings.warn(sentence, TwilightWarning, stacklevel=5))
-
-
-def _numbers(values: ArrayLike, name: str) -> list[float]:
-    try:
-        return [float(value) for value in np.atleast_1d(values)]
-    except (TypeError, ValueError):
-        raise TwilightError(f"{name}: must be a number or a list of numbers, got {values!r}") from None
-
-
-def _place(
-    place: Any, latitude_deg: float | None, longitude_deg: float | None, time_zone: str | None
-) -> dict[str, Any]:
-    """latitude_deg, longitude_deg, time_zone and altitude_km; None for what is not known."""
-    altitude_km = None
-    if place is not None:
-        if latitude_deg is not None or longitude_deg is not None:
-            raise TwilightError("render: takes either place or latitude_deg and longitude_deg, not both")
-        if isinstance(place, tuple | list) and len(place) == 2:
-            latitude_deg, longitude_deg = _numbers(place, "place")
-        elif hasattr(place, "latitude") and hasattr(place, "longitude"):  # pvlib
-            latitude_deg, longitude_deg = float(place.latitude), float(place.longitude)
-            altitude_km = float(getattr(place, "altitude", None) or 0.0) / 1e3
-            time_zone = time_zone or str(place.tz)
-        elif hasattr(place, "to_geodetic"):  # astropy
-            found = place.to_geodetic()
-            latitude_deg, longitude_deg = float(found.lat.deg), float(found.lon.deg)
-            altitude_km = float(found.height.to_value("km"))
-        else:
-            raise TwilightError(
-                "place: must be (latitude, longitude), pvlib's Location or astropy's EarthLocation, "
-                f"got {type(place).__name__}"
-            )
-        if altitude_km is not None:
-            # at sea level, or below it by the rounding of an ellipsoid: on the ground of the scene
-            altitude_km = round(altitude_km, 6) if altitude_km >= 1e-3 else None
-    return {
-        "latitude_deg": latitude_deg,
-        "longitude_deg": longitude_deg,
-        "time_zone": time_zone,
-        "altitude_km": altitude_km,
-    }
-
-
 def _times(at: Any) -> dict[str, Any]:
     """The keys of a `sun` section for one time or for several."""
     several = getattr(at, "isscalar", None) is False or not (isinstance(at, str) or np.ndim(at) == 0)
-    moments = [_moment(one) for one in at] if several else [_moment(at)]
+    moments = [moment_of(one) for one in at] if several else [moment_of(at)]
     if several and len({isinstance(one, datetime) and one.tzinfo is None for one in moments}) > 1:
         raise TwilightError("at: several times must be all with or all without an offset")
     if any(isinstance(a, datetime) and isinstance(b, datetime) and b <= a for a, b in itertools.pairwise(moments)):
         raise TwilightError("at: several times must be in their order, each once")
     text = [one if isinstance(one, str) else one.isoformat() for one in moments]
     return {"times": text} if several else {"at": text[0]}
-
-
-def _moment(at: Any) -> Any:
-    """A time as a datetime; text as it is."""
-    if hasattr(at, "to_datetime") and hasattr(at, "scale"):  # astropy's Time
-        return at.utc.to_datetime(timezone=UTC)
-    if isinstance(at, np.datetime64):
-        return at.astype("datetime64[us]").item()
-    if isinstance(at, datetime):
-        # pandas' Timestamp is one, with nanoseconds
-        return datetime.fromisoformat(at.isoformat(timespec="microseconds"))
-    return str(at)

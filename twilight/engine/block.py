@@ -97,8 +97,7 @@ class Block:
         settings = scene.settings
         if not self.problem.cached or not self.capabilities.field_file or settings.field_file:
             return solved(settings)
-        suns = more.get("sun_elevations_deg")
-        key = field_key(scene.solver.__name__, settings, self.term_medium, suns, altitude_km, interpolation)
+        key = self.key(altitude_km)
         path = cache.find(cache.FIELDS, key)
         if path is not None:
             try:
@@ -110,6 +109,13 @@ class Block:
         made: Any = solved(settings)
         cache.store(cache.FIELDS, key, made.save)
         return made
+
+    def key(self, altitude_km: float) -> str:
+        """The key of the field of an observer in the cache: a hash of all that enters."""
+        scene, known = self.scene, self.problem.sun_elevations_deg
+        suns = list(known) if known is not None and self.capabilities.takes_suns else None
+        interpolation = self.problem.interpolations[self.wavelengths.start]
+        return field_key(scene.solver.__name__, scene.settings, self.term_medium, suns, altitude_km, interpolation)
 
     def rows_at_once(self, columns: int) -> int:
         """Rows of so many directions that the solver is asked for at once."""

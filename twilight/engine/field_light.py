@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.engine.hemisphere import disc_irradiance, hemisphere
+from twilight.engine.hemisphere import disc_beams, hemisphere
 from twilight.sky.quantities.catalogue import Quantity, check_of, quantity
 from twilight.sky.quantities.measure import Spectra, check_covered
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
     from twilight.engine.block import Block
+    from twilight.scene.scene import Scene
 
 
 class FieldLight:
@@ -22,6 +23,8 @@ class FieldLight:
     if TYPE_CHECKING:
         blocks: tuple[Block, ...]
 
+        @property
+        def scene(self) -> Scene: ...
         @property
         def medium(self) -> Medium: ...
         @property
@@ -121,15 +124,8 @@ class FieldLight:
 
     def disc_irradiance(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> np.ndarray:
         """Irradiance of level ground by the sun's disc over F0, (W,)."""
-        parts = []
-        for block in self.blocks:
-            if not block.sunbeam.reaches(sun_elevation_deg + 0.3, self._altitude(observer_altitude_km)):
-                return np.zeros(self.medium.n_wavelengths)
-            medium = block.sunbeam.medium
-            one = disc_irradiance(block.sunbeam.beam, medium, sun_elevation_deg, self._altitude(observer_altitude_km))
-            parts.append(one if block.bands is None else block.bands.sum_terms(one))
-        return np.concatenate(parts)
-
-    def _altitude(self, observer_altitude_km: float | None) -> float:
-        altitude = self.blocks[0].scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        return max(altitude, self.medium.bottom_km)
+        found = disc_beams(self, sun_elevation_deg, observer_altitude_km)
+        if found is None:
+            return np.zeros(self.medium.n_wavelengths)
+        elevation, across = found
+        return np.maximum(np.sin(np.radians(elevation)), 0.0) @ across

@@ -13,6 +13,7 @@ from twilight.transport.beam import beam_at
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
+    from twilight.engine.field_light import FieldLight
 
 DISC_STRIPS = 12
 """Horizontal strips of the sun's disc, at the nodes of Gauss and Chebyshev's second kind."""
@@ -33,6 +34,29 @@ def disc_irradiance(
         bending = beam_at(beam, medium.bottom_km if altitude_km is None else altitude_km, np.sin(true), out)
         total += fraction * max(0.0, float(np.sin(true + bending))) * out
     return total
+
+
+def disc_beams(
+    solved: FieldLight, sun_elevation_deg: float, observer_altitude_km: float | None = None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Apparent elevations [deg] (S,) of the disc's strips and what each of them sends across itself, over F0 (S, W).
+
+    observer_altitude_km: None for the scene's.  None where the sun is down.
+    """
+    altitude_km = solved.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
+    altitude_km = max(altitude_km, solved.medium.bottom_km)
+    if not all(block.sunbeam.reaches(sun_elevation_deg + SOLAR_RADIUS_DEG, altitude_km) for block in solved.blocks):
+        return None
+    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
+    share = 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2
+    elevation, parts = np.zeros(DISC_STRIPS), []
+    for block in solved.blocks:
+        out = np.zeros((DISC_STRIPS, block.sunbeam.medium.n_wavelengths))
+        for s, offset in enumerate(np.cos(k)):
+            true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
+            elevation[s] = np.degrees(true + beam_at(block.sunbeam.beam, altitude_km, np.sin(true), out[s]))
+        parts.append(out if block.bands is None else block.bands.sum_terms(out))
+    return elevation, share[:, None] * np.concatenate(parts, axis=1)
 
 
 def hemisphere(sun_elevation_deg: float, rows: int = 24, columns: int = 20):

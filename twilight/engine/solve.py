@@ -172,6 +172,12 @@ class Solved(FieldLight):
         return self.scene.medium
 
     @property
+    def keys(self) -> tuple[str, ...]:
+        """A hash of all that enters each block's field, and how its terms make wavelengths."""
+        altitude = self.scene.altitude_km
+        return tuple(block.key(altitude) + ("" if block.bands is None else " bands") for block in self.blocks)
+
+    @property
     def solar_spectrum(self) -> str:
         """Name of the scene's solar spectrum."""
         config = self.scene.config

@@ -1,0 +1,53 @@
+"""Light as other libraries hold it: astropy's quantities, pandas' series, an astroplan constraint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.base.extras import is_installed, missing
+from twilight.sky.quantities.catalogue import Of, Quantity, unit_of
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def quantities_of(arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of) -> Any:
+    """astropy's Quantity, or a mapping of them by variable where there are several."""
+    if not is_installed("astropy"):
+        raise missing("astropy", "light: returns astropy")
+    from astropy import units  # optional
+
+    made = {}
+    for one in found:
+        text = unit_of(one, of)
+        unit = units.dimensionless_unscaled if text == "1" else units.Unit(text.replace("s-1 m-2", "ph s-1 m-2"))
+        made[one.variable] = arrays[one.variable] * unit
+    return next(iter(made.values())) if len(made) == 1 else made
+
+
+def frame_of(made: xarray.Dataset, time: Any, variables: Sequence[str], zone: str | None) -> Any:
+    """pandas' Series along the time, a DataFrame for several quantities or targets; the index is the one that was
+    given."""
+    import pandas  # start-up
+
+    if "place" in made.dims or "time" not in made.dims:
+        raise TwilightError("light: returns pandas needs one place and several times")
+    if isinstance(time, pandas.DatetimeIndex):
+        index = time
+    else:
+        index = pandas.DatetimeIndex(made["time"].values, tz="UTC").tz_convert(zone or "UTC")
+    columns = {}
+    for name in variables:
+        values = made[name].transpose("time", ...).values
+        if values.ndim == 1:
+            columns[name] = pandas.Series(values, index, name=name)
+        else:
+            of = next(str(d) for d in made[name].dims if d != "time")
+            labels = made["surface"].values if of == "surface" else range(values.shape[1])
+            for k, label in enumerate(labels):
+                columns[f"{name} {label}"] = pandas.Series(values[:, k], index, name=f"{name} {label}")
+    return next(iter(columns.values())) if len(columns) == 1 else pandas.DataFrame(columns)

@@ -1,0 +1,82 @@
+"""`twilight light`: what shines on directions and surfaces at a place and a time, as a table."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from twilight.cli.options import option, scene_names, settings_of, within
+from twilight.cli.terminal import print_table
+
+
+def light(
+    climate: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE", help="Name or file of a climate or configuration.", autocompletion=scene_names
+        ),
+    ],
+    at: Annotated[list[str], option("TIME", "E.g. 2026-06-21T22:15, or '2026-06-21 civil dusk'; may be repeated.")],
+    latitude: Annotated[float, option("DEG", "North positive.")],
+    longitude: Annotated[float, option("DEG", "East positive.")],
+    quantity: Annotated[
+        list[str] | None,
+        option(
+            "NAME",
+            "V, luminance, illuminance, melanopic, cct ...; without it, V and luminance "
+            "of directions, illuminance of surfaces; may be repeated.",
+        ),
+    ] = None,
+    towards: Annotated[
+        list[str] | None,
+        option(
+            "WHERE",
+            "zenith, ELEVATION/AZIMUTH, horizontal, plane:TILT/AZIMUTH, sphere, cylinder; "
+            "azimuth from north, or sun, sun+90; may be repeated.",
+        ),
+    ] = None,
+    source: Annotated[
+        list[str] | None,
+        option("NAME", "sun, sky, airglow, stars, zodiacal_light, light_pollution, ground; without it, all."),
+    ] = None,
+    time_zone: Annotated[str | None, option("ZONE", "Of times without an offset; without it, UTC.")] = None,
+    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver: draft, standard, reference.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+) -> None:
+    """Print the light of directions or surfaces at a place and times: sun, sky, stars, airglow, zodiacal light, ground.
+
+    docs/quantities.md lists the quantities with their sources.
+    """
+    from twilight.api.light import light as light_of
+    from twilight.engine.surfaces import Surface
+    from twilight.engine.towards import towards as read
+    from twilight.sky.quantities.catalogue import quantity as known
+
+    within(latitude, "--latitude", -90.0, 90.0)
+    within(longitude, "--longitude", -180.0, 360.0)
+    where = towards or ["zenith"]
+    surfaces = [one for one in where if isinstance(read(one), Surface)]
+    directions = [one for one in where if one not in surfaces]
+    asked = [known(name) for name in quantity] if quantity else None
+    rows: list[list[str]] = []
+    for of, some, usual in (("direction", directions, ("V", "luminance")), ("surface", surfaces, ("illuminance",))):
+        if not some:
+            continue
+        wanted = asked or [known(name) for name in usual]
+        if len(directions) and len(surfaces) and asked:
+            wanted = [one for one in asked if of in one.of]
+            if not wanted:
+                continue
+        made = light_of(
+            (latitude, longitude), list(at), some, wanted, climate, sources=source, time_zone=time_zone,
+            altitude_km=altitude_km, quality=quality, settings=settings_of(settings)[0],
+        )  # fmt: skip
+        for t, text in enumerate(at):
+            for d, target in enumerate(some):
+                for one in wanted:
+                    cell = made[one.variable].isel({"time": t, of: d})
+                    sun = float(made["solar_elevation_angle"].isel(time=t))
+                    rows.append([text, f"{sun:.2f}", target, one.name, f"{float(cell):.5g}", str(cell.attrs["units"])])
+    print_table(["time", "sun [deg]", "towards", "quantity", "value", "unit"], rows, right=(1, 4))
