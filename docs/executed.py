@@ -31,7 +31,9 @@ MARK = "--- end of block ---"
 LONGEST_S = 600
 PLANNED = ("render", "sweep")
 """Commands that `--plan` runs with their own `--plan`; `HELPED` it runs with `--help`, all others as they are."""
-HELPED = ("climates", "climate", "describe", "compare", "frontier", "fit", "export", "view", "animate", "validate")
+HELPED = (
+    "climates", "climate", "describe", "compare", "frontier", "fit", "export", "view", "animate", "validate", "visible",
+)  # fmt: skip
 
 
 class PageError(Exception):

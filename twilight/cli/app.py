@@ -20,6 +20,7 @@ from twilight.cli import (
     times,
     validate,
     view,
+    visible,
 )
 from twilight.cli.terminal import sentences
 
@@ -40,6 +41,7 @@ commands = (
     times.times,
     light.light,
     fluxes.fluxes,
+    visible.visible,
     show.climates,
     show.configs,
     show.describe,
