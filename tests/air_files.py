@@ -115,9 +115,13 @@ def era5(path, name="midlatitude_summer", slope_k=0.0, clouds=False, **drop):
 
     p, fields = _maps(name, slope_k)
     dims = ("valid_time", "pressure_level", "latitude", "longitude")
-    if clouds:
-        fields["cc"] = 0.3 * np.ones_like(fields["t"])
+    if clouds:  # a deck between 850 and 750 hPa, a veil from 300 to 250 hPa, and what covers little at 500 hPa
+        at = p[None, :, None, None] * np.ones_like(fields["t"])
+        low, high, some = (at >= 750) & (at <= 850), (at >= 250) & (at <= 300), at == 500
+        fields["cc"] = 1.0 * low + 0.8 * high + 0.2 * some
+        fields["clwc"], fields["ciwc"] = 1e-4 * low + 1e-4 * some, 2e-5 * high
     units = {"z": "m**2 s**-2", "t": "K", "q": "kg kg**-1", "o3": "kg kg**-1", "cc": "(0 - 1)"}
+    units |= dict.fromkeys(("clwc", "ciwc"), "kg kg**-1")
     data = xarray.Dataset(
         {key: (dims, value, {"units": units[key]}) for key, value in fields.items() if key not in drop},
         {

@@ -90,7 +90,7 @@ def test_reanalyses(tmp_path, make):
         depth = amounts[AerosolDepth]
         assert optical_depth_at(depth.wavelength_nm, depth.optical_depth, [550.0])[0] == pytest.approx(0.21)
         assert column.altitude_km[0] > 0.1  # the lowest level is under the ground and missing
-        assert any("clouds (QL)" in words for words in reading.not_used)
+        assert any("clouds (QL)" in words for words in reading.not_used)  # water without the fraction that it covers
 
 
 def test_maps_are_interpolated_in_place_and_time(tmp_path):
@@ -228,6 +228,22 @@ def broken(tmp_path, name, make, change):
         text = text.replace(old, new)
     path.write_text(text)
     return path
+
+
+def test_clouds_of_a_reanalysis(tmp_path):
+    """Layers where the sky is covered, with the optical depth of their water; what covers little is clear."""
+    path = air_files.era5(tmp_path / "c.nc", clouds=True)
+    climate = load("pure-air", {"air": {"reanalysis": str(path), **PLACE}}).climate
+    low, high = climate.clouds
+    assert (low.kind, high.kind) == ("stratus", "cirrus") and "20 %" not in climate.air.sources["clouds"]
+    # levels of 850 to 750 hPa stand for 862.5 to 725: 137.5 hPa of air with 0.1 g in a kg, droplets of 7.33 um
+    assert low.optical_depth == pytest.approx(1.5 * 1e-4 * 13750.0 / 9.80665 / (1000.0 * 7.33e-6), rel=1e-3)
+    assert high.optical_depth == pytest.approx(1.5 * 2e-5 * 8750.0 / 9.80665 / (917.0 * 91.7e-6), rel=1e-3)
+    z = SUMMER.at(np.linspace(0.0, 12.0, 1201))
+    edges = np.interp([-862.5, -725.0], -z.pressure_hpa, z.altitude_km)
+    np.testing.assert_allclose([low.base_km, low.top_km], edges, atol=0.05)
+    clear = load("pure-air", {"air": {"reanalysis": str(air_files.era5(tmp_path / "d.nc")), **PLACE}}).climate
+    assert not clear.clouds and clear.air.sources["clouds"] == "the climate's own, none"
 
 
 BROKEN = [

@@ -11,7 +11,8 @@ from twilight.atmosphere.measured.parts import AirColumn
 from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.scene.medium import air_profile, climate_medium
+from twilight.config.profile import air_profile
+from twilight.scene.medium import climate_medium
 
 
 def column_of(name, top_km, **more):

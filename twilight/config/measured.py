@@ -20,11 +20,14 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.aerosols import optical_depth_at
+from twilight.atmosphere.clouds import MAX_DEPTH
+from twilight.atmosphere.measured.decks import OVERCAST, decks, most_cover
 from twilight.atmosphere.measured.join import join, tropopause_km
 from twilight.atmosphere.measured.ozone import climatological_column_du, climatology_source
 from twilight.atmosphere.measured.parts import (
     AerosolDepth,
     AirColumn,
+    CloudWater,
     ExtinctionProfile,
     OzoneColumn,
     Reading,
@@ -32,11 +35,12 @@ from twilight.atmosphere.measured.parts import (
     WaterColumn,
 )
 from twilight.atmosphere.opac import opac_type
-from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
+from twilight.atmosphere.profiles import AirProfile
 from twilight.atmosphere.stratosphere import LOWTRAN_KINDS, measured_kind, sage_extinction_per_km
 from twilight.base.errors import TwilightError
 from twilight.config.air import CLIMATOLOGY, Air
 from twilight.config.climate import Climate
+from twilight.config.profile import air_profile
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunInterval, SunTimes
 from twilight.io.air import KINDS, Wanted, read_air_file
@@ -56,14 +60,6 @@ OWN_HEIGHT_KM = 2.0
 OWN = "the climate's own"
 COLUMNS_ALONE = {"ozone": OzoneColumn, "aeronet": AerosolDepth}
 """A reanalysis may stand under these keys too: its columns alone are taken then."""
-
-
-def air_profile(climate: Climate) -> AirProfile:
-    """Pressure, temperature and gases of a climate that is no table, over all altitudes that it knows."""
-    levels = climate.atmosphere.levels
-    if levels is None:
-        return load_profile(climate.atmosphere.profile)
-    return profile_of_levels(climate.atmosphere.profile, **levels.model_dump())
 
 
 def wanted_of(config: Config) -> Wanted:
@@ -156,6 +152,7 @@ def assemble(
     _put_water(made, all_of(WaterColumn), all_of(AirColumn))
     _put_aerosol(made, all_of(SizeDistribution), all_of(AerosolDepth))
     _put_stratosphere(made, all_of(ExtinctionProfile), profile)
+    _put_clouds(made, all_of(CloudWater))
     if made.not_used:
         made.sources["not used"] = "; ".join(made.not_used)
     before = climate.air.sources if climate.air is not None else {}
@@ -340,6 +337,35 @@ def _put_stratosphere(made: _Assembly, profiles: list[ExtinctionProfile], air: A
     made.data["stratosphere"] = {"kind": kind or measured_kind(climate.atmosphere.profile), "levels": levels}
     made.sources["stratospheric aerosol"] = f"from {float(one.altitude_km[above][0]):g} km {one.source}"
     made.not_used += [f"{other.source}: stratospheric aerosol" for other in others]
+
+
+def _put_clouds(made: _Assembly, waters: list[CloudWater]) -> None:
+    if not waters:
+        made.sources["clouds"] = f"{OWN}, {len(made.climate.clouds) or 'none'}"
+        return
+    one = waters[0]
+    layers = decks(one)
+    total = sum(layer.optical_depth for layer in layers)
+    if total > MAX_DEPTH:
+        raise TwilightError(
+            f"{one.source}: has clouds of optical depth {total:.0f}; allowed is up to {MAX_DEPTH:g}; take a file "
+            "without clouds, and set clouds in the climate"
+        )
+    made.data.pop("clouds", None)
+    if layers:
+        made.data["clouds"] = [
+            {
+                "kind": layer.kind,
+                "base_km": round(layer.base_km, 3),
+                "top_km": round(layer.top_km, 3),
+                "optical_depth": float(f"{layer.optical_depth:.4g}"),
+            }
+            for layer in layers
+        ]
+    cover = f"at most {100 * most_cover(one):.0f} % of an altitude covered"
+    words = ", ".join(f"{layer.kind} {layer.optical_depth:.2g}" for layer in layers) or "none"
+    rule = f"from {100 * OVERCAST:.0f} % as overcast, less as clear"
+    made.sources["clouds"] = f"{words} ({cover}; {rule}), {one.source}"
 
 
 def _rounded(values: Any) -> list[float]:

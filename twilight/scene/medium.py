@@ -27,7 +27,7 @@ from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
 from twilight.config.clouds import THINNEST_KM
-from twilight.config.measured import air_profile
+from twilight.config.profile import air_profile
 from twilight.config.scene import Config, Wavelengths
 
 USUAL_WIND_M_S = 5.0

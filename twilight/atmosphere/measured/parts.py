@@ -79,7 +79,23 @@ class ExtinctionProfile:
     median_radius_um: np.ndarray | None = None
 
 
-Part = AirColumn | OzoneColumn | WaterColumn | AerosolDepth | SizeDistribution | ExtinctionProfile
+@dataclass(frozen=True)
+class CloudWater:
+    """Clouds above a place at Z altitudes from the lowest up; all arrays have shape (Z,).
+
+    cover: fraction of the sky.  liquid_kg_per_m2, ice_kg_per_m2: of the air that each altitude stands for, the mean
+    over cloud and clear.  base_km, top_km: of that air.
+    """
+
+    source: str
+    base_km: np.ndarray
+    top_km: np.ndarray
+    cover: np.ndarray
+    liquid_kg_per_m2: np.ndarray
+    ice_kg_per_m2: np.ndarray
+
+
+Part = AirColumn | OzoneColumn | WaterColumn | AerosolDepth | SizeDistribution | ExtinctionProfile | CloudWater
 
 
 @dataclass(frozen=True)

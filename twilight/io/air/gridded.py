@@ -23,7 +23,15 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.measured import moist_air
-from twilight.atmosphere.measured.parts import AerosolDepth, AirColumn, OzoneColumn, Part, Reading, WaterColumn
+from twilight.atmosphere.measured.parts import (
+    AerosolDepth,
+    AirColumn,
+    CloudWater,
+    OzoneColumn,
+    Part,
+    Reading,
+    WaterColumn,
+)
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
@@ -48,7 +56,10 @@ MERRA_DEPTH, MERRA_EXPONENT = "TOTEXTTAU", "TOTANGSTR"
 """Optical depth at 550 nm, and the exponent between 470 and 870 nm."""
 MERRA_NM = (470.0, 550.0, 870.0)
 
-CLOUDS = ("cc", "clwc", "ciwc", "CLOUD", "QL", "QI", "tcc", "CLDTOT")
+COVER, LIQUID, ICE = ("cc", "CLOUD"), ("clwc", "QL"), ("ciwc", "QI")
+"""Fraction of cloud, and kg of cloud water and ice in a kg of air, on the pressure levels."""
+
+CLOUDS = (*COVER, *LIQUID, *ICE, "tcc", "CLDTOT")
 AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")
 KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * moist_air.MOLAR_MASS_OZONE / 6.02214076e23
 """kg of ozone on a square metre in one Dobson unit, 2.1415e-5."""
@@ -83,6 +94,7 @@ def read_gridded(path: Path, content: str, wanted: Wanted) -> Reading:
     parts: list[Part] = []
     if any(one in columns for one in TEMPERATURE) and pressure_hpa is not None:
         parts.append(_air(path, source, pressure_hpa, columns, wanted))
+        parts += _clouds(source, pressure_hpa, columns, wanted)
     parts += _amounts(path, source, columns)
     if not parts:
         raise TwilightError(
@@ -91,7 +103,8 @@ def read_gridded(path: Path, content: str, wanted: Wanted) -> Reading:
         )
     left = [one for one in columns if one in CLOUDS or one.startswith(AEROSOL_MASSES)]
     words = []
-    if clouds := [one for one in left if one in CLOUDS]:
+    has_clouds = any(isinstance(part, CloudWater) for part in parts)
+    if clouds := [one for one in left if one in CLOUDS and not has_clouds]:
         words.append(f"clouds ({', '.join(clouds)})")
     if masses := [one for one in left if one not in CLOUDS]:
         words.append(f"mixing ratios of aerosol ({', '.join(masses)})")
@@ -294,6 +307,31 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
         None if water is None else water[order],
         None if ozone is None else ozone[order],
     )
+
+
+def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: Wanted) -> list[Part]:
+    """Water and ice of the clouds, each pressure level for the air half way to its neighbours."""
+    cover, liquid, ice = (_one(columns, names) for names in (COVER, LIQUID, ICE))
+    height = _one(columns, HEIGHT_M)
+    height = columns["z"] / moist_air.STANDARD_GRAVITY if height is None else height
+    if cover is None or (liquid is None and ice is None) or np.ndim(cover) == 0 or np.ndim(height) == 0:
+        return []
+    nothing = np.zeros_like(pressure_hpa)
+    rows = np.stack(
+        [pressure_hpa, height, cover, nothing if liquid is None else liquid, nothing if ice is None else ice]
+    )
+    rows = rows[:, np.all(np.isfinite(rows), axis=0)]
+    p, h, cc, water, frozen = rows[:, np.argsort(-rows[0])]
+    if p.size < 2:
+        return []
+    z = moist_air.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
+    edge_p, edge_z = (np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]]) for x in (p, z))
+    kg_of_air = -100.0 * np.diff(edge_p) / moist_air.STANDARD_GRAVITY
+    return [
+        CloudWater(
+            source, edge_z[:-1], edge_z[1:], cc, np.maximum(water, 0.0) * kg_of_air, np.maximum(frozen, 0.0) * kg_of_air
+        )
+    ]
 
 
 def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[Part]:
