@@ -125,6 +125,11 @@ BENCHMARKS = {
     ),
     "films": Benchmark("films.py", "../docs/films/*", "stills of three films"),
     "view": Benchmark("view.py sky.html", "../docs/view/*.jpg", "pictures of the page that `twilight view` writes"),
+    "moonlight": Benchmark(
+        "moonlight.py ../shared/data/dark_sky_network",
+        "moonlight.csv, ../docs/moonlight.png",
+        "moonlit nights against a dark site's meter",
+    ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",

@@ -248,3 +248,24 @@ def test_what_is_refused(sun, moon, more, sentence):
     """One sentence that names the key."""
     with pytest.raises(TwilightError, match=sentence):
         scene(sun, moon, **more)
+
+
+def test_zenith_of_moonlit_nights():
+    """A dark site's zenith under the moon within 0.2 mag.
+
+    Seven years at Cosmic Campground, 1634 m, the clear quarter (Dark Sky Network, soazcomms.github.io), its moonless
+    21.92 added; benchmarks/moonlight.csv has all of them.
+    """
+    settings = {"ground.altitude_km": 1.634, "gases.ozone.column_du": 285.0, "solver.quality": "draft"}
+    solved = Problem(resolve(load("continental-average", settings))).solve()
+    nm = solved.medium.wavelength_nm
+    visible = spectrum.colour_matching_functions("cie1931_2deg")[:, 1] * spectrum.solar_at_visible()
+    for phase, altitude, measured in (
+        (15.0, 10.0, 19.61), (15.0, 20.0, 19.15), (15.0, 30.0, 18.71), (25.0, 20.0, 19.41), (37.5, 10.0, 20.17),
+        (37.5, 30.0, 19.26), (52.5, 20.0, 20.01), (52.5, 30.0, 19.69), (67.5, 10.0, 20.75), (67.5, 30.0, 20.02),
+        (82.5, 20.0, 20.69), (82.5, 30.0, 20.43),
+    ):  # fmt: skip
+        factor = solved.radiance(altitude, [90.0], [0.0])[0] * Moon(altitude, 180.0, phase).irradiance_factor(nm)
+        luminance = spectrum.LUMINOUS_EFFICACY_LM_PER_W * float(spectrum.integrate(factor, nm, visible))
+        zenith = -2.5 * np.log10(luminance / 10.8e4 + 10.0 ** (-0.4 * 21.92))
+        assert zenith == pytest.approx(measured, abs=0.2), (phase, altitude)

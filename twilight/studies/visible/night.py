@@ -191,10 +191,10 @@ class Watch:
             for i, dark, lit in zip(up, sky, moonlight, strict=True):
                 # the moon's own aureole is no background to it
                 background = float(dark if found[i].moons is not None else dark + lit)
-                out[i, k] = self._margin(found[i], k, background, float(seen[i][1][k]))
+                out[i, k] = self.margin(found[i], k, background, float(seen[i][1][k]))
         return out
 
-    def _margin(self, track: Track, k: int, background: float, lost_mag: float) -> float:
+    def margin(self, track: Track, k: int, background: float, lost_mag: float) -> float:
         at_eye = float(track.magnitude[k]) + lost_mag
         area = float(track.solid_angle_sr[k])
         if area == 0.0:
