@@ -57,6 +57,9 @@ BENCHMARKS = {
     "montecarlo_importance": Benchmark(
         "montecarlo_speed.py importance", "montecarlo_importance.csv", "what a finer importance function would bring"
     ),
+    "frontier": Benchmark(
+        "frontier.py", "frontier.csv, ../docs/frontier.png", "settings of `zones` tried by a search, in eight climates"
+    ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in thirteen climates"),
     "zones_study_quadrature": Benchmark(
         "zones_study.py quadrature",

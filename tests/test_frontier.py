@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.studies.compare.reference_solution import ReferenceSolution
@@ -98,6 +99,38 @@ def test_the_search_goes_beyond_its_starts_and_gives_up_early(tmp_path):
     assert {r["scene"] for r in rows} == {"dear", "cheap"} and "error_percent_sun_-6" in rows[0]
     with open(tmp_path / "frontier.csv") as file:
         assert len(list(csv.DictReader(file))) == len(best)
+
+
+def test_a_low_sun_is_allowed_more():
+    by_sun = {30.0: 1.0, -9.0: 5.0 / 3.0, -18.0: 2.5}
+    for sun, error in by_sun.items():
+        assert Measurement(1.0, {sun: error}).worst_percent == pytest.approx(1.0)
+    assert Measurement(1.0, {**by_sun, -6.0: 1.2}).worst_percent == pytest.approx(1.2)
+
+
+def test_a_search_goes_on_from_its_table(tmp_path):
+    airs = [Air("dear", 5.0), Air("cheap", 1.0)]
+    first = list(search.search(airs, QUALITIES, budget_s=1e9, most_points=20, seed=1))
+    report.write_tables(first, tmp_path)
+    known = report.read_points(tmp_path / "points.csv", ["cheap", "dear"])
+    assert [(p.values, p.origin, p.complete) for p in known] == [(p.values, p.origin, p.complete) for p in first]
+    again = [Air("dear", 5.0), Air("cheap", 1.0)]
+    more = list(search.search(again, QUALITIES, budget_s=1e9, most_points=30, known=known, seed=1))
+    assert len(more) == 10 and {p.origin for p in more} == {"search"} and again[1].asked == 10
+    with pytest.raises(TwilightError, match=r"points\.csv: is not of the same scenes: dear"):
+        report.read_points(tmp_path / "points.csv", ["cheap"])
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(TwilightError, match=r"other\.csv: is no table of points"):
+        report.read_points(tmp_path / "other.csv", ["cheap"])
+    with pytest.raises(TwilightError, match=r"none\.csv: cannot be read"):
+        report.read_points(tmp_path / "none.csv", ["cheap"])
+
+
+def test_slow_settings_are_given_up():
+    airs = [Air("a", 1.0), Air("b", 1.0)]
+    points = list(search.search(airs, QUALITIES, budget_s=1e9, most_points=40, longest_s=8.0, seed=2))
+    assert [p.complete for p in points[:3]] == [True, False, False]
+    assert all(p.processor_s > 8.0 for p in points[1:3]) and len(points[2].found) == 1
 
 
 def test_the_budget_ends_the_search():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,9 @@ import typer
 from twilight.base.errors import TwilightError
 from twilight.cli.options import file_stem, numbers, option, settings_of, within
 from twilight.cli.terminal import print_table, progress_bar
+
+MOST_NAMED = 3
+"""Most scenes that the picture names."""
 
 
 def frontier(
@@ -31,6 +35,11 @@ def frontier(
     ] = None,
     minutes: Annotated[float, option("MIN", "Processor time after which no new point is begun.")] = 10.0,
     points: Annotated[int, option("N", "Most points.")] = 200,
+    longest: Annotated[
+        float | None,
+        option("S", "Processor seconds of a field, in the mean; slower points are given up."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the points.csv of an earlier search.")] = False,
     seed: Annotated[int, option("N", "Of what the search proposes.")] = 0,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables and picture.")] = None,
@@ -48,6 +57,8 @@ def frontier(
     search.check_installed()
     within(minutes, "--minutes", 0.0, 1e5)
     within(points, "--points", 1, 100_000)
+    if longest is not None:
+        within(longest, "--longest", 0.01, 1e6)
     chosen, names = settings_of(settings)
     suns = None if sun_elevation is None else numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     tables = reference or []
@@ -56,8 +67,8 @@ def frontier(
     folder = output or Path("out") / ("frontier-" + file_stem("-".join(Path(s).stem for s in scenes), "scene")[:80])
     check_folder(folder)
     configs = [_one(scene, chosen, names) for scene in scenes]
+    found = report.read_points(folder / "points.csv", [Path(s).stem for s in scenes]) if resume else []
     folder.mkdir(parents=True, exist_ok=True)
-    found = []
     with progress_bar() as progress:
         share = 0.3 if not tables else 0.02
         cases = [
@@ -65,20 +76,23 @@ def frontier(
             for i, (scene, config) in enumerate(zip(scenes, configs, strict=True))
         ]
         starts = {**qualities(cases[0].physics), **STARTS}
-        if not tables:
-            del starts["reference"]  # it is what is right
+        del starts["reference"]  # it is what is right, or as near to it as tables can tell
         steps = search.search(
             cases,
             starts,
             budget_s=60.0 * minutes,
             most_points=points,
+            longest_s=math.inf if longest is None else longest,
+            known=tuple(found),
             seed=seed,
             progress=part_of(progress, share, 1.0 - share),
         )
         for point in steps:
             found.append(point)
             report.write_tables(found, folder)
-    report.draw(found, folder / "frontier.png", ", ".join(case.name for case in cases))
+    report.write_tables(found, folder)
+    title = ", ".join(case.name for case in cases) if len(cases) <= MOST_NAMED else f"{len(cases)} scenes"
+    report.draw(found, folder / "frontier.png", f"{title}: zones, worst sun")
     print_table(["point", "from", "processor s", "error %"], report.printed(found), right=(0, 2, 3))
     print(f"wrote points.csv, frontier.csv, frontier.png to {folder}/")
 

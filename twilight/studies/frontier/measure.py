@@ -15,7 +15,7 @@ from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.solvers import zones
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.target import at_quality
+from twilight.solvers.zones.target import LAST_DAY_DEG, LAST_TWILIGHT_DEG, at_quality
 from twilight.studies.compare.reference_solution import ReferenceSolution
 
 NORMAL_95 = 1.96
@@ -26,6 +26,9 @@ AZIMUTH_DEG = (0.0, 15.0, 45.0, 90.0, 135.0, 180.0)
 """Their azimuths from the sun [deg]."""
 SUN_ELEVATIONS_DEG = (30.0, 10.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -18.0)
 """Suns [deg] at which a scene is judged that names none; its field then serves every sun."""
+ALLOWED = (1.0, 5.0 / 3.0, 2.5)
+"""How large an error weighs the same: with the sun above LAST_DAY_DEG, down to LAST_TWILIGHT_DEG, below.  The lower
+the sun, the less light there is, and the larger the noise of stored references."""
 MAX_WAVELENGTHS = 8
 """Most wavelengths of a scene that are solved: as many as a field takes at once."""
 
@@ -39,7 +42,8 @@ class Measurement:
 
     @property
     def worst_percent(self) -> float:
-        return max(self.error_percent.values())
+        """Largest error of a sun [%], that of a low one divided by what is ALLOWED it."""
+        return max(error / allowed(sun) for sun, error in self.error_percent.items())
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,13 @@ class Case:
         """Solve a field of few nodes, so that nothing is compiled while the clock runs."""
         few = replace(at_quality(self.physics, "draft"), altitude_density=0.3, zenith_density=0.4)
         self.measure(few)
+
+
+def allowed(sun_elevation_deg: float) -> float:
+    """The entry of ALLOWED for a sun."""
+    if sun_elevation_deg >= LAST_DAY_DEG:
+        return ALLOWED[0]
+    return ALLOWED[1] if sun_elevation_deg >= LAST_TWILIGHT_DEG else ALLOWED[2]
 
 
 def excess_percent(radiance: np.ndarray, right: ReferenceSolution) -> float:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file, write_csv
+from twilight.studies.frontier.measure import Measurement
 from twilight.studies.frontier.search import Point, frontier
 from twilight.studies.frontier.space import SPACE
 
+SUN = "error_percent_sun_"
+"""How the columns of errors begin."""
 LEAST_PERCENT = 0.01
 """Errors below this are drawn here."""
-COLOURS = {"given up": "0.8", "tried": "#56B4E9", "frontier": "#D55E00", "start": "#000000"}
+COLOURS = {"tried": "#56B4E9", "frontier": "#D55E00", "start": "#000000"}
 
 
 def write_tables(points: Sequence[Point], folder: Path) -> None:
@@ -21,7 +26,7 @@ def write_tables(points: Sequence[Point], folder: Path) -> None:
     keys = [d.key for d in SPACE]
     best = frontier(points)
     columns = ["point", "origin", "complete", "on_frontier", "scene", "processor_s", "error_percent"]
-    columns += [f"error_percent_sun_{sun:g}" for sun in suns] + keys
+    columns += [f"{SUN}{sun:g}" for sun in suns] + keys
     rows: list[list[Any]] = []
     for number, p in enumerate(points):
         for scene, m in p.found.items():
@@ -44,6 +49,32 @@ def write_tables(points: Sequence[Point], folder: Path) -> None:
     write_csv(folder / "frontier.csv", [*head, *keys], lines)
 
 
+def read_points(path: Path, scenes: Sequence[str]) -> list[Point]:
+    """The points of a points.csv, which must be of the same scenes.
+
+    Errors: TwilightError that names the file, for one that cannot be read, that is not such a table, or is of others.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+        points: dict[int, Point] = {}
+        for row in rows:
+            values = {d.key: int(row[d.key]) if d.whole else float(row[d.key]) for d in SPACE}
+            point = points.setdefault(int(row["point"]), Point(values, row["origin"]))
+            point.complete = row["complete"] == "1"
+            suns = {key.removeprefix(SUN): float(text) for key, text in row.items() if key.startswith(SUN) and text}
+            errors = {float(sun): error for sun, error in suns.items()}
+            point.found[row["scene"]] = Measurement(float(row["processor_s"]), errors)
+    except OSError as error:
+        raise TwilightError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (KeyError, ValueError, TypeError, csv.Error, UnicodeDecodeError):
+        raise TwilightError(f"{path}: is no table of points that `twilight frontier` wrote") from None
+    found = {name for point in points.values() for name in point.found}
+    if other := found.symmetric_difference(scenes):
+        raise TwilightError(f"{path}: is not of the same scenes: {', '.join(sorted(other))}; resume takes those alone")
+    return list(points.values())
+
+
 def printed(points: Sequence[Point]) -> list[list[str]]:
     """Rows (point, origin, processor time, error) of the frontier for the terminal."""
     return [
@@ -58,12 +89,12 @@ def printed(points: Sequence[Point]) -> list[list[str]]:
 
 
 def draw(points: Sequence[Point], path: Path, title: str) -> None:
-    """PNG, log-log: every point, the frontier as a line, the points that the search began with by name."""
+    """PNG, log-log: the points measured on every scene, the frontier as a line, qualities by name."""
     import matplotlib  # start-up
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     best = frontier(points)
     with pyplot.rc_context({"font.size": 11, "axes.spines.top": False, "axes.spines.right": False}):
@@ -72,22 +103,23 @@ def draw(points: Sequence[Point], path: Path, title: str) -> None:
         axes.set(xscale="log", yscale="log")
         axes.grid(which="major", color="0.9", linewidth=0.8)
         axes.set_axisbelow(True)
+        given_up = sum(not p.complete for p in points)
         for name, some in (
-            ("given up", [p for p in points if not p.complete]),
             ("tried", [p for p in points if p.complete and p.origin == "search"]),
             ("start", [p for p in points if p.complete and p.origin != "search"]),
         ):
-            label = "given up: beaten on the scenes measured" if name == "given up" else name
+            label = f"tried ({given_up} more were given up)" if name == "tried" and given_up else name
             _marks(axes, some, COLOURS[name], label, size=22 if name == "start" else 14)
         axes.step(*_along(best), where="post", color=COLOURS["frontier"], linewidth=1.6, label="frontier")
         for p in points:
             if p.complete and p.origin in ("draft", "standard", "reference"):
                 axes.annotate(p.origin, _place(p), xytext=(5, 5), textcoords="offset points", fontsize=10)
         for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
             axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("processor time of the field [s]")
-        axes.set_ylabel("error of the radiance at 95 % [%], worst sun")
+        axes.set_ylabel("error of the radiance at 95 % [%]")
         axes.set_title(title, loc="left", fontsize=11)
         axes.legend(frameon=False, fontsize=9)
         try:

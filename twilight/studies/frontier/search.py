@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +22,10 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.studies.frontier.measure import Case, Measurement
 from twilight.studies.frontier.space import SPACE, Values, neighbour, settings_at, values_of, within
 
-MARGIN = 1.15
+if TYPE_CHECKING:
+    import optuna
+
+MARGIN = 1.06
 """Factor in error and in time by which a point must be beaten before it is given up: times of a busy computer are
 uncertain by about as much."""
 STARTUP_POINTS = 10
@@ -41,8 +45,8 @@ class Point:
 
     @property
     def error_percent(self) -> float:
-        """Largest error of a scene and sun [%]."""
-        return max(m.worst_percent for m in self.found.values())
+        """Root mean square of the scenes' largest errors [%]."""
+        return math.sqrt(sum(m.worst_percent**2 for m in self.found.values()) / len(self.found))
 
     @property
     def processor_s(self) -> float:
@@ -75,6 +79,8 @@ def search(
     *,
     budget_s: float,
     most_points: int,
+    longest_s: float = math.inf,
+    known: Sequence[Point] = (),
     seed: int = 0,
     progress: Progress = silent,
 ) -> Iterator[Point]:
@@ -89,7 +95,11 @@ def search(
     budget_s
         Processor seconds after which no new point is begun; the starts are measured in any case.
     most_points
-        Points that are tried at most, starts among them.
+        Points that are tried at most, those known and the starts among them.
+    longest_s
+        A point whose processor time on the scenes so far is more than this in the mean is given up.
+    known
+        Points of an earlier search of the same scenes, which this one goes on from.
     """
     import optuna  # optional
 
@@ -99,36 +109,64 @@ def search(
     for case in cases[:1]:
         case.warm_up()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=STARTUP_POINTS, multivariate=True)
+    sampler = optuna.samplers.TPESampler(seed=seed + len(known), n_startup_trials=STARTUP_POINTS, multivariate=True)
     study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
-    for settings in starts.values():
-        study.enqueue_trial(within(values_of(settings)))
-    origins, rng = iter([*starts]), np.random.default_rng(seed)
-    order, spent = list(cases), 0.0
-    done: list[Point] = []
-    while len(done) < most_points and (len(done) < len(starts) or spent < budget_s):
-        if len(done) >= len(starts) and (len(done) - len(starts)) % 2 == 0:
-            best = frontier(done)
+    done = list(known)
+    for point in done:
+        study.add_trial(_trial(point))
+    order, spent = _cheapest_first(cases, done), 0.0
+    left = [name for name in starts if name not in {point.origin for point in done}]
+    for number in range(len(done), most_points):
+        origin = left.pop(0) if left else "search"
+        if origin == "search" and spent >= budget_s:
+            break
+        rng = np.random.default_rng([seed, number])
+        if origin != "search":
+            study.enqueue_trial(within(values_of(starts[origin])))
+        elif number % 2 and (best := frontier(done)):
             study.enqueue_trial(neighbour(best[rng.integers(len(best))].values, rng))
         trial = study.ask()
-        point = Point(within({d.key: _suggest(trial, d) for d in SPACE}), next(origins, "search"))
-        tell = part_of(progress, min(spent / budget_s, 0.99), 0.0, f"point {len(done) + 1}:")
+        point = Point(within({d.key: _suggest(trial, d) for d in SPACE}), origin)
+        tell = part_of(progress, min(spent / max(budget_s, 1.0), 0.99), 0.0, f"point {number + 1}:")
         for case in order:
             tell(case.name, 0.0)
             point.found[case.name] = case.measure(settings_at(point.values, case.physics))
             spent += point.found[case.name].processor_s
-            if len(done) >= len(starts) and _beaten(point, done):
+            if point.processor_s > longest_s or (origin == "search" and _beaten(point, done)):
                 break
         point.complete = len(point.found) == len(cases)
         if point.complete:
-            error = max(point.error_percent, ON_BOUND)
-            study.tell(trial, [math.log(point.processor_s), math.log(error)])
+            study.tell(trial, _aims(point))
         else:
             study.tell(trial, state=optuna.trial.TrialState.PRUNED)
         done.append(point)
-        if len(done) == 1:
-            order.sort(key=lambda case: done[0].found[case.name].processor_s)
+        order = _cheapest_first(cases, done)
         yield point
+
+
+def _cheapest_first(cases: Sequence[Case], done: Sequence[Point]) -> list[Case]:
+    """The scenes by what they took at the first point that was measured on all."""
+    first = next((point for point in done if point.complete), None)
+    return list(cases) if first is None else sorted(cases, key=lambda case: first.found[case.name].processor_s)
+
+
+def _aims(point: Point) -> list[float]:
+    return [math.log(point.processor_s), math.log(max(point.error_percent, ON_BOUND))]
+
+
+def _trial(point: Point) -> optuna.trial.FrozenTrial:
+    """What optuna knows of a point measured earlier."""
+    import optuna
+
+    Int, Float = optuna.distributions.IntDistribution, optuna.distributions.FloatDistribution
+    return optuna.trial.create_trial(
+        params=dict(point.values),
+        distributions={
+            d.key: Int(int(d.low), int(d.high)) if d.whole else Float(d.low, d.high, log=True) for d in SPACE
+        },
+        values=_aims(point) if point.complete else None,
+        state=optuna.trial.TrialState.COMPLETE if point.complete else optuna.trial.TrialState.PRUNED,
+    )
 
 
 def _beaten(point: Point, done: Sequence[Point]) -> bool:

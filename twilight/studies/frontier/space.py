@@ -74,7 +74,7 @@ def settings_at(values: Values, physics: ZonesSettings) -> ZonesSettings:
 
 
 STARTS = {
-    "brisk": replace(QUALITIES["draft"], early_orders=1, altitude_density=0.4),
+    "brisk": replace(QUALITIES["draft"], early_orders=1, altitude_density=0.35),
     "between": replace(QUALITIES["draft"], degree=14, max_degree=24, altitude_density=0.6, zenith_density=0.85),
 }
 """Settings that the search begins with beside the qualities: faster than `draft`, and between it and `standard`."""
