@@ -156,7 +156,7 @@ def _aims(point: Point) -> list[float]:
 
 def _trial(point: Point) -> optuna.trial.FrozenTrial:
     """What optuna knows of a point measured earlier."""
-    import optuna
+    import optuna  # optional
 
     Int, Float = optuna.distributions.IntDistribution, optuna.distributions.FloatDistribution
     return optuna.trial.create_trial(
