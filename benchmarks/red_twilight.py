@@ -1,6 +1,6 @@
 """Why level ground is computed too red after sunset: what each candidate does to its colour, and to the zenith.
 
-    python benchmarks/red_twilight.py      writes red_twilight.csv and red_twilight_screens.csv
+    python benchmarks/red_twilight.py      writes red_twilight.csv, red_twilight_screens.csv and red_twilight_place.csv
 
 Colours are irradiance of level ground, sun and sky, at 450 and at 650 over that at 550 nm (means of three bins of 5 nm
 where measured).  `over_session_N`: computed over measured.  `irradiance`: at 550 nm over that of the first case;
@@ -25,7 +25,7 @@ from twilight.atmosphere.screen import Screen
 from twilight.config.load import load_climate
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.medium import climate_medium
-from twilight.solvers import zones
+from twilight.solvers import montecarlo, zones
 from twilight.studies.validate.measured.photometry import disc_irradiance, hemisphere
 from twilight.studies.validate.measured.references import level_ground_spectra
 from twilight.transport.beam import prepare_beam
@@ -191,7 +191,31 @@ def screens() -> None:
     results.write(HERE / "red_twilight_screens.csv", columns, rows, notes=notes)
 
 
+def place() -> None:
+    """`zones`, which counts distances from the lit point, beside `montecarlo`, which has clouds about the observer."""
+    elevation, azimuth = np.array([5.0, 20.0, 90.0, 20.0]), np.array([0.0, 0.0, 0.0, 180.0])
+    rows = []
+    base = air().select(slice(1, 3))
+    for start in (0.0, 150.0, 300.0):
+        medium = replace(base, screen=Screen.of_clouds(0.8, 10.0, 1.0, start))
+        field = zones.prepare(medium, zones.QUALITIES["standard"], sun_elevations_deg=(0.0, -4.0))
+        settings = replace(montecarlo.QUALITIES["standard"], target_stderr=0.01)
+        reference = montecarlo.prepare(medium, settings)
+        for sun in (0.0, -4.0):
+            found = reference.radiance_with_error(sun, elevation, azimuth)
+            ratio = field.radiance(sun, elevation, azimuth) / found.radiance
+            error = found.standard_error / found.radiance
+            for d, w in np.ndindex(elevation.size, 2):
+                where = (start, sun, elevation[d], azimuth[d], base.wavelength_nm[w])
+                off = (f"{100.0 * (ratio[d, w] - 1.0):+.1f}", f"{100.0 * error[d, w]:.1f}")
+                rows.append([*(f"{x:g}" for x in where), *off])
+        print(start, flush=True)
+    columns = ("from_km", "sun_deg", "elevation_deg", "azimuth_deg", "wavelength_nm", "zones_over_montecarlo_percent",
+               "standard_error_percent")  # fmt: skip
+    results.write(HERE / "red_twilight_place.csv", columns, rows, notes=("clouds to 10 km that stop 80 %",))
+
+
 if __name__ == "__main__":
-    parts = {"candidates": candidates, "screens": screens}
+    parts = {"candidates": candidates, "screens": screens, "place": place}
     for part in sys.argv[1:] or parts:
         parts[part]()

@@ -116,6 +116,14 @@ BENCHMARKS = {
     ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
     "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
+    "photometry_draft": Benchmark(
+        "photometry.py draft",
+        "photometry/*_draft.csv, ../docs/photometry.png",
+        "one climate of it at `draft`: the meter's zenith, moonlit nights and spectra too",
+    ),
+    "red_twilight": Benchmark(
+        "red_twilight.py", "red_twilight*.csv", "why level ground is computed too red after sunset"
+    ),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
     "estimate": Benchmark(
         "estimate.py ../shared/data/photos", "estimate.csv", "how long a photograph's air takes to estimate"

@@ -48,6 +48,8 @@ BLUE_GREEN_RED_NM = (450.0, 550.0, 650.0)
 """Wavelengths whose ratios say the colour of level ground."""
 COLOURS = ("blue over green", "red over green")
 """Ratios of the irradiance of level ground at the first and the last of them to that at the second."""
+LOWEST_COLOUR_DEG = -10.0
+"""Lowest sun whose spectra are more than noise and the light of the night."""
 METER_QUANTITY = "zenith, meter's band"
 """Of the Sky Quality Meter, as the luminance that such meters print."""
 METER_CD_M2 = 10.8e4
@@ -253,11 +255,14 @@ def photometry(
 
 def _colour_points(meter: Photometer, climate: str) -> list[PhotometricPoint]:
     """Colours of level ground beside every session."""
-    points, known = [], {}
+    points: list[PhotometricPoint] = []
+    known: dict[float, np.ndarray] = {}
     for session in references.SESSIONS:
         suns, nm, spectra = references.level_ground_spectra(session)
         blue, green, red = (spectra[:, np.abs(nm - w) < 6.0].mean(axis=1) for w in BLUE_GREEN_RED_NM)
         for k, sun in enumerate(suns):
+            if sun < LOWEST_COLOUR_DEG:
+                continue
             if sun not in known:
                 known[sun] = meter.colours(float(sun))
             for quantity, computed, measured in zip(

@@ -223,9 +223,9 @@ def _draw_colour(points: Sequence[PhotometricPoint], climates: list[str], quanti
         axis.plot(sorted(line), [line[sun] for sun in sorted(line)], color=f"C{i}", lw=1.4)
     for session, marker in zip(SESSIONS, "v^s", strict=True):
         line = {p.sun_elevation_deg: p.measured for p in here if p.site == f"session {session}"}
-        axis.plot(sorted(line), [line[sun] for sun in sorted(line)], "k" + marker, ms=4, label=f"session {session}")
+        axis.plot(list(line), list(line.values()), "k" + marker, ms=4, label=f"session {session}")
     nm = "450" if quantity == COLOURS[0] else "650"
-    axis.set(xlabel="true elevation of the sun [deg]", ylabel=f"level ground, {nm} over 550 nm")
+    axis.set(xlabel="true elevation of the sun [deg]", ylabel=f"level ground, {nm}/550 nm")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8, title="Spitschan et al. 2016", title_fontsize=8)
 
