@@ -141,6 +141,11 @@ BENCHMARKS = {
         "moonlight.csv, ../docs/moonlight.png",
         "moonlit nights against a dark site's meter",
     ),
+    "crescent": Benchmark(
+        "visibility.py crescent",
+        "visibility_crescent.csv, ../docs/crescent.png",
+        "the young moon beside Yallop's and Odeh's criteria",
+    ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",
