@@ -46,7 +46,7 @@ def hdf5_kind(path: Path) -> str:
     try:
         with h5py.File(path, "r") as file:
             return "sage" if SAGE_MARK in file else "osiris" if OSIRIS_MARK in file else "map"
-    except OSError as error:
+    except (OSError, RuntimeError, KeyError) as error:
         raise TwilightError(f"{path}: is damaged, or no HDF5: {' '.join(str(error).split())[:200]}") from None
 
 
@@ -69,7 +69,7 @@ def read_extinction(path: Path, kind: str, wanted: Wanted) -> Reading:
     try:
         with h5py.File(path, "r") as file:
             return Reading("stratosphere", ((_sage if kind == "sage" else _osiris)(path, file, wanted),))
-    except (KeyError, ValueError, IndexError, TypeError, OSError) as error:
+    except (KeyError, ValueError, IndexError, TypeError, OSError, RuntimeError, OverflowError) as error:
         raise TwilightError(
             f"{path}: lacks what a file of {kind.upper()} has: {' '.join(str(error).split())[:200]}"
         ) from None

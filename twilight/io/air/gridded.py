@@ -15,6 +15,7 @@ OMPS NMTO3-L3-DAILY: ColumnAmountO3 (DU) over Latitude and Longitude.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from datetime import UTC, datetime
 from pathlib import Path
@@ -74,25 +75,36 @@ def read_gridded(path: Path, content: str, wanted: Wanted) -> Reading:
     content: `netcdf`, `netcdf3` or `grib`.  Errors: TwilightError with the file and the variable.
     """
     datasets = _open(path, content)
+    columns: dict[str, Any] = {}
+    profiles: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
+    said: set[str] = set()
+    name = ""
     try:
-        columns: dict[str, np.ndarray | float] = {}
-        pressure_hpa: np.ndarray | None = None
-        said: set[str] = set()
-        name = ""
         for data in datasets:
             name = name or _name(data)
             found, levels, where = _at_the_place(path, data, wanted)
             said.add(where)
-            columns |= found
-            pressure_hpa = levels if levels is not None else pressure_hpa
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise TwilightError(f"{path}: is not the map that its names promise: {' '.join(str(error).split())}") from None
+            on_levels = {key: value for key, value in found.items() if np.ndim(value)}
+            columns |= {key: value for key, value in found.items() if key not in on_levels}
+            if levels is not None:
+                profiles.append((levels, on_levels))
+    except TwilightError:
+        raise
+    except Exception as error:  # values are read only now, and what a damaged file raises depends on the library
+        reason = " ".join(str(error).split())[:200]
+        raise TwilightError(f"{path}: is damaged, or not the map that its names promise: {reason}") from None
     finally:
         for data in datasets:
             data.close()
+    # GRIB may have some fields at fewer levels than others: NaN where one has none
+    pressure_hpa = np.unique(np.concatenate([np.zeros(0), *(levels for levels, _ in profiles)]))
+    for levels, on_levels in profiles:
+        for key, value in on_levels.items():
+            columns[key] = np.full_like(pressure_hpa, np.nan)
+            columns[key][np.searchsorted(pressure_hpa, levels)] = value
     source = f"{name or 'map'} {path.name}: {', '.join(sorted(said))}"
     parts: list[Part] = []
-    if any(one in columns for one in TEMPERATURE) and pressure_hpa is not None:
+    if any(one in columns for one in TEMPERATURE) and pressure_hpa.size:
         parts.append(_air(path, source, pressure_hpa, columns, wanted))
         parts += _clouds(source, pressure_hpa, columns, wanted)
     parts += _amounts(path, source, columns)
@@ -122,9 +134,15 @@ def _open(path: Path, content: str) -> list[Any]:
                 import cfgrib  # optional
             except ImportError:
                 raise missing("cfgrib", f"{path}: GRIB") from None
-            with warnings.catch_warnings():  # of xarray, about what cfgrib asks it
-                warnings.simplefilter("ignore", FutureWarning)
-                return list(cfgrib.open_datasets(str(path), backend_kwargs={"indexpath": ""}))
+            log = logging.getLogger("cfgrib")  # it prints tracebacks of damaged messages, and raises as well
+            level = log.level
+            log.setLevel(logging.CRITICAL + 1)
+            try:
+                with warnings.catch_warnings():  # of xarray, about what cfgrib asks it
+                    warnings.simplefilter("ignore", FutureWarning)
+                    return list(cfgrib.open_datasets(str(path), backend_kwargs={"indexpath": ""}))
+            finally:
+                log.setLevel(level)
         engine = "h5netcdf" if content == "netcdf" else "scipy"
         options = {"phony_dims": "sort"} if content == "netcdf" else {}
         return [xarray.open_dataset(path, engine=engine, backend_kwargs=options)]
