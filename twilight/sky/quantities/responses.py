@@ -176,7 +176,7 @@ def _named(name: str) -> Response:
     group, dash, _ = name.partition("-")
     if dash and group and "/" not in name:
         return _from_speclite(name)
-    from difflib import get_close_matches
+    from difflib import get_close_matches  # start-up
 
     near = get_close_matches(name, names(), 1, 0.6)
     meant = f" (did you mean {near[0]}?)" if near else ""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.quantities.catalogue import check_of, quantity
-from twilight.sky.quantities.measure import Spectra, check_covered, uncovered
+from twilight.sky.quantities.measure import MAX_UNCOVERED, Spectra, check_covered, uncovered
 from twilight.sky.quantities.responses import response
 
 ILLUMINANCES = ("photopic", "scotopic", "s_cone_opic", "m_cone_opic", "l_cone_opic", "rhodopic", "melanopic")
@@ -84,8 +84,6 @@ class SkyLight:
 
     def covers(self, band: Any) -> bool:
         """Whether the wavelengths cover a response, so that there is a `magnitude` in it."""
-        from twilight.sky.quantities.measure import MAX_UNCOVERED
-
         return uncovered(response(band), self.wavelength_nm) <= MAX_UNCOVERED
 
     def radiance_in(self, response: Any, elevation_deg: ArrayLike = 90.0, azimuth_deg: ArrayLike = 0.0) -> Any:

@@ -50,7 +50,7 @@ def write(dataset: xarray.Dataset, folder: Path) -> list[str]:
 
 def draw(dataset: xarray.Dataset, path: Path) -> None:
     """PNG: against altitude, or of a single altitude against the sun: net irradiance, actinic flux, rates."""
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
