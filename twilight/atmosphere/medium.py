@@ -249,9 +249,14 @@ class Medium:
                 continue
             n = int(np.ceil(max(steps[i] / np.sqrt(8 * tolerance), (b - a) / max(max_thickness_km, 0.02 * (a - z[0])))))
             new.append(np.linspace(a, b, max(1, min(n, MOST_PARTS)) + 1)[1:])
-        return self._on_levels(new)
+        return self.on_levels(new)
 
-    def _on_levels(self, pieces: list[np.ndarray]) -> Medium:
+    def on_levels(self, pieces: list[np.ndarray]) -> Medium:
+        """The same medium on other levels, by its own rules between levels.
+
+        pieces: new altitudes [km] for each level of the medium: those from the level below, which it leaves out, up to
+        the level itself; of the lowest level that level alone
+        """
         z = self.altitude_km
         smooth = {key: log_cubics(z, getattr(self, key)) for key in ("air_scattering_per_km", "refractivity")}
         rows: dict[str, list[np.ndarray]] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from twilight.cli import (
+    airmass,
     animate,
     cache,
     climate,
@@ -35,6 +36,7 @@ commands = (
     render.render,
     view.view,
     animate.animate,
+    airmass.airmass,
     sweep.sweep,
     compare.compare,
     frontier.frontier,

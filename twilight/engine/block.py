@@ -67,6 +67,7 @@ class Block:
         self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
+        self._derivatives: tuple[Any, Any] = (None, None)
 
     @classmethod
     def solve(
@@ -205,6 +206,38 @@ class Block:
         if self.bands is None:
             return scattered, transmittance
         return self.bands.sum_terms(scattered), self.bands.sum_terms(transmittance)
+
+    def log_slopes(
+        self,
+        quantity: str,
+        edges_km: np.ndarray,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """d ln I / dp by a quantity of `solvers.base.DIFFERENTIATED`, and its standard error, (..., N, W) each.
+
+        What is asked for last is held: other suns and directions of the same layers are cheap where fields are.
+        Errors: TwilightError for a solver that cannot differentiate, and for wavelengths in bands of gases.
+        """
+        if self.capabilities.differentiate is None:
+            raise TwilightError(
+                f"derivatives: {self.scene.solver.__name__.rpartition('.')[2]} cannot differentiate its light; zones "
+                "and montecarlo can"
+            )
+        if self.bands is not None:
+            raise TwilightError(
+                f"derivatives: from {self.medium.wavelength_nm[0]:g} to {self.medium.wavelength_nm[-1]:g} nm oxygen or "
+                "water vapour absorb in lines, in which no depth stands for a wavelength; allowed are wavelengths "
+                "outside their bands, or gases.oxygen: false and gases.water_vapour.column_mm: 0"
+            )
+        made, more = self._seen_from(observer_altitude_km)
+        key = (made, quantity, edges_km.tobytes())
+        held = self._derivatives[0]
+        if held is None or held[0] is not made or held[1:] != key[1:]:
+            self._derivatives = (key, self.capabilities.differentiate(made, quantity, edges_km))
+        return self._derivatives[1].log_slopes(sun_elevation_deg, elevation_deg, azimuth_deg, **more)
 
     def texture(
         self,

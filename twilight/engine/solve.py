@@ -249,6 +249,22 @@ class Solved(FieldLight):
         direct = self.direct(sun_elevation_deg, altitude)
         return make_sky(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
 
+    def log_slopes(
+        self,
+        quantity: str,
+        edges_km: ArrayLike,
+        sun_elevation_deg: float,
+        elevation_deg: ArrayLike,
+        azimuth_deg: ArrayLike,
+        observer_altitude_km: float | None = None,
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """d ln I / dp and its standard error (or None), (..., N, W) each; arguments as `Block.log_slopes`."""
+        edges = np.asarray(edges_km, dtype=float)
+        question = (quantity, edges, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
+        slopes, errors = zip(*(block.log_slopes(*question) for block in self.blocks), strict=True)
+        known = errors[0] is not None
+        return np.concatenate(slopes, axis=-1), np.concatenate(errors, axis=-1) if known else None
+
     def inscatter(
         self,
         sun_elevation_deg: float,
@@ -290,6 +306,10 @@ class Solved(FieldLight):
         def fluxes(
             self, sun_elevation_deg: ArrayLike, altitude_km: ArrayLike = 0.0, *, rates: bool = True
         ) -> xarray.Dataset: ...
+
+        def airmass(self, sun_elevation_deg: ArrayLike, *directions: ArrayLike, **options: Any) -> Any: ...
+
+        def jacobian(self, sun_elevation_deg: ArrayLike, *directions: ArrayLike, **options: Any) -> Any: ...
 
 
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:

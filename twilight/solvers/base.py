@@ -76,6 +76,27 @@ class Interpolation(Protocol):
         """Whether they are terms of exponential sums."""
 
 
+DIFFERENTIATED = ("absorption", "aerosol_extinction", "aerosol_albedo", "ground_albedo")
+"""What light is differentiated by: the vertical optical depth of absorption or of aerosol in each layer, the aerosol's
+single scattering albedo in each layer, the albedo of the ground."""
+
+
+class Derivatives(Protocol):
+    """Derivatives of a field's light by N parameters."""
+
+    def log_slopes(
+        self, sun_elevation_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """d ln I / dp and its standard error, where the solver estimates one; arguments as of `Field.radiance`.
+
+        Returns
+        -------
+        slopes, standard_error : arrays
+            Shape of the directions plus (N, W) each; nan where there is no light.  A solver that serves
+            `every_observer` takes `observer_altitude_km` too.
+        """
+
+
 @dataclass(frozen=True)
 class Capabilities:
     """What a solver can do beyond the least that is asked of one, which the defaults describe.
@@ -105,6 +126,8 @@ class Capabilities:
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
         known
+    differentiate: derivatives of a field, from (field, quantity, altitudes [km] that bound layers); the quantities are
+        DIFFERENTIATED, and what the solver cannot differentiate is a TwilightError; None: it differentiates nothing
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -128,6 +151,7 @@ class Capabilities:
     spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
     formula: bool = False
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
+    differentiate: Callable[[Any, str, np.ndarray], Derivatives] | None = None
     package: str = ""
 
     @property

@@ -14,7 +14,7 @@ from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, observer_at
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
 from twilight.solvers.montecarlo.beam_table import prepare_beam_table
-from twilight.solvers.montecarlo.chunks import line_of_sight_transmittance
+from twilight.solvers.montecarlo.chunks import Pixels, line_of_sight_transmittance
 from twilight.solvers.montecarlo.importance import ImportanceTables
 from twilight.solvers.montecarlo.importance_solution import solve_importance
 from twilight.solvers.montecarlo.run import Run, pixels_of, stop_after
@@ -195,6 +195,13 @@ class Field(BareField):
 
     def _run(self, sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order, distance_km=np.inf):
         """The question as a :class:`Run`, and the shape of its directions."""
+        pixels, shape = self.question(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km)
+        return Run(self, pixels, checkpoint, batch_order), shape
+
+    def question(
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km=np.inf
+    ) -> tuple[Pixels, tuple[int, ...]]:
+        """The pixels of a question, and the shape of its directions."""
         sun, elevation, azimuth, far = np.broadcast_arrays(
             *(np.asarray(a, dtype=float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg, distance_km))
         )
@@ -213,4 +220,4 @@ class Field(BareField):
             self.observer_altitude_km,
             self.medium.wavelength_nm,
         )
-        return Run(self, pixels, checkpoint, batch_order), sun.shape
+        return pixels, sun.shape

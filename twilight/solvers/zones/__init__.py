@@ -2,6 +2,7 @@
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.zones.cost import cost
+from twilight.solvers.zones.derivatives import differentiate
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.layout import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
@@ -21,6 +22,7 @@ CAPABILITIES = Capabilities(
     spectral_groups=spectral_groups,
     spectral_interpolation=interpolation,
     cost=cost,
+    differentiate=differentiate,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]

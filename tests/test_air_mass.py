@@ -1,0 +1,229 @@
+"""Air-mass factors and derivatives: against closed forms, finite differences, and one solver against the other."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from montecarlo_media import hazy_earth
+
+import twilight
+from twilight.atmosphere.layer_changes import layer_depth, layer_edges, of_layer, with_doubled_levels
+from twilight.base.errors import TwilightError
+from twilight.solvers import montecarlo, zones
+from twilight.solvers.montecarlo.path_lengths import add_sunbeam
+from twilight.solvers.zones.derivatives import by_absorption, by_aerosol_extinction, by_ground_albedo
+from twilight.studies.airmass.gas_profile import GasProfile, of_atmosphere, read_profile
+from twilight.transport.beam import prepare_beam
+from twilight.transport.ray_profile import ray_profile
+
+EDGES_KM = np.array([0.0, 2.0, 6.0, 12.0, 18.0, 24.0, 30.0, 40.0, 60.0, 100.0])
+SUNS_AND_DIRECTIONS = ((30.0, 90.0, 0.0), (0.0, 90.0, 0.0), (-4.0, 10.0, 0.0), (-4.0, 20.0, 120.0))
+
+
+@pytest.fixture(scope="module")
+def medium():
+    return hazy_earth(wavelength_nm=(450.0,))
+
+
+@pytest.fixture(scope="module")
+def solved(medium):
+    return zones.prepare(medium, zones.QUALITIES["draft"])
+
+
+@pytest.fixture(scope="module")
+def differentiated(solved):
+    return by_absorption(solved, EDGES_KM)
+
+
+def absorbing(medium, low_km, high_km, depth):
+    """The medium with more absorption of a vertical optical depth in a layer whose edges are doubled levels."""
+    inside = of_layer(medium.altitude_km, low_km, high_km)[:, None]
+    more = medium.absorption_per_km + inside * depth / (high_km - low_km)
+    exact = (
+        layer_depth(more - 0.0, medium.altitude_km, np.array([low_km, high_km]))
+        - layer_depth(medium.absorption_per_km, medium.altitude_km, np.array([low_km, high_km]))
+    )[0, 0]
+    return replace(medium, absorption_per_km=medium.absorption_per_km + inside * depth**2 / exact / (high_km - low_km))
+
+
+@pytest.mark.parametrize("sun_deg", [90.0, 30.0, 0.0, -3.0])
+def test_the_straight_sunbeam_has_the_lengths_of_a_chord(medium, sun_deg):
+    straight = replace(medium, refractivity=0.0 * medium.refractivity)
+    beam, profile = prepare_beam(straight, refraction=False), ray_profile(straight, refraction=False)
+    z, cosine = 50.0, np.sin(np.radians(sun_deg))
+    found = np.zeros(EDGES_KM.size - 1)
+    add_sunbeam(profile, beam, 0, z, cosine, EDGES_KM, 1.0, found)
+    s = np.linspace(0.0, 3000.0, 3_000_001)
+    r = straight.earth_radius_km + z
+    altitude = np.sqrt(r * r + s * s + 2.0 * r * s * cosine) - straight.earth_radius_km
+    expected = np.histogram(altitude, EDGES_KM)[0] * (s[1] - s[0])
+    np.testing.assert_allclose(found, expected, atol=0.01)
+
+
+def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
+    # without multiple scattering the radiance is deterministic
+    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=2, max_orders=1, importance_sweeps=0)
+    low, high, step = 18.0, 24.0, 1.5e-3
+    layer = np.array([low, high])
+    base = with_doubled_levels(medium, layer)
+    walk = montecarlo.CAPABILITIES.differentiate(montecarlo.prepare(base, settings), "absorption", layer)
+    more = [montecarlo.prepare(absorbing(base, low, high, k * step), settings) for k in (1, 2, 3)]
+    for question in SUNS_AND_DIRECTIONS:
+        slope, error = (a.item() for a in walk.log_slopes(*question))
+        one, two, three = (np.log(field.radiance(*question).item()) for field in more)
+        # at 0, from h, 2 h and 3 h: the sunbeam's tables hold the layer's edges where it absorbs more alone
+        assert slope == pytest.approx((-5.0 * one + 8.0 * two - 3.0 * three) / (2.0 * step), rel=2e-3)
+        assert error < 1e-9
+
+
+def test_random_paths_and_columns_of_a_field_agree(medium, differentiated):
+    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=3000)
+    walk = montecarlo.CAPABILITIES.differentiate(montecarlo.prepare(medium, settings), "absorption", EDGES_KM)
+    for sun, elevation, azimuth in SUNS_AND_DIRECTIONS:
+        slopes, error = (a[:, 0] for a in walk.log_slopes(sun, elevation, azimuth))
+        columns = differentiated.log_slopes(sun, elevation, azimuth)[0][:, 0]
+        assert np.all(np.abs(columns - slopes) < 4.0 * error + 0.01 * np.abs(slopes))
+        assert np.all(error < 0.02 * np.abs(slopes))
+
+
+def test_standard_errors_of_random_paths_are_their_scatter(medium):
+    field = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(target_stderr=None, samples=64))
+    found = []
+    for seed in range(24):
+        one = replace(field, settings=replace(field.settings, seed=seed))
+        walk = montecarlo.CAPABILITIES.differentiate(one, "absorption", EDGES_KM)
+        found.append([a[:, 0] for a in walk.log_slopes(0.0, 30.0, 60.0)])
+    slopes, errors = np.array(found).swapaxes(0, 1)
+    scatter, stated = slopes.std(axis=0, ddof=1), np.sqrt((errors**2).mean(axis=0))
+    # of 24 the scatter itself is known to 15 %
+    assert np.all((scatter < 1.6 * stated) & (scatter > 0.55 * stated))
+
+
+def test_columns_of_a_field_are_its_finite_differences(medium, solved, differentiated):
+    low, high = 18.0, 24.0
+    settings = replace(zones.QUALITIES["draft"], tolerance=1e-6, max_orders=30)
+    base = with_doubled_levels(medium, EDGES_KM)
+    step = 0.004
+    light = [
+        zones.prepare(absorbing(base, low, high, k * step), settings, sun_elevations_deg=[-4.0]) for k in (1.0, -1.0)
+    ]
+    for sun, elevation, azimuth in SUNS_AND_DIRECTIONS[2:]:
+        above, below = (f.radiance(sun, elevation, azimuth)[0] for f in light)
+        slope = np.log(above / below) / (2.0 * step)
+        # the two were solved with tables of the sunbeam of their own
+        assert differentiated.log_slopes(sun, elevation, azimuth)[0][4, 0] == pytest.approx(slope, rel=0.01)
+
+
+def test_a_high_layer_is_crossed_at_the_slant_of_the_sun(differentiated):
+    # light reaches the zenith from some 5 km, straight through what is above
+    sun, radius, scattered_km = 45.0, 6371.0, 5.0
+    middle = 0.5 * (EDGES_KM[1:] + EDGES_KM[:-1])[-2:]
+    slant = 1.0 / np.sqrt(1.0 - (np.cos(np.radians(sun)) * (radius + scattered_km) / (radius + middle)) ** 2)
+    np.testing.assert_allclose(-differentiated.log_slopes(sun, 90.0, 0.0)[0][-2:, 0], slant, rtol=0.005)
+
+
+@pytest.mark.slow
+def test_a_brighter_ground_and_more_aerosol_brighten_the_sky_as_two_solutions_differ(medium, solved):
+    question = (20.0, [90.0, 30.0], [0.0, 90.0])
+    settings = replace(zones.QUALITIES["draft"], tolerance=1e-6, max_orders=30)
+    one, two = (
+        zones.prepare(replace(medium, ground_albedo=medium.ground_albedo + h), settings, sun_elevations_deg=[20.0])
+        for h in (0.05, -0.05)
+    )
+    slope = np.log(one.radiance(*question) / two.radiance(*question)) / 0.1
+    np.testing.assert_allclose(by_ground_albedo(solved).log_slopes(*question)[0][:, 0], slope, rtol=0.01)
+    by_aerosol = by_aerosol_extinction(solved, np.array([0.0, 2.0])).log_slopes(*question)[0][:, 0]
+    more, less = (
+        zones.prepare(
+            replace(
+                medium,
+                aerosol_extinction_per_km=medium.aerosol_extinction_per_km
+                * (1.0 + h * (medium.altitude_km < 2.0) + h * (np.arange(medium.altitude_km.size) == 2))[:, None],
+            ),
+            settings,
+            sun_elevations_deg=[20.0],
+        )
+        for h in (0.02, -0.02)
+    )
+    depth = layer_depth(medium.aerosol_extinction_per_km, medium.altitude_km, np.array([0.0, 2.0]))[0]
+    slope = np.log(more.radiance(*question) / less.radiance(*question)) / (0.04 * depth)
+    # haze that grows in proportion lies a little lower than haze that grows evenly
+    np.testing.assert_allclose(by_aerosol, slope, rtol=0.1)
+
+
+def test_columns_of_a_gas_add_up():
+    gas = GasProfile("gas", np.array([0.0, 10.0, 20.0, 60.0]), np.array([2e9, 1e9, 1e9, 0.0]))
+    whole = gas.columns_per_cm2(np.array([0.0, 60.0])).sum()
+    assert whole == pytest.approx((1e9 / np.log(2.0) + 1e9 + 2e9) * 1e6)
+    assert gas.columns_per_cm2(np.array([0.0, 3.0, 15.0, 16.0, 60.0])).sum() == pytest.approx(whole)
+    ozone = of_atmosphere("o3", "us_standard")
+    assert ozone.columns_per_cm2(np.array([0.0, 120.0])).sum() / 2.68678e16 == pytest.approx(345.0, rel=0.02)
+
+
+def test_levels_of_a_layer(medium):
+    doubled = with_doubled_levels(medium, np.array([2.0, 10.0]))
+    assert np.count_nonzero(doubled.altitude_km == 10.0) == 2 and np.count_nonzero(doubled.altitude_km == 2.0) == 2
+    inside = of_layer(doubled.altitude_km, 2.0, 10.0)
+    assert not (inside & of_layer(doubled.altitude_km, 10.0, 100.0)).any()
+    np.testing.assert_allclose(doubled.optical_depth(), medium.optical_depth(), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "edges, why",
+    [([0.0], "two or more"), ([0.0, 5.0, 4.0], "must grow"), ([0.0, 500.0], "within the air, from 0 to 100 km")],
+)
+def test_layers_that_are_none_are_refused(medium, edges, why):
+    with pytest.raises(TwilightError, match=why):
+        layer_edges(medium, edges)
+
+
+def test_what_cannot_be_differentiated_is_refused(medium):
+    field = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(approximation="isotropic_after_first"))
+    with pytest.raises(TwilightError, match="montecarlo cannot differentiate by ground_albedo; it can by absorption"):
+        montecarlo.CAPABILITIES.differentiate(field, "ground_albedo", EDGES_KM)
+    with pytest.raises(TwilightError, match="cannot differentiate its approximation isotropic_after_first"):
+        montecarlo.CAPABILITIES.differentiate(field, "absorption", EDGES_KM).log_slopes(0.0, 90.0, 0.0)
+    with pytest.raises(TwilightError, match="cie cannot differentiate its light; zones and montecarlo can"):
+        twilight.solve("pure-air", solver="cie", wavelength_nm=[450.0]).airmass(30.0, 90.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "table, why",
+    [
+        ("altitude_km,ppb\n0,1\n", "needs the columns altitude_km and density_per_cm3"),
+        ("altitude_km,density_per_cm3\n5,1\n3,1\n", "that increase"),
+        ("altitude_km,density_per_cm3\n0,1\n3,-1\n", "of 0 or more"),
+    ],
+)
+def test_profiles_that_are_none_are_refused(tmp_path, table, why):
+    path = tmp_path / "gas.csv"
+    path.write_text(table)
+    with pytest.raises(TwilightError, match=why):
+        read_profile(path, "bro")
+
+
+def test_the_command_writes_tables_and_a_picture(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    (tmp_path / "bro.csv").write_text("altitude_km,density_per_cm3\n10,0\n18,2e7\n25,1e7\n40,0\n")
+    words = ["airmass", "pure-air", "--gas", "bro", "--profile", "bro.csv", "--sun", "80:90:10", "--wavelength", "360"]
+    words += ["--layers", "0,10,18,25,40", "--solver", "montecarlo", "--set", "solver.target_stderr=0.2"]
+    done = subprocess.run(
+        [sys.executable, "-m", "twilight", *words, "--output", "made"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    found = xarray.open_dataset(tmp_path / "made" / "airmass.nc", engine="h5netcdf")
+    assert found["box_air_mass_factor"].dims == ("sun_elevation", "altitude", "wavelength")
+    column = float(found["layer_column"].sum())
+    total = (found["box_air_mass_factor"] * found["layer_column"]).sum("altitude") / column
+    np.testing.assert_allclose(found["air_mass_factor"], total)
+    assert 4.0 < float(total[0, 0]) < 6.5 < 12.0 < float(total[1, 0]) < 22.0
+    assert "standard_error" in found and (tmp_path / "made" / "airmass.png").stat().st_size > 10_000
+    refused = subprocess.run(
+        [sys.executable, "-m", "twilight", "airmass", "pure-air", "--gas", "bro"], cwd=tmp_path, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert refused.returncode == 2 and "bro is in no model atmosphere" in refused.stderr

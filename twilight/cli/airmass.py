@@ -1,0 +1,108 @@
+"""`twilight airmass`: air-mass factors of a gas for every sun, with box factors of the layers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import file_stem, numbers, option, scene_names, settings_of, within
+from twilight.cli.terminal import print_table, progress_bar
+
+MOST_SUNS = 1000
+"""Most suns of one table."""
+
+
+def airmass(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE_OR_CONFIG",
+            help="Name or file of a climate, or file of a configuration.",
+            autocompletion=scene_names,
+        ),
+    ],
+    gas: Annotated[str, option("NAME", "o3 or no2, as in the scene's model atmosphere; any name with --profile.")] = (
+        "no2"
+    ),
+    profile: Annotated[
+        Path | None, option("FILE.csv", "The gas by altitude: columns altitude_km and density_per_cm3 [cm^-3].")
+    ] = None,
+    sun: Annotated[
+        str, option("DEG", "Solar zenith angles: first:last:step, or numbers with commas between them.")
+    ] = "80:96:0.5",
+    wavelength: Annotated[str, option("NM,...", "Wavelengths, outside bands of oxygen and water vapour.")] = "470",
+    elevation: Annotated[float, option("DEG", "Elevation of the line of sight; 90 looks into the zenith.")] = 90.0,
+    azimuth: Annotated[float, option("DEG", "Azimuth of the line of sight from the sun.")] = 0.0,
+    layers: Annotated[
+        str | None, option("KM,...", "Altitudes that bound the layers; without it, 15 layers up to 70 km.")
+    ] = None,
+    solver: Annotated[str | None, option("NAME", "zones (as it is without this), or montecarlo.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("DIR", "Folder for tables, netCDF and picture.")] = None,
+) -> None:
+    """Compute air-mass factors of a gas: slant over vertical column, as seen in scattered sunlight.
+
+    They are of a weak absorber, which leaves the light that others see as it is.
+    """
+    from twilight.base.whole_files import check_folder
+    from twilight.config import load_series
+
+    suns = _suns(sun)
+    wavelengths = numbers(wavelength, "--wavelength", 300.0, 1000.0)
+    within(elevation, "--elevation", -90.0, 90.0)
+    within(azimuth, "--azimuth", -720.0, 720.0)
+    edges = None if layers is None else numbers(layers, "--layers", 0.0, 200.0)
+    chosen, names = settings_of(settings)
+    given = {
+        "wavelengths": {"list_nm": sorted(wavelengths)},
+        **({} if solver is None else {"solver.name": solver}),
+        **({} if quality is None else {"solver.quality": quality}),
+    }
+    cases = load_series(scene, {**given, **chosen}, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); airmass takes one")
+    config = cases[0].config
+    folder = output or Path("out") / ("airmass-" + file_stem(config.title, "scene"))
+    check_folder(folder)
+
+    from twilight.engine import Problem
+    from twilight.scene import resolve
+    from twilight.studies.airmass import factors, gas_profile, report
+
+    if profile is None:
+        absorber = gas_profile.of_atmosphere(gas, config.climate.atmosphere.profile)
+    else:
+        absorber = gas_profile.read_profile(profile, gas)
+    with progress_bar() as bar:
+        elevations = [90.0 - zenith for zenith in suns]
+        solved = Problem(resolve(config), tuple(elevations)).solve(bar)
+        bar("derivatives", 0.95)
+        found = factors.box_factors(solved, elevations, elevation, azimuth, edges_km=edges)
+    found = factors.with_gas(found, absorber)
+    found.attrs |= {"title": f"Air-mass factors of {gas}", "scene": config.title}
+    folder.mkdir(parents=True, exist_ok=True)
+    report.write_tables(found, folder)
+    direction = "zenith" if elevation == 90.0 else f"elevation {elevation:g}, azimuth {azimuth:g} deg"
+    report.draw(found, folder / "airmass.png", f"{config.title}, {direction}")
+    columns, lines = report.rows(found)
+    print_table(columns, lines, right=tuple(range(len(columns))))
+    print(f"wrote {folder}: airmass.csv, boxes.csv, airmass.nc, airmass.png")
+
+
+def _suns(text: str) -> list[float]:
+    """Solar zenith angles [deg] of `first:last:step`, or of numbers with commas."""
+    if ":" not in text:
+        return numbers(text, "--sun", 0.0, 108.0)
+    try:
+        first, last, step = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise TwilightError(f"--sun: {text} must be first:last:step, e.g. 80:96:0.5") from None
+    for value in (first, last):
+        within(value, "--sun", 0.0, 108.0)
+    if not (step > 0.0 and last >= first and (last - first) / step < MOST_SUNS):
+        raise TwilightError(f"--sun: {text} must go up by a step above 0, to at most {MOST_SUNS} suns")
+    return [first + k * step for k in range(int((last - first) / step + 1e-6) + 1)]

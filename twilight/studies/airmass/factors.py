@@ -1,0 +1,174 @@
+"""Box air-mass factors of a solved scene, air-mass factors of a gas, and derivatives, as xarray datasets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twilight.atmosphere.layer_changes import layer_edges
+from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
+from twilight.config.validate import unknown
+from twilight.engine import Solved
+from twilight.solvers.base import DIFFERENTIATED
+from twilight.studies.airmass.gas_profile import GasProfile
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+LAYER_EDGES_KM = (0.0, 2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 23.0, 26.0, 29.0, 32.0, 36.0, 42.0, 50.0, 70.0)
+"""Altitudes [km] that bound the usual layers."""
+LONG_NAMES = {
+    "absorption": "d ln(radiance) / d(vertical optical depth of absorption in the layer)",
+    "aerosol_extinction": "d ln(radiance) / d(vertical optical depth of aerosol in the layer)",
+    "aerosol_albedo": "d ln(radiance) / d(single scattering albedo of the aerosol in the layer)",
+    "ground_albedo": "d ln(radiance) / d(albedo of the ground)",
+}
+
+
+def usual_edges(medium: Medium) -> np.ndarray:
+    """LAYER_EDGES_KM as far as they lie in the air of a medium, which begins at its ground."""
+    inside = [z for z in LAYER_EDGES_KM if medium.bottom_km + 0.5 < z < medium.top_km - 0.5]
+    top = min(medium.top_km, LAYER_EDGES_KM[-1])
+    return np.array(sorted({medium.bottom_km, *inside, top}))
+
+
+def box_factors(
+    solved: Solved,
+    sun_elevation_deg: ArrayLike,
+    elevation_deg: ArrayLike,
+    azimuth_deg: ArrayLike,
+    *,
+    edges_km: ArrayLike | None = None,
+    observer_altitude_km: float | None = None,
+) -> Dataset:
+    """Box air-mass factors A_j = -d ln I / d tau_j over sun, direction, layer (`altitude`) and wavelength.
+
+    Arguments as of `twilight.Solved.airmass`.
+    """
+    edges = layer_edges(solved.medium, usual_edges(solved.medium) if edges_km is None else edges_km)
+    question = _Question(solved, sun_elevation_deg, elevation_deg, azimuth_deg, edges, observer_altitude_km)
+    slopes, errors = question.log_slopes("absorption")
+    about = {"long_name": "box air-mass factor: -d ln(radiance) / d(vertical optical depth of the layer)", "units": "1"}
+    values: dict[str, Any] = {"box_air_mass_factor": (question.dims, -slopes, about)}
+    if errors is not None:
+        values["standard_error"] = (question.dims, errors, {"long_name": "standard error", "units": "1"})
+    return question.dataset(values)
+
+
+def jacobian(
+    solved: Solved,
+    sun_elevation_deg: ArrayLike,
+    elevation_deg: ArrayLike,
+    azimuth_deg: ArrayLike,
+    *,
+    by: str | Sequence[str] = DIFFERENTIATED,
+    edges_km: ArrayLike | None = None,
+    observer_altitude_km: float | None = None,
+) -> Dataset:
+    """d ln I by each quantity in `by`, and ln I; arguments as of `twilight.Solved.jacobian`."""
+    quantities = [by] if isinstance(by, str) else list(by)
+    for name in quantities:
+        if name not in DIFFERENTIATED:
+            raise TwilightError(f"by: {name} {unknown(name, DIFFERENTIATED, 'quantity')}")
+    edges = layer_edges(solved.medium, usual_edges(solved.medium) if edges_km is None else edges_km)
+    question = _Question(solved, sun_elevation_deg, elevation_deg, azimuth_deg, edges, observer_altitude_km)
+    values: dict[str, Any] = {}
+    for name in quantities:
+        slopes, errors = question.log_slopes(name)
+        dims = question.dims
+        if name == "ground_albedo":
+            slopes, errors = slopes[..., 0, :], None if errors is None else errors[..., 0, :]
+            dims = tuple(d for d in dims if d != "altitude")
+        values[name] = (dims, slopes, {"long_name": LONG_NAMES[name], "units": "1"})
+        if errors is not None:
+            values[name + "_standard_error"] = (dims, errors, {"long_name": "standard error", "units": "1"})
+    return question.dataset(values)
+
+
+class _Question:
+    """Suns, directions and layers that are asked for, and the dimensions of the answer."""
+
+    def __init__(
+        self, solved: Solved, sun: ArrayLike, elevation: ArrayLike, azimuth: ArrayLike, edges: np.ndarray, altitude: Any
+    ):
+        self.solved, self.edges, self.altitude = solved, edges, altitude
+        self.suns = np.atleast_1d(np.asarray(sun, dtype=float))
+        self.elevation, self.azimuth = (
+            np.atleast_1d(a) for a in np.broadcast_arrays(np.asarray(elevation, float), np.asarray(azimuth, float))
+        )
+        if self.suns.ndim != 1 or self.elevation.ndim != 1:
+            raise TwilightError("airmass: suns and directions must be numbers or lists of numbers")
+        self.one_sun, self.one_direction = np.ndim(sun) == 0, np.ndim(elevation) == 0 and np.ndim(azimuth) == 0
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions of what `log_slopes` returns."""
+        first = [] if self.one_sun else ["sun_elevation"]
+        return (*first, *([] if self.one_direction else ["direction"]), "altitude", "wavelength")
+
+    def log_slopes(self, quantity: str) -> tuple[np.ndarray, np.ndarray | None]:
+        """Derivatives and standard errors, of `dims`."""
+        found = [
+            self.solved.log_slopes(quantity, self.edges, sun, self.elevation, self.azimuth, self.altitude)
+            for sun in self.suns
+        ]
+        some = None if found[0][1] is None else self._squeezed(np.stack([np.asarray(error) for _, error in found]))
+        return self._squeezed(np.stack([slopes for slopes, _ in found])), some
+
+    def _squeezed(self, values: np.ndarray) -> np.ndarray:
+        values = values[:, 0] if self.one_direction else values
+        return values[0] if self.one_sun else values
+
+    def dataset(self, values: dict[str, Any]) -> Dataset:
+        """The values with their coordinates."""
+        import xarray  # start-up
+
+        direction: Any = () if self.one_direction else "direction"
+        degree = {"units": "degree"}
+        elevation, azimuth = (a[0] if self.one_direction else a for a in (self.elevation, self.azimuth))
+        coordinates = {
+            "sun_elevation": (
+                () if self.one_sun else "sun_elevation",
+                self.suns[0] if self.one_sun else self.suns,
+                {"long_name": "true elevation of the sun", **degree},
+            ),
+            "elevation": (direction, elevation, {"long_name": "elevation of the line of sight", **degree}),
+            "azimuth": (direction, azimuth, {"long_name": "azimuth of the line of sight from the sun", **degree}),
+            "altitude": (
+                "altitude", 0.5 * (self.edges[1:] + self.edges[:-1]),
+                {"long_name": "middle of the layer", "units": "km", "bounds": "altitude_bnds"},
+            ),
+            "wavelength": ("wavelength", self.solved.medium.wavelength_nm, {"units": "nm"}),
+        }  # fmt: skip
+        bounds = np.stack([self.edges[:-1], self.edges[1:]], axis=1)
+        return xarray.Dataset({**values, "altitude_bnds": (("altitude", "nv"), bounds)}, coordinates)
+
+
+def with_gas(boxes: Dataset, gas: GasProfile) -> Dataset:
+    """The dataset with the air-mass factor of a gas, its slant column, and the vertical columns of the layers.
+
+    A = sum A_j v_j / sum v_j, v_j the vertical column of the gas in layer j; the slant column is A times the vertical
+    one.  Right for a gas that absorbs weakly: A does not hold what the gas itself does to the light, unless the scene
+    has it.  The standard error is an upper bound, as if all layers were off together.
+    """
+    edges = np.append(boxes["altitude_bnds"].values[:, 0], boxes["altitude_bnds"].values[-1, 1])
+    columns = gas.columns_per_cm2(edges)
+    if columns.sum() <= 0.0:
+        raise TwilightError(f"{gas.name}: there is none between {edges[0]:g} and {edges[-1]:g} km")
+    made = boxes.copy()
+    unit = {"units": "cm-2"}
+    made["layer_column"] = ("altitude", columns, {"long_name": f"vertical column of {gas.name} in the layer", **unit})
+    share = made["layer_column"] / made["layer_column"].sum()
+    made["air_mass_factor"] = (made["box_air_mass_factor"] * share).sum("altitude", skipna=False)
+    made["air_mass_factor"].attrs = {"long_name": f"air-mass factor of {gas.name}", "units": "1"}
+    if "standard_error" in made:
+        made["air_mass_standard_error"] = (made["standard_error"] * share).sum("altitude", skipna=False)
+        made["air_mass_standard_error"].attrs = {"long_name": "largest standard error", "units": "1"}
+    made["slant_column"] = made["air_mass_factor"] * float(columns.sum())
+    made["slant_column"].attrs = {"long_name": f"slant column of {gas.name}", **unit}
+    made.attrs["gas"] = gas.name
+    return made
