@@ -67,7 +67,7 @@ def test_the_straight_sunbeam_has_the_lengths_of_a_chord(medium, sun_deg):
 def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
     # without multiple scattering the radiance is deterministic
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=2, max_orders=1, importance_sweeps=0)
-    low, high, step = 18.0, 24.0, 1.5e-3
+    low, high, step = 18.0, 24.0, 4e-3
     layer = np.array([low, high])
     base = with_doubled_levels(medium, layer)
     walk = montecarlo.CAPABILITIES.differentiate(montecarlo.prepare(base, settings), "absorption", layer)
@@ -76,7 +76,7 @@ def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
         slope, error = (a.item() for a in walk.log_slopes(*question))
         one, two, three = (np.log(field.radiance(*question).item()) for field in more)
         # at 0, from h, 2 h and 3 h: the sunbeam's tables hold the layer's edges where it absorbs more alone
-        assert slope == pytest.approx((-5.0 * one + 8.0 * two - 3.0 * three) / (2.0 * step), rel=2e-3)
+        assert slope == pytest.approx((-5.0 * one + 8.0 * two - 3.0 * three) / (2.0 * step), rel=5e-3)
         assert error < 1e-9
 
 

@@ -6,6 +6,7 @@ A layer's change is a box: the coefficient jumps at the layer's two altitudes, w
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,7 @@ def layer_depth(per_km: np.ndarray, altitude_km: np.ndarray, edges_km: np.ndarra
     return out
 
 
-def with_columns(medium: Medium, **fields: np.ndarray) -> Medium:
+def with_columns(medium: Medium, **fields: Any) -> Medium:
     """The medium with other coefficients, which keeps its grid medium: its grids then are those of before."""
     grid = medium.grid_medium and medium.grid_medium.unbound()
     return replace(medium, grid_medium=grid, **fields)
