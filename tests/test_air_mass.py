@@ -67,7 +67,7 @@ def test_the_straight_sunbeam_has_the_lengths_of_a_chord(medium, sun_deg):
 def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
     # without multiple scattering the radiance is deterministic
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=2, max_orders=1, importance_sweeps=0)
-    low, high, step = 18.0, 24.0, 4e-3
+    low, high, step = 20.0, 22.0, 6e-4
     layer = np.array([low, high])
     base = with_doubled_levels(medium, layer)
     walk = montecarlo.CAPABILITIES.differentiate(montecarlo.prepare(base, settings), "absorption", layer)
