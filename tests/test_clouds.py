@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from twilight.config.load import load_climate
 from twilight.numerics.phase import TABLE, PhaseFunction
 from twilight.scene.describe import facts
 from twilight.scene.medium import climate_medium, cloud_layers
+from twilight.solvers import zones
 
 C1_SERIES = np.array(
     [1.0, 2.544, 3.883, 4.568, 5.235, 5.887, 6.457, 7.177, 7.859, 8.494, 9.286, 9.856, 10.615, 11.229, 11.851, 12.503,
@@ -123,3 +126,15 @@ def test_what_cannot_be_is_refused_in_one_sentence(tmp_path, clouds, more, words
         climate_medium(climate_of(tmp_path, clouds, more), np.array([550.0]))
     for word in words:
         assert word in str(error.value)
+
+
+def test_the_sky_through_cirrus_has_a_halo_and_no_rings(tmp_path):
+    """Crystals scatter into a peak of a tenth of a degree, whose series ends in rings of tens of per cent."""
+    medium = climate_medium(climate_of(tmp_path, "[{kind: cirrus, optical_depth: 0.5}]"), np.array([550.0]))
+    settings = replace(zones.QUALITIES["draft"], polarisation=False, zenith_density=0.5, altitude_density=0.35)
+    field = zones.prepare(medium, settings, sun_elevations_deg=[25.0])
+    away = np.arange(2.0, 21.0)
+    near = field.radiance(25.0, 25.0 + away, 0.0)[:, 0]
+    assert np.all(near[1:] < 1.06 * near[:-1])
+    inside, halo, outside = field.radiance(25.0, 25.0 + np.array([20.0, 22.5, 32.0]), 0.0)[:, 0]
+    assert halo > 2.0 * inside and halo > 2.0 * outside

@@ -33,6 +33,9 @@ from twilight.transport.scaling import ScaledMedium
 
 HIGHEST_DEGREE = 400
 """Degree to which convolutions of the peak are followed; the peak itself is taken from its table."""
+MAX_UNRESOLVED = 0.1
+"""Moment of the peak at that degree from which on a part of it counts as passed: the peak of ice crystals is narrower
+than a tenth of a degree, and its series ends in rings around the sun."""
 MIN_FRACTION = 1e-6
 """Forward fraction f below which an aerosol has no peak."""
 MIN_DEPTH = 1e-4
@@ -64,8 +67,18 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Forw
     # just below a jump, the air below it
     altitude_km = profile.altitude_km
     inside = altitude_km - np.where(np.diff(altitude_km, append=np.inf) <= 0.0, 1e-9, 0.0)
-    removed = medium.at(inside).aerosol_extinction - scaled.medium.at(inside).aerosol_extinction
+    at = medium.at(inside)
+    removed = at.aerosol_extinction - scaled.medium.at(inside).aerosol_extinction
     strength = np.where(f > MIN_FRACTION, f / (1.0 - f), 0.0)
+    unresolved = np.where(moments[-1] > MAX_UNRESOLVED, moments[-1], 0.0)
+    if unresolved.any():
+        # p = d + (1 - d) p', of which the first part widens nothing; p' ends without a step
+        end = np.cos(0.5 * np.pi * np.arange(HIGHEST_DEGREE + 1 - kept) / (HIGHEST_DEGREE + 1 - kept)) ** 2
+        rest = (moments[kept:] - unresolved) / (1.0 - unresolved)
+        moments[kept:] = np.where(unresolved > 0.0, np.maximum(rest, 0.0) * end[:, None, None], moments[kept:])
+        strength = strength * (1.0 - unresolved)
+        of_kind = at.aerosol_phase_fraction * at.aerosol_scattering * f[:, None]
+        removed = (of_kind * (1.0 - unresolved)[:, None]).sum(axis=0)
     return ForwardPeak(moments, strength, profile._replace(extinction=np.ascontiguousarray(np.maximum(0.0, removed))))
 
 
