@@ -192,27 +192,29 @@ def screens() -> None:
 
 
 def place() -> None:
-    """`zones`, which counts distances from the lit point, beside `montecarlo`, which has clouds about the observer."""
+    """`zones`, which counts distances from the lit point, beside `montecarlo`, which has clouds about the observer: the
+    part of the light scattered once that is left, in which neither has noise."""
     elevation, azimuth = np.array([5.0, 20.0, 90.0, 20.0]), np.array([0.0, 0.0, 0.0, 180.0])
-    rows = []
+    suns, rows = (0.0, -2.0, -4.0), []
     base = air().select(slice(1, 3))
+    once = replace(zones.QUALITIES["draft"], max_orders=1)
+    exact = montecarlo.MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0)
+
+    def light(medium: Medium) -> list[np.ndarray]:
+        fields = zones.prepare(medium, once, sun_elevations_deg=suns), montecarlo.prepare(medium, exact)
+        return [np.array([field.radiance(sun, elevation, azimuth) for sun in suns]) for field in fields]
+
+    clear = light(base)
     for start in (0.0, 150.0, 300.0):
-        medium = replace(base, screen=Screen.of_clouds(0.8, 10.0, 1.0, start))
-        field = zones.prepare(medium, zones.QUALITIES["standard"], sun_elevations_deg=(0.0, -4.0))
-        settings = replace(montecarlo.QUALITIES["standard"], target_stderr=0.01)
-        reference = montecarlo.prepare(medium, settings)
-        for sun in (0.0, -4.0):
-            found = reference.radiance_with_error(sun, elevation, azimuth)
-            ratio = field.radiance(sun, elevation, azimuth) / found.radiance
-            error = found.standard_error / found.radiance
-            for d, w in np.ndindex(elevation.size, 2):
-                where = (start, sun, elevation[d], azimuth[d], base.wavelength_nm[w])
-                off = (f"{100.0 * (ratio[d, w] - 1.0):+.1f}", f"{100.0 * error[d, w]:.1f}")
-                rows.append([*(f"{x:g}" for x in where), *off])
+        found = light(replace(base, screen=Screen.of_clouds(0.8, 10.0, 1.0, start)))
+        passed = [screened / bare for screened, bare in zip(found, clear, strict=True)]
+        for s, d, w in np.ndindex(passed[0].shape):
+            where = (start, suns[s], elevation[d], azimuth[d], base.wavelength_nm[w])
+            rows.append([*(f"{x:g}" for x in where), *(f"{part[s, d, w]:.3f}" for part in passed)])
         print(start, flush=True)
-    columns = ("from_km", "sun_deg", "elevation_deg", "azimuth_deg", "wavelength_nm", "zones_over_montecarlo_percent",
-               "standard_error_percent")  # fmt: skip
-    results.write(HERE / "red_twilight_place.csv", columns, rows, notes=("clouds to 10 km that stop 80 %",))
+    columns = ("from_km", "sun_deg", "elevation_deg", "azimuth_deg", "wavelength_nm", "zones", "montecarlo")
+    notes = ("clouds to 10 km that stop 80 %: part of the light scattered once that is left",)
+    results.write(HERE / "red_twilight_place.csv", columns, rows, notes=notes)
 
 
 if __name__ == "__main__":
