@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from airs import pure_air
 from montecarlo_media import assert_all_agree, hazy_earth
+from typer.testing import CliRunner
 
 from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
+from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine.disc import make_disc
 from twilight.engine.field_cache import field_key
@@ -201,3 +203,19 @@ def test_other_solvers_refuse(name):
     """A solver that ignored the screen would give another evening without a word."""
     with pytest.raises(TwilightError, match=r"horizon\.screen: the solver .* zones, montecarlo and tables do"):
         resolve(load(scene({"clouds": {}}, solver={"name": name})))
+
+
+def test_an_export_knows_the_horizon_of_its_configuration(tmp_path, monkeypatch):
+    """Tables for renderers would be of another evening than the configuration that they were made from."""
+
+    def prepare(medium, settings, progress):
+        raise TwilightError(f"prepared with {medium.screen}")
+
+    monkeypatch.setattr(zones, "prepare", prepare)
+    (tmp_path / "evening.yaml").write_text("version: 1\nclimate: pure-air\nhorizon: {screen: {clouds: {top_km: 8}}}\n")
+    for target, screen in (
+        (str(tmp_path / "evening.yaml"), Screen.of_clouds(0.7, 8.0, 1.5, 150.0)),
+        ("pure-air", None),
+    ):
+        done = CliRunner().invoke(app, ["export", "tables", target, "--output", str(tmp_path / "out")])
+        assert done.exit_code == 2 and f"prepared with {screen}" in done.output + done.stderr

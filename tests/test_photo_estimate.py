@@ -358,7 +358,8 @@ def test_what_lay_beyond_the_horizon_is_recovered():
     truth = {"aerosol": 0.15, "horizon": 0.7}
     scene = with_settings(base, climate_settings(design, truth, "continental_average"))
     camera = latlong(180)
-    shot = Photograph(take(run(resolve(scene)), camera, 40.0, sun=False), camera, 6.0, min_elevation_deg=3.0)
+    seen_by_it = picture(take(run(resolve(scene)), camera, 40.0, sun=False))
+    shot = Photograph(seen_by_it, camera, 6.0, min_elevation_deg=3.0)
     library = make_library(base, design, "continental_average", [-3.0], 6.0)
     found = by_name(estimate(shot.seen(40.0, -3.0).sky, [library])[0])
     assert found["horizon"].constrained

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,7 +20,12 @@ TAKRAM_KM = (6360.0, 6420.0)
 
 
 def tables(
-    climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.")],
+    climate: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE", help="Name or file of a climate; of a configuration its climate and its horizon count."
+        ),
+    ],
     layout: Annotated[
         Literal["twilight", "bruneton2017", "takram"],
         option("NAME", "twilight, bruneton2017 or takram."),
@@ -53,10 +59,11 @@ def tables(
     import numpy as np
 
     from twilight import __version__
-    from twilight.config import load_climate
+    from twilight.config import load_climate, load_series
     from twilight.config.solver import choose_solver
     from twilight.config.validate import Origins
     from twilight.numerics.spectrum import solar_spectrum
+    from twilight.scene.horizon import described, screen_of
     from twilight.scene.medium import climate_medium
     from twilight.solvers import load
     from twilight.studies.export import bruneton, sky_tables
@@ -66,13 +73,15 @@ def tables(
     model = load_climate(climate)
     folder = output or Path("out") / f"{model.name}-{layout}"
     check_new(folder)
-    medium = climate_medium(model, np.array(RGB_NM[::-1]))
+    horizon = load_series(climate)[0].config.horizon
+    medium = replace(climate_medium(model, np.array(RGB_NM[::-1])), screen=screen_of(horizon))
     if medium.has_water:
         raise TwilightError(f"{climate}: ground.kind is water; the tables of real-time renderers know land alone")
     _, _, settings = choose_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
     facts: dict[str, Any] = {
         "program": f"twilight {__version__}",
         "climate": model.name,
+        **({} if medium.screen is None else {"beyond_the_horizon": described(horizon)}),
         "wavelength_nm": list(RGB_NM),
         "solver": solver,
         "quality": quality,
