@@ -374,6 +374,17 @@ def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monk
     assert described.exit_code == 0 and "source of humidity" in described.stdout
 
 
+def test_the_climate_of_an_inversion_is_read_back(tmp_path):
+    """Twenty-two modes of one index: nothing in the document points to something else in it."""
+    result = run(air_files.inversion(tmp_path / "v.all"), *ASKED)
+    assert result.exit_code == 0, result.output
+    (tmp_path / "mine.yaml").write_text(result.stdout)
+    aerosol = load_climate(tmp_path / "mine.yaml").aerosol
+    assert len(aerosol.modes) == 22 and aerosol.modes[3].refractive_index == aerosol.modes[7].refractive_index
+    # layer and scale height of the base's type stay
+    assert (aerosol.boundary_layer_top_km, aerosol.scale_height_km) == (2.0, 8.0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

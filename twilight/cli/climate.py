@@ -57,7 +57,13 @@ def from_files(
     data["description"] = f"The air of {climate.name} with that of files{where}{date and f' on {date[1:]}'}"
     for words in said(data["air"]["sources"]):
         print(f"twilight: {words}", file=sys.stderr)
-    print(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=118, allow_unicode=True), end="")
+
+    class Whole(yaml.SafeDumper):
+        def ignore_aliases(self, data: Any) -> bool:
+            """Climates have no aliases: what comes twice is written twice."""
+            return True
+
+    print(yaml.dump(data, None, Whole, sort_keys=False, default_flow_style=None, width=118, allow_unicode=True), end="")
 
 
 def said(sources: dict[str, str]) -> list[str]:
