@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -14,17 +11,13 @@ import numpy as np
 from twilight.api.arguments import config_of, moment_of, numbers, place_of
 from twilight.api.types import PlaceLike, SceneLike, TimeLike, TimesLike
 from twilight.base.errors import TwilightError
-from twilight.config import Config
-from twilight.config.load import load
-from twilight.engine import solve
 from twilight.engine.light import LightField, Moments, moments_at, spectra_arguments
+from twilight.engine.light_setup import field_for
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
-from twilight.scene import resolve
 from twilight.sky.ephemeris import parse_time
-from twilight.sky.night import NightLevels
 from twilight.sky.quantities.catalogue import Of, Quantity, check_of, quantity, unit_of
-from twilight.sky.quantities.measure import Spectra, check_covered, samples_for
+from twilight.sky.quantities.measure import Spectra
 from twilight.sky.twilight_times import time_of
 
 if TYPE_CHECKING:
@@ -149,22 +142,7 @@ def light_field(
     Errors: TwilightError for a quantity that they do not cover.
     """
     config = config_of(climate, {}, altitude_km, None, None, quality, settings)
-    responses = [one for which in quantities for one in which.responses()]
-    own = config.wavelengths is not None or config.climate.medium is not None
-    if not own:
-        chosen = list(samples_for(responses))
-        config = load(config.model_dump(mode="json", exclude_unset=True), {"wavelengths": {"list_nm": chosen}})
-    field = _field(json.dumps(config.model_dump(mode="json", exclude_unset=True), sort_keys=True))
-    for one in responses:
-        check_covered(one, field.wavelength_nm, "the field")
-    return field
-
-
-@lru_cache(maxsize=4)
-def _field(document: str) -> LightField:
-    config = Config.model_validate(json.loads(document))
-    field = LightField.of(solve(resolve(config)))
-    return field if field.levels is not None else replace(field, levels=NightLevels())
+    return field_for(config, quantities)
 
 
 class _Aim:

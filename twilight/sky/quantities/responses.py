@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -176,8 +177,6 @@ def _named(name: str) -> Response:
     group, dash, _ = name.partition("-")
     if dash and group and "/" not in name:
         return _from_speclite(name)
-    from difflib import get_close_matches  # start-up
-
     near = get_close_matches(name, names(), 1, 0.6)
     meant = f" (did you mean {near[0]}?)" if near else ""
     raise TwilightError(

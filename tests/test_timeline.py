@@ -1,0 +1,139 @@
+"""An evening as a table: columns, the times at which they pass a value, presets, files."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray
+from typer.testing import CliRunner
+
+from twilight.base.errors import TwilightError
+from twilight.cli.app import app
+from twilight.numerics import spectrum
+from twilight.sky.ephemeris import sun_position
+from twilight.studies.timeline import timeline as work
+from twilight.studies.timeline.columns import column
+from twilight.studies.timeline.files import draw, write_dataset, write_table
+from twilight.studies.timeline.flats import Telescope
+from twilight.studies.timeline.presets import PRESETS
+
+PLACE = (28.3, -16.5)
+NM = np.arange(380.0, 721.0, 20.0)
+
+
+class Slope:
+    """A grey light that falls by e for every degree of the sun: a field with a closed form."""
+
+    wavelength_nm = NM
+    solved = SimpleNamespace(solar_spectrum=spectrum.DEFAULT_SOLAR_SPECTRUM, scene=SimpleNamespace(altitude_km=0.0))
+
+    def factor(self, light):
+        return light
+
+    def directions(self, moments, elevation, azimuth, sources=None):
+        return np.exp(moments.sun_elevation_deg)[:, None, None] * np.ones((1, 1, NM.size))
+
+    def surfaces(self, moments, surfaces, sources=None):
+        return self.directions(moments, None, None)
+
+
+def evening(step_s: float = 300.0) -> list[datetime]:
+    start = datetime(2026, 3, 20, 18, 0, tzinfo=UTC)
+    return work.rows(start, start + timedelta(hours=4), timedelta(seconds=step_s))
+
+
+def test_a_crossing_is_found_to_the_second():
+    level = float(column("luminance@zenith").values(Slope(), work.moments_at([28.3], [-16.5], evening()[:1]))[0])
+    at_start = float(sun_position(evening()[0], *PLACE).elevation_deg)
+    threshold = float(level * np.exp(-7.25 - at_start))
+    made = work.timeline(Slope(), *PLACE, evening(), [column("luminance")],
+                         [work.condition(f"luminance < {threshold!r}"), work.condition("luminance < 1e-30"),
+                          work.condition("luminance > 1e-30")])  # fmt: skip
+    crossing = made.outcomes[0].crossings[0]
+    assert crossing.begins and len(made.outcomes[0].crossings) == 1
+    # the sun sinks by 0.2 deg a minute: 0.004 deg a second
+    assert float(sun_position(crossing.time, *PLACE).elevation_deg) == pytest.approx(-7.25, abs=0.004)
+    assert [outcome.sentence for outcome in made.outcomes[1:]] == ["not reached", "all the time"]
+    events = [mark.event for mark in made.marks]
+    assert events == ["sunset", "civil dusk", "nautical dusk", "astronomical dusk"]
+
+
+def test_a_day_without_dusk_says_so_once():
+    start = datetime(2026, 6, 20, 0, 0, tzinfo=UTC)
+    times = work.rows(start, start + timedelta(hours=30), timedelta(hours=1))
+    made = work.timeline(Slope(), 80.0, 31.0, times, [column("illuminance")], [work.condition("illuminance < 1e-9")])
+    assert made.outcomes[0].sentence == "not reached"
+    never = [mark.event for mark in made.marks if mark.time is None]
+    assert sorted(set(never)) == sorted(never) and "sunset" in never
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [("V", "is not QUANTITY"), ("V > dark", "'dark' is not a number"), ("Vx > 3", "'Vx' is not known"),
+     ("illuminance@zenith > 3", "of a surface"), ("V@up > 3", "is none of zenith")],
+)  # fmt: skip
+def test_a_condition_that_is_none_is_refused(text, sentence):
+    with pytest.raises(TwilightError, match=sentence):
+        work.condition(text)
+
+
+def test_steps_and_rows_are_checked():
+    assert work.step_of("90s") == timedelta(seconds=90) and work.step_of("0.5h") == timedelta(minutes=30)
+    for text in ("1", "0s", "2 days", "-1min"):
+        with pytest.raises(TwilightError, match="is not a duration"):
+            work.step_of(text)
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    with pytest.raises(TwilightError, match="is not after"):
+        work.rows(now, now, timedelta(minutes=1))
+    with pytest.raises(TwilightError, match="rows; allowed is 2 to"):
+        work.rows(now, now + timedelta(days=9), timedelta(seconds=1))
+
+
+def test_every_preset_has_columns_conditions_and_a_source():
+    for preset in PRESETS.values():
+        assert [column(text) for text in preset.columns] and [work.condition(text) for text in preset.conditions]
+        assert any(f"({year}" in preset.about or f" {year}" in preset.about for year in range(1940, 2030))
+
+
+def test_a_flat_takes_as_long_as_its_photons_say():
+    telescope = Telescope(aperture_m=2.0, obstruction_m=1.0, pixel_arcsec=1.0, throughput=0.5, gain=2.0,
+                          level_counts=1000.0)  # fmt: skip
+    # 0.75 pi m^2, one square arcsecond 2.3504e-11 sr: 2.77e-11 electrons of one photon per s m^2 sr
+    assert float(telescope.electrons_per_s(np.array(1e12))) == pytest.approx(
+        0.75 * np.pi * 2.35044e-11 * 0.5e12, rel=1e-5
+    )
+    assert float(telescope.exposure_s(np.array(1e12))) == pytest.approx(2000.0 / 27.69, rel=1e-3)
+    with pytest.raises(TwilightError, match="--obstruction-m"):
+        Telescope(obstruction_m=2.0)
+
+
+def test_files_hold_what_the_table_holds(tmp_path):
+    made = work.timeline(Slope(), *PLACE, evening(), [column("V@zenith"), column("CCT")], [work.condition("V > 5")])
+    write_table(made, tmp_path / "a.csv", "a test")
+    write_dataset(made, tmp_path / "a.nc", {"title": "a test"})
+    draw(made, tmp_path / "a.png", "a test")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[1] == "time,sun_elevation_deg,magnitude_V_per_arcsec2_zenith,cct_k" and len(lines) == 2 + len(
+        made.times
+    )
+    with xarray.open_dataset(tmp_path / "a.nc") as data:
+        assert np.allclose(data.magnitude_V_per_arcsec2_zenith, made.values[0]) and data.cct_k.attrs["units"] == "K"
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [(["--at", "soon"], "--at: soon is not a date"), (["--for", "tea"], "--for: tea"), (["--step", "x"], "--step"),
+     (["--when", "V"], "--when"), (["--quantity", "y"], "y: .* beyond the wavelengths of the air")],
+)  # fmt: skip
+def test_bad_input_is_one_sentence(change, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(
+        app, ["timeline", "urban", "--at", "2026-03-20", "--latitude", "28", "--longitude", "0", *change]
+    )
+    import re
+
+    assert done.exit_code == 2 and re.search(sentence, done.output)

@@ -1,0 +1,150 @@
+"""`twilight timeline`: an evening as a table, with the times at which a quantity passes a value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import file_stem, option, scene_names, settings_of, within
+from twilight.cli.terminal import print_table
+
+PURPOSES = ("darkness", "dawn", "reading", "melanopic", "flats")
+
+
+def timeline(
+    climate: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE", help="Name or file of a climate or configuration.", autocompletion=scene_names
+        ),
+    ],
+    at: Annotated[str, option("DATE", "The night from noon to noon, e.g. 2026-06-21.")],
+    latitude: Annotated[float, option("DEG", "North positive.")],
+    longitude: Annotated[float, option("DEG", "East positive.")],
+    purpose: Annotated[
+        str | None,
+        option(
+            "NAME",
+            "darkness, dawn, reading, melanopic or flats: columns and conditions; --quantity and --when add to them.",
+            "--for",
+        ),
+    ] = None,
+    quantity: Annotated[
+        list[str] | None, option("NAME[@WHERE]", "E.g. V@zenith, illuminance, CCT; may be repeated.")
+    ] = None,
+    when: Annotated[
+        list[str] | None, option("CONDITION", "E.g. 'V@zenith > 21' or 'illuminance < 3.4'; may be repeated.")
+    ] = None,
+    step: Annotated[str, option("DURATION", "Between rows, e.g. 30s, 1min, 1h.")] = "5min",
+    start: Annotated[str | None, option("TIME", "First row, e.g. 2026-06-21T20:00 or '2026-06-21 sunset'.")] = None,
+    stop: Annotated[str | None, option("TIME", "Last row.")] = None,
+    time_zone: Annotated[str | None, option("ZONE", "E.g. Europe/Berlin; without it, UTC.")] = None,
+    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
+    band: Annotated[str, option("NAME", "Filter of --for flats.")] = "V",
+    aperture_m: Annotated[float, option("M", "Of the telescope of --for flats.")] = 1.0,
+    obstruction_m: Annotated[float, option("M", "Diameter of its obstruction.")] = 0.0,
+    pixel_arcsec: Annotated[float, option("ARCSEC", "Side of a pixel.")] = 0.5,
+    throughput: Annotated[float, option("1", "Of optics and detector where the filter's curve is 1.")] = 0.5,
+    gain: Annotated[float, option("E", "Electrons of a count.")] = 1.0,
+    level_counts: Annotated[float, option("COUNTS", "That a flat is to have.")] = 30_000.0,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver: draft, standard, reference.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("STEM", "Of the files; without it, out/NAME_timeline.")] = None,
+) -> None:
+    """Tabulate light through a night, as CSV, netCDF and a figure, and find when it passes a value.
+
+    docs/quantities.md lists the quantities.
+    """
+    import datetime as dt
+
+    from twilight.base.whole_files import check_file
+    from twilight.config.load import load
+    from twilight.config.validate import unknown
+    from twilight.engine.light_setup import field_for
+    from twilight.sky.ephemeris import parse_time
+    from twilight.sky.twilight_times import time_of, twilight_times
+    from twilight.studies.timeline import timeline as work
+    from twilight.studies.timeline.columns import column
+    from twilight.studies.timeline.files import draw, write_dataset, write_table
+    from twilight.studies.timeline.flats import Telescope
+    from twilight.studies.timeline.presets import PRESETS
+
+    within(latitude, "--latitude", -90.0, 90.0)
+    within(longitude, "--longitude", -180.0, 360.0)
+    if purpose is not None and purpose not in PURPOSES:
+        raise TwilightError(f"--for: {purpose} {unknown(purpose, PURPOSES, 'purpose')}")
+    try:
+        day = dt.date.fromisoformat(at)
+    except ValueError:
+        raise TwilightError(f"--at: {at} is not a date such as 2026-06-21") from None
+    texts, conditions = list(quantity or ()), list(when or ())
+    telescope = Telescope(aperture_m, obstruction_m, pixel_arcsec, throughput, gain, level_counts)
+    preset = PRESETS.get(purpose or "")
+    if preset is not None:
+        texts, conditions = [*preset.columns, *texts], [*preset.conditions, *conditions]
+    if purpose == "flats":
+        texts = [f"photons:{band}@zenith", f"{band}@zenith", *texts]
+    columns = [column(text) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
+    wanted = [work.condition(text) for text in conditions]
+
+    def moment(text: str) -> dt.datetime:
+        try:
+            dt.datetime.fromisoformat(text)
+        except ValueError:
+            return time_of(text, latitude, longitude, time_zone)
+        return parse_time(text, time_zone or "UTC").astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
+
+    noon = "solar noon"
+    marks = [m for d in (day, day + dt.timedelta(days=1))
+             for m in twilight_times(d, latitude, longitude, time_zone) if m.event == noon]  # fmt: skip
+    first = moment(start) if start else marks[0].time
+    last = moment(stop) if stop else marks[1].time
+    times = work.rows(first, last, work.step_of(step))  # type: ignore[arg-type]
+    keys: dict[str, Any] = settings_of(settings)[0]
+    if quality is not None:
+        keys["solver.quality"] = quality
+    if altitude_km is not None:
+        keys["observer.altitude_km"] = altitude_km
+    config = load(climate, keys)
+    stem = output or Path("out") / f"{file_stem(config.name or config.climate.name, 'sky')}_timeline"
+    paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_file(path)
+    field = field_for(config, [one.quantity for one in (*columns, *(c.column for c in wanted))])
+    made = work.timeline(field, latitude, longitude, times, columns, wanted, time_zone)
+    if purpose == "flats":
+        made = work.with_flats(made, telescope, band)
+    about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"
+    write_table(made, paths[0], f"twilight timeline: {about}")
+    write_dataset(made, paths[1], {"title": about})
+    draw(made, paths[2], about)
+    _print(made)
+    if preset is not None:
+        print(preset.about)
+    for path in paths:
+        print(f"wrote {path}")
+
+
+def _print(made: Any) -> None:
+    rows = []
+    for mark in made.marks:
+        if mark.time is None:
+            rows.append([mark.event, "the sun does not get there", f"{mark.elevation_deg:.2f}"])
+        else:
+            rows.append([mark.event, _clock(mark.time), f"{mark.elevation_deg:.2f}"])
+    for outcome in made.outcomes:
+        text = outcome.condition.text
+        if outcome.sentence:
+            rows.append([text, outcome.sentence, ""])
+        for crossing in outcome.crossings:
+            word = "from" if crossing.begins else "until"
+            rows.append([text, f"{word} {_clock(crossing.time)}", f"{crossing.sun_elevation_deg:.2f}"])
+    print_table(["what", "time", "sun elevation [deg]"], rows, right=(2,))
+
+
+def _clock(time: Any) -> str:
+    return str(time.isoformat(sep=" ", timespec="seconds"))

@@ -1,0 +1,39 @@
+"""The field that a question about light needs: a climate at wavelengths that cover the quantities, with a night."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+from twilight.config.load import load
+from twilight.config.scene import Config
+from twilight.engine.light import LightField
+from twilight.engine.solve import solve
+from twilight.scene import resolve
+from twilight.sky.night import NightLevels
+from twilight.sky.quantities.catalogue import Quantity
+from twilight.sky.quantities.measure import check_covered, samples_for
+
+
+def field_for(config: Config, quantities: Sequence[Quantity]) -> LightField:
+    """The solved field of a configuration, kept for the next question; one that says its wavelengths keeps them.
+
+    Without a `night` of its own it has the usual one.
+    Errors: TwilightError for a quantity that the wavelengths do not cover.
+    """
+    responses = [one for which in quantities for one in which.responses()]
+    if config.wavelengths is None and config.climate.medium is None:
+        chosen = list(samples_for(responses))
+        config = load(config.model_dump(mode="json", exclude_unset=True), {"wavelengths": {"list_nm": chosen}})
+    field = _field(json.dumps(config.model_dump(mode="json", exclude_unset=True), sort_keys=True))
+    for one in responses:
+        check_covered(one, field.wavelength_nm, "the field")
+    return field
+
+
+@lru_cache(maxsize=4)
+def _field(document: str) -> LightField:
+    field = LightField.of(solve(resolve(Config.model_validate(json.loads(document)))))
+    return field if field.levels is not None else replace(field, levels=NightLevels())

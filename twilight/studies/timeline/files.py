@@ -1,0 +1,113 @@
+"""What a timeline is written to: CSV, netCDF and a figure, each whole or not at all."""
+
+from __future__ import annotations
+
+from datetime import UTC
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twilight.base.whole_files import whole_file, write_csv
+from twilight.io.netcdf import interruptible_h5netcdf
+
+if TYPE_CHECKING:
+    import xarray
+
+    from twilight.studies.timeline.timeline import Timeline
+
+SHADED = {"civil": -6.0, "nautical": -12.0, "astronomical": -18.0}
+"""Twilights by the sun's lowest elevation [deg]."""
+
+
+def write_table(made: Timeline, path: Path, note: str) -> None:
+    """A row for each time: time, the sun's elevation, and every column with its unit in its name."""
+    names = ["time", "sun_elevation_deg", *(one.variable for one in made.columns)]
+    cells = (
+        [time.isoformat(), f"{sun:.4f}", *(_cell(values[i]) for values in made.values)]
+        for i, (time, sun) in enumerate(zip(made.times, made.sun_elevation_deg, strict=True))
+    )
+    write_csv(path, names, cells, note)
+
+
+def _cell(value: float) -> str:
+    return f"{value:.6g}" if np.isfinite(value) else ""
+
+
+def to_dataset(made: Timeline, attributes: dict[str, Any]) -> xarray.Dataset:
+    """The timeline as a dataset along `time` (UTC)."""
+    import xarray  # start-up
+
+    time = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in made.times], "datetime64[us]")
+    variables: dict[str, Any] = {
+        one.variable: ("time", values, {"units": one.unit, "long_name": one.quantity.about})
+        for one, values in zip(made.columns, made.values, strict=True)
+    }
+    sun = ("time", made.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})
+    coords = {"time": time.astype("datetime64[ns]"), "solar_elevation_angle": sun}
+    return xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes})
+
+
+def write_dataset(made: Timeline, path: Path, attributes: dict[str, Any]) -> None:
+    """The same as netCDF."""
+    found = to_dataset(made, attributes)
+    interruptible_h5netcdf()
+    with whole_file(path) as temporary:
+        found.to_netcdf(temporary, engine="h5netcdf")
+
+
+def draw(made: Timeline, path: Path, title: str) -> None:
+    """One panel a column over the hours, twilights shaded, crossings marked."""
+    import matplotlib  # start-up
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    zone = made.times[0].tzinfo
+    figure: Any
+    count = len(made.columns)
+    figure, axes = pyplot.subplots(
+        count, 1, sharex=True, squeeze=False, figsize=(8.0, 1.2 + 2.1 * count), layout="constrained"
+    )
+    for panel, one, values in zip(axes[:, 0], made.columns, made.values, strict=True):
+        _shade(panel, made)
+        panel.plot(made.times, values, color="black", linewidth=1.4)
+        panel.set_ylabel(f"{one.text}\n[{one.unit}]" if one.unit != "1" else one.text, fontsize="small")
+        known = values[np.isfinite(values)]
+        if known.size and known.min() > 0.0 and known.max() > 100.0 * known.min():
+            panel.set_yscale("log")
+        if one.unit.startswith("mag"):
+            panel.invert_yaxis()
+        panel.grid(alpha=0.3)
+        for outcome in made.outcomes:
+            if outcome.condition.column.text != one.text:
+                continue
+            panel.axhline(outcome.condition.value, color="tab:red", linewidth=0.8, linestyle="--")
+            for crossing in outcome.crossings:
+                panel.plot([crossing.time], [outcome.condition.value], "o", color="tab:red", markersize=5)
+                panel.annotate(
+                    f"{crossing.time:%H:%M:%S}", (crossing.time, outcome.condition.value), (5, 4),  # type: ignore[arg-type]
+                    textcoords="offset points", color="tab:red", fontsize="x-small",
+                )  # fmt: skip
+    axes[0, 0].set_title(title, fontsize="small")
+    locator = AutoDateLocator(tz=zone)
+    axes[-1, 0].xaxis.set_major_locator(locator)
+    axes[-1, 0].xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=zone))
+    axes[-1, 0].set_xlim(made.times[0], made.times[-1])
+    try:
+        with whole_file(path) as temporary:
+            figure.savefig(temporary, dpi=120)
+    finally:
+        pyplot.close(figure)
+
+
+def _shade(panel: Any, made: Timeline) -> None:
+    """Day white, each twilight darker, night darkest."""
+    limits = (0.0, *SHADED.values())
+    depth = np.digitize(-made.sun_elevation_deg, [-x + 0.8333 * (x == 0.0) for x in limits])
+    edges = np.flatnonzero(np.diff(depth)) + 1
+    for start, stop in zip([0, *edges], [*edges, depth.size], strict=True):
+        if depth[start]:
+            stop = min(stop, depth.size - 1)
+            panel.axvspan(made.times[start], made.times[stop], color=str(1.0 - 0.11 * depth[start]), linewidth=0)

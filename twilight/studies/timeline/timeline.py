@@ -1,0 +1,209 @@
+"""The table of an evening, and the times at which a quantity passes a value, to the second."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from typing import Literal
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.engine.light import LightField, moments_at
+from twilight.sky.quantities.catalogue import Quantity
+from twilight.sky.twilight_times import TwilightTime, twilight_times
+from twilight.studies.timeline.columns import Column, column, number
+from twilight.studies.timeline.flats import Telescope
+
+MAX_ROWS = 20_000
+_CONDITION = re.compile(r"(?P<column>[^<>]+)(?P<sign>[<>])(?P<value>[^<>]+)")
+_STEP = re.compile(r"(?P<count>\d+(?:\.\d+)?)\s*(?P<unit>s|min|h)")
+_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+FINE_S = (10.0, 1.0)
+"""Steps at which a crossing is looked for between two rows [s]; the last interval is linear."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A column that is to be above (>) or below (<) a value."""
+
+    column: Column
+    sign: Literal["<", ">"]
+    value: float
+
+    @property
+    def text(self) -> str:
+        """As it is written."""
+        return f"{self.column.text} {self.sign} {self.value:g}"
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A condition that begins or ends to hold: time (with its offset), true elevation of the sun [deg]."""
+
+    condition: Condition
+    begins: bool
+    time: datetime
+    sun_elevation_deg: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a condition: its crossings in their order, and whether it held at the first row."""
+
+    condition: Condition
+    holds_at_first: bool
+    crossings: tuple[Crossing, ...]
+
+    @property
+    def sentence(self) -> str:
+        """Where there is no crossing: what holds instead; empty where there are some."""
+        if self.crossings:
+            return ""
+        return "all the time" if self.holds_at_first else "not reached"
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Rows of times (T,) with their suns [deg] (T,), values of every column (T,), marks, and the outcomes of
+    conditions."""
+
+    times: tuple[datetime, ...]
+    sun_elevation_deg: np.ndarray
+    columns: tuple[Column, ...]
+    values: tuple[np.ndarray, ...]
+    marks: tuple[TwilightTime, ...]
+    outcomes: tuple[Outcome, ...] = field(default=())
+
+
+def condition(text: str) -> Condition:
+    """The condition of a text such as `V@zenith > 21`; TwilightError for another."""
+    found = _CONDITION.fullmatch(text)
+    if found is None:
+        raise TwilightError(f"--when: '{text}' is not QUANTITY[@WHERE] < VALUE or > VALUE, e.g. 'V@zenith > 21'")
+    return Condition(column(found["column"]), found["sign"], number(found["value"].strip(), "--when"))  # type: ignore[arg-type]
+
+
+def step_of(text: str) -> timedelta:
+    """A duration such as 30s, 1min or 0.5h; TwilightError for another."""
+    found = _STEP.fullmatch(text.strip())
+    seconds = float(found["count"]) * _SECONDS[found["unit"]] if found else 0.0
+    if not 1.0 <= seconds <= 86400.0:
+        raise TwilightError(f"--step: '{text}' is not a duration from 1s to 24h, e.g. 30s, 1min, 0.5h")
+    return timedelta(seconds=seconds)
+
+
+def rows(start: datetime, stop: datetime, step: timedelta) -> list[datetime]:
+    """Times from start to stop; TwilightError where stop is not later, and for too many."""
+    if not start < stop:
+        raise TwilightError(f"--stop: {stop.isoformat()} is not after --start, {start.isoformat()}")
+    count = int((stop - start) / step + 1e-9) + 1
+    if not 2 <= count <= MAX_ROWS:
+        raise TwilightError(f"--step: makes {count:,} rows; allowed is 2 to {MAX_ROWS:,}")
+    return [(start.astimezone(UTC) + i * step).astimezone(start.tzinfo) for i in range(count)]
+
+
+def timeline(
+    light: LightField,
+    latitude_deg: float,
+    longitude_deg: float,
+    times: Sequence[datetime],
+    columns: Sequence[Column],
+    conditions: Sequence[Condition] = (),
+    time_zone: str | None = None,
+) -> Timeline:
+    """The table.
+
+    Parameters
+    ----------
+    light
+        A field that covers the quantities.
+    latitude_deg, longitude_deg
+        Of the place [deg].
+    times
+        Of the rows, with offsets, in their order.
+    columns, conditions
+        What is tabulated, and what is looked for.
+    time_zone
+        Of the marks; None: UTC.
+
+    Raises
+    ------
+    TwilightError
+        For times outside the ephemeris.
+    """
+
+    def evaluate(one: Column, at: Sequence[datetime]) -> np.ndarray:
+        count = len(at)
+        moments = moments_at([latitude_deg] * count, [longitude_deg] * count, at, light.solved.scene.altitude_km)
+        return one.values(light, moments)
+
+    count = len(times)
+    moments = moments_at([latitude_deg] * count, [longitude_deg] * count, times, light.solved.scene.altitude_km)
+    wanted = {one.text: one for one in (*columns, *(c.column for c in conditions))}
+    values = {text: one.values(light, moments) for text, one in wanted.items()}
+    outcomes = []
+    for one in conditions:
+        found = []
+        over = _over(one, values[one.column.text])
+        for i in np.flatnonzero(_passes(over)).tolist():
+            when = _refined(one, times[i], times[i + 1], evaluate)
+            at = moments_at([latitude_deg], [longitude_deg], [when])
+            found.append(Crossing(one, bool(over[i + 1] > 0), when, float(at.sun_elevation_deg[0])))
+        outcomes.append(Outcome(one, bool(over[0] > 0), tuple(found)))
+    days = sorted({moment.date() for moment in times})
+    found_marks = [mark for day in days for mark in twilight_times(day, latitude_deg, longitude_deg, time_zone)]
+    passed = [mark for mark in found_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
+    # an event that no day of the table has is said once
+    missing = {mark.event: mark for mark in found_marks if mark.time is None}
+    here = {mark.event for mark in passed}
+    marks = (*passed, *(mark for event, mark in missing.items() if event not in here))
+    return Timeline(
+        tuple(times),
+        moments.sun_elevation_deg,
+        tuple(columns),
+        tuple(values[one.text] for one in columns),
+        marks,
+        tuple(outcomes),
+    )
+
+
+def with_flats(made: Timeline, telescope: Telescope, band: str) -> Timeline:
+    """With the exposure of a flat [s] in place of the photons within a band, which the first column has."""
+    photons = made.values[0]
+    about = f"exposure of a twilight flat in {band}"
+    of = made.columns[0].quantity
+    exposure = Quantity(f"flat_{band}", f"flat_exposure_{band}_s", "s", of.of, of.needs, of.value, about)
+    first = Column(f"exposure in {band}", exposure, made.columns[0].target)
+    return replace(
+        made,
+        columns=(first, *made.columns[1:]),
+        values=(telescope.exposure_s(photons), *made.values[1:]),
+    )
+
+
+def _over(one: Condition, values: np.ndarray) -> np.ndarray:
+    """By how much a condition holds, (T,); below 0 where it does not; NaN where there is no value."""
+    return values - one.value if one.sign == ">" else one.value - values
+
+
+def _passes(over: np.ndarray) -> np.ndarray:
+    """Whether a condition changes from each row to the next, (T - 1,)."""
+    known = np.isfinite(over[:-1]) & np.isfinite(over[1:])
+    return known & ((over[:-1] > 0) != (over[1:] > 0))
+
+
+def _refined(one: Condition, first: datetime, last: datetime, evaluate) -> datetime:  # type: ignore[no-untyped-def]
+    """When the condition changes between two times, to the second."""
+    for step_s in FINE_S:
+        span = (last - first).total_seconds()
+        if span <= step_s:
+            continue
+        count = int(np.ceil(span / step_s)) + 1
+        at = [first + timedelta(seconds=span * i / (count - 1)) for i in range(count)]
+        over = _over(one, evaluate(one.column, at))
+        k = int(np.argmax(_passes(over)))
+        first, last = at[k], at[k + 1]
+    return (first + 0.5 * (last - first) + timedelta(milliseconds=500)).replace(microsecond=0)
