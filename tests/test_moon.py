@@ -14,9 +14,11 @@ from twilight.base.shipped_data import data_numbers
 from twilight.config import load
 from twilight.engine import frames
 from twilight.engine.disc import make_disc
+from twilight.engine.moon import warn_of_the_moon
 from twilight.engine.solve import Problem
 from twilight.io.outputs import write_outputs
 from twilight.numerics import spectrum
+from twilight.scene.moons import moon_of
 from twilight.scene.scene import resolve
 from twilight.sky.bodies import Sites
 from twilight.sky.moon import Moon, MoonDisc, moon_irradiance, moon_over
@@ -219,8 +221,10 @@ def test_moon_below_the_horizon(tmp_path):
 def test_eclipses_are_not_computed():
     """A moon in the Earth's shadow is told."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": 29.9})
+    moon = moon_of(made.configuration, made.suns[0])
+    assert moon.phase_angle_deg < 1.55
     with pytest.warns(TwilightWarning, match="eclipses are not computed"):
-        next(iter(frames(made, keep=False)))
+        warn_of_the_moon(made.configuration, moon)
 
 
 @pytest.mark.parametrize(
