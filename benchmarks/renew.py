@@ -146,6 +146,11 @@ BENCHMARKS = {
         "visibility_crescent.csv, ../docs/crescent.png",
         "the young moon beside Yallop's and Odeh's criteria",
     ),
+    "arcus": Benchmark(
+        "visibility.py arcus",
+        "visibility_arcus.csv",
+        "arcus visionis of Sirius, Venus and Saturn beside historical values",
+    ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",

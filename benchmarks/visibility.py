@@ -17,8 +17,9 @@ import results
 
 from twilight.config import load
 from twilight.sky.ephemeris import SunPosition, sun_position
+from twilight.sky.eye_limit import limiting_magnitude
 from twilight.studies.visible.night import Watch
-from twilight.studies.visible.objects import Track, tracks
+from twilight.studies.visible.objects import tracks
 
 HERE = Path(__file__).parent
 LIGHT = {"solver.quality": "draft", "wavelengths.list_nm": [440.0, 500.0, 550.0, 600.0, 660.0]}
@@ -37,27 +38,29 @@ OBJECTS = (
 def arcus() -> None:
     rows = []
     moment = dt.datetime(2026, 7, 20, 2, tzinfo=dt.UTC)
-    heights = np.arange(0.5, 10.01, 0.5)
+    heights, arcs = np.arange(1.0, 9.0), np.arange(3.0, 18.0)
     for climate in ("continental-clean", "continental-average"):
+        watch = Watch(load(climate, LIGHT), 30.0, 31.2)
+        shown, lost = watch.seen_at(heights)
+        sky = {
+            away: np.array([[_behind(watch, moment, h - arc, e, away) for h, e in zip(heights, shown, strict=True)]
+                            for arc in arcs])  # (arcs, heights)
+            for away in dict.fromkeys(row[2] for row in OBJECTS)
+        }  # fmt: skip
         for factor in (1.4, 2.0):
-            watch = Watch(load(climate, LIGHT), 30.0, 31.2, factor)
             for name, magnitude, away, found in OBJECTS:
-                shown, lost = watch.seen_at(heights)
-                margin = []
-                arcs = np.arange(3.0, 18.01, 0.5)
-                for arc in arcs:
-                    best = -np.inf
-                    for h, e, m in zip(heights, shown, lost, strict=True):
-                        sun = SunPosition(h - arc, 0.0, 1.0)
-                        sky, _ = watch.luminance(moment, sun, np.array([e]), np.array([away]))
-                        point = Track(name, np.array([h]), np.array([away]), np.array([magnitude]), np.zeros(1))
-                        best = max(best, watch.margin(point, 0, float(sky[0]), float(m)))
-                    margin.append(best)
-                least = float(np.interp(0.0, margin, arcs)) if margin[-1] > 0.0 else float("nan")
-                rows.append((name, climate, f"{factor:g}", f"{magnitude:g}", f"{least:.1f}", found))
+                margin = (limiting_magnitude(sky[away], factor) - lost - magnitude).max(axis=1)
+                least = f"{np.interp(0.0, margin, arcs):.1f}" if margin[0] < 0.0 < margin[-1] else f"below {arcs[0]:g}"
+                rows.append((name, climate, f"{factor:g}", f"{magnitude:g}", least, found))
     columns = ("object", "climate", "field_factor", "magnitude", "arcus_visionis_deg", "historical_deg")
     notes = ["Schoch 1927, in use for Babylonian diaries; Ptolemy: Almagest XIII 7; Gautschy 2011 (ZAeS 138, 116)"]
     results.write(HERE / "visibility_arcus.csv", columns, rows, notes=notes)
+
+
+def _behind(watch: Watch, moment: dt.datetime, sun_deg: float, elevation_deg: float, away_deg: float) -> float:
+    """Luminance of the sky behind an object [cd m^-2]."""
+    sky, _ = watch.luminance(moment, SunPosition(sun_deg, 0.0, 1.0), np.array([elevation_deg]), np.array([away_deg]))
+    return float(sky[0])
 
 
 def yallop(arcv: float, width_arcmin: float) -> float:
