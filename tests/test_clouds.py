@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import QUICK
+from montecarlo_media import slab
 
 from twilight.atmosphere.clouds import CloudLayer, cirrus_optics, refractive_index
 from twilight.atmosphere.mie import Gamma, compute_optics
@@ -36,6 +38,27 @@ def test_droplets_are_those_of_cloud_c1():
     chi = phase.legendre_moments(28)[0]
     np.testing.assert_allclose((2 * np.arange(29) + 1) * chi, C1_SERIES, rtol=1e-3)
     assert row[2] == pytest.approx(C1_SERIES[1] / 3.0, rel=1e-3)
+
+
+def test_a_thick_cloud_c1_has_its_published_fluxes():
+    """Depth 64, nothing absorbed, sun overhead (Garcia & Siewert 1985, tables 19 and 20): flux 2.66174 up and 0.479851
+    down for a beam of pi, and the radiance of the zenith 0.19523 and at 60 deg from it 0.13199."""
+    row = compute_optics(Gamma(6.0, 1.0 / 9.0), 1.33 + 0j, 700.0)
+    phase = PhaseFunction(TABLE, row[2:3], row[None, 3:516])
+    medium = slab(64.0, 1.0, phase, radius_km=2e5)
+    settings = replace(QUICK, polar_directions=14, late_degree=7, late_polar_directions=7, late_azimuth_directions=7)
+    field = zones.prepare(medium, settings, sun_elevations_deg=[90.0])
+    mu, weight = np.polynomial.legendre.leggauss(12)
+    mu, weight = 0.5 * (mu + 1.0), 0.5 * weight
+    down, up = (
+        2.0
+        * np.pi**2
+        * (weight * mu)
+        @ field.radiance(90.0, sign * np.degrees(np.arcsin(mu)), 0.0, observer_altitude_km=z)
+        for sign, z in ((1.0, 0.0), (-1.0, 1.0))
+    )
+    zenith = np.pi * field.radiance(90.0, np.array([90.0, 30.0]), 0.0)[:, 0]
+    np.testing.assert_allclose([down[0], up[0], *zenith], [0.479851, 2.66174, 0.19523, 0.13199], rtol=0.03)
 
 
 def test_a_gamma_distribution_has_the_radius_and_variance_that_it_says():
