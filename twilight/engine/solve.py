@@ -307,9 +307,26 @@ class Solved(FieldLight):
             self, sun_elevation_deg: ArrayLike, altitude_km: ArrayLike = 0.0, *, rates: bool = True
         ) -> xarray.Dataset: ...
 
-        def airmass(self, sun_elevation_deg: ArrayLike, *directions: ArrayLike, **options: Any) -> Any: ...
+        def airmass(
+            self,
+            sun_elevation_deg: ArrayLike,
+            elevation_deg: ArrayLike,
+            azimuth_deg: ArrayLike,
+            *,
+            edges_km: ArrayLike | None = None,
+            observer_altitude_km: float | None = None,
+        ) -> xarray.Dataset: ...
 
-        def jacobian(self, sun_elevation_deg: ArrayLike, *directions: ArrayLike, **options: Any) -> Any: ...
+        def jacobian(
+            self,
+            sun_elevation_deg: ArrayLike,
+            elevation_deg: ArrayLike,
+            azimuth_deg: ArrayLike,
+            *,
+            by: str | Sequence[str] = ...,
+            edges_km: ArrayLike | None = None,
+            observer_altitude_km: float | None = None,
+        ) -> xarray.Dataset: ...
 
 
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:

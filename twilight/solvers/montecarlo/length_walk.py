@@ -14,7 +14,7 @@ lengths (J,): added to; factor: that lengths count with; profile: `transport.ray
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -106,7 +106,8 @@ def leg_light(
     """
     radius = air.earth_radius_km
     light, whole, chosen = 0.0, 0.0, 0.0
-    number, distance, altitude, cosine, grounded = np.int64(0), 0.0, 0.0, 0.0, False
+    number: Any = np.int64(0)
+    distance, altitude, cosine, grounded = 0.0, 0.0, 0.0, False
     for n in range(totals.n_pieces):
         piece = leg.pieces[n]
         row = leg.chords[int(piece[CHORD])]
@@ -182,9 +183,8 @@ def one_path_sample(
     path = ways.path
     # the light of a leg is gathered by `leg_light`
     later = walk.later
-    gather = LegOptions(
-        later.max_length_km, later.max_depth, later.sag_km, later.bent, np.bool_(False), np.bool_(False)
-    )
+    false: Any = np.bool_(False)
+    gather = LegOptions(later.max_length_km, later.max_depth, later.sag_km, later.bent, false, false)
     light, limit_met = 0.0, 0
     remaining = rescattered_light(memory.line_of_sight, line_of_sight)
     control = remaining

@@ -12,7 +12,7 @@ J layers take 2 J + 1 columns, and eight columns the time of one wavelength alon
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from twilight.base.progress import silent
 from twilight.solvers.base import DIFFERENTIATED, Convergence
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.field_grids import FieldGrids
+from twilight.solvers.zones.solution import Solution
 from twilight.solvers.zones.solve import solve
 from twilight.solvers.zones.successive_orders import FEW_ORDERS
 
@@ -202,7 +203,8 @@ def _solved(columns: Medium, settings, field: Field) -> Field:
     """The field of some columns, in the zenith range of a field."""
     grids = FieldGrids.of(columns, settings, field.grids.zenith_range_deg)
     beam = grids.sunbeam()
-    solutions, convergence = [], None
+    solutions: Sequence[Solution] = ()
+    convergence: Convergence | None = None
     if settings.max_orders > 1:
         solutions, convergence = solve(grids, beam, silent)
         _check(convergence, field)
