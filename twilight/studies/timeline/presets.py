@@ -23,7 +23,7 @@ PRESETS = {
         ("dawn_contrast", "luminance@5/sun", "luminance@5/sun+180"),
         ("dawn_contrast > 0.1", "dawn_contrast > 1", "dawn_contrast > 2"),
         "luminance 5 deg above the horizon at the sun's azimuth over that opposite, less 1, zodiacal light in it; 0.1 "
-        "is about what an eye adapted to a night sky sees of something large with an edge (Blackwell 1946), and dawn has "
+        "is about what an eye adapted to a night sky sees of something large with an edge (Blackwell 1946); dawn has "
         "none: where observers in deserts see first light, at a sun of -14.6 to -14.8 deg (Hassan et al. 2014), it is "
         "about 2",
     ),
