@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from twilight.config import Config
 
 USUAL_NM = (
-    280, 284, 288, 292, 296, 299, 302, 305, 308, 311, 314, 317, 320, 324, 328, 334, 340, 350, 365, 380, 395, 410, 425,
+    281, 284, 288, 292, 296, 299, 302, 305, 308, 311, 314, 317, 320, 324, 328, 334, 340, 350, 365, 380, 395, 410, 425,
     450, 475, 500, 525, 550, 575, 600, 625, 650, 680, 710, 740, 770, 800,
 )  # fmt: skip
 """Wavelengths [nm] where the scene names none: light of all reactions."""
@@ -39,7 +39,7 @@ def fluxes(
     """Irradiances, actinic fluxes, heating rates and photolysis frequencies at altitudes, for any sun.
 
     Writes fluxes.nc with the spectra, fluxes.csv with their integrals, fluxes.png.  Without `wavelengths` in the scene
-    they are 37 from 280 to 800 nm, for photolysis of NO2, O3 and NO3; that takes several minutes the first time.
+    they are 37 from 281 to 800 nm, for photolysis of NO2, O3 and NO3; that takes several minutes the first time.
     """
     import numpy as np
 

@@ -206,6 +206,22 @@ class Config(Section):
     )
 
     @model_validator(mode="after")
+    def _lies_in_sunlight(self) -> Config:
+        if self.wavelengths is None or self.wavelengths.placed:
+            return self
+        from twilight.numerics.spectrum import solar_spectrum  # start-up
+
+        nm, (grid, _) = self.wavelengths.wavelength_nm, solar_spectrum(self.solar_spectrum)
+        low, high = grid[0] - 0.5, grid[-1] + 0.5
+        if not low <= nm[0] <= nm[-1] <= high:
+            bad = nm[0] if nm[0] < low else nm[-1]
+            raise ValueError(
+                f"wavelengths: {bad:g} nm is outside the solar spectrum; solar_spectrum {self.solar_spectrum} goes "
+                f"from {low:g} to {high:g} nm"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _stands_on_the_ground(self) -> Config:
         if self.terrain is not None and self.observer.view is None:
             raise ValueError("terrain: is seen in a view alone; set observer.view, e.g. {kind: perspective}")
