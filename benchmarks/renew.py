@@ -97,6 +97,9 @@ BENCHMARKS = {
     ),
     "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the reference solution"),
     "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
+    "clouds_reference": Benchmark("clouds.py reference 15", "clouds_reference.csv", "the reference below thin clouds"),
+    "clouds": Benchmark("clouds.py", "clouds.csv", "`zones` beside it"),
+    "clouds_times": Benchmark("clouds.py times", "clouds_times.csv", "what a deck of cloud costs"),
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
