@@ -71,7 +71,7 @@ def colours(light: ShadowLight, wavelength_nm: np.ndarray) -> np.ndarray:
 
 def draw(lights: dict[str, ShadowLight], eclipse: Eclipse, wavelength_nm: np.ndarray, path: Path) -> None:
     """PNG: the shadow to scale with the moon in it, its light against the distance from the axis, the light curve."""
-    import matplotlib
+    import matplotlib  # start-up
 
     matplotlib.use("Agg")
     from matplotlib import dates, patches, pyplot
