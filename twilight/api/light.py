@@ -46,7 +46,7 @@ def light(
     """The light of directions or surfaces at places and times: sun, sky, night and ground.
 
     The field of the climate is solved once for all suns and kept in the user's cache, with the tables of its skies;
-    what follows takes milliseconds.  Tables are within 0.3 % of the field, 0.1 % on surfaces; few lines of sight,
+    what follows takes milliseconds.  Tables are within 0.4 % of the field, 0.1 % on surfaces; few lines of sight,
     fewer than the tables would take, are computed one by one.
 
     Parameters
