@@ -166,6 +166,40 @@ def test_yields_and_cross_sections_are_the_published_ones():
         effective_cross_section("no3_nothing", nm, room)
 
 
+TUV = {
+    "j_no2": {20.0: (1.2938e-2, 1.2667e-2, 1.1422e-2), 30.0: (1.3101e-2, 1.2887e-2, 1.1903e-2)},
+    "j_o3_o1d": {20.0: (8.864e-5, 7.381e-5, 3.250e-5), 30.0: (3.512e-4, 3.045e-4, 1.625e-4)},
+}
+"""Photolysis frequencies [s^-1] by altitude [km] for the suns of TUV_SUNS_DEG: TUV 5.4 (Madronich and Flocke 1999), US
+standard air, 300 DU, albedo 0.1, 2002-03-21, as the tests of NCAR's tuv-x keep them (regression/photolysis_rates)."""
+TUV_SUNS_DEG = (88.15, 61.8, 31.8)
+TUV_DISTANCE_AU = 0.9962
+TUV_NM = [281, 285, 289, 293, 297, 301, 305, 309, 313, 318, 324, 332, 341, 360, 380, 400, 425]
+
+
+@pytest.mark.slow
+def test_photolysis_by_day_beside_tuv():
+    """In the stratosphere, where TUV's two streams are as good as many, within 5 %."""
+    climate = {
+        "version": 1,
+        "name": "us-standard",
+        "atmosphere": {"profile": "us_standard"},
+        "gases": {"ozone": {"column_du": 300.0}},
+        "ground": {"albedo": 0.1},
+        "aerosol": {
+            "angstrom": {"exponent": 1.0, "single_scattering_albedo": 0.99, "asymmetry": 0.61},
+            "optical_depth_550nm": 0.235,
+        },
+    }
+    field = twilight.solve({"version": 1, "climate": climate}, wavelength_nm=TUV_NM, quality="draft")
+    altitudes = [20.0, 30.0]
+    found = field.fluxes(TUV_SUNS_DEG, altitudes)
+    for name, published in TUV.items():
+        ours = found[name].values / TUV_DISTANCE_AU**2
+        theirs = np.array([published[z] for z in altitudes]).T
+        np.testing.assert_allclose(ours, theirs, rtol=0.05, err_msg=name)
+
+
 def test_photolysis_needs_its_light(hazy):
     found = hazy.fluxes([20.0, -4.0], [0.0, 20.0])
     assert set(found.data_vars) & {f"j_{name}" for name in REACTIONS} == {"j_no3_no"}
