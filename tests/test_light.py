@@ -97,7 +97,7 @@ def test_the_zenith_is_that_of_a_rendered_sky():
 
 
 def test_terms_add_up_and_the_ground_is_lit_by_them():
-    names = ("sky", "airglow", "stars", "zodiacal_light")
+    names = ("sky", "moon", "airglow", "stars", "zodiacal_light")
     late = datetime(2026, 3, 20, 20, 35, tzinfo=UTC)
     whole = float(twilight.light(PLACE, late, "40/120", "luminance", AIR))
     parts = [float(twilight.light(PLACE, late, "40/120", "luminance", AIR, sources=[name])) for name in names]
@@ -204,3 +204,20 @@ def test_a_planner_takes_the_brightness_of_the_sky_as_a_constraint():
             constraint = SkyBrightnessConstraint(bright + fainter, "V", AIR)
             assert bool(constraint(Observer(place), high, times=times)[0]) is expected
         assert not np.any(SkyBrightnessConstraint(0.0, "V", AIR)(Observer(place), down, times=times))
+
+
+def test_the_moon_lights_the_night_as_in_a_render():
+    """A full moon 57 deg up: 0.1 to 0.3 lx, as such nights have (Kyba et al. 2017); its sky is a render's; a new
+    moon adds nothing."""
+    night = datetime(2026, 4, 2, 0, 30, tzinfo=UTC)
+    lux = twilight.light(PLACE, night, "horizontal", "illuminance", AIR, sources=["moon"])
+    assert 0.1 < float(lux) < 0.3
+    sky = twilight.render(AIR, at=night, place=PLACE, settings={"moon": {}, "night": {}})
+    whole = float(twilight.light(PLACE, night, "40/100", "luminance", AIR))
+    from_sun = (100.0 - float(sky.sun_azimuth_deg or 0.0)) % 360.0
+    assert whole == pytest.approx(float(sky.luminance_at(40.0, from_sun)), rel=0.03)
+    dark = datetime(2026, 3, 19, 0, 30, tzinfo=UTC)
+    assert float(twilight.light(PLACE, dark, "horizontal", "illuminance", AIR, sources=["moon"])) < 1e-6
+    put = {**AIR, "moon": {"elevation_deg": 30.0}}
+    with pytest.raises(TwilightError, match="light takes the moon from place and time"):
+        twilight.light(PLACE, night, "zenith", "luminance", put)

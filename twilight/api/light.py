@@ -43,7 +43,7 @@ def light(
     settings: Mapping[str, object] | None = None,
     returns: Returned = "xarray",
 ) -> Any:
-    """The light of directions or surfaces at places and times: sun, sky, night and ground.
+    """The light of directions or surfaces at places and times: sun, sky, moon, night and ground.
 
     The field of the climate is solved once for all suns and kept in the user's cache, with the tables of its skies;
     what follows takes milliseconds.  Tables are within 0.4 % of the field, 0.1 % on surfaces; few lines of sight,
@@ -65,9 +65,8 @@ def light(
     climate
         Name or file of a climate or configuration, the same as a mapping, or a `Config`.
     sources
-        Some of sun, sky, airglow, stars, zodiacal_light, light_pollution (of `night.light_pollution` alone) and ground
-        (which the chosen ones light); None: all.  A
-        direction never sees the sun's disc.
+        Some of sun, sky, moon, airglow, stars, zodiacal_light, light_pollution (of `night.light_pollution` alone) and
+        ground (which the chosen ones light); None: all.  A direction never sees the discs of sun and moon.
     time_zone
         Of times without an offset, e.g. Europe/Berlin.
     altitude_km

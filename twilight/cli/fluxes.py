@@ -39,7 +39,7 @@ def fluxes(
     """Irradiances, actinic fluxes, heating rates and photolysis frequencies at altitudes, for any sun.
 
     Writes fluxes.nc with the spectra, fluxes.csv with their integrals, fluxes.png.  Without `wavelengths` in the scene
-    they are 37 from 281 to 800 nm, for photolysis of NO2, O3 and NO3; that takes several minutes the first time.
+    they are 37 from 281 to 800 nm, for photolysis of NO2, O3 and NO3; that takes minutes the first time.
     """
     import numpy as np
 

@@ -38,14 +38,14 @@ def light(
     ] = None,
     source: Annotated[
         list[str] | None,
-        option("NAME", "sun, sky, airglow, stars, zodiacal_light, light_pollution, ground; without it, all."),
+        option("NAME", "sun, sky, moon, airglow, stars, zodiacal_light, light_pollution, ground; without it, all."),
     ] = None,
     time_zone: Annotated[str | None, option("ZONE", "Of times without an offset; without it, UTC.")] = None,
     altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver: draft, standard, reference.")] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
 ) -> None:
-    """Print the light of directions or surfaces at a place and times: sun, sky, stars, airglow, zodiacal light, ground.
+    """Print the light of directions or surfaces at a place and times: sun, sky, moon, stars, airglow, ground.
 
     docs/quantities.md lists the quantities with their sources.
     """

@@ -28,6 +28,7 @@ from twilight.engine.solve import Solved
 from twilight.engine.surfaces import Surface
 from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
+from twilight.sky.moon import Moon, moon_over
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.pollution import pollution_radiance
 
@@ -126,6 +127,53 @@ class ScatteredSunlight:
         return []
 
 
+class Moonlight:
+    """The moon of the place and time: its beam, and its sky, which is the sun's in its place (`sky.moon`).
+
+    No direction sees its disc.
+    """
+
+    def __init__(self, field: LightField):
+        section = field.solved.scene.configuration.moon
+        if section is not None and section.elevation_deg is not None:
+            raise TwilightError("moon.elevation_deg: light takes the moon from place and time, not from there")
+        self._field = field
+        self._made: dict[Place, Moon] = {}
+
+    def _moons(self, moments: Moments) -> list[Moon]:
+        """Azimuths from north."""
+        altitude_km = min(self._field.solved.scene.altitude_km, 100.0)
+        for place in moments.places:
+            if place not in self._made:
+                where = (place.time, place.latitude_deg, place.longitude_deg)
+                self._made[place] = moon_over(*where, sun_azimuth_deg=0.0, altitude_km=altitude_km)
+        return [self._made[place] for place in moments.places]
+
+    def _irradiance(self, moons: Sequence[Moon]) -> np.ndarray:
+        """Above the air, (N, W)."""
+        return np.stack([moon.irradiance_factor(self._field.wavelength_nm) for moon in moons]) * (
+            self._field.solar_irradiance
+        )
+
+    def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
+        moons = self._moons(moments)
+        if not any(moon.shines for moon in moons):
+            return None
+        height = np.array([moon.elevation_deg if moon.shines else -90.0 for moon in moons])
+        from_moon = azimuth_deg - np.array([moon.azimuth_deg for moon in moons])[:, None]
+        factor = self._field.table.radiance(height, elevation_deg, from_moon)
+        return factor * self._irradiance(moons)[:, None, :]
+
+    def beams(self, moments: Moments) -> list[Beam]:
+        moons = self._moons(moments)
+        direct = [self._field.solved.direct(moon.elevation_deg) for moon in moons]
+        height = np.array([m.elevation_deg + d.bending_deg for m, d in zip(moons, direct, strict=True)])
+        passed = np.stack([d.irradiance for d in direct])
+        if not passed.any():
+            return []
+        return [Beam(height, np.array([m.azimuth_deg for m in moons]), passed * self._irradiance(moons))]
+
+
 class NightPart:
     """One part of the night sky, of `NightLevels`."""
 
@@ -203,6 +251,7 @@ def _bilinear(grid: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarr
 SOURCES: dict[str, Callable[[LightField], Source]] = {
     "sun": Sun,
     "sky": ScatteredSunlight,
+    "moon": Moonlight,
     "airglow": lambda field: NightPart(field, "airglow"),
     "stars": lambda field: NightPart(field, "starlight"),
     "zodiacal_light": lambda field: NightPart(field, "zodiacal_light"),
