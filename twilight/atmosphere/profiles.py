@@ -45,6 +45,11 @@ MOLECULES_PER_CM2_PER_DU = 2.686780e16
 """One Dobson unit: 10 um of gas at 273.15 K and 101325 Pa; Loschmidt constant 2.686780e25 m^-3 (CODATA 2018)."""
 
 
+def magnus_hpa(celsius: np.ndarray) -> np.ndarray:
+    """Pressure of water vapour over water at temperatures [C]: Magnus' formula, WMO-No. 8 (2018), annex 4.B."""
+    return 6.112 * np.exp(17.62 * celsius / (243.12 + celsius))
+
+
 @dataclass(frozen=True)
 class AirProfile:
     """State of the air at Z altitudes; all arrays have shape (Z,).
@@ -104,7 +109,7 @@ class AirProfile:
     def relative_humidity(self) -> np.ndarray:
         """Water vapour pressure over saturation pressure, 0..1 (Magnus formula over water, WMO 2018 annex 4.B)."""
         celsius = np.clip(self.temperature_k - 273.15, -80.0, 60.0)
-        saturation_hpa = 6.112 * np.exp(17.62 * celsius / (243.12 + celsius))
+        saturation_hpa = magnus_hpa(celsius)
         return np.clip(self.water_vapour_pressure_hpa / saturation_hpa, 0.0, 1.0)
 
     def column_per_cm2(self, density_per_cm3: np.ndarray) -> float:

@@ -1,8 +1,7 @@
 """Light at places and times: what shines on directions and surfaces, term by term, as spectra.
 
 Every source is a term of one sum: `radiance` of directions, and `beams` of what has no width.  The light of a surface
-is
-the integral over the upper hemisphere of all radiances, the beams, and what level ground sends up:
+is the integral over the upper hemisphere of all radiances, the beams, and what level ground sends up:
 
     E = sum_d w_d g(d) L_d + sum_b g(b) B_b + G A E_level / pi
 
@@ -38,10 +37,14 @@ NIGHT_COLUMN_DEG = 15.0
 NIGHT_STEP = timedelta(minutes=15)
 """Times at which the night is computed are whole multiples of it: stars then move by 4 deg."""
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-ROWS, COLUMNS = 12, 20
-"""Nodes of the hemisphere: rows below and above the sun, columns of either half."""
-LOWEST_NODE_DEG, HIGHEST_NODE_DEG = 6.0, 84.0
-"""Suns that part the hemisphere's nodes in two [deg]: beyond, the nodes stand still."""
+ROWS = 12
+"""Nodes of the hemisphere below the sun's elevation, and as many above it (uniform skies: `tests/test_light.py`)."""
+COLUMNS = 20
+"""Nodes over the azimuths of either half of the hemisphere."""
+LOWEST_NODE_DEG = 6.0
+"""Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
+HIGHEST_NODE_DEG = 84.0
+"""Highest elevation of the sun [deg] that does."""
 
 
 class Moments(NamedTuple):

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from twilight.atmosphere.profiles import magnus_hpa
+
 MOLAR_MASS_DRY = 28.9647e-3
 """Dry air [kg mol^-1] (Picard et al. 2008, Metrologia 45, 149, with 400 ppm of carbon dioxide: 28.9655)."""
 
@@ -24,8 +26,10 @@ GAS_CONSTANT = 8.314462618
 STANDARD_GRAVITY = 9.80665
 """m s^-2: geopotential height is geopotential over this."""
 
-COLDEST_C, WARMEST_C = -100.0, 60.0
-"""Temperatures between which Magnus' formula is used [C]; its source says -45 to 60, below water hardly matters."""
+COLDEST_C = -100.0
+"""Temperature from which on Magnus' formula is used [C]; its source says -45, below which water hardly matters."""
+WARMEST_C = 60.0
+"""Temperature up to which its source states it [C]."""
 
 
 def saturation_pressure_hpa(temperature_k):
@@ -34,7 +38,7 @@ def saturation_pressure_hpa(temperature_k):
     Sondes report their relative humidity and dew point over water at all temperatures.
     """
     celsius = np.clip(np.asarray(temperature_k, dtype=float) - 273.15, COLDEST_C, WARMEST_C)
-    return 6.112 * np.exp(17.62 * celsius / (243.12 + celsius))
+    return magnus_hpa(celsius)
 
 
 def from_dew_point(dew_point_k, pressure_hpa):

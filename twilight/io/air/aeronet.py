@@ -25,13 +25,15 @@ from twilight.io.air.wanted import Wanted, spoken
 
 HEAD = "AERONET Version 3"
 MISSING = (-999.0, -9999.0)
-DATE, TIME = re.compile(r"Date_?\(dd:mm:yyyy\)"), re.compile(r"Time_?\(hh:mm:ss\)")
+DATE = re.compile(r"Date_?\(dd:mm:yyyy\)")
+TIME = re.compile(r"Time_?\(hh:mm:ss\)")
 DEPTH = re.compile(r"AOD_(\d+)nm")
 EXACT = "Exact_Wavelengths_of_AOD(um)_{}nm"
 EXPONENT = "440-870_Angstrom_Exponent"
 RADIUS = re.compile(r"\d+\.\d{6}")
 BY_WAVELENGTH = re.compile(r"(.+)\[(\d+)nm\]")
-REAL, IMAGINARY = "Refractive_Index-Real_Part", "Refractive_Index-Imaginary_Part"
+REAL = "Refractive_Index-Real_Part"
+IMAGINARY = "Refractive_Index-Imaginary_Part"
 EXTINCTION = "AOD_Extinction-Total"
 MM_PER_CM = 10.0
 

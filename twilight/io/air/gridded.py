@@ -46,19 +46,38 @@ COORDINATES = {
 }
 """What each coordinate is called."""
 
-TEMPERATURE, HEIGHT_M, GEOPOTENTIAL = ("t", "T"), ("H", "gh"), ("z",)
-SPECIFIC_HUMIDITY, RELATIVE_HUMIDITY = ("q", "QV"), ("r", "RH")
+TEMPERATURE = ("t", "T")
+"""Names of the variables in the files: temperature [K]."""
+HEIGHT_M = ("H", "gh")
+"""Geopotential height [m]."""
+GEOPOTENTIAL = ("z",)
+"""Geopotential [m^2 s^-2]."""
+SPECIFIC_HUMIDITY = ("q", "QV")
+"""kg of water vapour in a kg of air."""
+RELATIVE_HUMIDITY = ("r", "RH")
+"""Over water [%], or of MERRA-2 1."""
 OZONE_MASS = ("o3", "go3", "O3")
-OZONE_DU, OZONE_KG = ("ColumnAmountO3", "TO3"), ("tco3", "gtco3")
+"""kg of ozone in a kg of air."""
+OZONE_DU = ("ColumnAmountO3", "TO3")
+"""Ozone column [DU]."""
+OZONE_KG = ("tco3", "gtco3")
+"""Ozone column [kg m^-2]."""
 WATER_KG = ("tcwv", "TQV")
+"""Column of water vapour [kg m^-2]."""
 DEPTHS = {"aod469": 469.0, "aod550": 550.0, "aod670": 670.0, "aod865": 865.0, "aod1240": 1240.0}
 """Optical depths of CAMS by wavelength [nm]."""
-MERRA_DEPTH, MERRA_EXPONENT = "TOTEXTTAU", "TOTANGSTR"
-"""Optical depth at 550 nm, and the exponent between 470 and 870 nm."""
+MERRA_DEPTH = "TOTEXTTAU"
+"""Optical depth of aerosol at 550 nm."""
+MERRA_EXPONENT = "TOTANGSTR"
+"""Its Angstrom exponent between 470 and 870 nm."""
 MERRA_NM = (470.0, 550.0, 870.0)
 
-COVER, LIQUID, ICE = ("cc", "CLOUD"), ("clwc", "QL"), ("ciwc", "QI")
-"""Fraction of cloud, and kg of cloud water and ice in a kg of air, on the pressure levels."""
+COVER = ("cc", "CLOUD")
+"""Fraction of cloud on the pressure levels."""
+LIQUID = ("clwc", "QL")
+"""kg of cloud water in a kg of air."""
+ICE = ("ciwc", "QI")
+"""kg of cloud ice in a kg of air."""
 
 CLOUDS = (*COVER, *LIQUID, *ICE, "tcc", "CLDTOT")
 AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")

@@ -16,8 +16,10 @@ MEAN_DISTANCE_KM = 384_400.0
 """To which FULL_MOON_MAG belongs."""
 OFFSETS = 80
 """Angles from the shadow's axis at which irradiance is computed, between which its logarithm is linear."""
-RINGS, AROUND = 10, 24
-"""Points of the moon's disc over which irradiance is averaged: radii and azimuths."""
+RINGS = 10
+"""Radii of the moon's disc over which irradiance is averaged, Gauss-Legendre in their squares."""
+AROUND = 24
+"""Azimuths about the middle of the moon's disc over which it is averaged."""
 LEAST = 1e-12
 """Irradiance over that without the Earth that counts as none."""
 GRAVITY_KM3_S2 = 398_600.4418
