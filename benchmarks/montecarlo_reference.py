@@ -4,12 +4,19 @@
     python benchmarks/montecarlo_reference.py urban desert               writes reference/urban.csv, desert.csv
     python benchmarks/montecarlo_reference.py hazy-air-albedo-0 pure-air-albedo-0
     python benchmarks/montecarlo_reference.py media                      writes reference/pure-air.csv, hazy-air.csv
+    python benchmarks/montecarlo_reference.py check                      all tables beside today's code
+    python benchmarks/montecarlo_reference.py check urban                one of them
 
 Climates are built at the three wavelengths, with their Mie phase matrices and ground; pure-air is written to
 pure-air-climate.csv.  Sun-normalised I, Q, U [sr^-1] with standard errors, per wavelength, sun and direction; observer
 on the ground; the elevation of a direction is the apparent one, and every leg of a path is bent.  The media are read
 back from their tables: two climates without their aerosol, one with a Henyey-Greenstein one; their light is scalar and
 its lines are straight, as in the solver `cells`.
+
+The tables take hours.  `check` computes every third sun and every fourth direction of a table anew, with other random
+numbers and a standard error of 2 %, and writes what it found into the table's second line: renew.py counts a table's
+age from there.  A table that has moved by more than four standard errors of the mean, or scatters by more than 1.3 of
+its stated errors, is left as it is and named, and the command ends with code 1: it is to be made anew.
 """
 
 from __future__ import annotations
@@ -17,9 +24,9 @@ from __future__ import annotations
 import csv
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import results
@@ -56,6 +63,16 @@ CLIMATE_DIRECTIONS_DEG = (
     (90.0, 0.0),
 )
 STOKES_COLUMNS = (*COLUMNS, "q_per_sr", "q_standard_error_per_sr", "u_per_sr", "u_standard_error_per_sr", "samples")
+
+
+CHECKED_SUNS = slice(0, None, 3)
+CHECKED_DIRECTIONS = slice(0, None, 4)
+CHECKED_ERROR = 0.02
+"""Relative standard error asked of a value that is computed for a check."""
+MOST_SIGMAS = 4.0
+"""A table has moved whose mean difference is larger, in standard errors of that mean."""
+MOST_SCATTER = 1.3
+"""A table's errors are wrong where the differences scatter more, in their stated standard errors."""
 
 
 def write_media() -> None:
@@ -97,41 +114,51 @@ def target(sun_elevation_deg: float) -> float:
     return 0.005 if sun_elevation_deg >= -12.0 else 0.01
 
 
-def of_medium(name: str) -> None:
-    """A tabulated medium in scalar theory with straight lines: NAME-air-albedo-ALBEDO."""
-    from twilight.atmosphere.medium_table import medium_from_table
+class Reference(NamedTuple):
+    """What a table is of: the field, its settings, suns, directions and whether it holds Q and U."""
 
-    air, albedo = name.split("-albedo-")
-    medium = medium_from_table(HERE / f"{air}.csv", ground_albedo=float(albedo))
-    field, settings = prepared(medium, bent_lines_of_sight=False, polarisation=False)
-    elevation, azimuth = np.array(DIRECTIONS_DEG).T
-
-    def rows(sun: float):
-        found = replace(field, settings=replace(settings, target_stderr=target(sun))).radiance_with_error(
-            sun, elevation, azimuth
-        )
-        yield from numbers(sun, DIRECTIONS_DEG, medium, found.samples, found.radiance, found.standard_error)
-
-    compute(name, SUNS_DEG, rows, (*COLUMNS, "samples"))
+    field: Any
+    settings: Any
+    suns_deg: tuple[float, ...]
+    directions_deg: tuple[tuple[float, float], ...]
+    polarised: bool
 
 
-def of_climate(name: str) -> None:
-    """A shipped climate, polarised, with all refraction."""
+def reference(name: str) -> Reference:
+    """A shipped climate, polarised with all refraction, or a tabulated medium in scalar theory with straight lines.
+
+    name: of a climate, or NAME-air-albedo-ALBEDO
+    """
+    wavelength_nm = np.array(WAVELENGTHS_NM)
+    if "-albedo-" in name:
+        from twilight.atmosphere.medium_table import medium_from_table
+
+        air, albedo = name.split("-albedo-")
+        medium = medium_from_table(HERE / f"{air}.csv", ground_albedo=float(albedo))
+        field, settings = prepared(medium, bent_lines_of_sight=False, polarisation=False)
+        return Reference(field, settings, SUNS_DEG, DIRECTIONS_DEG, False)
     from twilight.config.load import load_climate
     from twilight.scene.medium import climate_medium
 
-    medium = climate_medium(load_climate(name), np.array(WAVELENGTHS_NM))
-    field, settings = prepared(medium)
-    elevation, azimuth = np.array(CLIMATE_DIRECTIONS_DEG).T
+    field, settings = prepared(climate_medium(load_climate(name), wavelength_nm))
+    return Reference(field, settings, CLIMATE_SUNS_DEG, CLIMATE_DIRECTIONS_DEG, True)
 
-    def rows(sun: float):
-        found = replace(field, settings=replace(settings, target_stderr=target(sun))).stokes_with_error(
-            sun, elevation, azimuth
-        )
+
+def rows_of(of: Reference, sun: float):
+    """Rows of a table at one sun."""
+    elevation, azimuth = np.array(of.directions_deg).T
+    field = replace(of.field, settings=replace(of.settings, target_stderr=target(sun)))
+    if of.polarised:
+        found = field.stokes_with_error(sun, elevation, azimuth)
         columns = [a[:, k] for k in range(3) for a in (found.stokes, found.standard_error)]
-        yield from numbers(sun, CLIMATE_DIRECTIONS_DEG, medium, found.samples, *columns)
+    else:
+        found = field.radiance_with_error(sun, elevation, azimuth)
+        columns = [found.radiance, found.standard_error]
+    yield from numbers(sun, of.directions_deg, found.samples, *columns)
 
-    compute("pure-air-climate" if name == "pure-air" else name, CLIMATE_SUNS_DEG, rows, STOKES_COLUMNS)
+
+def file_of(name: str) -> Path:
+    return HERE / ("pure-air-climate.csv" if name == "pure-air" else f"{name}.csv")
 
 
 def prepared(medium, **change):
@@ -142,20 +169,21 @@ def prepared(medium, **change):
     return prepare(medium, settings), settings
 
 
-def numbers(sun: float, directions, medium, samples: np.ndarray, *values: np.ndarray):
+def numbers(sun: float, directions, samples: np.ndarray, *values: np.ndarray):
     """Rows of a table from arrays (D, W)."""
     for d, (elevation, azimuth) in enumerate(directions):
-        for w, nm in enumerate(medium.wavelength_nm):
+        for w, nm in enumerate(WAVELENGTHS_NM):
             found = [f"{v[d, w]:.6g}" for v in values]
             yield [f"{sun:g}", f"{elevation:g}", f"{azimuth:g}", f"{nm:g}", *found, samples[d, w]]
 
 
-def compute(name: str, suns_deg, rows_of: Callable, columns) -> None:
+def compute(name: str) -> None:
     """All suns of one table, written at the end; what each took is printed."""
+    of = reference(name)
     rows: list = []
-    for sun in suns_deg:
+    for sun in of.suns_deg:
         start = time.process_time()
-        new = list(rows_of(sun))
+        new = list(rows_of(of, sun))
         error = np.array([100.0 * float(row[5]) / float(row[4]) for row in new])
         print(
             f"{name} sun {sun:5.1f}: error {np.median(error):.2f} % (largest {error.max():.2f} %), "
@@ -163,16 +191,52 @@ def compute(name: str, suns_deg, rows_of: Callable, columns) -> None:
             flush=True,
         )
         rows += new
-    results.write(HERE / f"{name}.csv", columns, rows, command=f"python benchmarks/montecarlo_reference.py {name}")
+    columns = (*(STOKES_COLUMNS if of.polarised else COLUMNS), *(() if of.polarised else ("samples",)))
+    results.write(file_of(name), columns, rows, command=f"python benchmarks/montecarlo_reference.py {name}")
 
 
-MEDIA = ("hazy-air-albedo-0", "pure-air-albedo-0")
+def check(name: str) -> bool:
+    """Whether a table is what today's code gives; if so its second line says so."""
+    table = results.read_numbers(file_of(name))
+    of = reference(name)
+    of = of._replace(settings=replace(of.settings, seed=21, max_samples=20_000))
+    elevation, azimuth = np.array(of.directions_deg[CHECKED_DIRECTIONS]).T
+    differences, errors = [], []
+    for sun in of.suns_deg[CHECKED_SUNS]:
+        field = replace(of.field, settings=replace(of.settings, target_stderr=CHECKED_ERROR))
+        found = field.radiance_with_error(sun, elevation, azimuth)
+        was = table[table["sun_elevation_deg"] == sun].reshape(len(of.directions_deg), -1)[CHECKED_DIRECTIONS]
+        differences.append(found.radiance / was["radiance_per_sr"] - 1.0)
+        own = found.standard_error / found.radiance
+        errors.append(np.hypot(own, was["standard_error_per_sr"] / was["radiance_per_sr"]))
+    difference, error = np.ravel(differences), np.ravel(errors)
+    weight = error**-2 / np.sum(error**-2)
+    mean, mean_error = float(weight @ difference), float(np.sum(error**-2) ** -0.5)
+    scatter = float(np.sqrt(np.mean((difference / error) ** 2)))
+    same = abs(mean) < MOST_SIGMAS * mean_error and scatter < MOST_SCATTER
+    said = (
+        f"checked at {results.commit()}: {difference.size} values differ by "
+        f"{100 * mean:+.2f} +- {100 * mean_error:.2f} %, scatter {scatter:.2f} of the stated errors"
+    )
+    print(f"{name}: {said}{'' if same else '; THE TABLE IS TO BE MADE ANEW'}", flush=True)
+    if same:
+        results.note_check(file_of(name), said)
+    return same
 
-if __name__ == "__main__":
-    for name in sys.argv[1:] or (*CLIMATES, *MEDIA):
+
+ALL = (*CLIMATES, "hazy-air-albedo-0", "pure-air-albedo-0")
+
+
+def main(arguments: list[str]) -> None:
+    if arguments[:1] == ["check"]:
+        results_of = [check(name) for name in arguments[1:] or ALL]
+        sys.exit(not all(results_of))
+    for name in arguments or ALL:
         if name == "media":
             write_media()
-        elif "-albedo-" in name:
-            of_medium(name)
         else:
-            of_climate(name)
+            compute(name)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

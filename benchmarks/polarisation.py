@@ -96,15 +96,10 @@ def scalar(climates) -> None:
     results.write(HERE / "polarisation.csv", columns, rows, notes=notes)
 
 
-def reference_file(climate: str) -> Path:
-    """Where montecarlo_reference.py keeps the reference solution's Stokes vectors of a climate."""
-    return HERE / "reference" / f"{'pure-air-climate' if climate == 'pure-air' else climate}.csv"
-
-
 def reference(climates) -> None:
     rows = []
-    for climate in climates or [c for c in montecarlo_reference.CLIMATES if reference_file(c).exists()]:
-        file = reference_file(climate)
+    for climate in climates or [c for c in montecarlo_reference.CLIMATES if montecarlo_reference.file_of(c).exists()]:
+        file = montecarlo_reference.file_of(climate)
         if not file.exists():
             sys.exit(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
         table = results.read_numbers(file)

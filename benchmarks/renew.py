@@ -53,6 +53,9 @@ BENCHMARKS = {
         "reference/*.csv",
         "reference radiances (Monte-Carlo), by which all other errors are judged",
     ),
+    "montecarlo_reference_check": Benchmark(
+        "montecarlo_reference.py check", "reference/*.csv", "the same beside today's code, at 2 %"
+    ),
     "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of Monte-Carlo to 1 %"),
     "montecarlo_importance": Benchmark(
         "montecarlo_speed.py importance", "montecarlo_importance.csv", "what a finer importance function would bring"
@@ -208,6 +211,8 @@ def made_at(benchmark: Benchmark) -> str:
     return "" if not benchmark.writes or "../" in benchmark.writes else "no table is kept"
 
 
+CHECKED = re.compile(r"^# checked at commit (\w+)", re.MULTILINE)
+"""The commit at which a table was last found to be what the code gives (results.note_check)."""
 STAMP = re.compile(r"commit (\w+)(?: \(changed\))?: python benchmarks/(\S+)")
 """The commit and the script in the first line of a table."""
 _LOCAL = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
@@ -268,10 +273,13 @@ def ages() -> list[tuple[str, str, str, int | None]]:
     cached_code = functools.cache(code_of)
     found: list[tuple[str, str, str, int | None]] = []
     for path in sorted(HERE.rglob("*.csv")):
-        stamp = STAMP.search(path.read_text(encoding="utf-8").partition("\n")[0])
+        first, second = path.read_text(encoding="utf-8").split("\n", 2)[:2]
+        stamp = STAMP.search(first)
         if stamp is None or path.name in ("renewed.csv", "slow_tests.csv"):  # these have a commit in each row
             continue
         commit, script = stamp.groups()
+        if checked := CHECKED.search(second):
+            commit = checked[1]
         count = commits_since(commit, cached_code(script)) if (HERE / script).is_file() else None
         found.append((path.relative_to(HERE).as_posix(), script, commit, count))
     return sorted(found, key=lambda row: -1 if row[3] is None else -row[3])

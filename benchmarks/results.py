@@ -3,7 +3,8 @@
     # twilight 0.1.0, commit 1a2b3c4d (changed): python benchmarks/zones_error.py standard
 
 `(changed)` stands where the program's files differed from that commit.  Lines that begin with # are notes; the first
-line without one names the columns.
+line without one names the columns.  A table that is dear to make may be checked beside later code: its second line then
+begins with `# checked at commit`.
 """
 
 from __future__ import annotations
@@ -29,10 +30,11 @@ def heading(command: str = "") -> str:
     if not command:
         arguments = [os.path.relpath(a, ROOT) if os.path.isabs(a) else a for a in sys.argv[1:]]
         command = " ".join(["python benchmarks/" + Path(sys.argv[0]).name, *arguments])
-    return f"# twilight {__version__}, {_commit()}: {command}"
+    return f"# twilight {__version__}, {commit()}: {command}"
 
 
-def _commit() -> str:
+def commit() -> str:
+    """The commit of the program, and whether its files differ from that."""
     try:
         commit = _git("rev-parse", "--short=8", "HEAD").strip()
         changed = _git("status", "--porcelain", "--untracked-files=no", "--", "twilight", "climates").strip()
@@ -61,6 +63,14 @@ def stamp(path: Path, target: Path, command: str = "") -> None:
     text = Path(path).read_text(encoding="utf-8")
     with whole_file(target) as temporary:
         temporary.write_text(heading(command) + "\n" + text, encoding="utf-8")
+
+
+def note_check(path: Path, said: str) -> None:
+    """Put what a check of a table found, which begins with "checked at commit", into the table's second line."""
+    heading_line, *lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    lines = [line for line in lines if not line.startswith("# checked at commit")]
+    with whole_file(path) as temporary:
+        temporary.write_text("".join([heading_line, f"# {said}\n", *lines]), encoding="utf-8")
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
