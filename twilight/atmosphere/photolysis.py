@@ -51,8 +51,6 @@ REACTIONS = {
 _TABLES = {"no2": "no2_yield", "no3_no": "no3_no_yield", "no3_no2": "no3_no2_yield", "no3": "no3_cross_section"}
 NO3_ROOM_K = 298.0
 """Temperature of NO3's table of cross sections [K]."""
-NO3_SPLITS_NM = 585.0
-"""Below this wavelength every photon that NO3 absorbs gives NO2 + O(3P) [nm]."""
 
 
 @lru_cache(maxsize=len(_TABLES))

@@ -9,9 +9,6 @@ import numpy as np
 from twilight.sky.bodies import AU_KM, Sites
 from twilight.sky.moon.light import Moon
 
-SHADOW_PHASE_DEG = 1.55
-"""Phase angle [deg] below which the full moon may stand in the Earth's penumbra."""
-
 
 def moon_over(
     moment: dt.datetime,

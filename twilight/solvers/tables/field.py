@@ -81,11 +81,6 @@ class Field(BareField):
     def mapping(self) -> Mapping:
         return self.tables.mapping
 
-    @property
-    def stored_bytes(self) -> int:
-        """Size of the tables T, E and S at 4 bytes per number."""
-        return 4 * (sum(p.size for p in self.parts) + self.tables.depth.size + self.tables.irradiance.size)
-
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
     ) -> np.ndarray:
