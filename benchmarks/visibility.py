@@ -28,8 +28,8 @@ BEST_TIME = 4.0 / 9.0
 """Yallop's best time: sunset plus 4/9 of the lag to moonset."""
 OBJECTS = (
     # name, magnitude, azimuth from the sun when both are low [deg], what was found
-    ("Sirius, Egypt", -1.46, 45.0, "Gautschy 2011: 10, plausibly 9 to 11"),
-    ("Venus, morning or evening", -4.0, 5.0, "Schoch 5.2 to 6.0; Ptolemy 5"),
+    ("Sirius, Egypt", -1.46, 45.0, "in use 9 to 10"),
+    ("Venus, morning or evening", -4.0, 5.0, "de Jong 6.1 to 8.6; Schoch 5.2 to 6.0; Ptolemy 5"),
     ("Saturn, morning", 0.6, 5.0, "Schoch 13; Ptolemy 11"),
     ("Saturn, evening", 0.6, 5.0, "Schoch 10; Ptolemy 11"),
 )
@@ -53,7 +53,10 @@ def arcus() -> None:
                 least = f"{np.interp(0.0, margin, arcs):.1f}" if margin[0] < 0.0 < margin[-1] else f"below {arcs[0]:g}"
                 rows.append((name, climate, f"{factor:g}", f"{magnitude:g}", least, found))
     columns = ("object", "climate", "field_factor", "magnitude", "arcus_visionis_deg", "historical_deg")
-    notes = ["Schoch 1927, in use for Babylonian diaries; Ptolemy: Almagest XIII 7; Gautschy 2011 (ZAeS 138, 116)"]
+    notes = [
+        "Sirius: IMCCE, Heliacal rising of Sirius; Schoch's values in use for Babylonian diaries;",
+        "de Jong 2019 (AHES, footnote 9); Ptolemy: Almagest XIII 7",
+    ]
     results.write(HERE / "visibility_arcus.csv", columns, rows, notes=notes)
 
 

@@ -24,7 +24,7 @@ CITY = {"night.light_pollution": {"bortle_class": 8}}
 
 
 def test_world_atlas():
-    """Rows of table 1 of Falchi et al. 2016: ratios 0.64, 1.28 and 2.56 are 111, 223 and 445 ucd m^-2 of lamps."""
+    """A natural zenith has 22.0 mag and 174 ucd m^-2 (Falchi et al. 2016): 0.64, 1.28, 2.56 of it are 111, 223, 445."""
     for ratio, ucd in ((0.64, 111.0), (1.28, 223.0), (2.56, 445.0)):
         total_mag = 22.0 - 2.5 * np.log10(1.0 + ratio)
         assert artificial_zenith_cd_per_m2(total_mag) == pytest.approx(ucd * 1e-6, rel=0.005)

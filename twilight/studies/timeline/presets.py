@@ -17,20 +17,20 @@ PRESETS = {
     "darkness": Preset(
         ("V@zenith", "B@zenith", "luminance@zenith"),
         ("V@zenith > 20", "V@zenith > 21"),
-        "the zenith of a dark site without moon is at V 21.6 to 21.9 (Patat 2003); 21 is within half a magnitude of it",
+        "the zenith of a dark site without moon is at V 21.6 at solar maximum (Paranal, Patat 2003), where a Sky "
+        "Quality Meter has read 21.9 in the mean of seven years (Cosmic Campground); 21 is within a magnitude of it",
     ),
     "dawn": Preset(
         ("dawn_contrast", "luminance@5/sun", "luminance@5/sun+180"),
         ("dawn_contrast > 0.1", "dawn_contrast > 1", "dawn_contrast > 2"),
         "luminance 5 deg above the horizon at the sun's azimuth over that opposite, less 1, zodiacal light in it; 0.1 "
-        "is about what an eye adapted to a night sky sees of something large with an edge (Blackwell 1946); dawn has "
-        "none: where observers in deserts see first light, at a sun of -14.6 to -14.8 deg (Hassan et al. 2014), it is "
-        "about 2",
+        "is what an eye adapted to a night sky sees of something large with an edge (Crumey 2014); dawn has none: at "
+        "the sun of -14.7 deg where keen observers in a desert saw first light (Hassan & Abdel-Hadi 2015) it is 2",
     ),
     "reading": Preset(
         ("illuminance", "cct"),
-        ("illuminance < 400", "illuminance < 3.4"),
-        "level ground at sunset 400 lx; at the end of civil twilight, where outdoor work needs lamps, 3.4 lx (Janiczek "
+        ("illuminance < 450", "illuminance < 3.4"),
+        "level ground at sunset 450 lx; at the end of civil twilight, where outdoor work needs lamps, 3.4 lx (Janiczek "
         "& DeYoung 1987)",
     ),
     "melanopic": Preset(
