@@ -161,3 +161,23 @@ def test_the_sky_through_cirrus_has_a_halo_and_no_rings(tmp_path):
     assert np.all(near[1:] < 1.06 * near[:-1])
     inside, halo, outside = field.radiance(25.0, 25.0 + np.array([20.0, 22.5, 32.0]), 0.0)[:, 0]
     assert halo > 2.0 * inside and halo > 2.0 * outside
+
+
+def test_near_the_sun_cirrus_is_as_small_angles_say():
+    """The aureole of ice crystals would be too bright or too dark: 12 to 29 % where moments beyond the truncated degree
+    that exceed the forward fraction, as halos have them, were cut.
+
+    Light that is deflected little has crossed the depth t / cos once, however often it was scattered: all orders are
+    e^-t sum (2l+1)/4pi (e^(t chi_l) - 1) P_l.
+    """
+    phase, depth = cirrus_optics(np.array([550.0])).phase, 0.5
+    away = np.array([0.3, 0.6, 1.0, 2.0, 3.0, 5.0])
+    cosine, degree = np.cos(np.radians(away)), 3000
+    chi, n = phase.legendre_moments(degree)[0], np.arange(degree + 1)
+    fading = np.sin(0.5 * np.pi * np.minimum(1.0, 2.0 - 2.0 * n / degree)) ** 2
+    series = fading * (2 * n + 1) / (4.0 * np.pi) * (np.exp(depth * chi) - 1.0 - depth * chi)
+    expected = depth * phase(cosine)[0] + np.polynomial.legendre.legval(cosine, series)
+    settings = replace(zones.QUALITIES["draft"], polarisation=False, refraction=False)
+    field = zones.prepare(slab(depth, 1.0, phase, radius_km=2e5), settings, sun_elevations_deg=[90.0])
+    found = field.radiance(90.0, 90.0 - away, 0.0)[:, 0]
+    np.testing.assert_allclose(found, np.exp(-depth) * expected, rtol=0.025)
