@@ -71,14 +71,11 @@ def deterministic(field, **more):
     return lambda s, e, a: (field.radiance(s, e, a, **more), np.zeros((e.size, a.size, field.medium.n_wavelengths)))
 
 
-@pytest.mark.parametrize(
-    ("quality", "allowed"),
-    [("draft", 2.5e-3), pytest.param("standard", 4.5e-3, marks=[pytest.mark.slow])],
-)
-def test_zones(quality, allowed):
-    """At worst 1.7e-3 at draft and 3.2e-3 at standard, through the layer at 75 deg; in air alone within 1e-3."""
+@pytest.mark.slow
+def test_zones():
+    """At worst 1.7e-3, through the layer at 75 deg; in air alone within 1e-3."""
     medium = white_air()
-    settings = replace(zones.QUALITIES[quality], max_orders=200, tolerance=1e-3, polarisation=False)
+    settings = replace(zones.QUALITIES["draft"], max_orders=200, tolerance=1e-3, polarisation=False)
     field = zones.prepare(medium, settings)
     for altitude, elevations in (
         (0.0, ELEVATION_DEG),
@@ -86,7 +83,7 @@ def test_zones(quality, allowed):
         (60.0, DOWN_DEG),
     ):
         found, _ = from_all_suns(deterministic(field, observer_altitude_km=altitude), medium, altitude, elevations)
-        np.testing.assert_allclose(found, 1.0, atol=allowed)
+        np.testing.assert_allclose(found, 1.0, atol=2.5e-3)
 
 
 @pytest.mark.slow

@@ -263,7 +263,7 @@ def hazy_block():
     return Problem(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=0.4))).block(0)
 
 
-@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 15))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 9))])
 def test_no_pixel_is_black_beside_its_neighbours(hazy_block, seed):
     """Random mountains, some before the sun: shadows take no more sunlight than there is, at every wavelength.
 

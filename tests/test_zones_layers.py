@@ -70,6 +70,7 @@ def test_sunlight_between_the_altitudes_of_its_table():
     assert np.abs(errors).max() < 0.04
 
 
+@pytest.mark.slow
 def test_light_under_a_volcanic_layer_has_settled():
     """`standard` has altitude_density 1.  Twice as dense moved the sky by up to 9 % at -18 and 5 % at -12 deg."""
     medium = climate_medium(load_climate("volcanic-extreme"), WAVELENGTH_NM)
@@ -170,6 +171,7 @@ def test_light_of_a_low_sun_in_a_thin_layer_is_not_stepped_over():
     assert worst[1] < 0.02
 
 
+@pytest.mark.slow
 def test_light_leaks_along_a_high_layer_after_sunset():
     """Against the reference solution (`benchmarks/zones_study_layer.csv`), whose error is 1.3 and 1.7 %."""
     draft = replace(QUICK, polarisation=False)
