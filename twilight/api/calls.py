@@ -131,7 +131,7 @@ def render(
         )
     check_size(config)
     check_stars(config)
-    resolved = resolve(config)
+    resolved = resolve(config, mixed=True)
     skies = (frame.sky for frame in frames(resolved))
     if isinstance(config.sun, SunElevation | SunAt):
         return next(skies)
@@ -175,7 +175,7 @@ def solve(
     """
     suns = None if sun_elevation_deg is None else numbers(sun_elevation_deg, "sun_elevation_deg")
     config = config_of(scene, {}, altitude_km, wavelength_nm, solver, quality, settings)
-    return solve_scene(resolve(config), suns)
+    return solve_scene(resolve(config, mixed=True), suns)
 
 
 def medium(

@@ -199,7 +199,7 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
     with progress_bar() as bar:
         for case in cases:
             tell = part_of(bar, done / total, count_suns(case.config) / total, case.name)
-            for frame in frames(resolve(case.config), tell):
+            for frame in frames(resolve(case.config, mixed=True), tell):
                 yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
             done += count_suns(case.config)
 

@@ -291,6 +291,15 @@ class Climate(Section):
     )
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
 
+    @field_validator("clouds")
+    @classmethod
+    def _one_cover(cls, clouds: tuple[Cloud, ...]) -> tuple[Cloud, ...]:
+        covers = sorted({cloud.cover for cloud in clouds if 0.0 < cloud.cover < 1.0})
+        if len(covers) > 1:
+            given = ", ".join(f"{cover:g}" for cover in covers)
+            raise ValueError(f"cover is {given}: all clouds that cover a part of the sky cover the same part of it")
+        return clouds
+
     @model_validator(mode="after")
     def _table_or_composition(self) -> Climate:
         if self.medium is not None:

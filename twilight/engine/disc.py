@@ -54,18 +54,26 @@ def make_disc(
         first, last = sun_elevation_deg, sun_elevation_deg + 2 * ROW_DEG
     count = int(np.ceil((last - first) / ROW_DEG))
     rows = np.minimum(first + (np.arange(count) + 0.5) * ROW_DEG, 90.0)
-    if bands is None:
-        true, passed = sights.follow(altitude_km, rows, np.arange(medium.n_wavelengths))
-    else:
-        true, passed = ApparentRays(bands.expand(medium)).follow(
-            altitude_km, rows, np.arange(bands.wavelength_index.size)
-        )
-        true, passed = true[:, np.unique(bands.wavelength_index, return_index=True)[1]], bands.sum_terms(passed)
+    true, passed = follow_rows(medium, altitude_km, rows, bands)
     if not hits.any():
         passed[:] = 0.0
-    if medium.screen is not None:
-        passed *= _screened(medium, medium.screen, max(altitude_km, medium.bottom_km), rows)
     return Disc(medium.wavelength_nm, rows, true, passed, float(sun_elevation_deg), radius)
+
+
+def follow_rows(
+    medium: Medium, altitude_km: float, rows_deg: np.ndarray, bands: GasBands | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """True elevations [deg] and transmittances (H, W) of rays that arrive under apparent elevations (H,) [deg]."""
+    if bands is None:
+        true, passed = ApparentRays(medium).follow(altitude_km, rows_deg, np.arange(medium.n_wavelengths))
+    else:
+        true, passed = ApparentRays(bands.expand(medium)).follow(
+            altitude_km, rows_deg, np.arange(bands.wavelength_index.size)
+        )
+        true, passed = true[:, np.unique(bands.wavelength_index, return_index=True)[1]], bands.sum_terms(passed)
+    if medium.screen is not None:
+        passed *= _screened(medium, medium.screen, max(altitude_km, medium.bottom_km), rows_deg)
+    return true, passed
 
 
 def _screened(medium: Medium, screen: Screen, altitude_km: float, rows_deg: np.ndarray) -> np.ndarray:

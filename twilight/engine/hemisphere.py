@@ -51,11 +51,14 @@ def disc_beams(
     share = 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2
     elevation, parts = np.zeros(DISC_STRIPS), []
     for block in solved.blocks:
-        out = np.zeros((DISC_STRIPS, block.sunbeam.medium.n_wavelengths))
-        for s, offset in enumerate(np.cos(k)):
-            true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
-            elevation[s] = np.degrees(true + beam_at(block.sunbeam.beam, altitude_km, np.sin(true), out[s]))
-        parts.append(out if block.bands is None else block.bands.sum_terms(out))
+        found = []
+        for fraction, one in block.columns:
+            out = np.zeros((DISC_STRIPS, one.sunbeam.medium.n_wavelengths))
+            for s, offset in enumerate(np.cos(k)):
+                true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
+                elevation[s] = np.degrees(true + beam_at(one.sunbeam.beam, altitude_km, np.sin(true), out[s]))
+            found.append(fraction * (out if one.bands is None else one.bands.sum_terms(out)))
+        parts.append(sum(found))
     return elevation, share[:, None] * np.concatenate(parts, axis=1)
 
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.engine.columns import mean_of
 from twilight.engine.hemisphere import disc_beams
 from twilight.engine.night import levels_of
 from twilight.engine.sky_table import SkyTable
@@ -123,7 +124,7 @@ class ScatteredSunlight:
 
     def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         from_sun = azimuth_deg - moments.sun_azimuth_deg[:, None]
-        factor = self._field.table.radiance(moments.sun_elevation_deg, elevation_deg, from_sun)
+        factor = self._field.sky(moments.sun_elevation_deg, elevation_deg, from_sun)
         return factor * (self._field.solar_irradiance / moments.distance_au[:, None, None] ** 2)
 
     def beams(self, moments: Moments) -> list[Beam]:
@@ -164,7 +165,7 @@ class Moonlight:
             return None
         height = np.array([moon.elevation_deg if moon.shines else -90.0 for moon in moons])
         from_moon = azimuth_deg - np.array([moon.azimuth_deg for moon in moons])[:, None]
-        factor = self._field.table.radiance(height, elevation_deg, from_moon)
+        factor = self._field.sky(height, elevation_deg, from_moon)
         return factor * self._irradiance(moons)[:, None, :]
 
     def beams(self, moments: Moments) -> list[Beam]:
@@ -207,15 +208,16 @@ class NightPart:
             sun = sun_position(then.time, then.latitude_deg, then.longitude_deg)
             columns = np.arange(0.0, 360.0, NIGHT_COLUMN_DEG)
             alone = NightLevels(**{"airglow": 0.0, "starlight": 0.0, "zodiacal_light": 0.0, self._part: 1.0})
-            self._made[key] = night_radiance(
-                self._field.solved.medium,
-                NIGHT_ROWS_DEG,
-                columns - float(sun.azimuth_deg),
-                alone,
-                sun_elevation_deg=float(sun.elevation_deg),
-                sun_azimuth_deg=float(sun.azimuth_deg),
-                place=then,
-                observer_altitude_km=self._field.solved.scene.altitude_km,
+            where: dict[str, Any] = {
+                "sun_elevation_deg": float(sun.elevation_deg),
+                "sun_azimuth_deg": float(sun.azimuth_deg),
+                "place": then,
+                "observer_altitude_km": self._field.solved.scene.altitude_km,
+            }
+            rows = NIGHT_ROWS_DEG, columns - float(sun.azimuth_deg)
+            self._made[key] = mean_of(
+                self._field.solved.scene.columns,
+                lambda scene: night_radiance(scene.medium, *rows, alone, **where),
             )
         return self._made[key]
 
@@ -291,9 +293,12 @@ class LightField:
         return spectrum.solar_irradiance(self.wavelength_nm, self.solved.solar_spectrum)
 
     @cached_property
-    def table(self) -> SkyTable:
-        """The sky that the sun makes."""
-        return SkyTable(self.solved)
+    def _tables(self) -> list[tuple[float, SkyTable]]:
+        return [(fraction, SkyTable(solved)) for fraction, solved in self.solved.columns]
+
+    def sky(self, sun_elevation_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """The sky that the sun makes [sr^-1]; arguments as of `SkyTable.radiance`."""
+        return mean_of(self._tables, lambda table: table.radiance(sun_elevation_deg, elevation_deg, azimuth_deg))
 
     @cached_property
     def _sources(self) -> dict[str, Source]:

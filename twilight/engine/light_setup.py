@@ -35,5 +35,5 @@ def field_for(config: Config, quantities: Sequence[Quantity]) -> LightField:
 
 @lru_cache(maxsize=4)
 def _field(document: str) -> LightField:
-    field = LightField.of(solve(resolve(Config.model_validate(json.loads(document)))))
+    field = LightField.of(solve(resolve(Config.model_validate(json.loads(document)), mixed=True)))
     return field if field.levels is not None else replace(field, levels=NightLevels())

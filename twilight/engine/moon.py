@@ -11,7 +11,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightWarning
 from twilight.config.scene import Config
-from twilight.engine.disc import make_disc
+from twilight.engine.columns import disc_of
 from twilight.engine.sunbeam import Direct
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation, direction
@@ -59,7 +59,7 @@ def moon_light(
     if direct:
         beam = np.concatenate([one.irradiance for one in direct]) * irradiance
         apparent += direct[-1].bending_deg
-        path = make_disc(medium, moon.elevation_deg, scene.altitude_km, 1.0, scene.bands, moon.radius_deg)
+        path = disc_of(scene, moon.elevation_deg, radius_deg=moon.radius_deg)
         disc = MoonDisc(path, moon, sun_elevation_deg) if path.is_seen else None
     return MoonLight(MoonSeen(moon, apparent, beam, disc), irradiance, over_one_au * sun_distance_au**2)
 

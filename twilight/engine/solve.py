@@ -10,7 +10,7 @@ takes at once, so that 1000 need no more memory than one block; a `Block` is one
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.answer import Answer, join_wavelengths, make_sky
 from twilight.engine.block import Block
-from twilight.engine.disc import make_disc
+from twilight.engine.columns import MixedBlock, disc_of
 from twilight.engine.field_light import FieldLight
 from twilight.engine.sunbeam import Direct
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
@@ -66,6 +66,13 @@ class Problem:
                 f"solver.field_file: holds the field of up to {able.wavelengths_at_once} wavelengths, and "
                 f"{scene.title or 'the medium'} has {scene.medium.n_wavelengths}"
             )
+
+    @cached_property
+    def columns(self) -> tuple[tuple[float, Problem], ...]:
+        """Fractions of the sky and the problems of one air whose light, by these fractions, is this problem's."""
+        if self.scene.between is None:
+            return ((1.0, self),)
+        return tuple((fraction, replace(self, scene=scene)) for fraction, scene in self.scene.columns)
 
     @cached_property
     def cost(self) -> Cost | None:
@@ -122,8 +129,12 @@ class Problem:
 
         A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
         different spectral groups share no block, nor do those in a band with others, whose grids would follow the
-        band's terms, unless a file is to hold them all.
+        band's terms, unless a file is to hold them all.  Columns of a mixed sky share blocks, as small as either needs.
         """
+        if self.scene.between is not None:
+            starts = sorted({part.start for _, column in self.columns for part in column.slices})
+            ends = [*starts[1:], self.scene.medium.n_wavelengths]
+            return [slice(start, stop) for start, stop in zip(starts, ends, strict=True)]
         step, count = self.wavelengths_at_once, self.scene.medium.n_wavelengths
         term_counts = self._term_counts
         keys = self._groups
@@ -137,11 +148,19 @@ class Problem:
 
     def block(self, index: int, progress: Progress | None = None) -> Block:
         """Solve one block."""
-        part, scene = self.slices[index], self.scene
-        medium = scene.medium if len(self.slices) == 1 else scene.medium.select(part)
+        return self._block(self.slices[index], progress or silent)
+
+    def _block(self, part: slice, progress: Progress) -> Block:
+        scene = self.scene
+        if scene.between is not None:
+            count, parts = len(self.columns), []
+            for n, (fraction, column) in enumerate(self.columns):
+                parts.append((fraction, column._block(part, part_of(progress, n / count, 1.0 / count))))
+            return MixedBlock(parts)
+        medium = scene.medium if part == slice(0, scene.medium.n_wavelengths) else scene.medium.select(part)
         bands = None if scene.bands is None else scene.bands.select(part)
         bands = bands if bands is not None and bands.absorption_per_km.any() else None
-        return Block.solve(self, part, medium, bands, progress or silent)
+        return Block.solve(self, part, medium, bands, progress)
 
     def blocks(self, progress: Progress | None = None) -> Iterator[Block]:
         """Solve the blocks one by one; whoever takes one deletes it before the next, so that one alone is held."""
@@ -170,6 +189,16 @@ class Solved(FieldLight):
     def medium(self) -> Medium:
         """The medium at all wavelengths."""
         return self.scene.medium
+
+    @property
+    def columns(self) -> tuple[tuple[float, Solved], ...]:
+        """Fractions of the sky and the fields of one air whose light, by these fractions, is this field's."""
+        if self.scene.between is None:
+            return ((1.0, self),)
+        return tuple(
+            (fraction, Solved(problem, tuple(block.columns[n][1] for block in self.blocks)))
+            for n, (fraction, problem) in enumerate(self.problem.columns)
+        )
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -231,7 +260,7 @@ class Solved(FieldLight):
     ) -> Disc:
         """The sun's disc as an observer sees it: `twilight.sky.disc.Disc`."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au, self.scene.bands)
+        return disc_of(self.scene, sun_elevation_deg, distance_au, altitude_km=altitude)
 
     def sky(
         self,

@@ -18,6 +18,7 @@ from twilight.base.errors import TwilightError
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 from twilight.engine.block import Block
+from twilight.engine.columns import mean_of
 from twilight.engine.moon import MoonLight, with_disc
 from twilight.engine.night import NightLight
 from twilight.engine.solve import Solved
@@ -243,6 +244,9 @@ def landscape(
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
     """
     check_terrain(block)
+    if len(block.columns) > 1:
+        found = [(c, landscape(one, seen, terrain, sun_elevation_deg, standpoint)) for c, one in block.columns]
+        return replace(found[0][1], radiance=mean_of(found, lambda one: one.radiance))
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
     scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)

@@ -9,7 +9,7 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
 from twilight.scene.horizon import screen_of
-from twilight.scene.medium import climate_gas_bands, climate_medium, planning_medium, wavelengths_of
+from twilight.scene.medium import climate_gas_bands, climate_medium, planning_medium, sky_columns, wavelengths_of
 from twilight.scene.plan import Omission, make_plan
 from twilight.scene.suns import SceneSun, suns_of
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
+    from twilight.config.climate import Climate
     from twilight.solvers.base import Capabilities, Solver
 
 
@@ -46,6 +47,8 @@ class Scene:
     config
         The configuration that was resolved, from which skies take their directions, night, terrain and record; None
         for a scene that was put together by hand, which has a field but no frames.
+    cover, between
+        Fraction of the sky under clouds, and the scene between them, where they do not cover all of it.
     """
 
     medium: Medium
@@ -57,6 +60,8 @@ class Scene:
     title: str = ""
     omissions: tuple[Omission, ...] = ()
     config: Config | None = None
+    cover: float = 1.0
+    between: Scene | None = None
 
     def __post_init__(self) -> None:
         if self.medium.has_water and not self.capabilities.water:
@@ -67,6 +72,15 @@ class Scene:
             raise TwilightError(
                 f"horizon.screen: the solver {name} knows nothing beyond the horizon; zones, montecarlo and tables do"
             )
+
+    @property
+    def columns(self) -> tuple[tuple[float, Scene], ...]:
+        """Fractions of the sky and the scenes of one air whose light, by these fractions, is this scene's."""
+        if self.between is None:
+            return ((1.0, self),)
+        # what was replaced in this scene is replaced in both
+        between = replace(self.between, observer=self.observer)
+        return (self.cover, replace(self, cover=1.0, between=None)), (1.0 - self.cover, between)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -98,6 +112,7 @@ def resolve(
     wavelength_nm: np.ndarray | None = None,
     solver: tuple[Solver, Any] | None = None,
     for_plan: bool = False,
+    mixed: bool = False,
 ) -> Scene:
     """The scene of a configuration: its climate without what its plan omits, its solver, its suns and its observer.
 
@@ -112,6 +127,8 @@ def resolve(
     for_plan
         Whether the scene is only asked what it costs: its air is then about right, and there at once
         (`planning_medium`).
+    mixed
+        Whether the caller knows what to do with a sky that is covered in part; else one is an error.
 
     Raises
     ------
@@ -121,7 +138,22 @@ def resolve(
     if solver is None:
         name, _, settings = config.chosen_solver
         solver = solvers.load(name), settings
-    plan = make_plan(config, wavelength_nm)
+    columns = sky_columns(config.climate) if mixed else ((1.0, config.climate),)
+    first, *others = (_of_one_air(config, climate, wavelength_nm, solver, for_plan) for _, climate in columns)
+    if not others:
+        return first
+    return replace(first, cover=columns[0][0], between=others[0])
+
+
+def _of_one_air(
+    config: Config,
+    climate: Climate,
+    wavelength_nm: np.ndarray | None,
+    solver: tuple[Solver, Any],
+    for_plan: bool,
+) -> Scene:
+    """The scene of a configuration with a climate in place of its own; arguments as of `resolve`."""
+    plan = make_plan(config.model_copy(update={"climate": climate}), wavelength_nm)
     wanted_nm = wavelengths_of(config) if wavelength_nm is None else wavelength_nm
     quick = for_plan and plan.climate.medium is None and wanted_nm is not None
     medium = (planning_medium if quick else climate_medium)(plan.climate, wanted_nm)  # type: ignore[arg-type]

@@ -144,16 +144,17 @@ def fluxes_of(
         raise TwilightError("sun_elevation_deg: must be one number or more, each from -90 to 90")
     check(solved.scene, altitudes)
     nm = solved.medium.wavelength_nm
-    found = {key: np.empty((suns.size, altitudes.size, nm.size)) for key in (*PARTS, "absorbed")}
+    found = {key: np.zeros((suns.size, altitudes.size, nm.size)) for key in (*PARTS, "absorbed")}
     # lines of sight are traced once for an altitude
     for z, altitude in enumerate(altitudes):
         for s, sun in enumerate(suns):
             progress("fluxes", (z * suns.size + s) / (altitudes.size * suns.size))
             for block in solved.blocks:
-                parts, absorbed = around(block, float(sun), float(altitude))
-                for key, value in parts.items():
-                    found[key][s, z, block.wavelengths] = value
-                found["absorbed"][s, z, block.wavelengths] = 1e-3 * absorbed
+                for fraction, column in block.columns:
+                    parts, absorbed = around(column, float(sun), float(altitude))
+                    for key, value in parts.items():
+                        found[key][s, z, block.wavelengths] += fraction * value
+                    found["absorbed"][s, z, block.wavelengths] += 1e-3 * fraction * absorbed
     found["net"] = found["direct_down"] + found["diffuse_down"] - found["direct_up"] - found["diffuse_up"]
     found["actinic"] = found["actinic_direct"] + found["actinic_down"] + found["actinic_up"]
     down = found["direct_down"] + found["diffuse_down"]
