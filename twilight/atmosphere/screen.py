@@ -15,13 +15,18 @@ tangent altitude and rises again, so h_least is
 - the altitude at `to_km` for a tangent point farther than that.
 
 Clouds with tops of normally distributed altitude have T(h) = 1 - cover Phi((top - h)/spread); a skyline is a wall at
-one distance, from_km = to_km, T = 0 below its height and 1 above.
+one distance, from_km = to_km, T = 0 below its height and 1 above.  What is thin enough to be seen through takes more of
+one colour: with the optical depth -ln T proportional to wavelength^-alpha (Angstrom),
+
+    T(h, wavelength) = T(h, 550 nm)^((wavelength/550 nm)^-alpha),
+
+alpha = 0 for clouds and mountains, 1 to 2 for haze and smoke.
 
 Limits.  Nothing is scattered by the screen itself: its own light, and what is seen of it, are left out.  Distances
 count from the lit point, so that the air remains symmetric about the axis from the Earth to the sun; what is seen from
 the ground lies within some 300 km of the observer.  `montecarlo` counts them from the observer
-(docs/configurations.md: how far the two differ).  A skyline is that in the sun's azimuth, taken for all azimuths: the
-beams that light the sky come from there.
+(docs/configurations.md: how far the two differ).  A skyline by azimuth is that in the sun's azimuth, taken for all
+azimuths: the beams that light the sky come from there.  `montecarlo` alone has it azimuth by azimuth (`around`).
 """
 
 from __future__ import annotations
@@ -39,6 +44,8 @@ EDGE_KM = 0.01
 """Altitude over which a skyline goes from dark to clear [km]."""
 CLOUD_SPREADS = tuple(x / 4.0 for x in range(-12, 13))
 """Altitudes of the table of cloud tops, in spreads from their mean."""
+REFERENCE_NM = 550.0
+"""Wavelength [nm] of the transmission of a screen that is not grey."""
 STEP_KM = 0.25
 """Largest distance of the altitudes between which n r is taken as linear [km]."""
 
@@ -50,9 +57,14 @@ class Screen:
     Parameters
     ----------
     altitude_km, transmission : tuples of N
-        Increasing altitudes above sea level [km], and T there, 0 to 1.
+        Increasing altitudes above sea level [km], and T there, 0 to 1, at 550 nm.
     from_km, to_km
         The part of the way that counts [km], as distances from the point.
+    angstrom_exponent
+        alpha of the optical depth -ln T, -1 to 5.
+    around : tuples of three
+        Skyline about the observer by azimuth from the sun [deg]: (azimuth [deg], height above sea level [km], distance
+        [km]), of which the rest of the screen is that in the sun's azimuth; empty: the same in all azimuths.
 
     Raises
     ------
@@ -64,6 +76,8 @@ class Screen:
     transmission: tuple[float, ...]
     from_km: float = 0.0
     to_km: float = math.inf
+    angstrom_exponent: float = 0.0
+    around: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         z, t = np.array(self.altitude_km), np.array(self.transmission)
@@ -75,23 +89,32 @@ class Screen:
             raise TwilightError("the transmission of a screen must be between 0 and 1")
         if not 0.0 <= self.from_km <= self.to_km:
             raise TwilightError("a screen must begin at 0 km or farther and end no nearer than it begins")
+        if not -1.0 <= self.angstrom_exponent <= 5.0:
+            raise TwilightError("the Angstrom exponent of a screen must be between -1 and 5")
 
     @staticmethod
-    def of_clouds(cover: float, top_km: float, top_spread_km: float, from_km: float) -> Screen:
+    def of_clouds(
+        cover: float, top_km: float, top_spread_km: float, from_km: float, angstrom_exponent: float = 0.0
+    ) -> Screen:
         """Clouds that let 1 - cover of grazing beams pass; mean altitude and standard deviation of their tops [km]."""
         spread = max(top_spread_km, EDGE_KM)
         normal = NormalDist(top_km, spread)
         z = tuple(top_km + spread * x for x in CLOUD_SPREADS)
-        return Screen(z, tuple(1.0 - cover * (1.0 - normal.cdf(h)) for h in z), from_km)
+        passed = tuple(1.0 - cover * (1.0 - normal.cdf(h)) for h in z)
+        return Screen(z, passed, from_km, angstrom_exponent=angstrom_exponent)
 
     @staticmethod
-    def of_skyline(height_km: float, distance_km: float) -> Screen:
+    def of_skyline(height_km: float, distance_km: float, around: tuple[tuple[float, float, float], ...] = ()) -> Screen:
         """A wall across the sun's azimuth, up to a height above sea level at a distance [km]."""
-        return Screen((height_km - EDGE_KM, height_km), (0.0, 1.0), distance_km, distance_km)
+        return Screen((height_km - EDGE_KM, height_km), (0.0, 1.0), distance_km, distance_km, around=around)
 
     def at(self, altitude_km) -> np.ndarray:
-        """T of beams by their least altitude [km], of any shape."""
+        """T at 550 nm of beams by their least altitude [km], of any shape."""
         return np.interp(altitude_km, self.altitude_km, self.transmission)
+
+    def powers(self, wavelength_nm) -> np.ndarray:
+        """Powers of T at 550 nm that are T at wavelengths [nm], of any shape."""
+        return (np.asarray(wavelength_nm, dtype=float) / REFERENCE_NM) ** -self.angstrom_exponent
 
     @property
     def refined_km(self) -> np.ndarray:

@@ -242,6 +242,7 @@ def _print_plans(cases: list[Any]) -> None:
     from twilight.scene import resolve
     from twilight.scene.horizon import described
     from twilight.scene.plan import not_computed
+    from twilight.scene.suns import suns_of
     from twilight.studies.fit.compact.own import needs_fit, waiting
 
     rows, sizes = [], []
@@ -254,7 +255,7 @@ def _print_plans(cases: list[Any]) -> None:
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for case in cases:
-        beyond = described(case.config.horizon)
+        beyond = described(case.config.horizon, tuple(suns_of(case.config)))
         if beyond is not None:
             print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
     for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):

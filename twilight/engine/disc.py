@@ -82,5 +82,6 @@ def _screened(medium: Medium, screen: Screen, altitude_km: float, rows_deg: np.n
     found = []
     for w in range(medium.n_wavelengths):
         x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
-        found.append(passing_at(screen, profile, w, x * np.cos(elevation), x * np.sin(elevation)))
+        nm = medium.wavelength_nm[w]
+        found.append(passing_at(screen, profile, w, nm, x * np.cos(elevation), x * np.sin(elevation)))
     return np.stack(found, axis=1)

@@ -157,7 +157,7 @@ def prepare_beam(
             log_up=log_up,
             log_down=_past_lowest_point(air, limb, distances, shift),
             edges=air.edges,
-            screen=screen_table(medium.screen, air.profile, air.reference),
+            screen=screen_table(medium.screen, air.profile, air.reference, medium.wavelength_nm),
         )
     )
 

@@ -19,7 +19,7 @@ import numpy as np
 from twilight.jit.kernels import njit
 from twilight.transport.beam_edges import dispersion_lag, edge_depth
 from twilight.transport.beam_interpolation import bicubic, cubic, even_nodes, weights
-from twilight.transport.beam_screen import passing
+from twilight.transport.beam_screen import at_wavelength, passing
 
 COSINE_SCALE = 0.05
 """Nodes of the apparent cosine are uniform in c (1 + s)/(c + s): the optical depth is nearly linear in 1/(c + s)."""
@@ -271,7 +271,8 @@ def _of_edges(pool, index, w, z, xx, u):
 def _screened(pool, index, w, p, u, bending, slope):
     """T of a wavelength's own ray from above; bending, slope: of the reference's ray."""
     own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
-    return passing(pool, index[AT_SCREEN], math.sqrt(max(0.0, u * u + (p - own_u) * (p + own_u))), own_u)
+    passed = passing(pool, index[AT_SCREEN], math.sqrt(max(0.0, u * u + (p - own_u) * (p + own_u))), own_u)
+    return at_wavelength(pool, index[AT_SCREEN], w, passed)
 
 
 @njit(inner=True, cache=True)
@@ -343,7 +344,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
         value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
         out[w] = factor * math.exp(min(value, limit))
         if index[SCREENED] == 1:
-            out[w] *= passing(pool, index[AT_SCREEN], own, own_u)
+            out[w] *= at_wavelength(pool, index[AT_SCREEN], w, passing(pool, index[AT_SCREEN], own, own_u))
     return bending
 
 
@@ -401,5 +402,5 @@ def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     factor = 1.0 / (1.0 - u / pool[FAR])
     light = factor * math.exp(min(value, LARGEST_LOG - math.log(factor)))
     if index[SCREENED] == 1:
-        light *= passing(pool, index[AT_SCREEN], own, own_u)
+        light *= at_wavelength(pool, index[AT_SCREEN], w, passing(pool, index[AT_SCREEN], own, own_u))
     return light, bending

@@ -63,7 +63,7 @@ class GroundSun:
         self._overhead = medium.overhead_absorption_optical_depth
         self._index = index[0]
         self._screen = medium.screen
-        self._altitude_km = z
+        self._altitude_km, self._wavelength_nm = z, medium.wavelength_nm
 
     def _chi(self, apparent: np.ndarray) -> np.ndarray:
         """True zenith angle (W,) [rad] of the rays under apparent ones (W,)."""
@@ -102,7 +102,7 @@ class GroundSun:
             return np.ones(p.size)
         x = np.hypot(p, u + self._screen.from_km)
         lowest = [np.interp(xx, column, self._altitude_km) for xx, column in zip(x, self._x.T, strict=True)]
-        return self._screen.at(np.array(lowest))
+        return self._screen.at(np.array(lowest)) ** self._screen.powers(self._wavelength_nm)
 
     def _slope(self, apparent: np.ndarray) -> np.ndarray:
         """d chi/d i, from angles on the near side of the horizontal."""

@@ -160,7 +160,8 @@ class Field(BareField):
         if self.medium.screen is not None:
             r, across = self.mapping.bottom_km, np.sqrt(np.clip(1.0 - mu_s[up] ** 2, 0.0, 1.0))
             straight = ray_profile(self.medium, refraction=False)
-            direct[up] *= passing_at(self.medium.screen, straight, 0, r * across, r * mu_s[up])[:, None]
+            for w, nm in enumerate(self.medium.wavelength_nm):
+                direct[up, w] *= passing_at(self.medium.screen, straight, 0, nm, r * across, r * mu_s[up])
         nodes = np.linspace(-1.0, 1.0, self.mapping.n_e_mu_s)
         sky = np.stack([np.interp(mu_s, nodes, column) for column in tables.irradiance[0].T], axis=-1)
         passed = np.exp(-self._depths(tables.profile, rays, rays.length_km)[g])

@@ -21,7 +21,7 @@ from twilight.solvers.tables.mapping import (
     transmittance_texels,
     view_texel,
 )
-from twilight.transport.beam_screen import passing
+from twilight.transport.beam_screen import at_wavelength, passing
 
 DARK = np.float32(1e-30)
 """What a texel without light holds where logarithms are interpolated."""
@@ -66,7 +66,7 @@ def sunlight(mapping, depth, screen, height_km, mu_s, out):
         r = mapping.bottom_km + height_km
         passed = passing(screen, 0, r * math.sqrt(max(0.0, (1.0 - mu_s) * (1.0 + mu_s))), r * mu_s)
         for w in range(out.size):
-            out[w] *= passed
+            out[w] *= at_wavelength(screen, 0, w, passed)
     return True
 
 

@@ -82,7 +82,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     refuse_unseen_layers(medium, mapping)
     n_w = medium.n_wavelengths
     texels = Texels(*grid(mapping))
-    screen = screen_table(medium.screen, ray_profile(medium, refraction=False), 0)
+    screen = screen_table(medium.screen, ray_profile(medium, refraction=False), 0, medium.wavelength_nm)
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
     progress("transmittance", 0.0)
     in_slices(lambda a, b: fill_depth(profile, mapping, depth, a, b), mapping.n_t_r)

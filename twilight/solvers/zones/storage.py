@@ -190,7 +190,8 @@ def _read_medium(group: Any) -> Medium:
 
 def _read_screen(text: str) -> Screen:
     v = json.loads(text)
-    return Screen(tuple(v["altitude_km"]), tuple(v["transmission"]), v["from_km"], v["to_km"])
+    around = tuple(tuple(point) for point in v.pop("around"))
+    return Screen(tuple(v.pop("altitude_km")), tuple(v.pop("transmission")), **v, around=around)
 
 
 def stored_hash(path: str | Path) -> str | None:
