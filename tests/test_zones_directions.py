@@ -12,8 +12,8 @@ from twilight.atmosphere.build import build_medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.directions import needed
-from twilight.solvers.zones.grid import conserving, even_harmonics, make_angles
+from twilight.solvers.zones.directions import RIM_POLAR, needed, rims_km, with_degree
+from twilight.solvers.zones.grid import altitude_nodes, conserving, even_harmonics, make_angles
 from twilight.solvers.zones.line_integrals import sun_lift
 from twilight.transport.lines import horizon_cosine, with_refraction
 from twilight.transport.profile import prepare_profile
@@ -119,7 +119,38 @@ def test_only_coarse_particles_take_more_directions(desert):
     assert more.late_degree >= 9 and more.late_polar_directions >= 9 and more.late_azimuth_directions >= 9
     asked = replace(STANDARD, azimuth_directions=30, late_degree=16, late_polar_directions=24)
     scaled = delta_scaled(desert, STANDARD.degree)
-    assert needed(asked, scaled, prepare_profile(scaled.medium)) == asked
+    enough = needed(asked, scaled, prepare_profile(scaled.medium))
+    assert enough == replace(asked, polar_directions=asked.polar_directions + RIM_POLAR)
+    by_hand = needed(replace(STANDARD, late_degree=12), scaled, prepare_profile(scaled.medium))
+    assert by_hand.late_polar_directions == by_hand.late_degree == 12
+
+
+def test_the_top_of_dust_is_a_rim_that_polar_angles_part_at(desert):
+    """A glow that begins at the rim, 4 times as bright as the haze below it: its mean, from 7, 10 and 40 km up.
+
+    Quadrature across the jump is off by up to 13 %.
+    """
+    assert rims_km(prepare_profile(desert)).tolist() == [6.0]
+    for climate in ("continental-average", "urban", "maritime-clean"):  # the air itself hides what is behind
+        assert not rims_km(prepare_profile(climate_medium(load_climate(climate), WAVELENGTH_NM))).size
+    altitude = np.array([7.0, 10.0, 40.0])
+    profile = prepare_profile(desert)
+    horizon, rim = (horizon_cosine(profile, altitude, at) for at in (None, np.full(3, 6.0)))
+    polar = STANDARD.polar_directions + RIM_POLAR
+    worst = []
+    for rims in (rim, None):
+        angles, errors = make_angles(horizon, polar, 9, STANDARD.degree, 0, rims), []
+        for h, r, mu, weight in zip(horizon, rim, angles.cosine, angles.weight, strict=True):
+            assert weight.sum() == pytest.approx(1.0) and np.all(np.diff(mu) > 0.0)
+            light = np.where(mu > r, np.exp((r - mu) / 0.03), np.where(mu > h, 0.25, 0.0))
+            truth = 0.5 * (0.03 * (1.0 - np.exp((r - 1.0) / 0.03)) + 0.25 * (r - h))
+            errors.append(abs(weight @ light / truth - 1.0))
+        worst.append(max(errors))
+    assert worst[0] < 1e-3 < worst[1]
+    without, closer = (altitude_nodes(0.0, 100.0, np.array([6.0, 17.0]), 0.7, rims) for rims in (None, np.array([6.0])))
+    assert np.array_equal(without[without <= 6.0], closer[closer <= 6.0])
+    for jump in (6.0, 17.0):
+        assert np.diff(closer[closer >= jump])[0] < 1.3 < np.diff(without[without >= jump])[0]
 
 
 @pytest.mark.parametrize("climate", ["volcanic-stratosphere", "volcanic-extreme"])
@@ -131,6 +162,10 @@ def test_later_orders_below_a_volcano_follow_its_peak(climate):
     asked = needed(STANDARD, scaled, prepare_profile(scaled.medium))
     assert asked.late_degree == asked.late_polar_directions == 12
     assert asked.azimuth_directions == asked.late_azimuth_directions == STANDARD.azimuth_directions
+    grown = with_degree(STANDARD, medium)
+    assert grown.degree == 20 and grown.altitude_density == pytest.approx(1.4 * STANDARD.altitude_density)
+    quiet = climate_medium(load_climate("continental-average"), np.array([680.0]))
+    assert with_degree(STANDARD, quiet) == STANDARD
 
 
 def test_the_glow_beside_the_sun_is_that_of_a_sun_where_it_appears(desert):

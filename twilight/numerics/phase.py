@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -215,18 +216,26 @@ class PhaseFunction:
         """Moments chi_l = 2 pi int p(mu) P_l(mu) dmu, l = 0..degree, shape (W, degree + 1); chi_0 = 1, chi_1 = g."""
         if self.kind == HENYEY_GREENSTEIN:
             return self.asymmetry[:, None] ** np.arange(degree + 1)[None, :]
-        # Gauss-Legendre on each interval of a mesh that is uniform in u = sqrt(angle/pi), like the table itself
-        x, w = np.polynomial.legendre.leggauss(4)
-        n = self.log_table.shape[1] - 1
-        per_interval = 1 if degree < 64 else 2
-        edges = np.linspace(0.0, 1.0, n * per_interval + 1)
-        u = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x[None, :]).ravel()
-        wu = (0.5 * np.diff(edges)[:, None] * w[None, :]).ravel()
-        angle = np.pi * u**2
-        mu = np.cos(angle)
-        weight = 2.0 * np.pi * np.sin(angle) * (2.0 * np.pi * u) * wu
-        p = self(mu)
-        return (p * weight) @ np.polynomial.legendre.legvander(mu, degree)
+        mu, rule = _moment_rule(self.log_table.shape[1] - 1, degree)
+        return self(mu) @ rule
+
+
+@lru_cache(maxsize=2)
+def _moment_rule(n: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines mu (Q,) and weights (Q, degree + 1) that integrate 2 pi p(mu) P_l(mu) of a table of n intervals.
+
+    Gauss-Legendre on each interval of a mesh that is uniform in u = sqrt(angle/pi), like the table itself.  A medium
+    has several phase functions: the rule is kept for the next.
+    """
+    x, w = np.polynomial.legendre.leggauss(4)
+    intervals = n if degree < 64 else 2 * n
+    edges = np.linspace(0.0, 1.0, intervals + 1)
+    u = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x[None, :]).ravel()
+    wu = (0.5 * np.diff(edges)[:, None] * w[None, :]).ravel()
+    angle = np.pi * u**2
+    mu = np.cos(angle)
+    weight = 2.0 * np.pi * np.sin(angle) * (2.0 * np.pi * u) * wu
+    return mu, np.polynomial.legendre.legvander(mu, degree) * weight[:, None]
 
 
 class PhaseArrays(NamedTuple):

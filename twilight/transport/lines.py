@@ -111,19 +111,22 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
     return profile._replace(gradient_per_km=np.diff(np.log1p(refractivity), axis=0)[0] / (high - low))
 
 
-def horizon_cosine(profile: Profile, altitude_km: np.ndarray) -> np.ndarray:
+def horizon_cosine(profile: Profile, altitude_km: np.ndarray, touched_km: np.ndarray | None = None) -> np.ndarray:
     """Cosines (Z,) of the zenith angles under which rays from these altitudes touch the ground, 0 from the ground on.
 
     Where n is the index and r the distance to the Earth's centre, n r sin(zenith angle) is the same all along a ray.
     Refraction raises the horizon by 0.02 to 0.19 deg: from above, light comes from around the Earth's edge.  0 too
     where rays that leave the ground level are turned back to it.
+
+    touched_km (Z,): altitudes [km] that they touch in place of the ground
     """
     z = profile.altitude_km
+    touched = np.full(altitude_km.shape, z[0]) if touched_km is None else touched_km
     gradient = profile.gradient_per_km
     log_index = np.insert(np.cumsum(0.5 * np.diff(z) * (gradient[1:] + gradient[:-1])), 0, 0.0)
-    ratio = np.log((profile.earth_radius_km + z[0]) / (profile.earth_radius_km + altitude_km))
-    log_sine = np.minimum(0.0, ratio - np.interp(altitude_km, z, log_index))
-    return -np.sqrt(-np.expm1(2.0 * log_sine))
+    ratio = np.log((profile.earth_radius_km + touched) / (profile.earth_radius_km + altitude_km))
+    log_sine = ratio - np.interp(altitude_km, z, log_index) + np.interp(touched, z, log_index)
+    return -np.sqrt(-np.expm1(2.0 * np.minimum(0.0, log_sine)))
 
 
 @njit(cache=True)

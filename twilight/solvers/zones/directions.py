@@ -48,8 +48,22 @@ LEAST_ALOFT_DEPTH = 0.02
 """Depth from which on they follow smaller and smaller moments, down to ALOFT_MOMENT at ALOFT_DEPTH."""
 ALOFT_MOMENT = 0.024
 """Smallest phase moment that needs a degree in the later orders below a volcano's layer."""
+ALOFT_DEGREE = 20
+"""Degree that the early orders follow there, up to max_degree: of degree 12 red light is 7 to 9 % too dark at -18 deg,
+of 20 no further off than of 28."""
+ALOFT_DENSITY = 1.4
+"""Factor by which altitude_density grows there, up to 1: light of deep twilight comes in from the rims of two layers,
+and nodes further apart make it 2 to 3 % too dark."""
 NEGLIGIBLE_FRACTION = 0.01
 """Fraction of the largest scattering coefficient below which air does not count."""
+RIM_KM = 4.0
+"""Altitude [km] from which on a top of haze counts as a rim: lower down the air itself hides what shines behind it."""
+RIM_DROP_PER_KM = 3e-3
+"""Drop of the extinction [km^-1] at a rim: over the 200 km that a line which grazes it has below, a depth of 0.6."""
+RIM_POLAR = 3
+"""More polar angles a side where there is a rim, for the light between it and the horizon."""
+BESIDE_KM = 1e-3
+"""Distance from an edge at which the extinction is taken on both sides of it [km]."""
 THIN_KM = 2.0
 """Thickness [km], between two sharp edges, below which a layer is thin; a layer on the ground is none: nothing shines
 in from below, nor leaks along it."""
@@ -102,33 +116,39 @@ def degree_needed(settings: ZonesSettings, medium: Medium) -> float:
     many optical depths of haze there, and the peak moves some into it from the brighter sky within the peak's width.
     Of degree 20 the peak has 1 to 2 % of what continental and urban air scatters and 6 to 8 % beside dust and sea salt,
     where red light 1 deg above a sun on the horizon is then 6 % too dark; so there the degree grows up to
-    settings.max_degree.
+    settings.max_degree.  Below a volcano's layer it is ALOFT_DEGREE at least.
 
     medium: as it is, before scaling
     """
     most = max(settings.degree, settings.max_degree)
     if most == settings.degree or not medium.has_aerosol:
         return settings.degree
+    layered = _layered(medium.altitude_km, _scattered_by_aerosol(medium))
+    least = settings.degree + layered * max(0, min(ALOFT_DEGREE, most) - settings.degree)
     scattering = medium.air_scattering_per_km + _scattered_by_aerosol(medium)
     depth = np.trapezoid(scattering, medium.altitude_km, axis=0).max()
     grows = np.clip((THICK_HAZE_DEPTH - depth) / (THICK_HAZE_DEPTH - HAZE_DEPTH), 0.0, 1.0)
     peak = _peak_fractions(medium, most)[settings.degree :]
     large = np.flatnonzero(peak > MAX_PEAK_FRACTION)
     if not grows or not large.size:
-        return settings.degree
+        return least
     last = int(large[-1])
     enough = float(last)
     if last + 1 < peak.size:
         enough += float((peak[last] - MAX_PEAK_FRACTION) / (peak[last] - peak[last + 1]))
-    return settings.degree + float(grows) * enough
+    return max(least, settings.degree + float(grows) * enough)
 
 
 def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
-    """The settings with the degree that this air needs (`degree_needed`), and the polar angles of the early orders that
-    go with it.
+    """The settings with the degree that this air needs (`degree_needed`), the polar angles of the early orders that go
+    with it, and the nodes in altitude that a volcano's layer needs.
 
     medium: as it is, before scaling
     """
+    if medium.has_aerosol:
+        density = settings.altitude_density
+        grown = density * (1.0 + (ALOFT_DENSITY - 1.0) * _layered(medium.altitude_km, _scattered_by_aerosol(medium)))
+        settings = replace(settings, altitude_density=max(density, min(grown, 1.0)))
     degree = math.ceil(degree_needed(settings, medium))
     if degree == settings.degree:
         return settings
@@ -181,9 +201,7 @@ def reach_of(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) ->
     moments = np.einsum("kzw,klw->lzw", fraction, scaled.moments).max(axis=(1, 2))
     orders = _grown(settings.azimuth_directions, _exceeding(moments, EARLY_MOMENT), AZIMUTH_SLACK)
     orders = max(settings.azimuth_directions, min(orders, moments.size))
-    aloft = np.where(z[:, None] >= ALOFT_KM, profile.species_scattering[1:].sum(axis=0), 0.0)
-    depth = np.trapezoid(aloft, z, axis=0).max()
-    layered = float(np.clip((depth - LEAST_ALOFT_DEPTH) / (ALOFT_DEPTH - LEAST_ALOFT_DEPTH), 0.0, 1.0))
+    layered = _layered(z, profile.species_scattering[1:].sum(axis=0))
     thin = bool(np.any(thin_layers(profile)[0][:, 0] >= LEAK_KM))
     least = THIN_MOMENT if thin else LATE_MOMENT ** (1.0 - layered) * ALOFT_MOMENT**layered
     late = min(_grown(settings.late_degree, _exceeding(moments, least), LATE_SLACK), settings.degree)
@@ -192,20 +210,27 @@ def reach_of(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) ->
     return Reach(orders, late, max(settings.late_azimuth_directions, min(orders, late)))
 
 
+def _layered(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> float:
+    """How much the particles above ALOFT_KM, of these coefficients (N, W), count as a volcano's: 0 to 1."""
+    aloft = np.where(altitude_km[:, None] >= ALOFT_KM, scattering_per_km, 0.0)
+    depth = np.trapezoid(aloft, altitude_km, axis=0).max()
+    return float(np.clip((depth - LEAST_ALOFT_DEPTH) / (ALOFT_DEPTH - LEAST_ALOFT_DEPTH), 0.0, 1.0))
+
+
 def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
     """The settings with the directions and harmonics that `reach_of` the same air needs.
 
-    The later orders have as many polar angles a side as their degree; beside a thin layer at least THIN_POLAR.
+    The later orders have at least as many polar angles a side as their degree; beside a thin layer THIN_POLAR.
     """
     reach = reach_of(settings, scaled, profile)
     late = math.ceil(reach.late_degree)
-    polar = settings.late_polar_directions
-    if late > settings.late_degree:
-        polar = max(polar, late)
+    polar = max(settings.late_polar_directions, late)
     if thin_layers(profile)[0].size:
         polar = max(polar, THIN_POLAR)
+    more = RIM_POLAR if rims_km(profile).size else 0
     return replace(
         settings,
+        polar_directions=settings.polar_directions + more,
         azimuth_directions=math.ceil(reach.orders),
         late_degree=late,
         late_polar_directions=polar,
@@ -244,6 +269,20 @@ def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     stands_out = mean[:, 1:-1] > THIN_CONTRAST * np.maximum(mean[:, :-2], mean[:, 2:])
     thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out & (edges[:-1] > z[0]), axis=0)
     return np.stack([edges[:-1], edges[1:]], axis=-1)[thin], depth.max(axis=0)[thin]
+
+
+def rims_km(profile: Profile) -> np.ndarray:
+    """Altitudes [km] (R,) of the rims of haze: high tops of it, where seen from above the glow of twilight ends.
+
+    Over dust the light of deep twilight jumps there by a factor of 2 to 30.
+
+    profile: of the scaled air
+    """
+    z, edges = profile.altitude_km, profile.sharp_km
+    below, above = (
+        np.array([np.interp(edges + d, z, c) for c in profile.extinction.T]) for d in (-BESIDE_KM, BESIDE_KM)
+    )
+    return edges[(edges >= RIM_KM) & np.any(below - above > RIM_DROP_PER_KM, axis=0)]
 
 
 def _exceeding(moments: np.ndarray, least: float) -> float:

@@ -19,12 +19,20 @@ LOWEST_STEP_KM = 0.12
 """Interval between node altitudes at the ground [km], at altitude_density 1."""
 STEP_GROWTH = 0.21
 """Growth of the interval between node altitudes with height above the ground, at altitude_density 1."""
+RIM_STEP_KM = 0.8
+"""Largest interval between node altitudes just above a rim of haze and above jumps higher up [km], at altitude_density
+1: seen from there the rim falls away with the root of the height.  It grows by the height above them."""
 HORIZON_WIDTH = 0.03
 """Distance from the horizon, in the cosine of the zenith angle, within which polar angles cluster: the light of
 twilight comes from there."""
 CENTRE_FRACTION = 0.75
 """Cosine around which the polar angles above the horizon cluster, over the horizon's: from high up the glow is a line
 on the horizon."""
+RIM_WIDTH = 0.01
+"""The same distance where the glow begins at a rim of haze."""
+BELOW_RIM = 3
+"""Polar angles between the horizon and a rim of haze; one there makes the red of deep twilight over dust 4 % too dark,
+two 1.5 %."""
 MAX_FITTED_TERMS = 4
 """Most terms of the polynomials that are fitted to light away from the horizon (`smooth_exact`)."""
 AWAY_COSINE = 0.25
@@ -128,11 +136,20 @@ class Truncation(NamedTuple):
         return Truncation(degree, min(degree, around - 1) + 1, n, min(n, around - 1) + 1 if n else 0)
 
 
-def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: int, spin2_degree: int = 0) -> Angles:
-    """`per_side` polar angles above and as many below the horizon of each altitude, times `around` azimuths.
+def make_angles(
+    horizon_cosine: np.ndarray,
+    per_side: int,
+    around: int,
+    degree: int,
+    spin2_degree: int = 0,
+    rim_cosine: np.ndarray | None = None,
+) -> Angles:
+    """`per_side` polar angles above and seven tenths as many below the horizon of each altitude, times `around`
+    azimuths.
 
     horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
     spin2_degree: of the spin2_harmonics of Q and U, 0 for none.
+    rim_cosine (Z,): of the zenith angle of a rim of haze, at which angles part too, NaN where there is none.
     """
     series = Truncation.of(degree, spin2_degree, around)
     n_below = max(7 * per_side // 10, 2)
@@ -140,7 +157,7 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
     weight = np.empty_like(cosine)
     for k, h in enumerate(horizon_cosine):
         below, w_below = _clustered(-1.0, h, h, HORIZON_WIDTH, n_below)
-        above, w_above = _clustered(h, 1.0, CENTRE_FRACTION * h, HORIZON_WIDTH, per_side)
+        above, w_above = _above_horizon(h, np.nan if rim_cosine is None else rim_cosine[k], per_side)
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
     azimuth = (np.arange(around) + 0.5) * np.pi / around
@@ -172,6 +189,20 @@ def make_angles(horizon_cosine: np.ndarray, per_side: int, around: int, degree: 
         analysis,
         np.array(spin2_analysis),
     )
+
+
+def _above_horizon(horizon: float, rim: float, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines of n polar angles above a horizon and their weights, parted at a rim of haze if there is one.
+
+    Light jumps at the rim: quadratures across it, of 14 angles, were wrong by up to 13 % of the mean light 10 km up in
+    deep twilight, and each number of angles in another way.
+    """
+    few = min(BELOW_RIM, n // 3)
+    if np.isnan(rim) or few == 0:
+        return _clustered(horizon, 1.0, CENTRE_FRACTION * horizon, HORIZON_WIDTH, n)
+    below, weight_below = _clustered(horizon, rim, rim, 1.0, few)
+    above, weight_above = _clustered(rim, 1.0, CENTRE_FRACTION * rim, RIM_WIDTH, n - few)
+    return np.concatenate([below, above]), np.concatenate([weight_below, weight_above])
 
 
 def smooth_exact(
@@ -283,14 +314,19 @@ def even_harmonics(cosine: np.ndarray, degree: int, highest: int) -> np.ndarray:
     return np.stack(columns, axis=-1)
 
 
-def altitude_nodes(bottom_km: float, top_km: float, jumps_km: np.ndarray, density: float) -> np.ndarray:
-    """Altitudes [km] with spacing (LOWEST_STEP_KM + STEP_GROWTH x height)/density, and one at every jump."""
+def altitude_nodes(
+    bottom_km: float, top_km: float, jumps_km: np.ndarray, density: float, rims_km: np.ndarray | None = None
+) -> np.ndarray:
+    """Altitudes [km] with spacing (LOWEST_STEP_KM + STEP_GROWTH x height)/density, closer above rims of haze, and one
+    at every jump."""
     edges = [bottom_km, *jumps_km, top_km]
     out = [bottom_km]
     for a, b in pairwise(edges):
         rough = [a]
+        near = RIM_STEP_KM if rims_km is not None and np.any(rims_km <= a) else np.inf
         while rough[-1] < b:
-            rough.append(rough[-1] + (LOWEST_STEP_KM + STEP_GROWTH * (rough[-1] - bottom_km)) / density)
+            z = rough[-1]
+            rough.append(z + min(LOWEST_STEP_KM + STEP_GROWTH * (z - bottom_km), near + z - a) / density)
         # the same grading, stretched to end at b
         out.extend(a + (np.array(rough[1:-1]) - a) * (b - a) / (rough[-1] - a))
         out.append(b)  # to the last digit: `cubic_refinement` finds it by its value

@@ -16,6 +16,7 @@ from twilight.solvers.zones.directions import (
     near_edges,
     needed,
     reach_of,
+    rims_km,
     thin_layers,
     with_degree,
 )
@@ -38,7 +39,7 @@ class Layout(NamedTuple):
     profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
     as many directions and harmonics as this air needs; reach: of their series; beam: the medium that the tables of the
     sunbeam are laid out for; bends: the medium whose refractive index bends rays; thin_layer: whether there is one, of
-    `thin_layers`
+    `thin_layers`; rims_km (R,): of `rims_km`
     """
 
     profile: Profile
@@ -48,6 +49,7 @@ class Layout(NamedTuple):
     beam: Medium
     bends: Medium
     thin_layer: bool
+    rims_km: np.ndarray
 
 
 def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False) -> tuple[ZonesSettings, float]:
@@ -85,21 +87,22 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
         thin = thin_layers(profile)[0].size > 0
         directions = needed(settings, scaled, profile)
         reach = reach_of(settings, scaled, profile)
-        return Layout(near_edges(profile, profile), nodes, directions, reach, scaled.medium, medium, thin)
+        rims = rims_km(profile)
+        return Layout(near_edges(profile, profile), nodes, directions, reach, scaled.medium, medium, thin, rims)
     air = delta_scaled(fixed, scaled.degree)
     reference = prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
     directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
-    reach = reach_of(settings, air, reference)
+    reach, rims = reach_of(settings, air, reference), rims_km(reference)
     if of_terms or not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
-        return Layout(near_edges(profile, reference), nodes, directions, reach, scaled.medium, fixed, thin)
+        return Layout(near_edges(profile, reference), nodes, directions, reach, scaled.medium, fixed, thin, rims)
     profile = prepare_profile(scaled.medium, like=air.medium)
     # the most refracted wavelength of a range is its first, which need not be a fixed one
     first = RANGES[range_of(fixed.wavelength_nm[0])][0]
     there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
     beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
-    return Layout(near_edges(profile, reference), nodes, directions, reach, beam, fixed, thin)
+    return Layout(near_edges(profile, reference), nodes, directions, reach, beam, fixed, thin, rims)
 
 
 def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
@@ -177,5 +180,5 @@ def _serves(fixed: Medium, medium: Medium) -> np.ndarray:
 
 def _field_altitudes(medium: Medium, profile: Profile, density: float) -> np.ndarray:
     """Altitudes [km] of the nodes of a field; profile: of the scaled air."""
-    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density)
+    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density, rims_km(profile))
     return resolve_layers(nodes, profile, density)

@@ -68,7 +68,7 @@ class ZonesSettings:
     late_azimuth_directions: int = 7
     altitude_density: float = 0.7
     zenith_density: float = 1.0
-    step_density: float = 0.5
+    step_density: float = 0.4
     first_order_step_density: float = 1.2
     line_of_sight_density: float = 1.0
     beam_density: float = 0.5
@@ -134,7 +134,6 @@ QUALITIES: dict[str, ZonesSettings] = {
         late_degree=7,
         altitude_density=0.5,
         zenith_density=0.7,
-        step_density=0.4,
         first_order_step_density=1.0,
         line_of_sight_density=0.7,
         beam_density=0.35,

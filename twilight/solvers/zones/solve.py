@@ -77,6 +77,13 @@ def _reduced_depth(grids: FieldGrids) -> np.ndarray:
     return np.trapezoid(turned.sum(axis=0), grids.profile.altitude_km, axis=0)
 
 
+def _rim_cosine(grids: FieldGrids) -> np.ndarray:
+    """Cosines (Z,) of the zenith angles under which nodes see the rim of haze that is next below them, NaN without."""
+    z, rims = grids.nodes.altitude_km, grids.layout.rims_km
+    rim = np.append(np.nan, rims)[np.searchsorted(rims, z, side="right")]
+    return horizon_cosine(grids.path_profile, z, rim)
+
+
 def scattering_operators(
     grids: FieldGrids, polar: int, orders: float, degree: float, spin2_degree: int
 ) -> Callable[[int], ScatteringOperator]:
@@ -88,7 +95,7 @@ def scattering_operators(
     n, medium, settings = grids.nodes, grids.medium, grids.settings
     horizon = horizon_cosine(grids.path_profile, n.altitude_km)
     highest = math.ceil(degree)
-    angles = make_angles(horizon, polar, math.ceil(orders), highest, spin2_degree)
+    angles = make_angles(horizon, polar, math.ceil(orders), highest, spin2_degree, _rim_cosine(grids))
     angles = replace(angles, share=shares(angles.order, orders) * shares(angles.degree, degree + 1))
     start = np.repeat(n.altitude_km, angles.cosine.shape[1])
     rays = trace_rays(grids.path_profile, start, angles.cosine.ravel(), settings.step_density)
