@@ -97,9 +97,11 @@ SKIES = (
         "continental-average --sun-elevation -4 --altitude-km 10",
     ),
     (
-        "orbit",
-        "From 400 km: the air from outside",
-        "continental-average --sun-elevation -18 --altitude-km 400",
+        "moonrise",
+        "The full moon rises opposite the sun, in the Earth's shadow",
+        "continental-average --sun-elevation -3.5 --set 'moon={elevation_deg: 1.2, azimuth_deg: 178}' --only view "
+        "--projection perspective --size 640x360 --set observer.view.azimuth_deg=180 "
+        "--set observer.view.field_of_view_deg=16 --set observer.view.elevation_deg=3",
     ),
     (
         "night",

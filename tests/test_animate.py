@@ -157,10 +157,10 @@ def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
     film(whole, exposure="metered").make()
     draw, solved, path = Animation._draw, [], tmp_path / "cut.webp"
 
-    def cut(self, painter, disc, i, *rest):
+    def cut(self, painter, parts, i, *rest):
         if i == 3:
             raise KeyboardInterrupt
-        draw(self, painter, disc, i, *rest)
+        draw(self, painter, parts, i, *rest)
 
     monkeypatch.setattr(Animation, "_draw", cut)
     with pytest.raises(KeyboardInterrupt):
@@ -305,7 +305,7 @@ def test_a_sequence_is_a_path(tmp_path):
         (["--width", "63", "--height", "64"], "MP4 needs even numbers of pixels; got 63 x 64"),
         (["--projection", "fish"], "--projection"),
         (["--exposure", "bright"], "--exposure: bright is not known"),
-        (["--from", "-30"], "-18 to 90 deg is what can be drawn"),
+        (["--from", "-30"], "-18 to 90 deg is what can be drawn without"),
         (["--from", "3", "--to", "3"], "a film needs a sun that moves"),
         (["--tone", "eye", "--exposure", "9"], "--exposure: 9 is not allowed with the tone eye"),
         (["--tone", "camera", "--exposure", "9", "--set", "output.camera.seconds=1"], "--exposure: 9 is not allowed"),

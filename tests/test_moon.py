@@ -16,10 +16,14 @@ from twilight.engine import frames
 from twilight.engine.disc import make_disc
 from twilight.engine.moon import warn_of_the_moon
 from twilight.engine.solve import Problem
+from twilight.io.environment import environment_directions, ground_factor, pixel_solid_angle
+from twilight.io.exr import read_latlong_exr, write_rgb_exr
+from twilight.io.moon import moon_facts
 from twilight.io.outputs import write_outputs
 from twilight.numerics import spectrum
 from twilight.scene.moons import moon_of
 from twilight.scene.scene import resolve
+from twilight.sky import colour
 from twilight.sky.bodies import Sites
 from twilight.sky.moon import Moon, MoonDisc, moon_irradiance, moon_over
 from twilight.sky.moon.disc import disc_integral, surface
@@ -273,3 +277,74 @@ def test_zenith_of_moonlit_nights():
         luminance = spectrum.LUMINOUS_EFFICACY_LM_PER_W * float(spectrum.integrate(factor, nm, visible))
         zenith = -2.5 * np.log10(luminance / 10.8e4 + 10.0 ** (-0.4 * 21.92))
         assert zenith == pytest.approx(measured, abs=0.2), (phase, altitude)
+
+
+def test_moonlit_terrain_is_sunlit_terrain_in_its_place():
+    """Mountains under the moon: the picture with the sun in its place, seen and laid from there, times its light."""
+    view = {"kind": "perspective", "width": 36, "height": 24, "field_of_view_deg": 60.0, "elevation_deg": 4.0}
+    land = {"heights": "ridges", "height_km": 1.5, "size_km": 40.0, "count": 64}
+    two = {"observer.altitude_km": 0.5, "wavelengths.list_nm": [450.0, 650.0], "solver.polarisation": False}
+
+    def picture(sun_deg, moon, azimuth_deg):
+        places = {
+            "observer.view": {**view, "azimuth_deg": azimuth_deg},
+            "terrain": {**land, "azimuth_deg": azimuth_deg},
+        }
+        frame = next(iter(frames(scene({"elevation_deg": sun_deg}, moon, **two, **places))))
+        return frame, frame.view.rows(0, 24)
+
+    frame, by_moon = picture(-30.0, {"elevation_deg": 12.0, "azimuth_deg": 100.0, "phase_angle_deg": 30.0}, 60.0)
+    _, by_sun = picture(12.0, None, -40.0)
+    over_sun = frame.sky.moon.moon.irradiance_factor(frame.sky.wavelength_nm)
+    np.testing.assert_array_equal(by_moon.hidden, by_sun.hidden)
+    assert 0.2 < by_moon.hidden.mean() < 0.8
+    assert_allclose(by_moon.radiance, by_sun.radiance * over_sun, rtol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def low_moon():
+    """A half moon on the horizon, its lower edge cut off, in the north-east."""
+    moon = {"elevation_deg": -0.5, "azimuth_deg": 150.0, "phase_angle_deg": 80.0, "distance_km": 370000.0}
+    made = scene({"elevation_deg": -30.0}, moon, night={}, **{"ground.albedo": 0.3})
+    return next(iter(frames(made, keep=False))).sky
+
+
+@pytest.mark.parametrize("renderer", ["openexr", "pbrt"])
+def test_a_map_keeps_the_light_of_the_moon(low_moon, renderer, tmp_path):
+    """The disc in an environment map has the light of all of its surface, in the pixels where the moon stands."""
+    maps = [
+        read_latlong_exr(write_rgb_exr(low_moon, tmp_path / f"{disc}.exr", renderer=renderer, width=512, disc=disc))
+        for disc in (False, True)
+    ]
+    assert [one.attributes["twilightMoonDisc"] for one in maps] == ["not in the map", "in the map"]
+    added = (maps[1].rgb - maps[0].rgb).astype(float) * pixel_solid_angle(renderer, 512)[..., None]
+    lux = added.sum(axis=(0, 1)) @ colour.REC709_LUMINANCE * maps[1].white_luminance
+    facts = moon_facts(low_moon, in_map=True)
+    assert lux == pytest.approx(facts["illuminance_lux"], rel=0.03)  # five wavelengths; between them the map has more
+    row, column = np.nonzero(added.sum(axis=-1) > 1e-3 * added.sum())
+    elevation, azimuth = (
+        np.broadcast_to(x, added.shape[:2])[row, column] for x in environment_directions(renderer, 512)
+    )
+    assert np.abs(elevation).max() < 1.5 and np.abs(azimuth - 150.0).max() < 1.5
+    assert facts["in_environment_map"]
+    assert facts["mitsuba"]["direction"][2] > 0.8  # light travels away from the moon's azimuth, 150 deg from north
+
+
+def test_what_is_seen_of_a_low_disc(low_moon):
+    """The illuminance is that of the half above the horizon; its lit side, towards the sun, is the one below."""
+    disc, step = low_moon.moon.disc, 0.002
+    e, a = np.arange(0.5 * step, 0.4, step), np.arange(-0.4, 0.4, step)
+    light = disc.radiance(e[:, None], a[None, :]).sum(axis=(0, 1)) * np.radians(step) ** 2
+    assert_allclose(light * low_moon.solar_irradiance, low_moon.moon.direct_irradiance, rtol=0.02)
+    whole = Problem(scene({"elevation_deg": -30.0}, None)).solve().direct(-0.5).irradiance
+    assert (light < 0.5 * whole * low_moon.moon.moon.irradiance_factor(low_moon.wavelength_nm)).all()
+
+
+def test_the_moon_lights_the_ground_of_a_map():
+    """A white plain in an environment map is lit by the moon's beam and by the moonlit sky."""
+    made = scene({"elevation_deg": -30.0}, {"elevation_deg": 50.0}, **{"ground.albedo": 0.5})
+    sky = next(iter(frames(made, keep=False))).sky
+    beam = sky.moon.direct_irradiance * np.sin(np.radians(sky.moon.apparent_elevation_deg))
+    expected = 0.5 / np.pi * (beam + sky.irradiance())
+    assert_allclose(ground_factor(sky) * sky.solar_irradiance, expected)
+    assert (beam > sky.irradiance()).all()

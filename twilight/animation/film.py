@@ -18,6 +18,7 @@ from twilight.animation.disc import DiscPainter
 from twilight.animation.draw import Painter, suns_between
 from twilight.animation.encode import check_output, encode, write_exr
 from twilight.animation.exposure import meter, smoothed
+from twilight.animation.moon import MoonDiscPainter, moons_of
 from twilight.animation.night import NightPainter, Nights, nights_of
 from twilight.animation.timeline import Timeline, timeline
 from twilight.base.digest import code_digest
@@ -35,11 +36,14 @@ from twilight.io.provenance import configuration_hash
 from twilight.numerics.orientation import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import resolve
+from twilight.sky.moon import Moon
 from twilight.sky.tone import Shot, Tone, tone_of
 from twilight.sky.tone.eye import adapt
 from twilight.studies.export.field_values import FieldSource
+from twilight.studies.export.sky_tables import LOWEST_SUN_DEG
 from twilight.viewer import check_altitudes, lines
 from twilight.viewer.colours import Channels
+from twilight.viewer.moonlight import MoonColours
 from twilight.viewer.tables import ViewerTables, ViewerTableSizes, fill
 
 METERED_PIXELS = 96
@@ -68,25 +72,35 @@ class Made:
     processor_s: float
 
 
+@dataclass(frozen=True)
+class Parts:
+    """What pictures are made of; None where a film has no such part."""
+
+    tables: ViewerTables
+    nights: Nights | None
+    moon: MoonColours | None
+    disc: DiscPainter | None
+    moon_disc: MoonDiscPainter | None
+
+
 class Lights:
-    """Draws directions (elevation, azimuth) (H, W) [deg]: sunlight, and the night's light where there is one."""
+    """Draws directions (elevation, azimuth) (H, W) [deg]: sunlight, moonlight and the night's light."""
 
     def __init__(
-        self,
-        tables: ViewerTables,
-        nights: Nights | None,
-        sizes: ViewerTableSizes,
-        suns_deg: np.ndarray,
-        directions: tuple[np.ndarray, np.ndarray],
+        self, parts: Parts, sizes: ViewerTableSizes, suns_deg: np.ndarray, directions: tuple[np.ndarray, np.ndarray]
     ):
-        self.directions = directions
-        self._sunlight = Painter(tables, sizes, suns_deg, *directions)
-        self._night = None if nights is None else NightPainter(nights, *directions)
-        self.outside = self._sunlight.outside
+        self.directions, self._moon = directions, parts.moon
+        self._air = Painter(parts.tables, sizes, suns_deg, *directions)
+        self._night = None if parts.nights is None else NightPainter(parts.nights, *directions)
+        self.outside = self._air.outside
 
-    def light(self, time_s: float, *sun: float) -> np.ndarray:
-        """Channels of the film's tone [cd m^-2], (H, W, 4), without the disc; sun: as `Painter.light`."""
-        light = self._sunlight.light(*sun)
+    def light(self, time_s: float, sun: tuple[float, float, float], moon: Moon | None) -> np.ndarray:
+        """Channels of the film's tone [cd m^-2], (H, W, 4), without discs; sun: as `Painter.light`."""
+        # below the lowest sun of the tables its light falls by e per degree
+        below = min(0.0, sun[0] - LOWEST_SUN_DEG)
+        light = self._air.light(sun[0] - below, *sun[1:]) * math.exp(below)
+        if moon is not None and self._moon is not None and moon.shines:
+            light += self._moon.moonlit(self._air.light(moon.elevation_deg, sun[1] + moon.azimuth_deg), moon)
         return light if self._night is None else light + self._night.light(time_s)
 
 
@@ -123,7 +137,9 @@ class Animation:
         self.line: Timeline = timeline(
             config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg
         )
-        self.suns_deg = suns_between(self.line.elevation_deg.min(), self.line.elevation_deg.max(), self.sizes)
+        self.moons = moons_of(config, self.line)
+        lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
+        self.suns_deg = suns_between(min(lit_from), max(lit_from), self.sizes)
         if problem is None:
             problem = Problem(resolve(config), tuple(float(s) for s in self.suns_deg), cached=True)
         self.problem = problem
@@ -143,16 +159,16 @@ class Animation:
         self.folder.mkdir(parents=True, exist_ok=True)
         drawn, processor_s = 0, 0.0
         with locked(self.folder / "lock", "another film"):
-            tables, disc, nights = self._tables(part_of(tell, 0.0, 0.4))
-            painter = Lights(tables, nights, self.sizes, self.suns_deg, self._directions(self.view))
-            exposures_of_frames = self._exposures(tables, nights, part_of(tell, 0.4, 0.1))
+            parts = self._parts(part_of(tell, 0.0, 0.4))
+            painter = Lights(parts, self.sizes, self.suns_deg, self._directions(self.view))
+            exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
             paths, fraction = [], part_of(tell, 0.5, 0.4)
             for i, exposure_of_frame in enumerate(exposures_of_frames):
                 facts = self._facts(i, exposure_of_frame)
                 path = self.folder / f"{configuration_hash(facts)[:32]}{'.png' if self.output.suffix else '.exr'}"
                 if not path.is_file():
                     begin = time.process_time()
-                    self._draw(painter, disc, i, exposure_of_frame, path, facts)
+                    self._draw(painter, parts, i, exposure_of_frame, path, facts)
                     processor_s += time.process_time() - begin
                     drawn += 1
                 paths.append(path)
@@ -161,8 +177,8 @@ class Animation:
         shutil.rmtree(self.folder)
         return Made(drawn, processor_s)
 
-    def _tables(self, progress: Progress) -> tuple[ViewerTables, DiscPainter | None, Nights | None]:
-        """The field's tables, the disc and the nights where they are asked for; from the folder where it has them."""
+    def _parts(self, progress: Progress) -> Parts:
+        """The field's tables, discs, moon and nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
         if arrays is None:
@@ -174,7 +190,10 @@ class Animation:
             arrays = {"sky": made.sky, "horizon": made.horizon_deg, "haze": made.haze_deg}
             if made.aureole is not None and made.phase is not None:
                 arrays |= {"aureole": made.aureole, "phase": made.phase}
-            if self.config.sun.disc:
+            if self.moons is not None:
+                spectra = made.spectrum.reshape(channels.wavelength_nm.size, -1).T
+                arrays["moon"] = MoonColours.of(spectra, channels).matrices
+            if self.config.sun.disc or self.moons is not None:
                 nodes = lines.sky_elevations(float(made.horizon_deg[0]))
                 arrays["refraction_deg"], arrays["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
             nights = nights_of(self.config, solved.medium, channels, self.line)
@@ -185,10 +204,14 @@ class Animation:
         tables = ViewerTables(
             arrays["sky"], arrays.get("aureole"), np.empty(0), arrays.get("phase"), arrays["horizon"], arrays["haze"]
         )
-        disc = None
+        nights = Nights.from_arrays(arrays) if "night_time_s" in arrays else None
+        moon = MoonColours(arrays["moon"]) if "moon" in arrays else None
+        disc = moon_disc = None
         if "beam" in arrays:
-            disc = DiscPainter(arrays["refraction_deg"], arrays["beam"], float(arrays["horizon"][0]))
-        return tables, disc, Nights.from_arrays(arrays) if "night_time_s" in arrays else None
+            beam = arrays["refraction_deg"], arrays["beam"], float(arrays["horizon"][0])
+            disc = DiscPainter(*beam) if self.config.sun.disc else None
+            moon_disc = None if moon is None else MoonDiscPainter(*beam, moon)
+        return Parts(tables, nights, moon, disc, moon_disc)
 
     @cached_property
     def _scene(self) -> str:
@@ -211,6 +234,7 @@ class Animation:
                 "sizes": vars(self.sizes),
                 "solar_spectrum": self.config.solar_spectrum,
                 "disc": self.config.sun.disc,
+                "moon": self.moons is not None,
                 "night": self._night_depends_on,
                 "channels": repr(self._measures),
             }
@@ -234,7 +258,7 @@ class Animation:
     def _middle_deg(self) -> float:
         return float(self.line.azimuth_deg[0] + self.line.azimuth_deg[-1]) / 2.0
 
-    def _exposures(self, tables: ViewerTables, nights: Nights | None, progress: Progress) -> list[FrameExposure]:
+    def _exposures(self, parts: Parts, progress: Progress) -> list[FrameExposure]:
         """The exposure of every picture, from small ones of all."""
         n, output = len(self.line), self.config.output
         if not self.output.suffix:
@@ -242,10 +266,10 @@ class Animation:
         if isinstance(self.exposure, float) and output.tone_mapping != "eye":
             return [FrameExposure(self.exposure, None)] * n
         small = _smaller(self.view)
-        painter = Lights(tables, nights, self.sizes, self.suns_deg, self._directions(small))
+        painter = Lights(parts, self.sizes, self.suns_deg, self._directions(small))
         found = np.empty((n, 2))
         for i in range(n):
-            light = painter.light(float(self.line.time_s[i]), *self._sun(i))
+            light = painter.light(float(self.line.time_s[i]), self._sun(i), self._moon(i))
             found[i] = meter(light, self._measures.highlights_over_mean)
             progress(f"metering {i + 1} of {n}", (i + 1) / n)
         metered, mean = found.T
@@ -262,6 +286,9 @@ class Animation:
         line = self.line
         return float(line.elevation_deg[i]), float(line.azimuth_deg[i]), float(line.distance_au[i])
 
+    def _moon(self, i: int) -> Moon | None:
+        return None if self.moons is None else self.moons[i]
+
     def _facts(self, i: int, exposure_of_frame: FrameExposure) -> dict[str, Any]:
         """What a picture depends on."""
         elevation, azimuth, distance = self._sun(i)
@@ -272,6 +299,7 @@ class Animation:
             "sun_elevation_deg": elevation,
             "sun_azimuth_deg": azimuth,
             "distance_au": distance,
+            "moon": repr(self._moon(i)),
             "time_s": float(self.line.time_s[i]),
             "tone": repr(self._tone(exposure_of_frame)),
             "exposure_ev100": exposure_of_frame.ev100,
@@ -281,16 +309,20 @@ class Animation:
     def _draw(
         self,
         painter: Lights,
-        disc: DiscPainter | None,
+        parts: Parts,
         i: int,
         exposure_of_frame: FrameExposure,
         path: Path,
         facts: dict[str, Any],
     ) -> None:
         pixel_deg = _pixel_deg(self.view)
-        light = painter.light(float(self.line.time_s[i]), *self._sun(i))
-        if disc is not None:
-            light += disc.light(*painter.directions, pixel_deg, *self._sun(i))
+        sun, moon = self._sun(i), self._moon(i)
+        light = painter.light(float(self.line.time_s[i]), sun, moon)
+        if parts.disc is not None:
+            light += parts.disc.light(*painter.directions, pixel_deg, *sun)
+        if parts.moon_disc is not None and moon is not None:
+            elevation, azimuth = painter.directions
+            light += parts.moon_disc.light(elevation, azimuth - sun[1], pixel_deg, moon, sun[0])
         if path.suffix == ".exr":
             header = {"twilightSunElevationDeg": facts["sun_elevation_deg"], "twilightScene": facts["scene"]}
             write_exr(light, ~painter.outside, path, header)
@@ -350,7 +382,6 @@ def _check_layers(config: Config) -> None:
     output = config.output
     for name, there in (
         ("terrain", config.terrain is not None),
-        ("moon", config.moon is not None),
         ("output.polariser_deg", output.polariser_deg is not None),
     ):
         if there:

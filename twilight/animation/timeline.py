@@ -17,7 +17,7 @@ SUNSET_DEG = (6.0, -12.0)
 FALL_DEG_PER_S = 15.0 / 3600.0
 """How fast the sun moves where there is no place: straight up or down, as over the equator at an equinox."""
 LOWEST_DEG = -18.0
-"""Lowest sun of a film [deg]: the end of astronomical twilight."""
+"""Lowest sun of a film without night and moon [deg]: the end of astronomical twilight."""
 MOST_FRAMES = 100_000
 """Frames of one film."""
 
@@ -67,7 +67,7 @@ def timeline(
         )
     time = np.arange(_count(way[-1] / FALL_DEG_PER_S, step_s)) * step_s
     elevation = np.interp(time * FALL_DEG_PER_S, way, path)
-    return _checked(Timeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
+    return _checked(config, Timeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
 
 
 def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
@@ -79,7 +79,7 @@ def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
         for t in time
     ]
     columns = np.array([(float(p.elevation_deg), float(p.azimuth_deg), float(p.distance_au)) for p in found]).T
-    return _checked(Timeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
+    return _checked(config, Timeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
 
 
 def _count(span_s: float, step_s: float) -> int:
@@ -92,10 +92,11 @@ def _count(span_s: float, step_s: float) -> int:
     return count
 
 
-def _checked(line: Timeline) -> Timeline:
+def _checked(config: Config, line: Timeline) -> Timeline:
     low, high = float(line.elevation_deg.min()), float(line.elevation_deg.max())
-    if low < LOWEST_DEG or high > 90.0:
+    if high > 90.0 or (low < LOWEST_DEG and config.night is None and config.moon is None):
         raise TwilightError(
-            f"the sun goes from {high:g} to {low:g} deg in this film; {LOWEST_DEG:g} to 90 deg is what can be drawn"
+            f"the sun goes from {high:g} to {low:g} deg in this film; {LOWEST_DEG:g} to 90 deg is what can be drawn "
+            "without night and moon"
         )
     return line

@@ -107,8 +107,6 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
             raise TwilightError(
                 f"{scene}: vary makes {len(cases)} scenes of it; a page shows one, or two with --beside"
             )
-        if cases[0].config.moon is not None:
-            raise TwilightError(f"{scene}: moon is not drawn in pages; leave it out")
         say_that_it_compiles(cases[0].config.chosen_solver.name)
         return Problem(resolve(cases[0].config)), cases[0].config
     if chosen:
@@ -132,6 +130,11 @@ def _start(config: Any) -> dict[str, Any]:
     start: dict[str, Any] = {"altitude": config.observer.altitude_km}
     if config.output.tone_mapping == "eye":
         start["tone"] = "eye"
+    if config.moon is not None:
+        start["moon"] = True
+        if config.moon.elevation_deg is not None:
+            azimuth = 180.0 if config.moon.azimuth_deg is None else config.moon.azimuth_deg
+            start |= {"moonElevation": config.moon.elevation_deg, "moonAzimuth": (azimuth + 180.0) % 360.0 - 180.0}
     if config.output.exposure_ev100 is not None:
         start |= {"exposure": "manual", "ev": config.output.exposure_ev100}
     if "sun" not in config.model_fields_set:

@@ -254,14 +254,12 @@ class Config(Section):
             raise ValueError("moon: needs a place and a time (sun.at, latitude_deg, longitude_deg), or elevation_deg")
         if not timeless and self.moon.elevation_deg is not None:
             raise ValueError("moon: stands where the place and time of the sun have it; leave out elevation_deg")
-        if self.terrain is not None:
-            raise ValueError("moon: does not light terrain; leave out one of the two")
         return self
 
     @model_validator(mode="after")
     def _has_the_disc(self) -> Config:
-        if self.output.disc and not self.sun.disc:
-            raise ValueError("output.disc needs the sun's disc: set sun.disc to true")
+        if self.output.disc and not self.sun.disc and self.moon is None:
+            raise ValueError("output.disc needs a disc: set sun.disc to true, or add moon: {}")
         if "disc" in (self.output.files or ()) and not self.sun.disc:
             raise ValueError("output.files: disc needs the sun's disc: set sun.disc to true")
         if "moon" in (self.output.files or ()) and self.moon is None:

@@ -19,7 +19,7 @@ from twilight.engine.block import Block
 from twilight.engine.columns import disc_of, mean_of
 from twilight.engine.directions import texture_rows
 from twilight.engine.memory import check_size
-from twilight.engine.moon import moon_light, warn_of_the_moon
+from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
 from twilight.engine.night import (
     NightLight,
     check_stars,
@@ -219,7 +219,7 @@ class _SunResult:
             self.by_moon = self.by_moon or _SunResult(None)
             azimuth = None if sun.azimuth_deg is None else (sun.azimuth_deg + self.moon.azimuth_deg) % 360.0
             moon = replace(sun, elevation_deg=self.moon.elevation_deg, azimuth_deg=azimuth)
-            self.by_moon._look(block, moon, self.moon.azimuth_deg)
+            self.by_moon._look(block, moon, self.moon.azimuth_deg, _standpoint(sun))
         self.from_disk &= block.from_disk
         for _, column in block.columns:
             self.facts.update(column.field.facts)
@@ -230,8 +230,8 @@ class _SunResult:
                         self.convergence[key] = max(self.convergence.get(key, here), here)
         self.seconds += time.perf_counter() - begin
 
-    def _look(self, block: Block, sun: SceneSun, away_deg: float = 0.0) -> None:
-        """What a block shows under a light, away_deg from the azimuth from which directions count."""
+    def _look(self, block: Block, sun: SceneSun, away_deg: float = 0.0, standpoint: Standpoint | None = None) -> None:
+        """What a block shows under a light, away_deg from the azimuth from which directions and standpoint count."""
         config = block.scene.configuration
         elevation, azimuth = _grid(block.scene)
         self.texture.append(block.texture(sun.elevation_deg, elevation, np.mod(azimuth - away_deg, 360.0)))
@@ -240,9 +240,8 @@ class _SunResult:
             if config.terrain is None:
                 self.view.append(seen)
             else:
-                self.landscape.append(
-                    landscape(block, seen.whole(), config.terrain, sun.elevation_deg, _standpoint(sun))
-                )
+                where = config.terrain, sun.elevation_deg, standpoint or _standpoint(sun), away_deg
+                self.landscape.append(landscape(block, seen.whole(), *where))
         if config.texture.latlong_width is not None:
             own = None if sun.azimuth_deg is None else sun.azimuth_deg - away_deg
             rows, columns = latlong_grid(config.texture.latlong_width, own)
@@ -293,10 +292,17 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
     moonlit = None if moon is None or not by_moon.view else (together(by_moon.view, None), moon)
     view: ViewSource | None = replace(together(found.view, direct), night=night, moon=moonlit) if found.view else None
     if found.landscape:
-        radiance = np.concatenate([one.radiance for one in found.landscape], axis=-1)
-        seen = replace(found.landscape[0], radiance=radiance)
-        view = with_sun(seen if night is None else with_night(seen, night), direct, sun.elevation_deg)
+        seen = _whole(found.landscape)
+        seen = seen if night is None else with_night(seen, night)
+        if moon is not None and by_moon.landscape:
+            seen = with_moon(seen, _whole(by_moon.landscape).radiance, moon)
+        view = with_sun(seen, direct, sun.elevation_deg)
     return Frame(sun.name, sky(found.texture, by_moon.texture, _grid(scene)), panorama, view)
+
+
+def _whole(parts: list[ViewPixels]) -> ViewPixels:
+    """A picture at the wavelengths of all blocks."""
+    return replace(parts[0], radiance=np.concatenate([one.radiance for one in parts], axis=-1))
 
 
 def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

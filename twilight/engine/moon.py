@@ -54,27 +54,35 @@ def moon_light(
     """The moon over a scene; direct: of the blocks of wavelengths, by the sun's beam in its place, None: it is down."""
     medium = scene.medium
     over_one_au = moon.irradiance_factor(medium.wavelength_nm)
-    irradiance = over_one_au * solar_irradiance(medium.wavelength_nm, scene.configuration.solar_spectrum)
-    beam, apparent, disc = np.zeros_like(irradiance), moon.elevation_deg, None
+    solar = solar_irradiance(medium.wavelength_nm, scene.configuration.solar_spectrum)
+    beam, apparent, disc = np.zeros_like(solar), moon.elevation_deg, None
     if direct:
-        beam = np.concatenate([one.irradiance for one in direct]) * irradiance
         apparent += direct[-1].bending_deg
         path = disc_of(scene, moon.elevation_deg, radius_deg=moon.radius_deg)
-        disc = MoonDisc(path, moon, sun_elevation_deg) if path.is_seen else None
-    return MoonLight(MoonSeen(moon, apparent, beam, disc), irradiance, over_one_au * sun_distance_au**2)
+        if path.is_seen:
+            disc = MoonDisc(path, moon, sun_elevation_deg)
+            beam = disc.irradiance_factor() * solar
+    return MoonLight(MoonSeen(moon, apparent, beam, disc), over_one_au * solar, over_one_au * sun_distance_au**2)
 
 
-def with_disc(seen: ViewPixels, light: MoonLight) -> ViewPixels:
-    """The view with the moon's disc in it: each pixel has the mean of directions `PIECE_DEG` apart."""
+def with_moon(seen: ViewPixels, by_moon: np.ndarray, light: MoonLight) -> ViewPixels:
+    """The view with the moon's light and disc in it; by_moon (H, W, K): the same under the moon as the sun [sr^-1]."""
+    return _with_disc(replace(seen, radiance=(seen.radiance + by_moon * light.over_sun).astype(np.float32)), light)
+
+
+def _with_disc(seen: ViewPixels, light: MoonLight) -> ViewPixels:
+    """The view with the disc: each pixel has the mean of directions `PIECE_DEG` apart."""
     disc, moon = light.seen.disc, light.seen.moon
     if disc is None:
         return seen
+    disc = disc.without_dispersion()
     lower, upper = disc.edges_deg()
     middle = direction(moon.azimuth_deg, 0.5 * (lower + upper))
     rays = seen.rays.astype(float)
     reach = np.radians(upper - lower + 3.0 * seen.pitch_deg)
     off = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
-    where = np.nonzero((off < 2.0 * np.sin(min(0.5 * reach, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1))
+    near = (off < 2.0 * np.sin(min(0.5 * reach, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
+    where = np.nonzero(near if seen.hidden is None else near & ~seen.hidden)
     if not where[0].size:
         return seen
     count = int(np.clip(np.ceil(seen.pitch_deg / PIECE_DEG), 2, MOST_PIECES))

@@ -19,7 +19,7 @@ from twilight.config.terrain import Terrain
 from twilight.config.view import View
 from twilight.engine.block import Block
 from twilight.engine.columns import mean_of
-from twilight.engine.moon import MoonLight, with_disc
+from twilight.engine.moon import MoonLight, with_moon
 from twilight.engine.night import NightLight
 from twilight.engine.solve import Solved
 from twilight.engine.sunbeam import Direct
@@ -159,8 +159,7 @@ class ViewRadiance:
             seen = with_night(seen, self.night)
         if self.moon is not None:
             look, light = self.moon
-            lit = look.rows(first, stop).radiance * light.over_sun
-            seen = with_disc(replace(seen, radiance=(seen.radiance + lit).astype(np.float32)), light)
+            seen = with_moon(seen, look.rows(first, stop).radiance, light)
         return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
 
     def whole(self) -> ViewPixels:
@@ -238,21 +237,25 @@ def landscape(
     terrain: Terrain,
     sun_elevation_deg: float,
     standpoint: Standpoint | None = None,
+    light_azimuth_deg: float = 0.0,
 ) -> ViewPixels:
     """What a block of wavelengths shows of a view with terrain in it.
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
+    light_azimuth_deg: as in `see`.
     """
     check_terrain(block)
     if len(block.columns) > 1:
-        found = [(c, landscape(one, seen, terrain, sun_elevation_deg, standpoint)) for c, one in block.columns]
+        where = sun_elevation_deg, standpoint, light_azimuth_deg
+        found = [(c, landscape(one, seen, terrain, *where)) for c, one in block.columns]
         return replace(found[0][1], radiance=mean_of(found, lambda one: one.radiance))
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
     scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
     beam = prepare_beam(scaled.medium)
-    heights = heights_of(terrain, standpoint=standpoint)
-    rays = seen.rays.astype(float)
+    heights = heights_of(terrain, standpoint=standpoint).facing(light_azimuth_deg)
+    c, s = np.cos(np.radians(light_azimuth_deg)), np.sin(np.radians(light_azimuth_deg))
+    rays = seen.rays.astype(float) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     made = add_terrain(seen.radiance, rays, heights, block.field, medium, beam, place, terrain.albedo, terrain.shadows)
     return ViewPixels(seen.kind, seen.rays, made.radiance, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
 

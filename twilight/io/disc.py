@@ -1,4 +1,4 @@
-"""The discs of sun and moon in pictures; that of the sun in environment maps."""
+"""The discs of sun and moon in pictures and environment maps."""
 
 from __future__ import annotations
 
@@ -53,37 +53,29 @@ def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc:
     return disc.at_wavelengths(np.linspace(nm[0], nm[-1], int(np.ceil((nm[-1] - nm[0]) / COLOUR_STEP_NM)) + 1))
 
 
-def _xyz(sky: Sky, disc: Disc, factor: np.ndarray, observer: str) -> np.ndarray:
-    return colour.factor_to_xyz(factor, disc.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
-
-
 def add_to_map_xyz(sky: Sky, picture: np.ndarray, renderer: str, width: int, observer: str) -> None:
-    """Add the light of the disc to an environment map (height, width, 3) of XYZ [cd m^-2]."""
-    if sky.disc is None:
-        return
-    disc = _fine(sky.disc)
-    elevation, azimuth, light = _pieces(disc)
-    if light.size:
-        _give(sky, picture, renderer, width, elevation, azimuth, _xyz(sky, disc, light, observer))
+    """Add the light of the discs to an environment map (height, width, 3) of XYZ [cd m^-2]."""
+    for shown in _shown(sky):
+        disc = _fine(shown.disc)
+        elevation, azimuth, light = _pieces(shown._replace(disc=disc))
+        xyz = colour.factor_to_xyz(light, disc.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
+        _give(sky, picture, renderer, width, elevation, azimuth, xyz)
 
 
 def add_to_map_factor(sky: Sky, picture: np.ndarray, renderer: str, width: int) -> None:
-    """Add the light of the disc to an environment map (height, width, W) of radiance over F0 [sr^-1]."""
-    if sky.disc is not None:
-        elevation, azimuth, light = _pieces(sky.disc)
-        if light.size:
-            _give(sky, picture, renderer, width, elevation, azimuth, light)
+    """Add the light of the discs to an environment map (height, width, W) of radiance over F0 [sr^-1]."""
+    for shown in _shown(sky):
+        _give(sky, picture, renderer, width, *_pieces(shown))
 
 
-def _pieces(disc: Disc) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Elevation, azimuth from the sun [deg] and irradiance over F0 (N, W) of small pieces of the disc's image.
+def _pieces(shown: _Shown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevation, azimuth from the sun [deg] and irradiance over F0 (N, W) of small pieces of a disc's image.
 
-    The pieces of all wavelengths are those of the widest one; their light sums to `Disc.irradiance_factor`.
+    The pieces of all wavelengths are those of the widest one; their light sums to that of `rows`.
     """
+    disc = shown.disc
     rows = disc.rows()
     keep = rows.any(axis=1)
-    if not keep.any():
-        return np.zeros(0), np.zeros(0), np.zeros((0, disc.wavelength_nm.size))
     elevation, rows = disc.elevation_deg[keep], rows[keep]
     half = disc.half_width_deg()[keep].max(axis=1)
     node = (np.arange(_NODES) + 0.5) / _NODES * 2.0 - 1.0
@@ -93,8 +85,8 @@ def _pieces(disc: Disc) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # a wavelength whose disc is narrower than the distance of the points has its light in the middle
     middle = np.full((1, _NODES, 1), 1.0 / _NODES)
     fraction = np.where(total > 0.0, fraction / np.where(total > 0.0, total, 1.0), middle)
-    light = rows[:, None, :] * fraction
-    return np.repeat(elevation, _NODES), azimuth.ravel(), light.reshape(-1, light.shape[-1])
+    light = rows[:, None, :] * fraction * shown.scale
+    return np.repeat(elevation, _NODES), azimuth.ravel() + shown.azimuth_deg, light.reshape(-1, light.shape[-1])
 
 
 def _give(

@@ -110,11 +110,16 @@ def pixel_solid_angle(renderer: str, width: int) -> np.ndarray:
 def ground_factor(sky: Sky) -> np.ndarray:
     """Radiance of the Lambertian ground divided by F0 [sr^-1], (W,): albedo / pi x horizontal irradiance.
 
-    The sun's beam is part of the irradiance where the sky knows it.  The irradiance is that of the observer's place.
+    The beams of sun and moon are part of the irradiance where the sky knows them.  The irradiance is that of the
+    observer's place.
     """
     if sky.ground_albedo is None or not np.any(sky.ground_albedo):
         return np.zeros(sky.wavelength_nm.size)
-    return sky.ground_albedo / np.pi * sky.irradiance_factor(direct=sky.direct_irradiance is not None)
+    falling = sky.irradiance_factor(direct=sky.direct_irradiance is not None)
+    if sky.moon is not None:
+        sine = max(0.0, float(np.sin(np.radians(sky.moon.apparent_elevation_deg))))
+        falling = falling + sine * sky.moon.direct_irradiance / sky.solar_irradiance
+    return sky.ground_albedo / np.pi * falling
 
 
 def environment(sky: Sky, values: np.ndarray, ground: np.ndarray, renderer: str, width: int) -> np.ndarray:

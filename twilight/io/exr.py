@@ -58,6 +58,8 @@ def _header(sky: Sky, renderer: str, observer: str, disc: bool = False) -> dict[
         f"{PREFIX}SolarSpectrum": sky.solar_spectrum,
         f"{PREFIX}SunDisc": "in the map" if disc and sky.disc is not None else "not in the map",
     } | header_of(sky)
+    if sky.moon is not None:
+        header[f"{PREFIX}MoonDisc"] = "in the map" if disc and sky.moon.disc is not None else "not in the map"
     if renderer != "pbrt":
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
     if sky.time is not None:
@@ -136,7 +138,7 @@ def write_rgb_exr(
     observer
         Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
     disc
-        Whether the sun's disc (`Sky.disc`) is in it, its light in the pixels that it comes from.
+        Whether the discs of sun and moon (of `Sky`) are in it, their light in the pixels that it comes from.
 
     Returns
     -------

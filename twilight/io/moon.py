@@ -12,6 +12,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
+from twilight.io.sun import lamps
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.moon.light import PHASE_RANGE_DEG, moon_illuminance_lux
@@ -20,7 +21,7 @@ from twilight.sky.sky import Sky
 SOURCE = "Kieffer and Stone 2005 (ROLO 311g), without libration; beyond 97 deg of phase continued by Allen 1976"
 
 
-def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> dict[str, Any]:
+def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: bool = False) -> dict[str, Any]:
     """What ``moon.json`` holds, as JSON values, by the names and units of ``sun.json`` where both have them.
 
     Irradiances are of the moon's own beam, normal to its light, at the observer; 0 where it is below the horizon.
@@ -48,6 +49,7 @@ def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> dict[str, A
         "bright_limb_deg": None if disc is None else disc.bright_limb_deg,
         "distance_km": moon.distance_km,
         "angular_diameter_deg": 2.0 * moon.radius_deg,
+        "in_environment_map": in_map and disc is not None,
         "illuminance_above_the_air_lux": moon_illuminance_lux(moon, sky.solar_spectrum),
         "wavelength_nm": sky.wavelength_nm.tolist(),
         "irradiance_W_per_m2_nm": sky.moon.direct_irradiance.tolist(),
@@ -59,13 +61,14 @@ def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> dict[str, A
         lower, upper = disc.edges_deg()
         if np.isfinite(lower):
             facts["lower_edge_deg"], facts["upper_edge_deg"] = lower, upper
-    return facts | provenance_fields(sky.provenance)
+    lit = lamps(sky.moon.apparent_elevation_deg, azimuth, moon.radius_deg, rgb)
+    return facts | lit | provenance_fields(sky.provenance)
 
 
 def write_moon(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``moon.json``, whole or not at all."""
     path = folder / "moon.json"
-    facts = moon_facts(rendered.seen, options.observer)
+    facts = moon_facts(rendered.seen, options.observer, in_map=options.disc)
     with whole_file(path) as temporary:
         Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     return [path]

@@ -59,9 +59,15 @@ def sun_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: bool
         facts["irradiance_W_per_m2_nm"] = (factor * sky.solar_irradiance).tolist()
         facts["irradiance_rgb_W_per_m2"] = rgb.tolist()
         facts["illuminance_lux"] = float(xyz[1])
-    facts["blender"] = _blender(float(apparent), azimuth or 0.0, float(radius), rgb)
-    facts["mitsuba"] = _mitsuba(float(apparent), azimuth or 0.0, rgb)
-    return facts | provenance_fields(sky.provenance)
+    return facts | lamps(float(apparent), azimuth or 0.0, float(radius), rgb) | provenance_fields(sky.provenance)
+
+
+def lamps(elevation_deg: float, azimuth_deg: float, radius_deg: float, rgb: np.ndarray | None) -> dict[str, Any]:
+    """A disc as a lamp of Blender and of Mitsuba; rgb (3,): irradiance [W m^-2]."""
+    return {
+        "blender": _blender(elevation_deg, azimuth_deg, radius_deg, rgb),
+        "mitsuba": _mitsuba(elevation_deg, azimuth_deg, rgb),
+    }
 
 
 def _blender(elevation_deg: float, azimuth_deg: float, radius_deg: float, rgb: np.ndarray | None) -> dict[str, Any]:
@@ -89,7 +95,7 @@ def _mitsuba(elevation_deg: float, azimuth_deg: float, rgb: np.ndarray | None) -
 def write_sun(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sun.json``, whole or not at all."""
     path = folder / "sun.json"
-    facts = sun_facts(rendered.seen, options.observer, in_map=options.disc)
+    facts = sun_facts(rendered.seen, options.observer, in_map=options.disc and rendered.seen.disc is not None)
     with whole_file(path) as temporary:
         Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     return [path]

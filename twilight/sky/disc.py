@@ -132,6 +132,10 @@ class Disc:
             out[near] = self._above_the_air(true, turn[near][:, None]) * passed
         return out.reshape(*shape, self.wavelength_nm.size)
 
+    def dimmed(self, factor: float) -> Disc:
+        """The disc behind a filter."""
+        return replace(self, transmittance=factor * self.transmittance)
+
     def irradiance_factor(self) -> np.ndarray:
         """Irradiance of the disc on a surface that faces it, over F0, (W,): the integral of its radiance."""
         rows = self.rows()

@@ -240,7 +240,7 @@ class Sky(SkyLight):
         """The sky behind an ideal linear polariser, (I + Q cos 2t + U sin 2t) / 2, its axis at t from the vertical.
 
         angle_deg: as `angle_of_linear_polarisation_deg`; it is counted in every line of sight from its own vertical, as
-        when the polariser is turned to each of them.  Half of the night and of the sunbeam passes.
+        when the polariser is turned to each of them.  Half of the night and of the beams of sun and moon passes.
         """
         t = np.radians(2.0 * angle_deg)
         q, u = np.moveaxis(self._known_polarisation, 2, 0)
@@ -253,7 +253,8 @@ class Sky(SkyLight):
             polarisation_error=None,
             night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
             direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
-            disc=None if self.disc is None else replace(self.disc, transmittance=0.5 * self.disc.transmittance),
+            disc=None if self.disc is None else self.disc.dimmed(0.5),
+            moon=None if self.moon is None else self.moon.dimmed(0.5),
         )
 
     def sample_fractional_stokes(self, elevation_deg, azimuth_deg) -> np.ndarray:

@@ -34,6 +34,11 @@ class Heights(NamedTuple):
     sin_turn: float
     highest_km: float
 
+    def facing(self, azimuth_deg: float) -> Heights:
+        """The same heights for x and y from another azimuth, clockwise from the one that they are counted from."""
+        turn = np.arctan2(self.sin_turn, self.cos_turn) - np.radians(azimuth_deg)
+        return self._replace(cos_turn=float(np.cos(turn)), sin_turn=float(np.sin(turn)))
+
 
 class Standpoint(NamedTuple):
     """Where the observer stands [deg, north and east positive] and the sun's azimuth, clockwise from north [deg]."""

@@ -17,6 +17,7 @@ SCRIPTS = (
     "state.js",
     "vector.js",
     "sun.js",
+    "moon.js",
     "tables.js",
     "space.js",
     "night.js",

@@ -20,6 +20,7 @@ from twilight.studies.export import sky_tables
 from twilight.studies.export.field_values import FieldSource
 from twilight.viewer import lines, space, tables, tones
 from twilight.viewer.colours import Channels
+from twilight.viewer.moonlight import MoonColours, page_header
 from twilight.viewer.pack import Pack
 from twilight.viewer.page import Page
 
@@ -125,6 +126,7 @@ def view_fields(
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
         "sun_axis": [sky_tables.LOWEST_SUN_DEG, sky_tables.SUN_CENTRE_DEG, sky_tables.SUN_WIDTH_DEG],
         "azimuth_power": sky_tables.AZIMUTH_POWER,
+        "moon": page_header(),
     }
     if orbit_km:
         pack.header["space"] = {
@@ -158,6 +160,7 @@ def _add_field(
     source = FieldSource(solved, solved.medium, bool(getattr(solved.scene.settings, "refraction", False)))
     steps = len(altitudes) + 2 * ("space" in pack.header)
     made = tables.fill(source, channels, altitudes, sizes, part_of(progress, 0.0, len(altitudes) / steps))
+    colours = MoonColours.of(made.spectrum.reshape(channels.wavelength_nm.size, -1).T, channels)
     pack.header["fields"].append(
         _facts(channels)
         | {
@@ -165,6 +168,7 @@ def _add_field(
             "haze_deg": made.haze_deg.tolist(),
             "haze_top_km": source.haze_top_km(),
         }
+        | colours.page_header(channels.wavelength_nm)
     )
     _add_tables(pack, k, "", made)
     for i, altitude in enumerate(altitudes):

@@ -33,6 +33,11 @@ class MoonDisc:
         return self.path.wavelength_nm
 
     @property
+    def elevation_deg(self) -> np.ndarray:
+        """Apparent, of the rows (H,) [deg]."""
+        return self.path.elevation_deg
+
+    @property
     def is_seen(self) -> bool:
         """Whether any part of the disc, lit or not, is above the horizon."""
         return self.path.is_seen
@@ -49,18 +54,16 @@ class MoonDisc:
         """The disc at other wavelengths, as `Disc.at_wavelengths`."""
         return replace(self, path=self.path.at_wavelengths(wavelength_nm))
 
+    def without_dispersion(self) -> MoonDisc:
+        """The disc with one edge for all wavelengths, for pixels that are much wider than a coloured rim."""
+        true = self.path.true_elevation_deg.mean(axis=1, keepdims=True)
+        return replace(self, path=replace(self.path, true_elevation_deg=true.repeat(self.wavelength_nm.size, axis=1)))
+
     @property
     def bright_limb_deg(self) -> float:
         """Position angle of the middle of the lit limb [deg]: 0 up, 90 towards larger azimuth."""
-        right, up = self._towards_sun()
+        right, up = towards_sun(self.moon, self.sun_elevation_deg)
         return float(np.degrees(np.arctan2(right, up)) % 360.0)
-
-    def _towards_sun(self) -> tuple[float, float]:
-        """Unit vector on the disc towards the sun: to larger azimuth, and up."""
-        m, s, a = np.radians([self.moon.elevation_deg, self.sun_elevation_deg, -self.moon.azimuth_deg])
-        right, up = np.cos(s) * np.sin(a), np.sin(s) * np.cos(m) - np.cos(s) * np.sin(m) * np.cos(a)
-        length = float(np.hypot(right, up))
-        return (float(right) / length, float(up) / length) if length > 1e-12 else (0.0, 1.0)
 
     def radiance(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Radiance over the sun's irradiance at 1 au [sr^-1] in apparent directions; azimuth from the moon.
@@ -73,19 +76,46 @@ class MoonDisc:
         near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high))
         if near.size and self.is_seen:
             true, passed = self.path.along(elevation.ravel()[near])
-            out[near] = self._above_the_air(true, azimuth.ravel()[near][:, None]) * passed
+            out[near] = self._surface(true, azimuth.ravel()[near][:, None]) * self._scale() * passed
         return out.reshape(*elevation.shape, self.wavelength_nm.size)
 
-    def _above_the_air(self, true_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+    def rows(self) -> np.ndarray:
+        """Irradiance over the sun's at 1 au that each row of `path` brings, (H, W), as `Disc.rows`."""
+        node, weight = np.polynomial.legendre.leggauss(24)
+        half, path = self.half_width_deg(), self.path
+        angle = 0.5 * np.pi * node
+        value = self._surface(path.true_elevation_deg[..., None], half[..., None] * np.sin(angle))
+        across = (value * (0.5 * np.pi * np.cos(angle) * weight)).sum(axis=-1) * np.radians(half)
+        step = np.radians(path.elevation_deg[1] - path.elevation_deg[0])
+        return across * self._scale() * path.transmittance * np.cos(np.radians(path.elevation_deg))[:, None] * step
+
+    def irradiance_factor(self) -> np.ndarray:
+        """Irradiance of what is seen of the disc, on a surface that faces it, over the sun's at 1 au, (W,)."""
+        return self.rows().sum(axis=0)
+
+    def _scale(self) -> np.ndarray:
+        """Radiance over the sun's irradiance at 1 au, (W,), of a place where `surface` is 1."""
+        radius = np.sin(np.radians(self.path.radius_deg))
+        return self.moon.irradiance_factor(self.wavelength_nm) / radius**2 / disc_integral(self.moon.phase_angle_deg)
+
+    def _surface(self, true_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """`surface` in true directions; azimuth from the moon."""
         t, m, a = (np.radians(x) for x in (true_deg, self.moon.elevation_deg, azimuth_deg))
         radius = np.sin(np.radians(self.path.radius_deg))
         x = np.cos(t) * np.sin(a) / radius
         y = (np.sin(t) * np.cos(m) - np.cos(t) * np.sin(m) * np.cos(a)) / radius
         ahead = np.cos(t) * np.cos(m) * np.cos(a) + np.sin(t) * np.sin(m) > 0.0
-        right, up = self._towards_sun()
-        light = surface(x, y, (right, up), self.moon.phase_angle_deg)
-        scale = self.moon.irradiance_factor(self.wavelength_nm) / radius**2 / disc_integral(self.moon.phase_angle_deg)
-        return np.where(ahead, light, 0.0) * scale
+        return np.where(
+            ahead, surface(x, y, towards_sun(self.moon, self.sun_elevation_deg), self.moon.phase_angle_deg), 0.0
+        )
+
+
+def towards_sun(moon: Moon, sun_elevation_deg: float) -> tuple[float, float]:
+    """Unit vector on the moon's disc towards the sun: to larger azimuth, and up."""
+    m, s, a = np.radians([moon.elevation_deg, sun_elevation_deg, -moon.azimuth_deg])
+    right, up = np.cos(s) * np.sin(a), np.sin(s) * np.cos(m) - np.cos(s) * np.sin(m) * np.cos(a)
+    length = float(np.hypot(right, up))
+    return (float(right) / length, float(up) / length) if length > 1e-12 else (0.0, 1.0)
 
 
 def surface(x: np.ndarray, y: np.ndarray, towards_sun: tuple[float, float], phase_angle_deg: float) -> np.ndarray:
@@ -115,10 +145,15 @@ class MoonSeen:
     """The moon of a sky.
 
     moon: its place above the air.  apparent_elevation_deg: where refraction shows its centre.  direct_irradiance (W,):
-    of its beam at the observer, normal to its light [W m^-2 nm^-1].  disc: None where the moon is below the horizon.
+    of what is seen of its disc, normal to its light [W m^-2 nm^-1].  disc: None where the moon is below the horizon.
     """
 
     moon: Moon
     apparent_elevation_deg: float
     direct_irradiance: np.ndarray
     disc: MoonDisc | None
+
+    def dimmed(self, factor: float) -> MoonSeen:
+        """Its light behind a filter."""
+        disc = None if self.disc is None else replace(self.disc, path=self.disc.path.dimmed(factor))
+        return replace(self, direct_irradiance=factor * self.direct_irradiance, disc=disc)

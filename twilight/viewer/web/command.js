@@ -20,6 +20,8 @@ function sunOptions() {
   } else words.push(`--sun-elevation ${+theSun().elevation.toFixed(3)}`);
   if (HEAD.highest_km > HEAD.altitude_km[0] || state.altitude !== 0) words.push(`--altitude-km ${+state.altitude.toFixed(3)}`);
   if (state.night) words.push("--set night.airglow=1");
+  const { moonElevation: e, moonAzimuth: a } = state;
+  if (state.moon) words.push(state.mode === "clock" ? "--set moon={}" : `--set "moon={elevation_deg: ${+e.toFixed(3)}, azimuth_deg: ${+a.toFixed(3)}}"`);
   if (state.disc) words.push("--disc");
   return words;
 }

@@ -6,6 +6,8 @@ const clampState = () => {
   state.altitude = clamp(state.altitude, HEAD.altitude_km[0], HEAD.highest_km);
   state.sun = clamp(state.sun, lowestSun(), HEAD.sun_deg[1]);
   state.hours = clamp(state.hours, 0, 24);
+  state.moonElevation = clamp(state.moonElevation, -18, 90);
+  state.moonAzimuth = clamp(state.moonAzimuth, -180, 180);
 };
 
 // Sliders whose position is not the value itself.  Half of the sun's is twilight and the low sun.
@@ -22,11 +24,11 @@ const valueAt = (name, position) => (SCALES[name] ? SCALES[name].from(position) 
 const byPosition = (name) => (value, step) => valueAt(name, positionOf(name, value) + step);
 const STEPS = {
   sun: { fine: 0.1, coarse: 1 }, hours: { fine: 1 / 60, coarse: 0.5 }, split: { fine: 0.01, coarse: 0.1 },
-  ev: { fine: 0.1, coarse: 1 }, bias: { fine: 0.1, coarse: 1 },
+  ev: { fine: 0.1, coarse: 1 }, bias: { fine: 0.1, coarse: 1 }, moonElevation: { fine: 0.1, coarse: 1 }, moonAzimuth: { fine: 1, coarse: 10 },
   fov: { fine: 0.01, coarse: 0.1, move: byPosition("fov") }, altitude: { fine: 0.1, coarse: 1, move: byPosition("altitude") },
 };
 // Values in steps of a tenth or a minute stay on them.
-const ROUND = { sun: 1e3, hours: 3600, ev: 1e3, bias: 1e3, split: 1e3 };
+const ROUND = { sun: 1e3, moonElevation: 1e3, moonAzimuth: 1e3, hours: 3600, ev: 1e3, bias: 1e3, split: 1e3 };
 function stepBy(name, step) {
   const value = (STEPS[name].move ?? ((v, d) => v + d))(state[name], step);
   set({ [name]: ROUND[name] ? Math.round(value * ROUND[name]) / ROUND[name] : value });
@@ -35,10 +37,11 @@ function stepBy(name, step) {
 const minus = (text) => text.replace("-", "\u2212");
 const SHOWN = {
   sun: (v) => minus(`${v.toFixed(2)}°`), hours: (v) => clockText(v).slice(0, 5), fov: (v) => `${v < 10 ? v.toFixed(1) : v.toFixed(0)}°`,
+  moonElevation: (v) => minus(`${v.toFixed(1)}°`), moonAzimuth: (v) => minus(`${v.toFixed(0)}°`),
   altitude: (v) => `${v.toFixed(v < 10 ? 2 : 0)} km`, split: (v) => `${Math.round(100 * v)} %`, ev: (v) => minus(v.toFixed(2)), bias: (v) => minus(`${v.toFixed(2)} EV`),
 };
 const CONTROLS = ["mode", "sun", "latitude", "longitude", "zone", "hours", "speed", "path", "date", "projection", "fov", "altitude",
-  "split", "labels", "tone", "exposure", "ev", "bias", "disc", "night", "stars"];
+  "split", "labels", "tone", "exposure", "ev", "bias", "disc", "night", "stars", "moon", "moonElevation", "moonAzimuth"];
 
 function set(changes) {
   const horizon = horizonOf(0);
@@ -62,6 +65,7 @@ function showState() {
   }
   byId("run").textContent = state.running ? "stop the clock" : "run the clock";
   document.querySelectorAll("[data-mode]").forEach((e) => { e.hidden = HEAD.kind === "sky" || e.dataset.mode !== state.mode; });
+  byId("moon-place").hidden = !state.moon || state.mode === "clock" || HEAD.kind === "sky";
   document.querySelectorAll("[data-tone]").forEach((e) => {
     e.hidden = e.dataset.tone !== state.tone || (e.dataset.exposure !== undefined && e.dataset.exposure !== state.exposure);
   });

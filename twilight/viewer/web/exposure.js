@@ -5,7 +5,7 @@ const exposedAt = (ev) => TONE.middle_grey / (TONE.grey_luminance * 2 ** ev);
 const mean = (values) => values.reduce((sum, v) => sum + v, 0) / values.length;
 
 // Exposure value as io.view.view_exposure_ev100 has it, and log-means of photopic and scotopic luminance as the tone
-// "eye" takes them, of the picture without the sun's disc.
+// "eye" takes them, of the picture without discs.
 function meter(aspect, sun, sky) {
   const into = target("meter", METER.width, METER.height);
   drawLight(into, aspect, sun, sky, false);

@@ -78,15 +78,14 @@ function startGpu() {
 // The tables under this sun, kept until the sun or the altitude is another.
 let sliced = "";
 function uploadTables(sun) {
-  const key = `${sun.shown} ${state.altitude}`;
+  const moon = theMoon(sun), key = `${sun.shown} ${state.altitude} ${moon?.lights ? moon.shown : ""}`;
   if (key === sliced) return;
   sliced = key;
   if (inSpace()) uploadSpace();
   const t = HEAD.texels, grid = HEAD.kind === "sky", rows = grid ? t.sky : t.ground + t.haze + t.sky + 1, size = rows * t.azimuth * 4;
   const parts = [], lines = new Float32Array(HEAD.fields.length * 8 * 256 * 4);
   HEAD.fields.forEach((_, k) => {
-    parts.push(underSun(`sky${k}`, sun.shown));
-    parts.push(tables[`aureole${k}`] ? underSun(`aureole${k}`, sun.shown) : new Float32Array(grid ? 0 : size));
+    parts.push(...tablesUnder(k, sun.shown, grid ? 0 : size));
     if (grid) return;
     const put = (row, values) => lines.set(values, (8 * k + row) * 1024);
     if (tables[`phase${k}`]) put(0, tables[`phase${k}`]);
@@ -94,11 +93,14 @@ function uploadTables(sun) {
     atAltitude("refraction_deg", k).forEach((v, i) => { lines[(8 * k + 2) * 1024 + 4 * i] = v * DEG; });
     put(3, atAltitude("night", k));
   });
+  if (moon?.lights) HEAD.fields.forEach((_, k) => parts.push(...tablesUnder(k, moon.shown, size)));
   const whole = new Float32Array(parts.reduce((sum, p) => sum + p.length, 0));
   parts.reduce((start, p) => { whole.set(p, start); return start + p.length; }, 0);
   texture("uSlice", t.azimuth, whole.length / (4 * t.azimuth), 4, whole);
   texture("uLines", 256, HEAD.fields.length * 8, 4, lines);
 }
+
+const tablesUnder = (k, elevation, size) => [underSun(`sky${k}`, elevation), tables[`aureole${k}`] ? underSun(`aureole${k}`, elevation) : new Float32Array(size)];
 
 function setView(p, aspect) {
   gl.useProgram(p.made);
@@ -120,9 +122,9 @@ function setView(p, aspect) {
 const splitAt = () => (HEAD.fields.length > 1 ? state.split : 2);
 const twice = (f) => [0, 1].map((k) => f(Math.min(k, HEAD.fields.length - 1)));
 
-// X, Y, Z and scotopic luminance into a target; disc: whether the sun's disc is in it.
-function drawLight(into, aspect, sun, sky, disc) {
-  const p = programs.sky, t = HEAD.texels;
+// X, Y, Z and scotopic luminance into a target; discs: whether those of sun and moon are in it.
+function drawLight(into, aspect, sun, sky, discs) {
+  const p = programs.sky, t = HEAD.texels, moon = theMoon(sun);
   setView(p, aspect);
   gl.uniform1i(p.at("uSlice"), slots.uSlice.unit);
   gl.uniform1i(p.at("uZodiac"), slots.uZodiac.unit);
@@ -139,7 +141,18 @@ function drawLight(into, aspect, sun, sky, disc) {
   gl.uniform2f(p.at("uSunSide"), Math.sin(sun.azimuth * DEG), Math.cos(sun.azimuth * DEG));
   gl.uniform1f(p.at("uSunRadius"), 0.26656 / sun.distance * DEG);
   gl.uniform1f(p.at("uNear"), 1 / sun.distance ** 2);
-  gl.uniform1i(p.at("uDisc"), disc && HEAD.kind === "field" ? 1 : 0);
+  gl.uniform1i(p.at("uDisc"), discs && state.disc && HEAD.kind === "field" ? 1 : 0);
+  gl.uniform1i(p.at("uMoonlit"), moon?.lights ? 1 : 0);
+  gl.uniform1i(p.at("uMoonDisc"), moon && discs ? 1 : 0);
+  if (moon) {
+    gl.uniform3fv(p.at("uMoon"), moon.direction);
+    gl.uniform3fv(p.at("uMoonSun"), moon.toSun);
+    gl.uniform2f(p.at("uMoonSide"), Math.sin(moon.azimuth * DEG), Math.cos(moon.azimuth * DEG));
+    gl.uniform1f(p.at("uMoonRadius"), moon.radius);
+    gl.uniform1f(p.at("uMoonShape"), moonDiscIntegral(moon.phase));
+    gl.uniformMatrix4fv(p.at("uMoonColour"), false, twice((k) => moonlight(moon, k, "moon_colours")).flat());
+    gl.uniform1i(p.at("uMoonFirst"), 2 * HEAD.fields.length * (t.ground + t.haze + t.sky + 1));
+  }
   gl.uniform1i(p.at("uNight"), state.night && HEAD.kind === "field" ? 1 : 0);
   if (state.night && HEAD.kind === "field") {
     const mean = nightMeans(sky);

@@ -8,7 +8,7 @@ function draw(seconds) {
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   const aspect = width / height, sun = theSun(), sky = HEAD.kind === "field" ? celestial(sun) : null;
   uploadTables(sun);
-  drawLight(target("light", width, height), aspect, sun, sky, state.disc);
+  drawLight(target("light", width, height), aspect, sun, sky, true);
   shot = exposureNow(aspect, sun, sky, seconds);
   drawStars(aspect, sky, shot.exposed);
   drawTone(shot);
@@ -21,6 +21,8 @@ function draw(seconds) {
 function statusOf(sun) {
   const words = [];
   if (state.mode === "clock") words.push(`sun ${minus(sun.elevation.toFixed(2))}°, ${azimuthText(sun.azimuth)}`);
+  const moon = state.mode === "clock" && theMoon(sun);
+  if (moon) words.push(`moon ${minus(moon.elevation.toFixed(2))}°, ${azimuthText(moon.azimuth)}`);
   if (sun.shown !== sun.elevation && !inSpace()) words.push(`light of ${minus(sun.shown.toFixed(0))}°`);
   words.push(shot.adapted === undefined ? `EV100 ${minus(shot.ev.toFixed(1))}` : `eye adapted to ${shot.adapted.toPrecision(2)} cd m⁻²`);
   return words.join(", ");
@@ -66,7 +68,7 @@ async function start() {
     byId("message").hidden = true;
     byId("panel").hidden = false;
     window.twilight = {
-      state, head: HEAD, loaded, set, draw: () => draw(null), sunAt, daysSince, theSun, command: renderCommand,
+      state, head: HEAD, loaded, set, draw: () => draw(null), sunAt, daysSince, theSun, theMoon: () => theMoon(theSun()), command: renderCommand,
       light: () => ({ width: canvas.width, height: canvas.height, values: readLight(targets.light) }),
       at: (elevation, azimuth) => { draw(null); return figuresOf(direction(elevation, azimuth)); },
       horizon: () => (1 - placeOf(direction(horizonOf(0), state.azimuth), canvas.width / canvas.height)[1]) / 2,

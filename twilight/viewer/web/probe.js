@@ -22,13 +22,23 @@ function figuresOf(d) {
   };
 }
 
-// Spectral radiance [W m^-2 sr^-1 nm^-1] of air, ground and night at the wavelengths of the field; the disc is not in it.
+// Spectral radiance [W m^-2 sr^-1 nm^-1] of air, ground and night at the wavelengths of the field; discs are not in it.
 function spectrumOf(d, field) {
-  const sun = theSun(), t = HEAD.texels, foot = inSpace() ? footOf(d, field, sun) : null;
+  const sun = theSun(), moon = theMoon(sun), bySun = factorUnder(d, field, sun), near = 1 / (HEAD.distance_au ?? sun.distance) ** 2;
+  const byMoon = moon?.lights ? factorUnder(d, field, moon) : null, over = moon ? moonlight(moon, field, "moon_spectrum") : [];
+  const e = elevationOf(d), h = horizonOf(field), up = e >= h;
+  const u = inSpace() ? lineHeight(d, field) : Math.sqrt(clamp((e - h) / (90 - h), 0, 1));
+  const night = state.night && HEAD.kind === "field" ? nightSpectrum(field, up, u, d, celestial(sun)) : null;
+  return HEAD.fields[field].solar_irradiance.map((f, b) => f * (near * bySun[b] + (byMoon ? over[b] * byMoon[b] : 0)) + (night ? night[b] : 0));
+}
+
+// Radiance over the irradiance of a body at 1 au [sr^-1], at the wavelengths of the field.
+function factorUnder(d, field, sun) {
+  const t = HEAD.texels, foot = inSpace() ? footOf(d, field, sun) : null;
   const name = `${inSpace() ? "space_" : ""}spectrum${field}`, shape = HEAD.arrays[name].shape;
   const values = underSun(name, foot?.sun ?? sun.shown), bands = shape[0], rows = shape[3], columns = shape[4];
   const e = elevationOf(d), away = around(azimuthOf(d) - sun.azimuth, 360), h = horizonOf(field), up = e >= h;
-  let y, x, low = 0, high = rows - 1, u = 0;
+  let y, x, low = 0, high = rows - 1;
   if (HEAD.kind === "sky") {
     if (!up) return new Array(bands).fill(0);
     y = e / 90 * (rows - 1);
@@ -40,23 +50,19 @@ function spectrumOf(d, field) {
       y = foot.ground ? foot.y / 2 : ground + (foot.y - t.ground) / 2;
       x = (foot.azimuth / 180) ** (1 / HEAD.azimuth_power) * (columns - 1);
     } else [x, y] = [0, 0];
-    u = lineHeight(d, field);
   } else {
     const ground = (t.ground + 1) / 2;
-    u = Math.sqrt(clamp(up ? (e - h) / (90 - h) : (h - e) / (90 + h), 0, 1));
     [low, high] = up ? [ground, rows - 1] : [0, ground - 1];
-    y = up ? low + rowAbove(e, h, hazeOf(field), 90, 2, t.haze, t.sky) / 2 : (1 - u) * high;
+    y = up ? low + rowAbove(e, h, hazeOf(field), 90, 2, t.haze, t.sky) / 2 : (1 - Math.sqrt(clamp((h - e) / (90 + h), 0, 1))) * high;
     x = (Math.min(away, 360 - away) / 180) ** (1 / HEAD.azimuth_power) * (columns - 1);
   }
   const j = clamp(Math.floor(y), low, high - 1), v = y - j;
   const i = HEAD.kind === "sky" ? Math.floor(x) : Math.min(Math.floor(x), columns - 2), w = x - i;
   const at = (row, column, b) => values[(row * columns + column % columns) * bands + b];
-  const night = state.night && HEAD.kind === "field" ? nightSpectrum(field, up, u, d, celestial(sun)) : null;
-  const near = 1 / (HEAD.distance_au ?? sun.distance) ** 2;
-  const lit = inSpace() ? (foot ? near * foot.edge * Math.exp(Math.min(0, foot.sun - HEAD.sun_axis[0])) : 0) : near;
-  return HEAD.fields[field].solar_irradiance.map((f, b) => f * lit * Math.exp(
+  const lit = inSpace() ? (foot ? foot.edge * Math.exp(Math.min(0, foot.sun - HEAD.sun_axis[0])) : 0) : 1;
+  return HEAD.fields[field].wavelength_nm.map((_, b) => lit * Math.exp(
     (1 - v) * ((1 - w) * at(j, i, b) + w * at(j, i + 1, b)) + v * ((1 - w) * at(j + 1, i, b) + w * at(j + 1, i + 1, b)),
-  ) + (night ? night[b] : 0));
+  ));
 }
 
 function drawProbe() {

@@ -27,7 +27,12 @@ uniform vec3 uSun;           // true direction
 uniform vec2 uSunSide;       // east and north of its azimuth
 uniform float uSunRadius;    // rad
 uniform float uNear;         // distance_au^-2
-uniform bool uDisc, uNight;
+uniform bool uDisc, uNight, uMoonlit, uMoonDisc;
+uniform vec3 uMoon, uMoonSun;  // true direction of the moon, and from it to the sun
+uniform vec2 uMoonSide;        // east and north of its azimuth
+uniform float uMoonRadius, uMoonShape;  // rad; integral of its surface over a disc of radius 1
+uniform mat4 uMoonColour[2];   // moonlight of sunlight
+uniform int uMoonFirst;        // row of uSlice where the tables under the moon begin
 uniform vec3 uGalacticPole, uEclipticPole, uEclipticSun;
 uniform vec2 uNightMean;     // starlight [S10], zodiacal light at 500 nm
 uniform vec4 uNightGround[2];
@@ -129,15 +134,15 @@ vec4 spaceTable(int first, bool up, float s, float y, float x) {
   return sum;
 }
 
-// Light of the limb (up), or of the ground through the air, from above it.
-vec4 fromSpace(int field, bool up, vec3 d, float angle) {
+// Light of the limb (up), or of the ground through the air, from above it; to: the direction of the source of light.
+vec4 fromSpace(int field, bool up, vec3 d, float angle, vec3 to) {
   float low = uEarth[field].x, top = uEarth[field].z, p = uOrbit * length(d.xy);
   if (up && (d.z >= 0.0 || p >= top)) return vec4(0.0);
   p = up ? max(p, low) : min(p, low);
   float t = -uOrbit * d.z - (up ? 0.0 : sqrt(max(0.0, low * low - p * p)));
   vec3 n = normalize(vec3(0.0, 0.0, uOrbit) + t * d), level = d - dot(d, n) * n;
-  float size = length(level), above = clamp(dot(uSun, n), -1.0, 1.0);
-  float ahead = size > 1e-6 ? dot(uSun, level) / size : 0.0;
+  float size = length(level), above = clamp(dot(to, n), -1.0, 1.0);
+  float ahead = size > 1e-6 ? dot(to, level) / size : 0.0;
   float azimuth = atan(sqrt(max(0.0, 1.0 - above * above - ahead * ahead)), ahead);
   float y = up ? rowAbove(p, low, uEarth[field].yy, top, 1.5, uLimb)
                : (1.0 - sqrt(1.0 - asin(min(1.0, p / low)) / (0.5 * PI))) * float(uTexels.x - 1);
@@ -150,24 +155,25 @@ vec4 fromSpace(int field, bool up, vec3 d, float angle) {
   if (uAureole[field]) sum += exp(spaceTable(begin + rows, up, s, y, x) + line(LINES * field, sqrt(angle / PI)));
   if (up) sum *= sqrt(1.0 - exp((p - top) / uEdge));   // space.py
   // below the lowest sun of the tables the light falls by e per degree
-  return sum * uNear * exp(min(0.0, sun - uSunAxis.x));
+  return sum * exp(min(0.0, sun - uSunAxis.x));
 }
 
-// Light of the air, or of the ground through it.
-vec4 scattered(int field, bool up, vec3 d, float e, float a, float angle) {
-  if (uOrbit > 0.0) return fromSpace(field, up, d, angle);
+// Light of the air, or of the ground through it, of a source at 1 au in the direction `to`; a, angle: of d from there;
+// begin: row of uSlice with its tables.
+vec4 scattered(int field, bool up, vec3 d, float e, float a, float angle, vec3 to, int begin) {
+  if (uOrbit > 0.0) return fromSpace(field, up, d, angle, to);
   float h = uHorizon[field];
   if (uGrid) {
     if (!up) return vec4(0.0);
-    return exp(gridTable(e / (0.5 * PI) * float(uTexels.z - 1), mod(a / (2.0 * PI), 1.0) * float(uTexels.w))) * uNear;
+    return exp(gridTable(e / (0.5 * PI) * float(uTexels.z - 1), mod(a / (2.0 * PI), 1.0) * float(uTexels.w)));
   }
   float y = up ? rowAbove(e, h, uHaze[field], 0.5 * PI, 2.0, uTexels.z)
                : (1.0 - sqrt(clamp((h - e) / (0.5 * PI + h), 0.0, 1.0))) * float(uTexels.x - 1);
   float x = pow(abs(a) / PI, 1.0 / uAzimuthPower) * float(uTexels.w - 1);
-  int rows = uTexels.x + uTexels.y + uTexels.z + 1, first = 2 * rows * field;
+  int rows = uTexels.x + uTexels.y + uTexels.z + 1, first = begin + 2 * rows * field;
   vec4 sum = exp(table(first, up, y, x));
   if (uAureole[field]) sum += exp(table(first + rows, up, y, x) + line(LINES * field, sqrt(angle / PI)));
-  return sum * uNear;
+  return sum;
 }
 
 float zodiacal(vec3 d) {
@@ -208,24 +214,47 @@ vec4 disc(int field, float e, float u, vec3 d) {
   return cover * limb * exp(line(LINES * field + 1, u)) / (PI * uSunRadius * uSunRadius) * uNear;
 }
 
+// The moon's, whose surface reflects by the law of Lommel and Seeliger (sky/moon/disc.py): the mean of n x n points.
+vec4 moonDisc(int field, float e, float u, vec3 d) {
+  float refraction = line(LINES * field + 2, u).r, flat_ = length(d.xy), there = e - refraction, sum = 0.0;
+  vec3 straight = vec3(d.xy / max(flat_, 1e-9) * cos(there), sin(there)), across = dFdx(straight), along = dFdy(straight);
+  float size = length(across) + length(along);
+  if (between(straight, uMoon) > uMoonRadius + size) return vec4(0.0);
+  int n = clamp(int(8.0 * size / uMoonRadius), 2, 24);
+  for (int i = 0; i < n * n; i++) {
+    vec2 q = (vec2(i % n, i / n) + 0.5) / float(n) - 0.5;
+    vec3 s = straight - uMoon + q.x * across + q.y * along;
+    vec3 p = (s - dot(s, uMoon) * uMoon) / uMoonRadius;
+    float mu = sqrt(max(1.0 - dot(p, p), 0.0)), lit = dot(p - mu * uMoon, uMoonSun);
+    if (dot(p, p) < 1.0 && lit > 0.0) sum += lit / (lit + mu) / float(n * n);
+  }
+  vec4 beam = max(uMoonColour[field] * exp(line(LINES * field + 1, u)), 0.0);
+  return sum * beam / (uMoonShape * uMoonRadius * uMoonRadius);
+}
+
+float azimuthFrom(vec2 side, vec2 d) { return length(d) > 1e-7 ? atan(d.x * side.y - d.y * side.x, dot(d, side)) : 0.0; }
+
+// Light of air or ground under sun and moon, and the night's.
+vec4 lightOf(int field, bool up, vec3 d, float e, float u) {
+  vec4 sum = scattered(field, up, d, e, azimuthFrom(uSunSide, d.xy), between(d, uSun), uSun, 0) * uNear;
+  if (uMoonlit) {
+    vec4 lit = scattered(field, up, d, e, azimuthFrom(uMoonSide, d.xy), between(d, uMoon), uMoon, uMoonFirst);
+    sum += max(uMoonColour[field] * lit, 0.0);
+  }
+  return uNight ? sum + nightLight(field, up, u, d) : sum;
+}
+
 void main() {
   vec3 d;
   if (!rayOf(place, d)) { light = vec4(0.0, 0.0, 0.0, -1.0); return; }
   int field = place.x < uSplit ? 0 : 1;
   float across = length(d.xy), e = atan(d.z, across);
-  float a = 0.0;
-  if (across > 1e-7) a = atan(d.x * uSunSide.y - d.y * uSunSide.x, dot(d.xy, uSunSide));
-  float h = uHorizon[field], angle = between(d, uSun);
+  float h = uHorizon[field];
   float above = clamp((e - h) / max(fwidth(e), 1e-7) + 0.5, 0.0, 1.0);
   float u = linePlace(field, e, h, across);
   light = vec4(0.0);
-  if (above > 0.0) {
-    light += above * scattered(field, true, d, e, a, angle);
-    if (uNight) light += above * nightLight(field, true, u, d);
-  }
-  if (above < 1.0) {
-    light += (1.0 - above) * scattered(field, false, d, e, a, angle);
-    if (uNight) light += (1.0 - above) * nightLight(field, false, u, d);
-  }
+  if (above > 0.0) light += above * lightOf(field, true, d, e, u);
+  if (above < 1.0) light += (1.0 - above) * lightOf(field, false, d, e, u);
   if (uDisc) light += above * disc(field, e, u, d);
+  if (uMoonDisc) light += above * moonDisc(field, e, u, d);
 }

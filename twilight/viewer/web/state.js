@@ -10,10 +10,11 @@ const state = {
   altitude: HEAD.altitude_km[0], labels: true, split: HEAD.fields.length > 1 ? 0.5 : 1,
   tone: "photographic",  // photographic | eye
   exposure: "metered", ev: 8, bias: 0,   // metered | manual
-  disc: true, night: true, stars: true,
+  disc: true, night: true, stars: true, moon: false,
+  moonElevation: 25, moonAzimuth: 120,   // true, and from the sun's azimuth, deg, where there is no clock
   ...HEAD.start,
 };
-if (HEAD.kind === "sky") Object.assign(state, { mode: "elevation", sun: HEAD.sun_deg[0], disc: false, night: false, stars: false });
+if (HEAD.kind === "sky") Object.assign(state, { mode: "elevation", sun: HEAD.sun_deg[0], disc: false, night: false, stars: false, moon: false });
 
 const UPRIGHT = { fov: 60, elevation: 22 };   // where the screen is higher than wide: the horizon stands above the sheet
 
