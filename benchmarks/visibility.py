@@ -16,10 +16,14 @@ import numpy as np
 import results
 
 from twilight.config import load
-from twilight.sky.ephemeris import SunPosition, sun_position
+from twilight.engine.light import Moments
+from twilight.engine.light_setup import field_for
+from twilight.engine.visibility import Eye
+from twilight.sky.ephemeris import sun_position
 from twilight.sky.eye_limit import limiting_magnitude
-from twilight.studies.visible.night import Watch
-from twilight.studies.visible.objects import tracks
+from twilight.sky.night import Place
+from twilight.sky.objects import tracks
+from twilight.sky.quantities.catalogue import quantity
 
 HERE = Path(__file__).parent
 LIGHT = {"solver.quality": "draft", "wavelengths.list_nm": [440.0, 500.0, 550.0, 600.0, 660.0]}
@@ -35,16 +39,22 @@ OBJECTS = (
 )
 
 
+def eye_in(climate: str) -> Eye:
+    return Eye(field_for(load(climate, LIGHT), [quantity("luminance")]))
+
+
 def arcus() -> None:
     rows = []
-    moment = dt.datetime(2026, 7, 20, 2, tzinfo=dt.UTC)
     heights, arcs = np.arange(1.0, 9.0), np.arange(3.0, 18.0)
+    suns = (heights - arcs[:, None]).ravel()
+    place = Place(30.0, 31.2, dt.datetime(2026, 7, 20, 2, tzinfo=dt.UTC))
+    moments = Moments((place,) * suns.size, suns, np.zeros(suns.size), np.ones(suns.size))
     for climate in ("continental-clean", "continental-average"):
-        watch = Watch(load(climate, LIGHT), 30.0, 31.2)
-        shown, lost = watch.seen_at(heights)
+        eye = eye_in(climate)
+        shown, lost = eye.seen_at(heights)
+        up = np.tile(shown, arcs.size)[:, None]
         sky = {
-            away: np.array([[_behind(watch, moment, h - arc, e, away) for h, e in zip(heights, shown, strict=True)]
-                            for arc in arcs])  # (arcs, heights)
+            away: eye.background(moments, up, np.full(up.shape, away), moonlight=False).reshape(arcs.size, heights.size)
             for away in dict.fromkeys(row[2] for row in OBJECTS)
         }  # fmt: skip
         for factor in (1.4, 2.0):
@@ -58,12 +68,6 @@ def arcus() -> None:
         "de Jong 2019 (AHES, footnote 9); Ptolemy: Almagest XIII 7",
     ]
     results.write(HERE / "visibility_arcus.csv", columns, rows, notes=notes)
-
-
-def _behind(watch: Watch, moment: dt.datetime, sun_deg: float, elevation_deg: float, away_deg: float) -> float:
-    """Luminance of the sky behind an object [cd m^-2]."""
-    sky, _ = watch.luminance(moment, SunPosition(sun_deg, 0.0, 1.0), np.array([elevation_deg]), np.array([away_deg]))
-    return float(sky[0])
 
 
 def yallop(arcv: float, width_arcmin: float) -> float:
@@ -94,13 +98,12 @@ def new_moons(first: dt.datetime, days: int) -> list[dt.datetime]:
 
 
 def crescent() -> None:
-    rows = []
+    rows, eye = [], eye_in("continental-clean")
     moons = new_moons(dt.datetime(2025, 1, 1, tzinfo=dt.UTC), 730)
     for place, (latitude, longitude) in PLACES.items():
-        watch = Watch(load("continental-clean", LIGHT), latitude, longitude, 2.0)
         for new in moons:
             for day in range(4):
-                found = evening(watch, new, day)
+                found = evening(eye, latitude, longitude, new, day)
                 if found is not None:
                     rows.append((place, *found))
     columns = ("place", "best_time_utc", "age_h", "arcv_deg", "width_arcmin", "q_yallop", "v_odeh", "margin_mag")
@@ -121,12 +124,12 @@ def _zero(margin: np.ndarray, q: np.ndarray) -> float:
     return float(np.polyfit(margin[near], q[near], 1)[1])
 
 
-def evening(watch: Watch, new: dt.datetime, day: int) -> tuple[str, ...] | None:
+def evening(eye: Eye, latitude: float, longitude: float, new: dt.datetime, day: int) -> tuple[str, ...] | None:
     """One evening: best time, age, the criteria and the margin; None where the moon sets before the sun."""
-    noon = dt.datetime(new.year, new.month, new.day, 12, tzinfo=dt.UTC) - dt.timedelta(hours=watch.longitude_deg / 15.0)
+    noon = dt.datetime(new.year, new.month, new.day, 12, tzinfo=dt.UTC) - dt.timedelta(hours=longitude / 15.0)
     moments = [noon + dt.timedelta(days=day, minutes=2 * k) for k in range(300)]
-    sun = np.asarray(sun_position(moments, watch.latitude_deg, watch.longitude_deg).elevation_deg)
-    [moon] = tracks(["moon"], moments, watch.latitude_deg, watch.longitude_deg)
+    sun = np.asarray(sun_position(moments, latitude, longitude).elevation_deg)
+    [moon] = tracks(["moon"], moments, latitude, longitude)
     sunset = int(np.argmax(sun < -0.83))
     moonset = int(np.argmax((moon.elevation_deg < -0.57) & (np.arange(300) > sunset - 30)))
     if moonset <= sunset or moon.elevation_deg[sunset] < 0.0:
@@ -135,8 +138,8 @@ def evening(watch: Watch, new: dt.datetime, day: int) -> tuple[str, ...] | None:
     age = (best - new).total_seconds() / 3600.0
     if not 8.0 < age < 60.0:
         return None
-    suns = sun_position([best], watch.latitude_deg, watch.longitude_deg)
-    [here] = tracks(["moon"], [best], watch.latitude_deg, watch.longitude_deg)
+    suns = sun_position([best], latitude, longitude)
+    [here] = tracks(["moon"], [best], latitude, longitude)
     lune = (here.moons or ())[0]
     arcv = float(here.elevation_deg[0] - np.asarray(suns.elevation_deg)[0])
     away = np.radians(float(here.azimuth_deg[0] - np.asarray(suns.azimuth_deg)[0]))
@@ -146,7 +149,7 @@ def evening(watch: Watch, new: dt.datetime, day: int) -> tuple[str, ...] | None:
     )
     arcl = np.arccos(np.cos(np.radians(arcv)) * np.cos(away))
     width = 60.0 * lune.radius_deg * (1.0 - np.cos(arcl))
-    margin = float(watch.margins([here], [best], suns)[0, 0])
+    margin = float(eye.margins([here], eye.moments(latitude, longitude, [best]))[0, 0])
     figures = (age, arcv_geocentric, width, yallop(arcv_geocentric, width), odeh(arcv, width), margin)
     return (best.isoformat(timespec="minutes"), *(f"{x:.3f}" for x in figures))
 

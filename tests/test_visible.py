@@ -13,15 +13,20 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
+from twilight.engine.light_setup import field_for
+from twilight.engine.visibility import Eye
 from twilight.sky.eye_limit import (
     illuminance_magnitude,
     limiting_magnitude,
+    magnitudes_above,
     threshold_contrast,
     threshold_illuminance_lux,
 )
+from twilight.sky.moon.disc import lit_parts, surface
+from twilight.sky.objects import names_of, tracks
 from twilight.sky.planets import planet_magnitude
-from twilight.studies.visible.night import Watch
-from twilight.studies.visible.objects import names_of, tracks
+from twilight.sky.quantities.catalogue import quantity
+from twilight.studies.visible.night import sightings
 
 QUICK = {"solver.quality": "draft", "wavelengths.list_nm": [440.0, 500.0, 550.0, 600.0, 660.0]}
 """The photopic band needs no more."""
@@ -68,6 +73,36 @@ def test_extended_targets():
     assert np.all(np.diff(threshold_contrast(np.logspace(-10, -2, 20), b)) < 0)
 
 
+@pytest.mark.parametrize("background", [1e-3, 1.0, 30.0])
+def test_a_kernel_sums_discs_as_their_law_has_it_and_lines_less(background):
+    """Even discs at their threshold contrast are at the limit; a line that is longer than what the eye sums up is seen
+    less well than a disc of its area and light."""
+    for radius in np.radians(np.array([0.3, 2.0, 15.0, 60.0]) / 60.0):
+        area = np.pi * radius**2
+        x, w = np.polynomial.legendre.leggauss(200)
+        d = 0.5 * radius * (x + 1.0)
+        luminance = background * float(threshold_contrast(area, background))
+        lux = luminance * np.pi * radius * w * d
+        assert magnitudes_above(lux, d, background) == pytest.approx(0.0, abs=1e-6)
+    along = np.linspace(-0.5, 0.5, 201)
+    share = np.full(201, 1e-4 / 201)
+    short, long = (magnitudes_above(share, np.abs(along) * length, background) for length in (1e-6, 0.02))
+    assert short == pytest.approx(float(limiting_magnitude(background)) - float(illuminance_magnitude(1e-4)), abs=1e-3)
+    disc = 2.5 * np.log10(1e-4 / 1e-7 / background / float(threshold_contrast(1e-7, background)))
+    assert long < disc - 0.3 and long > -2.5 * np.log10(201) + short
+
+
+@pytest.mark.parametrize("phase", [0.0, 60.0, 130.0, 170.0])
+def test_parts_of_the_moon_are_those_of_its_disc(phase):
+    """Weights of the lit parts against a fine grid of the disc: the mean place of the light."""
+    x, y, share = lit_parts(phase)
+    fine = (np.arange(1600) + 0.5) / 1600 * 2.0 - 1.0
+    gx, gy = np.meshgrid(fine, fine)
+    light = surface(gx, gy, (1.0, 0.0), phase)
+    assert (share * x).sum() == pytest.approx((light * gx).sum() / light.sum(), abs=3e-3)
+    assert (share * y**2).sum() == pytest.approx((light * gy**2).sum() / light.sum(), abs=3e-3)
+
+
 @pytest.mark.parametrize(
     ("name", "r", "distance", "phase", "magnitude"),
     [
@@ -97,9 +132,16 @@ def test_planets_of_a_night():
     assert names_of("SIRIUS") == ["Sirius"] and "Vega" in names_of("stars")
 
 
+BERLIN = (52.5, 13.4)
+
+
+def eye_in(**more):
+    return Eye(field_for(load("continental-average", {**QUICK, **more}), [quantity("luminance")]))
+
+
 @pytest.fixture(scope="module")
 def berlin():
-    return Watch(load("continental-average", QUICK), 52.5, 13.4)
+    return eye_in()
 
 
 def test_extinction_and_refraction(berlin):
@@ -113,7 +155,9 @@ def test_extinction_and_refraction(berlin):
 def test_evening(berlin):
     """20 March 2026: Venus at -3.9 comes out about sunset, Sirius in the first degrees after, a faint star later."""
     noon = dt.datetime(2026, 3, 20, 15, tzinfo=dt.UTC)
-    found = berlin.sightings(["venus", "Sirius", "Alioth", "saturn"], noon, noon + dt.timedelta(hours=5), 300.0)
+    found = sightings(
+        berlin, *BERLIN, ["venus", "Sirius", "Alioth", "saturn"], noon, noon + dt.timedelta(hours=5), 300.0
+    )
     [venus], [sirius], [alioth] = (found[name].sightings for name in ("venus", "Sirius", "Alioth"))
     assert venus.first < sirius.first < alioth.first
     assert -2.0 < venus.sun_deg[0] < 3.0 and -4.0 < sirius.sun_deg[0] < 0.0 and -9.0 < alioth.sun_deg[0] < -4.0
@@ -124,14 +168,14 @@ def test_evening(berlin):
 def test_limit_over_the_sky(berlin):
     """A dark evening's limit in the zenith and near the horizon; light pollution and a bright moon take from it."""
     moment = dt.datetime(2026, 3, 19, 22, tzinfo=dt.UTC)  # new moon
-    e, a = np.array([90.0, 10.0]), np.zeros(2)
-    dark = berlin.limit(moment, e, a)
+    where = np.array([[90.0, 10.0]]), np.zeros((1, 2))
+    new, full = (berlin.moments(*BERLIN, [t]) for t in (moment, dt.datetime(2026, 4, 2, 0, tzinfo=dt.UTC)))
+    [dark] = berlin.limit(new, *where)
     assert 5.4 < dark[0] < 6.2 and dark[1] < dark[0] - 0.8
-    city = Watch(load("continental-average", {**QUICK, "night.light_pollution": {"bortle_class": 8}}), 52.5, 13.4)
-    assert 3.4 < city.limit(moment, e, a)[0] < 4.7  # 4.0 to 4.5 in charts of Bortle 8
-    full = dt.datetime(2026, 4, 2, 0, tzinfo=dt.UTC)
-    assert berlin.limit(full, e, a)[0] < dark[0] - 1.0
-    assert berlin.limit(full, e, a, moonlight=False)[0] == pytest.approx(dark[0], abs=0.15)
+    city = eye_in(**{"night.light_pollution": {"bortle_class": 8}})
+    assert 3.4 < city.limit(new, *where)[0, 0] < 4.7  # 4.1 to 4.5 in charts of Bortle 8
+    assert berlin.limit(full, *where)[0, 0] < dark[0] - 1.0
+    assert berlin.limit(full, *where, moonlight=False)[0, 0] == pytest.approx(dark[0], abs=0.15)
 
 
 def test_magnitude_of_an_illuminance():

@@ -33,10 +33,11 @@ def timeline(
         ),
     ] = None,
     quantity: Annotated[
-        list[str] | None, option("NAME[@WHERE]", "E.g. V@zenith, illuminance, CCT; may be repeated.")
+        list[str] | None,
+        option("NAME[@WHERE]", "E.g. V@zenith, illuminance, CCT, limiting_magnitude, margin@venus; repeatable."),
     ] = None,
     when: Annotated[
-        list[str] | None, option("CONDITION", "E.g. 'V@zenith > 21' or 'illuminance < 3.4'; may be repeated.")
+        list[str] | None, option("CONDITION", "E.g. 'V@zenith > 21' or 'margin@venus > 0'; may be repeated.")
     ] = None,
     step: Annotated[str, option("DURATION", "Between rows, e.g. 30s, 1min, 1h.")] = "5min",
     start: Annotated[str | None, option("TIME", "First row, e.g. 2026-06-21T20:00 or '2026-06-21 sunset'.")] = None,
@@ -50,6 +51,9 @@ def timeline(
     throughput: Annotated[float, option("1", "Of optics and detector where the filter's curve is 1.")] = 0.5,
     gain: Annotated[float, option("E", "Electrons of a count.")] = 1.0,
     level_counts: Annotated[float, option("COUNTS", "That a flat is to have.")] = 30_000.0,
+    saturation_counts: Annotated[float, option("COUNTS", "That a pixel never exceeds.")] = 65_535.0,
+    exposure_s: Annotated[float | None, option("S", "Of flats of one length, whose counts are tabulated.")] = None,
+    field_factor: Annotated[float, option("F", "Of limiting_magnitude and margin: 1.4 keen, 2 typical, 2.4.")] = 2.0,
     quality: Annotated[str | None, option("NAME", "Preset of the solver: draft, standard, reference.")] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     output: Annotated[Path | None, option("STEM", "Of the files; without it, out/NAME_timeline.")] = None,
@@ -67,9 +71,9 @@ def timeline(
     from twilight.sky.ephemeris import parse_time
     from twilight.sky.twilight_times import time_of, twilight_times
     from twilight.studies.timeline import timeline as work
-    from twilight.studies.timeline.columns import column
+    from twilight.studies.timeline.columns import Setup, column
     from twilight.studies.timeline.files import draw, write_dataset, write_table
-    from twilight.studies.timeline.flats import Telescope
+    from twilight.studies.timeline.flats import Flats
     from twilight.studies.timeline.presets import PRESETS
 
     within(latitude, "--latitude", -90.0, 90.0)
@@ -81,14 +85,18 @@ def timeline(
     except ValueError:
         raise TwilightError(f"--at: {at} is not a date such as 2026-06-21") from None
     texts, conditions = list(quantity or ()), list(when or ())
-    telescope = Telescope(aperture_m, obstruction_m, pixel_arcsec, throughput, gain, level_counts)
+    within(field_factor, "--field-factor", 0.5, 10.0)
+    flats = Flats(
+        band, aperture_m, obstruction_m, pixel_arcsec, throughput, gain, level_counts, saturation_counts, exposure_s
+    )
+    setup = Setup(field_factor, flats if purpose == "flats" else None)
     preset = PRESETS.get(purpose or "")
     if preset is not None:
         texts, conditions = [*preset.columns, *texts], [*preset.conditions, *conditions]
     if purpose == "flats":
-        texts = [f"photons:{band}@zenith", f"{band}@zenith", *texts]
-    columns = [column(text) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
-    wanted = [work.condition(text) for text in conditions]
+        texts, conditions = [flats.column, f"{band}@zenith", *texts], [*flats.conditions, *conditions]
+    columns = [column(text, setup) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
+    wanted = [work.condition(text, setup) for text in conditions]
 
     def moment(text: str) -> dt.datetime:
         try:
@@ -114,10 +122,8 @@ def timeline(
     for path in paths:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_file(path)
-    field = field_for(config, [one.quantity for one in (*columns, *(c.column for c in wanted))])
+    field = field_for(config, [one.needs for one in (*columns, *(c.column for c in wanted))])
     made = work.timeline(field, latitude, longitude, times, columns, wanted, time_zone)
-    if purpose == "flats":
-        made = work.with_flats(made, telescope, band)
     about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"
     write_table(made, paths[0], f"twilight timeline: {about}")
     write_dataset(made, paths[1], {"title": about})

@@ -43,22 +43,19 @@ def visible(
     Crumey's thresholds: of eyes that know where to look. best: magnitudes above the limit.
     """
     from twilight.config import load
+    from twilight.engine.light_setup import field_for
+    from twilight.engine.visibility import Eye
+    from twilight.sky.objects import names_of
+    from twilight.sky.quantities.catalogue import quantity
     from twilight.sky.twilight_times import time_of, today_at
-    from twilight.studies.visible.night import Watch
-    from twilight.studies.visible.objects import names_of
+    from twilight.studies.visible.night import sightings
 
     within(latitude, "--latitude", -90.0, 90.0)
     within(longitude, "--longitude", -720.0, 720.0)
     within(field_factor, "--field-factor", 0.5, 10.0)
     longitude = longitude if -180.0 <= longitude <= 360.0 else (longitude + 180.0) % 360.0 - 180.0
     names = list(dict.fromkeys(name for word in what or ["planets"] for name in names_of(word)))
-    chosen: dict[str, Any] = {"solver.quality": "draft", "night": {}}
-    given = settings_of(settings)[0]
-    if any(key.startswith("night.") for key in given):
-        chosen.pop("night")
-    config = load(climate, {**chosen, **given})
-    if config.moon is not None:
-        raise TwilightError("--set moon: the moon stands where the date has it; leave it out")
+    config = load(climate, {"solver.quality": "draft", **settings_of(settings)[0]})
     if map_file is not None:
         if what:
             raise TwilightError("--map: draws the whole sky and takes no objects")
@@ -69,13 +66,13 @@ def visible(
         date = _date(at) if at is not None else today_at(longitude, time_zone)
         noon = time_of(f"{date} solar noon", latitude, longitude, time_zone)
     with progress_bar() as progress:
-        watch = Watch(config, latitude, longitude, field_factor, progress)
+        eye = Eye(field_for(config, [quantity("luminance")], progress), field_factor)
         if map_file is not None:
             from twilight.studies.visible.figure import draw_map
 
-            values = draw_map(watch, moment, map_file)
+            values = draw_map(eye, latitude, longitude, moment, map_file)
         else:
-            found = watch.sightings(names, noon, noon + dt.timedelta(hours=24))
+            found = sightings(eye, latitude, longitude, names, noon, noon + dt.timedelta(hours=24))
     if map_file is not None:
         print(f"wrote {map_file}: stars to {values.max():.1f} mag at best, {values[-1, 0]:.1f} mag in the zenith")
         return

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
+from twilight.base.progress import Progress
 from twilight.config.load import load
 from twilight.config.scene import Config
 from twilight.engine.light import LightField
@@ -16,8 +16,12 @@ from twilight.sky.night import NightLevels
 from twilight.sky.quantities.catalogue import Quantity
 from twilight.sky.quantities.measure import check_covered, samples_for
 
+KEPT_FIELDS = 4
+"""Fields that are held for further questions."""
+_kept: dict[str, LightField] = {}
 
-def field_for(config: Config, quantities: Sequence[Quantity]) -> LightField:
+
+def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress | None = None) -> LightField:
     """The solved field of a configuration, kept for the next question; one that says its wavelengths keeps them.
 
     Without a `night` of its own it has the usual one.
@@ -27,13 +31,13 @@ def field_for(config: Config, quantities: Sequence[Quantity]) -> LightField:
     if config.wavelengths is None and config.climate.medium is None:
         chosen = list(samples_for(responses))
         config = load(config.model_dump(mode="json", exclude_unset=True), {"wavelengths": {"list_nm": chosen}})
-    field = _field(json.dumps(config.model_dump(mode="json", exclude_unset=True), sort_keys=True))
+    document = json.dumps(config.model_dump(mode="json", exclude_unset=True), sort_keys=True)
+    if document not in _kept:
+        while len(_kept) >= KEPT_FIELDS:
+            del _kept[next(iter(_kept))]
+        field = LightField.of(solve(resolve(config, mixed=True), progress=progress))
+        _kept[document] = field if field.levels is not None else replace(field, levels=NightLevels())
+    field = _kept[document]
     for one in responses:
         check_covered(one, field.wavelength_nm, "the field")
     return field
-
-
-@lru_cache(maxsize=4)
-def _field(document: str) -> LightField:
-    field = LightField.of(solve(resolve(Config.model_validate(json.loads(document)), mixed=True)))
-    return field if field.levels is not None else replace(field, levels=NightLevels())

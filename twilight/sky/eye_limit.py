@@ -4,6 +4,14 @@ A point of light is seen where it adds more than a threshold illuminance at the 
 contrast exceeds a threshold; both are of adapted eyes that know where to look and have time.  The field factor F
 multiplies the laboratory's thresholds (half of the trials, two eyes, young observers): 1.4 to 2.4 under the sky, 2
 typically (sec. 3.1).
+
+The thresholds of discs, F ((R/A)^q + C^q)^(1/q) for the solid angle A (eq. 41), say how much of a disc's light counts
+at its centre: with u = A C / R that of a disc of u counts like u (1 + u^q)^(-1/q) of one without end.  Light at the
+distance d from the point that is looked at, u = pi d^2 C / R, has the derivative of this for its weight,
+
+    K(d) = (C / R) (1 + u^q)^(-1/q - 1),
+
+and a target of any shape is seen where the integral of (L - B) K over solid angle exceeds F C B.
 """
 
 from __future__ import annotations
@@ -61,15 +69,33 @@ def illuminance_magnitude(lux: ArrayLike) -> np.ndarray:
 def threshold_contrast(
     solid_angle_sr: ArrayLike, background_cd_per_m2: ArrayLike, field_factor: float = TYPICAL_FIELD_FACTOR
 ) -> np.ndarray:
-    """Contrast (L - B) / B of an even target of a solid angle that is just seen: eq. 41, F ((R/A)^q + C^q)^(1/q).
+    """Contrast (L - B) / B of an even disc of a solid angle that is just seen: eq. 41, F ((R/A)^q + C^q)^(1/q).
 
-    Small targets tend to `threshold_illuminance_lux`, large ones to C of eq. 39.  Fitted to discs.
+    Small targets tend to `threshold_illuminance_lux`, large ones to C of eq. 39.
     """
-    area = np.asarray(solid_angle_sr, float)
+    _, point, large, q = _disc_law(background_cd_per_m2)
+    return field_factor * ((point / np.asarray(solid_angle_sr, float)) ** q + large**q) ** (1.0 / q)
+
+
+def magnitudes_above(
+    lux: np.ndarray, distance_rad: np.ndarray, background_cd_per_m2: float, field_factor: float = TYPICAL_FIELD_FACTOR
+) -> float:
+    """Magnitudes by which a target of any shape is brighter than the limit, by the kernel of the module's head.
+
+    lux (..., M): illuminance at the eye of its M parts; distance_rad (..., M): of each from the point that is looked
+    at, of which there are several along the first axes: the best counts.
+    """
+    b, point, large, q = (float(x) for x in _disc_law(background_cd_per_m2))
+    u = np.pi * np.asarray(distance_rad, float) ** 2 * large / point
+    counts = (np.asarray(lux, float) * (1.0 + u**q) ** (-1.0 / q - 1.0)).sum(axis=-1).max()
+    with np.errstate(divide="ignore"):
+        return float(2.5 * np.log10(counts / (field_factor * point * b)))
+
+
+def _disc_law(background_cd_per_m2: ArrayLike) -> tuple[np.ndarray, ...]:
+    """B (held from below), R [sr], C and q of eq. 41."""
     b = np.maximum(np.asarray(background_cd_per_m2, float), LEAST_BACKGROUND_CD_PER_M2)
     low, high = MESOPIC_CD_PER_M2
     log = np.log10(b)
     q = np.where(b < low, 0.6, np.where(b < high, 0.8861 + 0.4 * log, 1.146 - 0.0885 * log))
-    point = _hyperbola(b**-0.25, POINT) ** 2 / area
-    large = _hyperbola(b**-0.25, LARGE)
-    return field_factor * (point**q + large**q) ** (1.0 / q)
+    return b, _hyperbola(b**-0.25, POINT) ** 2, _hyperbola(b**-0.25, LARGE), q

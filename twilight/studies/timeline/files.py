@@ -40,7 +40,7 @@ def to_dataset(made: Timeline, attributes: dict[str, Any]) -> xarray.Dataset:
 
     time = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in made.times], "datetime64[us]")
     variables: dict[str, Any] = {
-        one.variable: ("time", values, {"units": one.unit, "long_name": one.quantity.about})
+        one.variable: ("time", values, {"units": one.unit, "long_name": one.about})
         for one, values in zip(made.columns, made.values, strict=True)
     }
     sun = ("time", made.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})

@@ -40,4 +40,4 @@ PRESETS = {
         "PLoS Biol. 20, e3001571)",
     ),
 }
-"""`flats` has columns of its own (`flats`)."""
+"""`flats` has columns and conditions of its own (`flats.Flats`)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
@@ -12,10 +12,8 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.engine.light import LightField, moments_at
-from twilight.sky.quantities.catalogue import Quantity
 from twilight.sky.twilight_times import TwilightTime, twilight_times
-from twilight.studies.timeline.columns import Column, column, number
-from twilight.studies.timeline.flats import Telescope
+from twilight.studies.timeline.columns import USUAL, Column, Setup, column, number
 
 MAX_ROWS = 20_000
 _CONDITION = re.compile(r"(?P<column>[^<>]+)(?P<sign>[<>])(?P<value>[^<>]+)")
@@ -78,12 +76,13 @@ class Timeline:
     outcomes: tuple[Outcome, ...] = field(default=())
 
 
-def condition(text: str) -> Condition:
+def condition(text: str, setup: Setup = USUAL) -> Condition:
     """The condition of a text such as `V@zenith > 21`; TwilightError for another."""
     found = _CONDITION.fullmatch(text)
     if found is None:
         raise TwilightError(f"--when: '{text}' is not QUANTITY[@WHERE] < VALUE or > VALUE, e.g. 'V@zenith > 21'")
-    return Condition(column(found["column"]), found["sign"], number(found["value"].strip(), "--when"))  # type: ignore[arg-type]
+    made = column(found["column"], setup)
+    return Condition(made, found["sign"], number(found["value"].strip(), "--when"))  # type: ignore[arg-type]
 
 
 def step_of(text: str) -> timedelta:
@@ -170,20 +169,6 @@ def timeline(
     )
 
 
-def with_flats(made: Timeline, telescope: Telescope, band: str) -> Timeline:
-    """With the exposure of a flat [s] in place of the photons within a band, which the first column has."""
-    photons = made.values[0]
-    about = f"exposure of a twilight flat in {band}"
-    of = made.columns[0].quantity
-    exposure = Quantity(f"flat_{band}", f"flat_exposure_{band}_s", "s", of.of, of.needs, of.value, about)
-    first = Column(f"exposure in {band}", exposure, made.columns[0].target)
-    return replace(
-        made,
-        columns=(first, *made.columns[1:]),
-        values=(telescope.exposure_s(photons), *made.values[1:]),
-    )
-
-
 def _over(one: Condition, values: np.ndarray) -> np.ndarray:
     """By how much a condition holds, (T,); below 0 where it does not; NaN where there is no value."""
     return values - one.value if one.sign == ">" else one.value - values
@@ -191,7 +176,7 @@ def _over(one: Condition, values: np.ndarray) -> np.ndarray:
 
 def _passes(over: np.ndarray) -> np.ndarray:
     """Whether a condition changes from each row to the next, (T - 1,)."""
-    known = np.isfinite(over[:-1]) & np.isfinite(over[1:])
+    known = ~(np.isnan(over[:-1]) | np.isnan(over[1:]))
     return known & ((over[:-1] > 0) != (over[1:] > 0))
 
 

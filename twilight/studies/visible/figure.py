@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file
-from twilight.sky.ephemeris import sun_position
-from twilight.studies.visible.night import Watch
-from twilight.studies.visible.objects import NAKED_EYE_PLANETS, tracks
+from twilight.engine.light import Moments
+from twilight.engine.visibility import Eye
+from twilight.sky.objects import NAKED_EYE_PLANETS, tracks
 
 ROWS_DEG = np.concatenate([np.arange(1.0, 15.0, 2.0), np.arange(15.0, 91.0, 5.0)])
 """Apparent elevations of the map [deg]."""
@@ -23,19 +23,19 @@ DEEPEST_MAG = 6.0
 """Magnitudes below the best that colours tell apart."""
 
 
-def limits(watch: Watch, moment: dt.datetime) -> np.ndarray:
-    """Limiting magnitude over `ROWS_DEG` and `COLUMNS_DEG`, (rows, columns)."""
+def limits(eye: Eye, moment: Moments) -> np.ndarray:
+    """Limiting magnitude over `ROWS_DEG` and `COLUMNS_DEG`, (rows, columns), at one moment."""
     e, a = np.meshgrid(ROWS_DEG, COLUMNS_DEG[:-1], indexing="ij")
-    found = watch.limit(moment, e.ravel(), a.ravel()).reshape(e.shape)
+    found = eye.limit(moment, e.reshape(1, -1), a.reshape(1, -1)).reshape(e.shape)
     return np.concatenate([found, found[:, :1]], axis=1)
 
 
-def draw_map(watch: Watch, moment: dt.datetime, path: Path) -> np.ndarray:
+def draw_map(eye: Eye, latitude_deg: float, longitude_deg: float, time: dt.datetime, path: Path) -> np.ndarray:
     """Draw the limiting magnitude of a moment into a PNG, whole or not at all; returns the values of `limits`."""
     from matplotlib.figure import Figure  # start-up
 
-    values = limits(watch, moment)
-    sun = sun_position(moment, watch.latitude_deg, watch.longitude_deg, watch.altitude_km)
+    moment = eye.moments(latitude_deg, longitude_deg, [time])
+    values = limits(eye, moment)
     figure = Figure(figsize=(7.2, 6.6), layout="constrained")
     axes: Any = figure.add_subplot(projection="polar")
     axes.set_theta_zero_location("N")
@@ -44,8 +44,8 @@ def draw_map(watch: Watch, moment: dt.datetime, path: Path) -> np.ndarray:
     low, high = max(np.nanmin(values), np.nanmax(values) - DEEPEST_MAG), np.nanmax(values)
     levels = STEP_MAG * np.arange(np.floor(low / STEP_MAG), np.ceil(high / STEP_MAG) + 1.0)
     shown = axes.contourf(turn, away, values, levels, cmap="cividis", extend="min")
-    for k, track in enumerate(tracks([*NAKED_EYE_PLANETS, "moon"], [moment], watch.latitude_deg, watch.longitude_deg)):
-        height = float(watch.seen_at(track.elevation_deg)[0][0])
+    for k, track in enumerate(tracks([*NAKED_EYE_PLANETS, "moon"], [time], latitude_deg, longitude_deg)):
+        height = float(eye.seen_at(track.elevation_deg)[0][0])
         if np.isfinite(height):
             where = np.radians(track.azimuth_deg[0]), 90.0 - height
             axes.plot(*where, "o", color="white", markersize=5, markeredgecolor="black")
@@ -64,8 +64,8 @@ def draw_map(watch: Watch, moment: dt.datetime, path: Path) -> np.ndarray:
     axes.set_thetagrids(np.arange(0, 360, 90), ["N", "E", "S", "W"])
     axes.grid(alpha=0.3)
     axes.set_title(
-        f"{moment.isoformat(sep=' ', timespec='minutes')}, sun at {float(sun.elevation_deg):.1f}°, "
-        f"{watch.config.title}, F = {watch.field_factor:g}",
+        f"{time.isoformat(sep=' ', timespec='minutes')}, sun at {float(moment.sun_elevation_deg[0]):.1f}°, "
+        f"{eye.field.solved.scene.configuration.title}, F = {eye.field_factor:g}",
         fontsize=10,
     )
     figure.colorbar(shown, label="faintest star that is seen [V mag, above the air]", shrink=0.85)

@@ -26,15 +26,14 @@ FIRST_STARS_MAG = 1.6
 class Track:
     """One object at T moments.
 
-    elevation_deg, azimuth_deg (T,): true, from north.  magnitude (T,): above the air, V.  solid_angle_sr (T,): of its
-    lit part, 0 for a point.  moons: the moon at each moment, None for anything else.
+    elevation_deg, azimuth_deg (T,): true, from north.  magnitude (T,): above the air, V.  moons: the moon at each
+    moment, None for what is a point.
     """
 
     name: str
     elevation_deg: np.ndarray
     azimuth_deg: np.ndarray
     magnitude: np.ndarray
-    solid_angle_sr: np.ndarray
     moons: tuple[Moon, ...] | None = None
 
 
@@ -55,7 +54,7 @@ def names_of(text: str) -> list[str]:
     if word in stars:
         return [stars[word]]
     raise TwilightError(
-        f"visible: '{text}' is not known; moon, {', '.join(PLANETS)}, planets, stars, and the proper names of bright "
+        f"object: '{text}' is not known; moon, {', '.join(PLANETS)}, planets, stars, and the proper names of bright "
         "stars (Sirius, Vega) are"
     )
 
@@ -84,7 +83,7 @@ def tracks(
 
 
 def _point(name: str, place: BodyPlace, magnitude: np.ndarray) -> Track:
-    return Track(name, place.elevation_deg, place.azimuth_deg, magnitude, np.zeros(magnitude.size))
+    return Track(name, place.elevation_deg, place.azimuth_deg, magnitude)
 
 
 def _moon(site: Sites) -> Track:
@@ -93,5 +92,4 @@ def _moon(site: Sites) -> Track:
     rows = zip(place.elevation_deg, away, place.phase_angle_deg, place.distance_au, place.sun_distance_au, strict=True)
     moons = tuple(Moon(float(e), float(a), float(g), float(d) * AU_KM, float(r)) for e, a, g, d, r in rows)
     lux = np.array([moon_illuminance_lux(moon) for moon in moons])
-    disc = np.array([np.pi * np.radians(moon.radius_deg) ** 2 * moon.illuminated_fraction for moon in moons])
-    return Track("moon", place.elevation_deg, place.azimuth_deg, illuminance_magnitude(lux), disc, moons)
+    return Track("moon", place.elevation_deg, place.azimuth_deg, illuminance_magnitude(lux), moons)
