@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.cli.export_prague import prague
 from twilight.cli.options import option
 from twilight.cli.terminal import progress_bar, sentences
 
@@ -123,7 +124,8 @@ def tables(
 
 
 app = typer.Typer(name="export", help="Tables for other programs.", no_args_is_help=True)
-app.command()(sentences(tables))
+for command in (tables, prague):
+    app.command()(sentences(command))
 
 
 @app.callback()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,9 +40,29 @@ def sweep(
     from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes
     from twilight.config.slips import warn_of_slips
+    from twilight.studies.sweep.sweep import Sweep
+
+    place = place_of(scheduler, batch_system, workers, threads, output)
+    chosen, names = settings_of(settings)
+    series = load_axes(scene, chosen, names, ("configs",))
+    with progress_bar() as bar:
+        made = Sweep(series, bar)
+    warn_of_slips(made.first)
+    name = file_stem(made.first.name or Path(scene).stem, "sweep")
+    path = output or Path("out") / f"{name}.zarr"
+    if plan:
+        print_plan(made, path)
+        return
+    check_folder(path.parent)
+    run_into(made, path, place)
+
+
+def place_of(
+    scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None, output: Path | None
+) -> Any:
+    """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
     from twilight.config.validate import unknown
     from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
-    from twilight.studies.sweep.sweep import Sweep
 
     for name, value in (("--workers", workers), ("--threads", threads)):
         if value is not None and not 1 <= value <= 10_000:
@@ -54,26 +75,17 @@ def sweep(
         raise TwilightError(f"--output: {output} must end in .zarr")
     place = Resources(scheduler, batch_system, workers, threads)
     check_installed(place)
-    chosen, names = settings_of(settings)
-    series = load_axes(scene, chosen, names, ("configs",))
-    with progress_bar() as bar:
-        made = Sweep(series, bar)
-    warn_of_slips(made.first)
-    name = file_stem(made.first.name or Path(scene).stem, "sweep")
-    path = output or Path("out") / f"{name}.zarr"
-    if plan:
-        _print_plan(made, path)
-        return
-    check_folder(path.parent)
-    _run(made, path, place)
+    return place
 
 
-def _run(made: Any, path: Path, place: Any) -> None:
+def run_into(made: Any, path: Path, place: Any, begun: Callable[[Path], None] = lambda path: None) -> None:
+    """Compute what the dataset of a sweep lacks and say how it went; `begun` is called when its folder is there."""
     from twilight.studies.sweep.resources import connect
     from twilight.studies.sweep.run import failures, run_sweep
     from twilight.studies.sweep.store import open_store
 
     with open_store(path, made) as store, progress_bar() as bar:
+        begun(path)
         had = len(store.done)
         if store.damaged:
             print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
@@ -106,7 +118,8 @@ def _some(made: Any, scenes: list[tuple[int, ...]]) -> str:
     return text + (", ..." if len(scenes) > LISTED_SCENES else "")
 
 
-def _print_plan(made: Any, path: Path) -> None:
+def print_plan(made: Any, path: Path) -> None:
+    """Say what a sweep computes and what of it is there."""
     from twilight.studies.sweep.store import finished_tasks
 
     there = finished_tasks(path, made)

@@ -1,0 +1,95 @@
+"""`twilight export prague`: a climate's skies as a file of the Prague Sky Model."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import climate_names, numbers, option, within
+from twilight.cli.terminal import progress_bar
+
+FULL_M = (0.0, 500.0, 1000.0, 2000.0, 4000.0, 7000.0, 10_000.0, 15_000.0)
+"""Altitudes of viewpoints above the ground in the layout full."""
+
+
+def prague(
+    climates: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="CLIMATE...",
+            help="A climate whose aerosol is scaled to the visibilities, or several that are taken as they are.",
+            autocompletion=climate_names,
+        ),
+    ],
+    output: Annotated[Path, option("FILE.dat", "The file.")],
+    layout: Annotated[
+        Literal["ground", "full"], option("NAME", "ground: seen from it; full: from eight altitudes to 15 km.")
+    ] = "ground",
+    visibility: Annotated[
+        str | None, option("KM,...", "Visibilities; without it, 20,32,51,82,131.8 of one climate.")
+    ] = None,
+    albedo: Annotated[str, option("A,...", "Albedos of the ground.")] = "0,1",
+    channels: Annotated[int, option("N", "Channels.")] = 11,
+    start_nm: Annotated[float, option("NM", "Where the first channel begins.")] = 320.0,
+    width_nm: Annotated[float, option("NM", "Width of a channel.")] = 40.0,
+    nodes: Annotated[int, option("N", "Wavelengths of each channel at which light is computed.")] = 2,
+    rank: Annotated[int, option("N", "Products in each sky.")] = 9,
+    polarisation: Annotated[bool, typer.Option("--polarisation", help="The degree of polarisation too.")] = False,
+    quality: Annotated[str, option("NAME", "Preset of zones.")] = "draft",
+) -> None:
+    """Write the sky of a climate, for every sun down to -18 deg, as a file of the Prague Sky Model."""
+    for name, value, low, high in (
+        ("--channels", channels, 1, 60),
+        ("--nodes", nodes, 1, 8),
+        ("--rank", rank, 1, 20),
+        ("--width-nm", width_nm, 1.0, 200.0),
+    ):
+        within(value, name, low, high)
+    within(start_nm, "--start-nm", 280.0, 1000.0 - channels * width_nm)
+    if output.suffix != ".dat":
+        raise TwilightError(f"--output: {output} must end in .dat")
+    visibilities = None if visibility is None else tuple(numbers(visibility, "--visibility", 1.0, 400.0))
+    albedos = sorted(numbers(albedo, "--albedo", 0.0, 1.0))
+
+    import numpy as np
+
+    from twilight.base.whole_files import check_file
+    from twilight.engine.solve import Problem
+    from twilight.scene import resolve
+    from twilight.studies.export.prague import SUN_DEG, PragueMaker
+    from twilight.studies.export.prague_air import airs_of, channel_nodes
+    from twilight.studies.export.prague_file import PragueAxes, write_prague
+    from twilight.studies.export.prague_sky import SAFETY_M
+
+    check_file(output)
+    airs = airs_of(climates, visibilities)
+    airs[0].config(albedos[0], quality)  # a wrong quality is refused before anything is computed
+    axes = PragueAxes(
+        np.array([air.visibility_km for air in airs]),
+        np.array(albedos),
+        SAFETY_M + np.array(FULL_M if layout == "full" else (0.0,)),
+        np.array(SUN_DEG),
+        channels,
+        start_nm,
+        width_nm,
+    )
+    asked = channel_nodes(channels, start_nm, width_nm, nodes)
+
+    def field_of(v: int, b: int, tell: Any) -> Any:
+        scene = resolve(airs[v].config(float(axes.albedo[b]), quality), wavelength_nm=asked.wavelength_nm)
+        return Problem(scene).solve(tell)
+
+    begin = time.process_time()
+    with progress_bar() as bar:
+        made = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
+    size = write_prague(output, made)
+    for air in airs:
+        depth = "its own aerosol" if air.depth is None else f"aerosol optical depth {air.depth:.3g}"
+        print(f"visibility {air.visibility_km:.4g} km: {air.series.config({}).title}, {depth}")
+    print(f"wrote {output}: {size / 1e6:.1f} MB, {' x '.join(map(str, axes.shape))} (visibilities, albedos, altitudes, "
+          f"suns, channels)")  # fmt: skip
+    print(f"processor time: {time.process_time() - begin:.0f} s")
