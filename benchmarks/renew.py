@@ -106,6 +106,7 @@ BENCHMARKS = {
     "compare": Benchmark(
         "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
+    "prague_sky": Benchmark("prague_sky.py", "prague_sky.csv", "thirty values of the Prague sky model beside `zones`"),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "hyperspectral": Benchmark(
         "hyperspectral.py", "hyperspectral.csv", "error and time of light interpolated over the spectrum"
