@@ -1,6 +1,6 @@
 """Why level ground is computed too red after sunset: what each candidate does to its colour, and to the zenith.
 
-    python benchmarks/red_twilight.py      writes red_twilight.csv, red_twilight_screens.csv and red_twilight_place.csv
+    python benchmarks/red_twilight.py      writes red_twilight.csv, red_twilight_screens, _place, _skylines, _fits.csv
 
 Colours are irradiance of level ground, sun and sky, at 450 and at 650 over that at 550 nm (means of three bins of 5 nm
 where measured).  `over_session_N`: computed over measured.  `irradiance`: at 550 nm over that of the first case;
@@ -10,6 +10,7 @@ zenith's polarised light at 550 nm from 2.8 km, sun at -3 deg (0.06 was measured
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,12 +23,15 @@ from scipy.optimize import differential_evolution
 
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.screen import Screen
+from twilight.config.load import load as load_config
 from twilight.config.load import load_climate
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
+from twilight.studies.validate.measured import spectra as recorded
 from twilight.studies.validate.measured.photometry import disc_irradiance, hemisphere
 from twilight.studies.validate.measured.references import level_ground_spectra
+from twilight.studies.validate.measured.spectra_report import draw
 from twilight.transport.beam import prepare_beam
 
 HERE = Path(__file__).parent
@@ -217,7 +221,77 @@ def place() -> None:
     results.write(HERE / "red_twilight_place.csv", columns, rows, notes=notes)
 
 
+RIDGES = {
+    "all round": ((0.0, 8.0, 150.0),),
+    "15 deg to both sides of the sun": (
+        *((-20.0, 0.0, 150.0), (-15.0, 8.0, 150.0), (15.0, 8.0, 150.0), (20.0, 0.0, 150.0), (180.0, 0.0, 150.0)),
+    ),
+    "30 to 90 deg right of the sun": (
+        *((0.0, 0.0, 150.0), (25.0, 0.0, 150.0), (30.0, 8.0, 150.0), (90.0, 8.0, 150.0), (95.0, 0.0, 150.0)),
+    ),
+}
+"""Banks of clouds up to 8 km at 150 km: azimuth from the sun [deg], height, distance [km]."""
+
+
+def skylines() -> None:
+    """As `place`, of skylines: `zones` has that in the sun's azimuth all round, `montecarlo` each in its own."""
+    elevation, azimuth = (np.array(a) for a in ([5.0, 20.0, 90.0, 5.0, 20.0, 20.0], [0.0, 0.0, 0.0, 60.0, 60.0, 180.0]))
+    suns, rows = (0.0, -2.0, -4.0), []
+    base = air().select(slice(1, 2))
+    once = replace(zones.QUALITIES["draft"], max_orders=1)
+    exact = montecarlo.MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0)
+
+    def light(medium: Medium) -> list[np.ndarray]:
+        fields = zones.prepare(medium, once, sun_elevations_deg=suns), montecarlo.prepare(medium, exact)
+        return [np.array([field.radiance(sun, elevation, azimuth)[:, 0] for sun in suns]) for field in fields]
+
+    clear = light(base)
+    for name, around in RIDGES.items():
+        height = float(np.interp(0.0, *np.array(around)[:, :2].T, period=360.0))
+        found = light(replace(base, screen=Screen.of_skyline(height, 150.0, around)))
+        passed = [screened / bare for screened, bare in zip(found, clear, strict=True)]
+        for s, d in np.ndindex(passed[0].shape):
+            where = (suns[s], elevation[d], azimuth[d])
+            rows.append([name, *(f"{x:g}" for x in where), *(f"{part[s, d]:.3f}" for part in passed)])
+        print(name, flush=True)
+    columns = ("skyline", "sun_deg", "elevation_deg", "azimuth_deg", "zones", "montecarlo")
+    notes = ("a bank of clouds up to 8 km at 150 km: part of the light scattered once at 550 nm that is left",)
+    results.write(HERE / "red_twilight_skylines.csv", columns, rows, notes=notes)
+
+
+def spectra() -> None:
+    """What `twilight validate spectra` finds for each session from +5 to -8 deg, calibration fixed and free."""
+    file = HERE / ".." / ".." / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
+    series = {str(s): recorded.at_nodes(recorded.read_spectra(file, str(s)), 5.0, -8.0) for s in SESSIONS}
+    config, rows, fits = load_config(AIR, {"solver.quality": "draft"}), [], {}
+    suns = np.unique(np.concatenate([one.sun_deg for one in series.values()]))[::-1]
+    every = replace(series[str(SESSIONS[0])], sun_deg=suns)
+    (basis,) = recorded.bases(config, every, (300.0,))
+    for session, one in series.items():
+        k = [int(np.flatnonzero(suns == sun)[0]) for sun in one.sun_deg]
+        here = replace(basis, ground=basis.ground[:, k], zenith=basis.zenith[:, k])
+        for free, most in itertools.product((False, True), (0.1, np.inf)):
+            found = fits[session, free, most] = recorded.fit(one, here, most, free)
+            green, low = int(np.flatnonzero(one.wavelength_nm == 550.0)[0]), one.sun_deg <= 0.0
+            off = np.exp(found.log_ratio - found.log_ratio[:, green : green + 1])
+            ranges = [f"{off[low, w].min():.2f} to {off[low, w].max():.2f}" for w in (2, 7)]
+            factor = found.calibration / found.calibration[green]
+            rows.append([session, "free" if free else "as recorded", "any" if np.isinf(most) else f"{most:g}",
+                         f"{100 * found.rms:.1f}", *ranges, f"{found.zenith_mag[one.sun_deg <= -4].max():.2f}",
+                         *(f"{x:.2f}" for x in found.clouds), f"{factor[0]:.2f}", f"{factor[7]:.2f}"])  # fmt: skip
+            print(*rows[-1], flush=True)
+    draw(
+        series["4"], fits["4", True, 0.1], HERE / "red_twilight_session_4.png", "session 4, a factor by wavelength free"
+    )
+    columns = ("session", "calibration", "zenith_mag_allowed", "rms_percent", "blue_over_recorded", "red_over_recorded",
+               "zenith_mag", "cover", "top_km", "top_spread_km", "factor_400", "factor_650")  # fmt: skip
+    notes = (
+        "screens from 300 km on, fitted to colours from +5 to -8 deg; ranges from 0 to -8; factors are over 550 nm",
+    )
+    results.write(HERE / "red_twilight_fits.csv", columns, rows, notes=notes)
+
+
 if __name__ == "__main__":
-    parts = {"candidates": candidates, "screens": screens, "place": place}
+    parts = {"candidates": candidates, "screens": screens, "place": place, "skylines": skylines, "spectra": spectra}
     for part in sys.argv[1:] or parts:
         parts[part]()

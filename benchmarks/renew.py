@@ -128,8 +128,15 @@ BENCHMARKS = {
         "photometry/*_draft.csv, ../docs/photometry.png",
         "one climate of it at `draft`: the meter's zenith, moonlit nights and spectra too",
     ),
+    "photometry_quarters": Benchmark(
+        "photometry_quarters.py",
+        "photometry/quarters.csv, photometry_quarters.png",
+        "why the zenith at one site wanders from quarter to quarter: ozone, the stratosphere or the meter",
+    ),
     "red_twilight": Benchmark(
-        "red_twilight.py", "red_twilight*.csv", "why level ground is computed too red after sunset"
+        "red_twilight.py",
+        "red_twilight*.csv, red_twilight_session_4.png",
+        "why level ground is computed too red after sunset; screens fitted to spectra; skylines in space",
     ),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
     "estimate": Benchmark(

@@ -208,7 +208,7 @@ PEAK = ((355.0, 0.0, 60.0), (358.0, 4.0, 60.0), (2.0, 4.0, 60.0), (5.0, 0.0, 80.
 
 def test_a_skyline_stands_azimuth_by_azimuth_in_space():
     """Straight rays from points aside of the sun's vertical, beside where they cross the wall by brute force."""
-    air = replace(pure_air(LEVELS, refractivity=0.0), screen=Screen.of_skyline(4.0, 60.0, tuple(sorted(PEAK))))
+    air = replace(pure_air(LEVELS, refractivity=0.0), screen=Screen.of_skyline(4.0, 60.0, PEAK))
     space, ours, seen = screen_in_space(air, False), prepare_air(air), []
     points, s = np.array(PEAK), np.linspace(0.0, 400.0, 100001)
     places = itertools.product((-30.0, 20.0, 90.0), (0.0, 3.0, -12.0), (0.5, 3.0), (0.5, -1.0))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import typer
 
-from twilight.cli import validate_estimate, validate_photo, validate_photometry, validate_stars
+from twilight.cli import validate_estimate, validate_photo, validate_photometry, validate_spectra, validate_stars
 from twilight.cli.terminal import sentences
 
 app = typer.Typer(
@@ -17,6 +17,7 @@ commands: tuple[Callable[..., None], ...] = (
     validate_photo.response,
     validate_estimate.estimate,
     validate_photometry.photometry,
+    validate_spectra.spectra,
     validate_stars.stars,
 )
 for command in commands:

@@ -57,7 +57,9 @@ def screen_in_space(medium: Medium, bent: bool) -> ScreenInSpace:
     z, passed = np.array(screen.altitude_km), np.array(screen.transmission)
     highest = float(z[-1])
     if screen.around:
-        turn = np.array(screen.around) * np.array([math.pi / 180.0, 1.0, 1.0])
+        turn = np.array(screen.around)
+        turn[:, 0] = np.radians(turn[:, 0] % 360.0)
+        turn = turn[np.argsort(turn[:, 0])]
         before, after = (turn[k] + np.array([way * 2.0 * math.pi, 0.0, 0.0]) for k, way in ((-1, -1.0), (0, 1.0)))
         wall, highest = np.vstack([before, turn, after]), float(turn[:, 1].max())
         z, passed = np.array([-EDGE_KM, 0.0]), np.array([0.0, 1.0])

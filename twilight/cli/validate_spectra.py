@@ -1,0 +1,84 @@
+"""`twilight validate spectra`: what lay beyond the horizon, from spectra of level ground."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import option, settings_of
+from twilight.cli.terminal import print_table, progress_bar
+
+
+def spectra(
+    recorded: Annotated[
+        Path, typer.Argument(metavar="SPECTRA", help="CSV: sun_elevation_deg, then a column for each wavelength [nm].")
+    ],
+    config: Annotated[str, option("CLIMATE_OR_CONFIG", "The air and the ground.")] = "continental-average",
+    series: Annotated[
+        str | None, option("NAME", "Of a file with several: the value of its column session or run.")
+    ] = None,
+    suns: Annotated[str, option("HIGH,LOW", "Elevations of the sun [deg] between which spectra count.")] = "0,-8",
+    from_km: Annotated[
+        str, option("KM,...", "Distances at which the screen may begin; the nearest fit is kept.")
+    ] = "0,150,300",
+    zenith: Annotated[
+        float, option("MAG", "By how much the zenith may become fainter, sun at -4 deg and below; inf: by any.")
+    ] = 0.1,
+    free_calibration: Annotated[
+        bool,
+        typer.Option("--free-calibration", help="A factor for each wavelength, the same for all suns, is free too."),
+    ] = False,
+    quality: Annotated[str, option("NAME", "Preset of the solver.")] = "draft",
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path, option("DIR", "Folder for the tables, the picture and the evening.")] = Path("out/spectra"),
+) -> None:
+    """Fit what lay beyond the horizon to recorded spectra of level ground.
+
+    Light is linear in what passes at each height, so that one solution for every height serves all fits. Each spectrum
+    has a level of its own: colours are fitted. Writes fits.csv, residuals.csv, spectra.png and evening.yaml, the
+    configuration with the screen that is nearest.
+    """
+    from twilight.base.whole_files import check_folder
+    from twilight.config import load
+    from twilight.studies.validate.measured import spectra as work
+    from twilight.studies.validate.measured import spectra_report as report
+
+    high, low = _numbers("--suns", suns, -90.0, 90.0, 2)
+    starts = tuple(dict.fromkeys(_numbers("--from-km", from_km, 0.0, 2000.0, None)))
+    if not high > low:
+        raise TwilightError(f"--suns {suns}: the first must be the higher one, e.g. 0,-8")
+    if not zenith >= 0.0:
+        raise TwilightError(f"--zenith {zenith:g}: must be 0 or more")
+    chosen = settings_of(settings)[0]
+    loaded = load(config, {"solver.quality": quality} | chosen)
+    measured = work.at_nodes(work.read_spectra(recorded, series), high, low)
+    check_folder(output)
+    output.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as bar:
+        bases = work.bases(loaded, measured, starts, bar)
+    fits = sorted((work.fit(measured, basis, zenith, free_calibration) for basis in bases), key=lambda one: one.rms)
+    rows = report.fit_rows(fits)
+    report.write_fits(fits, output / "fits.csv")
+    report.write_residuals(measured, fits[0], output / "residuals.csv")
+    report.write_evening(output / "evening.yaml", config, fits[0], chosen)
+    report.draw(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
+    print_table(list(report.FIT_COLUMNS), rows, right=tuple(range(len(report.FIT_COLUMNS))))
+    print_table(list(report.RESIDUAL_COLUMNS), report.by_wavelength(measured, fits[0]), right=(0, 1, 2, 3, 4))
+    for line in report.sentences(fits[0]):
+        print(line)
+    print(f"wrote fits.csv, residuals.csv, spectra.png, evening.yaml to {output}/")
+
+
+def _numbers(name: str, text: str, low: float, high: float, count: int | None) -> list[float]:
+    """Numbers with commas between, each within a range; count: how many, None: one or more."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or (count is not None and len(found) != count) or not all(low <= x <= high for x in found):
+        many = "numbers" if count is None else f"{count} numbers"
+        raise TwilightError(f"{name} {text}: must be {many} of {low:g} to {high:g} with commas between")
+    return found
