@@ -37,6 +37,7 @@ TEXTS = {
     "ground.altitude_km": "altitude of the ground",
     "ground.kind": "ground",
     "ground.wind_speed_m_s": "wind speed",
+    "horizon.screen.clouds.cover": "cover of clouds beyond the horizon",
     "horizon.screen.clouds.top_km": "top of clouds beyond the horizon",
     "medium.earth_radius_km": "radius of the Earth",
     "observer.altitude_km": "observer altitude",
