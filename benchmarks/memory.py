@@ -41,6 +41,7 @@ CASES = {
     "sky draft": (*CONTINENTAL, "--quality", "draft"),
     "sky standard": (*CONTINENTAL, "--quality", "standard"),
     "desert 4 wavelengths standard": ("desert", "--sun-elevation", "-4", "--set", FOUR, "--only", "h5"),
+    "overcast draft": ("overcast-stratus", "--sun-elevation", "30", "--quality", "draft"),
     "35 suns 33 wavelengths draft": ("continental-average", SUNS, "--quality", "draft", "--set", THIRTY_THREE),
     "ridges 1920x1080 draft": ("configs/sunset-over-ridges.yaml", "--size", "1920x1080"),
     "mountain-shadow draft": ("configs/mountain-shadow.yaml",),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,3 +183,13 @@ def test_near_the_sun_cirrus_is_as_small_angles_say():
     field = zones.prepare(slab(depth, 1.0, phase, radius_km=2e5), settings, sun_elevations_deg=[90.0])
     found = field.radiance(90.0, 90.0 - away, 0.0)[:, 0]
     np.testing.assert_allclose(found, np.exp(-depth) * expected, rtol=0.025)
+
+
+def test_decks_are_near_doubling_and_adding():
+    """The table that docs quote would say otherwise (`python benchmarks/clouds.py plane`)."""
+    lines = (Path(__file__).parents[1] / "benchmarks" / "clouds_plane.csv").read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert {float(row["optical_depth"]) for row in rows} == {0.1, 1.0, 10.0, 100.0}
+    for quality, most in (("draft", 4.5), ("standard", 3.0)):
+        worst = max(rows, key=lambda row: abs(float(row[f"{quality}_percent"])))
+        assert abs(float(worst[f"{quality}_percent"])) < most, worst

@@ -12,6 +12,7 @@ from twilight.solvers.zones.layout import lay_out, settings_for
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import FINE_PER_INTERVAL
+from twilight.solvers.zones.solve import SLOW_DEPTH, reduced_depth
 from twilight.solvers.zones.target import settings_to_solve
 from twilight.solvers.zones.zenith_range import zenith_range
 from twilight.transport.scaling import delta_scaled
@@ -31,6 +32,10 @@ BLOCK_S = 0.5
 ROOT_S = 2.1e-4
 """Processor seconds of a block per root of nodes x directions x moments: within 25 % of `continental-average`
 at `draft` and at `standard`, `maritime-clean` at `draft`, `pure-air` and `desert` at `standard`; half of `urban`."""
+THICK_S = 1.2e-5
+"""Processor seconds of a block per altitude, radiance of a later order and zenith angle, THICK_ZENITHS more, in air so
+thick that all later orders are solved at once: `draft` below stratus of depth 25, one sun and all suns."""
+THICK_ZENITHS = 5
 BAND_CPU_FACTOR = 1.7
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
 INTERPOLATED_S = 0.06
@@ -63,7 +68,8 @@ def cost(
     one = medium.select(slice(0, 1))
     settings, _ = settings_to_solve(medium, settings, sun_elevations_deg)
     settings, degree = settings_for(one, settings)
-    grids = lay_out(one, delta_scaled(one, degree), settings)
+    scaled = delta_scaled(one, degree)
+    grids = lay_out(one, scaled, settings)
     d, altitudes = grids.directions, grids.altitude_km.size
     suns = zenith_nodes(*zenith_range(one, sun_elevations_deg, observer_altitude_km), settings.zenith_density).size
     spin2_degree, late_spin2_degree = (
@@ -78,6 +84,8 @@ def cost(
     points = of_a_ray * (early.polar * early.point_bytes + late.polar * late.point_bytes)
     rays = of_a_ray * (early.polar + late.polar) * RAY_BYTES
     seconds = BLOCK_S + ROOT_S * math.sqrt(altitudes * suns * early.radiances * early.moments)
+    if reduced_depth(scaled, grids.profile).max() > SLOW_DEPTH:
+        seconds += THICK_S * altitudes * (suns + THICK_ZENITHS) * late.radiances
     return Cost(
         fixed_bytes=points + WORKING_COPIES * (radiance + light),
         bytes_per_wavelength=(light + BLOCK_BYTES) / LANES + rays,

@@ -21,7 +21,9 @@ from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.solvers.zones.water import reflection, surface_of
 from twilight.transport.beam import Beam
 from twilight.transport.lines import ANGLE, horizon_cosine
+from twilight.transport.profile import Profile
 from twilight.transport.ray_bundle import trace_rays
+from twilight.transport.scaling import ScaledMedium
 
 POLAR_PER_DEGREE = 2
 """Polar angles a side for each degree of the light in thick air of conservative scattering: fewer let through 3 to 5 %
@@ -53,7 +55,7 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
 
     sunlight = make_sunlight(beam, grids.nodes.altitude_km, grids.profile.break_km)
     n_blocks = -(-grids.medium.n_wavelengths // LANES)
-    slow = _reduced_depth(grids) > SLOW_DEPTH
+    slow = reduced_depth(grids.scaled, grids.profile) > SLOW_DEPTH
     solutions: list[Solution] = []
     for block in range(n_blocks):
 
@@ -71,10 +73,10 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
     return solutions, Convergence(max(x.orders for x in solutions), max(x.residual for x in solutions))
 
 
-def _reduced_depth(grids: FieldGrids) -> np.ndarray:
-    """Vertical optical depth of scattering (W,), that of each species times 1 - g."""
-    turned = grids.profile.species_scattering * (1.0 - grids.scaled.moments[:, 1])[:, None]
-    return np.trapezoid(turned.sum(axis=0), grids.profile.altitude_km, axis=0)
+def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
+    """Vertical optical depth of scattering (W,), that of each species times 1 - g; profile: of the scaled air."""
+    turned = profile.species_scattering * (1.0 - scaled.moments[:, 1])[:, None]
+    return np.trapezoid(turned.sum(axis=0), profile.altitude_km, axis=0)
 
 
 def _rim_cosine(grids: FieldGrids) -> np.ndarray:
