@@ -11,6 +11,7 @@ import typer
 
 from twilight.base.errors import TwilightError
 from twilight.cli.export_prague import prague
+from twilight.cli.export_shader import shader
 from twilight.cli.options import option
 from twilight.cli.terminal import progress_bar, sentences
 
@@ -124,7 +125,7 @@ def tables(
 
 
 app = typer.Typer(name="export", help="Tables for other programs.", no_args_is_help=True)
-for command in (tables, prague):
+for command in (tables, shader, prague):
     app.command()(sentences(command))
 
 

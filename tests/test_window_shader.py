@@ -1,0 +1,170 @@
+"""`twilight export shader`: GLSL and WGSL in a headless browser, read back, beside numpy and beside the field."""
+
+from __future__ import annotations
+
+import base64
+import io
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from airs import problem_of_field, turbid
+from browser import OPTIONS, open_page
+from PIL import Image
+from typer.testing import CliRunner
+
+from twilight.cli.app import app
+from twilight.config import load
+from twilight.engine import Problem
+from twilight.numerics import spectrum
+from twilight.numerics.orientation import direction
+from twilight.scene import resolve
+from twilight.sky.colour import REC709_LUMINANCE
+from twilight.solvers.base import BareField
+from twilight.studies.export.folder import write_folder
+from twilight.viewer.colours import Channels
+from twilight.viewer.shader import SIZES, shader_sky
+from twilight.viewer.tables import ViewerTableSizes
+
+NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
+SMALL = ViewerTableSizes(suns=65, haze=0, sky=25, ground=7, azimuths=25)
+MOST_LINES, MOST_BYTES = 200, 4e6
+PAGES = Path(__file__).parent / "data"
+"""Pages that read the shaders' answers back: `twilight.read(views, suns)`."""
+
+
+@dataclass
+class Closed(BareField):
+    """A sky in closed form that is bluer upwards, brighter towards the sun and a factor of 10 darker for 4 deg."""
+
+    medium: object
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
+        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
+        colour = (NM / 550.0) ** (-1.0 - 2.0 * np.sin(e)[..., None] ** 2)
+        return 10.0 ** (min(sun_elevation_deg, 0.0) / 4.0) * shape[..., None] * colour
+
+
+@pytest.fixture(scope="module")
+def field():
+    return problem_of_field(Closed(turbid(wavelength_nm=NM))).solve()
+
+
+@pytest.fixture(scope="module")
+def made(field):
+    return shader_sky(field, "closed", sizes=SMALL)
+
+
+@pytest.fixture(scope="module")
+def folder(made, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shader") / "sky"
+    write_folder(folder, made.files())
+    for language in ("glsl", "wgsl"):
+        shutil.copy(PAGES / f"shader_{language}.html", folder / f"{language}.html")
+    return folder
+
+
+def questions(count=600):
+    """Sun, elevation, azimuth (N,) [deg], some next to the horizon, at the zenith and at the sun."""
+    random = np.random.default_rng(4)
+    sun, elevation = random.uniform(-18.0, 90.0, count), random.uniform(-89.0, 89.9, count)
+    azimuth = random.uniform(-180.0, 180.0, count)
+    elevation[:100] = random.uniform(-2.0, 2.0, 100)
+    sun[count // 2 :] = random.uniform(-18.0, 3.0, count - count // 2)
+    elevation[100:110], azimuth[100:110], sun[100:110] = 20.0, 0.0, np.linspace(19.0, 21.0, 10)
+    return sun, elevation, azimuth
+
+
+def test_what_is_exported_is_small(made):
+    """Lines of the shaders and bytes of the textures at the usual sizes."""
+    for name, content in made.files().items():
+        if name.endswith(("glsl", "wgsl")):
+            text = content.decode()
+            assert text.count("\n") <= MOST_LINES and "{{" not in text
+    n = SIZES
+    assert n.suns <= 256 and 2 * n.suns * (n.ground + n.sky) * n.azimuths * 8 + 256 * 3 * 16 <= MOST_BYTES
+
+
+def test_numpy_reads_the_field(made, field):
+    """The textures in numpy beside the field that filled them."""
+    sun, elevation, azimuth = questions(200)
+    found = np.stack([made.light(*q) for q in zip(sun, elevation, azimuth, strict=True)])
+    exact = np.stack([field.radiance(s, e, a) for s, e, a in zip(sun, elevation, azimuth, strict=True)])
+    off = np.abs(found / Channels(NM).of(exact) - 1.0)[np.abs(elevation) > 0.5]
+    assert np.percentile(off, 95) < 0.02
+
+
+def asked(page, sun, elevation, azimuth):
+    """What a page answers (N, 4): red, green, blue, scotopic."""
+    four = [np.column_stack([v, np.zeros(len(v))]) for v in (direction(azimuth, elevation), direction(0.0 * sun, sun))]
+    words = "([views, suns]) => twilight.read(views, suns)"
+    return np.array(page.evaluate(words, [v.ravel().tolist() for v in four])).reshape(-1, 4)
+
+
+@pytest.fixture
+def webgpu(monkeypatch):
+    monkeypatch.setattr("browser.OPTIONS", (*OPTIONS, "--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"))
+
+
+@pytest.mark.parametrize("language", ["glsl", "wgsl"])
+def test_shaders_read_what_numpy_reads(made, folder, language, webgpu):
+    """Pixels read back from a browser: linear Rec. 709 and scotopic luminance."""
+    sun, elevation, azimuth = (q.astype(np.float32).astype(float) for q in questions())
+    light = np.stack([made.light(*q) for q in zip(sun, elevation, azimuth, strict=True)])
+    rgb = light[:, :3] @ spectrum.xyz_to_rgb_matrix("cie1931_2deg").T
+    with open_page(folder / f"{language}.html") as (page, errors):
+        found = asked(page, sun, elevation, azimuth)
+        assert errors == []
+    # software filters between texels, of which neighbours differ by up to a factor of 2
+    np.testing.assert_allclose(found[:, 3], light[:, 3], rtol=4e-3)
+    np.testing.assert_allclose(found[:, :3], rgb, rtol=0.02, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_errors_by_the_sun(tmp_path, webgpu):
+    """The figures of docs/tables.md: both shaders at the usual sizes beside the field that filled the textures."""
+    solved = Problem(resolve(load("continental-average", {"solver.quality": "draft"}))).solve()
+    write_folder(tmp_path / "sky", shader_sky(solved, "continental-average").files())
+    channels, random = Channels(solved.medium.wavelength_nm), np.random.default_rng(1)
+    field = solved.blocks[0].field
+    bands = (((30.0, 90.0), 0.2), ((0.0, 30.0), 0.5), ((-6.0, 0.0), 0.6), ((-12.0, -6.0), 0.8), ((-18.0, -12.0), 0.7))
+    cases = []
+    for band, allowed in bands:
+        suns, elevation = random.uniform(*band, 6), np.degrees(np.arcsin(random.uniform(0.0, 1.0, 300)))
+        elevation[:60], azimuth = random.uniform(0.0, 6.0, 60), random.uniform(0.0, 180.0, 300)
+        exact = [
+            channels.of(field.radiance(float(s), elevation, azimuth, observer_altitude_km=0.0))[:, 1] for s in suns
+        ]
+        cases.append((np.repeat(suns, 300), np.tile(elevation, 6), np.tile(azimuth, 6), np.concatenate(exact), allowed))
+    for language in ("glsl", "wgsl"):
+        shutil.copy(PAGES / f"shader_{language}.html", tmp_path / "sky" / f"{language}.html")
+        with open_page(tmp_path / "sky" / f"{language}.html") as (page, errors):
+            for sun, elevation, azimuth, exact, allowed in cases:
+                luminance = asked(page, sun, elevation, azimuth)[:, :3] @ REC709_LUMINANCE
+                assert 100.0 * np.percentile(np.abs(luminance / exact - 1.0), 95) < allowed, (language, sun[0])
+            assert errors == []
+
+
+def test_its_page_shows_it(folder):
+    """The page beside the files draws the sky: brighter towards the sun, not black, no errors."""
+    with open_page(folder / "index.html", 160, 90, from_disk=True) as (page, errors):
+        text = page.evaluate("twilight.draw() ?? document.querySelector('canvas').toDataURL()")
+        assert errors == [] and page.inner_text("#message") == ""
+    shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(text.split(",")[1]))).convert("RGB"), float)
+    assert shown.shape == (90, 160, 3) and 40.0 < shown.mean() < 220.0
+    assert shown[40, 80].sum() > shown[40, 2].sum()
+
+
+def test_what_it_refuses(tmp_path):
+    """One sentence for a solver without every sun and for a folder that is there."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "x").write_text("x")
+    for words, sentence in (
+        (("pure-air", "--set", "solver.name=montecarlo"), "has no sky for every sun and direction"),
+        (("pure-air", "--output", str(tmp_path / "there")), "is there already"),
+    ):
+        result = CliRunner().invoke(app, ["export", "shader", *words])
+        assert result.exit_code == 2 and sentence in result.stderr, result.stderr

@@ -1,0 +1,50 @@
+"""`twilight export shader`: the sky of one air for shaders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.terminal import progress_bar
+
+
+def shader(
+    climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate or configuration.")],
+    output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-shader.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+) -> None:
+    """Write the sky of a climate from the ground, for every sun, as GLSL and WGSL with two textures, and a page."""
+    from twilight.cli.first_run import say_that_it_compiles
+    from twilight.config import load_series
+    from twilight.engine import Problem
+    from twilight.scene import resolve
+    from twilight.studies.export.folder import check_new, write_folder
+    from twilight.viewer import check_altitudes
+    from twilight.viewer.shader import shader_sky
+
+    chosen, names = settings_of(settings)
+    if quality is not None:
+        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
+    cases = load_series(climate, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{climate}: vary makes {len(cases)} scenes of it; a shader shows one")
+    config = cases[0].config
+    problem = Problem(resolve(config))
+    name = problem.scene.medium.name or config.title
+    check_altitudes(problem.scene, None, name)
+    folder = output or Path("out") / f"{file_stem(name, 'sky')}-shader"
+    check_new(folder)
+    say_that_it_compiles(config.chosen_solver.name)
+    with progress_bar() as bar:
+        from twilight.base.progress import part_of
+
+        solved = problem.solve(part_of(bar, 0.0, 0.3))
+        files = shader_sky(solved, name, config.solar_spectrum, progress=part_of(bar, 0.3, 0.7)).files()
+    write_folder(folder, files)
+    size = len(files["sky.bin"]) + len(files["lines.bin"])
+    print(f"wrote {folder}: {', '.join(sorted(files))}; textures of {size / 1e6:.1f} MB; open index.html in a browser")
