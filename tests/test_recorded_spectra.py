@@ -110,13 +110,15 @@ def test_files(tmp_path, monkeypatch):
     ]
     file.write_text("\n".join(["# made up", *lines]) + "\n")
     out = tmp_path / "out"
-    words = ["validate", "spectra", str(file), "--output", str(out), "--zenith", "inf"]
+    words = ["validate", "spectra", str(file), "--output", str(out), "--zenith", "inf", "--set", "ground.albedo=0.31"]
     done = CliRunner().invoke(app, [*words, "--series", "b"])
     assert done.exit_code == 0, done.output
     assert "from 150 km on: clouds that stop 7" in done.output and "wrote fits.csv" in done.output
     assert {p.name for p in out.iterdir()} == {"fits.csv", "residuals.csv", "spectra.png", "evening.yaml"}
     text = yaml.safe_load((out / "evening.yaml").read_text())
-    screen = resolve(load(text)).medium.screen
+    medium = resolve(load(text)).medium
+    screen = medium.screen
+    assert np.allclose(medium.ground_albedo, 0.31)
     assert screen.from_km == 150.0 and np.allclose(screen.transmission, np.cumsum(RISES), atol=0.03)
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 2 and "--series must be one of a, b" in done.output + done.stderr

@@ -63,7 +63,7 @@ def spectra(
     rows = report.fit_rows(fits)
     report.write_fits(fits, output / "fits.csv")
     report.write_residuals(measured, fits[0], output / "residuals.csv")
-    report.write_evening(output / "evening.yaml", config, fits[0], chosen)
+    report.write_evening(output / "evening.yaml", loaded.climate, fits[0])
     report.draw(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
     print_table(list(report.FIT_COLUMNS), rows, right=tuple(range(len(report.FIT_COLUMNS))))
     print_table(list(report.RESIDUAL_COLUMNS), report.by_wavelength(measured, fits[0]), right=(0, 1, 2, 3, 4))

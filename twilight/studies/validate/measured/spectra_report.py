@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
+from twilight.config.climate import Climate
 from twilight.studies.validate.measured.spectra import HEIGHTS_KM, REFERENCE_NM, ZENITH_BELOW_DEG, Fit, Recorded
 
 FIT_COLUMNS = (
@@ -65,8 +66,8 @@ def write_residuals(recorded: Recorded, one: Fit, path: Path) -> None:
     write_csv(path, EACH_COLUMNS, rows)
 
 
-def write_evening(path: Path, name: str, one: Fit, settings: dict[str, Any]) -> None:
-    """The configuration with the screen, for `twilight render`."""
+def write_evening(path: Path, climate: Climate, one: Fit) -> None:
+    """The climate with the screen, a configuration for `twilight render`."""
     import yaml
 
     screen = {
@@ -74,11 +75,10 @@ def write_evening(path: Path, name: str, one: Fit, settings: dict[str, Any]) -> 
         "transmission": [round(float(t), 4) for t in one.transmission],
         "from_km": one.from_km,
     }
+    air = {"version": 1, **climate.model_dump(mode="json", exclude_none=True, exclude_defaults=True)}
+    evening = {"version": 1, "climate": air, "horizon": {"screen": screen}}
     with whole_file(path) as temporary:
-        text = yaml.safe_dump(
-            {"version": 1, "climate": name, "horizon": {"screen": screen}}, sort_keys=False, width=120
-        )
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(yaml.safe_dump(evening, sort_keys=False, width=120), encoding="utf-8")
 
 
 def sentences(one: Fit) -> list[str]:
