@@ -64,6 +64,9 @@ BENCHMARKS = {
         "frontier.py", "frontier.csv, ../docs/frontier.png", "settings of `zones` tried by a search, in eight climates"
     ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in thirteen climates"),
+    "target_error": Benchmark(
+        "target_error.py", "target_error.csv", "whether `--target-error` is right in air that its table has not seen"
+    ),
     "zones_study_quadrature": Benchmark(
         "zones_study.py quadrature",
         "zones_study_quadrature.csv",
