@@ -215,7 +215,7 @@ def _estimate(
 
         made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
     told = [*sentences(made), untold_wavelengths(options["white_balance"], options["with_colour"])]
-    if HORIZON in made[0].values:
+    if any(p.name == HORIZON and p.constrained for p in made[0].parameters):
         told.append(_beyond(config, made[0].values[HORIZON]))
     unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []
     best = made[0]
