@@ -11,11 +11,17 @@ import pytest
 from montecarlo_media import hazy_earth
 
 import twilight
+from twilight.atmosphere import layer_changes
 from twilight.atmosphere.layer_changes import layer_depth, layer_edges, of_layer, with_doubled_levels
 from twilight.base.errors import TwilightError
+from twilight.base.progress import silent
+from twilight.scene import shifted as shifted_air
 from twilight.solvers import montecarlo, zones
 from twilight.solvers.montecarlo.path_lengths import add_sunbeam
-from twilight.solvers.zones.derivatives import by_absorption, by_aerosol_extinction, by_ground_albedo
+from twilight.solvers.zones.adjoint import NodeLight
+from twilight.solvers.zones.derivatives import columns_grids, differentiate
+from twilight.solvers.zones.field import Field
+from twilight.solvers.zones.solve import solve
 from twilight.studies.airmass.gas_profile import GasProfile, of_atmosphere, read_profile
 from twilight.transport.beam import prepare_beam
 from twilight.transport.ray_profile import ray_profile
@@ -36,7 +42,7 @@ def solved(medium):
 
 @pytest.fixture(scope="module")
 def differentiated(solved):
-    return by_absorption(solved, EDGES_KM)
+    return differentiate(solved, "absorption", EDGES_KM)
 
 
 def absorbing(medium, low_km, high_km, depth):
@@ -80,13 +86,13 @@ def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
         assert error < 1e-9
 
 
-def test_random_paths_and_columns_of_a_field_agree(medium, differentiated):
+def test_random_paths_and_the_adjoint_agree(medium, differentiated):
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=3000)
     walk = montecarlo.CAPABILITIES.differentiate(montecarlo.prepare(medium, settings), "absorption", EDGES_KM)
     for sun, elevation, azimuth in SUNS_AND_DIRECTIONS:
         slopes, error = (a[:, 0] for a in walk.log_slopes(sun, elevation, azimuth))
-        columns = differentiated.log_slopes(sun, elevation, azimuth)[0][:, 0]
-        assert np.all(np.abs(columns - slopes) < 4.0 * error + 0.01 * np.abs(slopes))
+        adjoint = differentiated.log_slopes(sun, elevation, azimuth)[0][:, 0]
+        assert np.all(np.abs(adjoint - slopes) < 4.0 * error + 0.01 * np.abs(slopes))
         assert np.all(error < 0.02 * np.abs(slopes))
 
 
@@ -103,7 +109,7 @@ def test_standard_errors_of_random_paths_are_their_scatter(medium):
     assert np.all((scatter < 1.6 * stated) & (scatter > 0.55 * stated))
 
 
-def test_columns_of_a_field_are_its_finite_differences(medium, solved, differentiated):
+def test_the_adjoint_is_the_difference_of_two_fields(medium, solved, differentiated):
     low, high = 18.0, 24.0
     settings = replace(zones.QUALITIES["draft"], tolerance=1e-6, max_orders=30)
     base = with_doubled_levels(medium, EDGES_KM)
@@ -126,33 +132,92 @@ def test_a_high_layer_is_crossed_at_the_slant_of_the_sun(differentiated):
     np.testing.assert_allclose(-differentiated.log_slopes(sun, 90.0, 0.0)[0][-2:, 0], slant, rtol=0.005)
 
 
-@pytest.mark.slow
-def test_a_brighter_ground_and_more_aerosol_brighten_the_sky_as_two_solutions_differ(medium, solved):
-    question = (20.0, [90.0, 30.0], [0.0, 90.0])
-    settings = replace(zones.QUALITIES["draft"], tolerance=1e-6, max_orders=30)
-    one, two = (
-        zones.prepare(replace(medium, ground_albedo=medium.ground_albedo + h), settings, sun_elevations_deg=[20.0])
-        for h in (0.05, -0.05)
-    )
-    slope = np.log(one.radiance(*question) / two.radiance(*question)) / 0.1
-    np.testing.assert_allclose(by_ground_albedo(solved).log_slopes(*question)[0][:, 0], slope, rtol=0.01)
-    by_aerosol = by_aerosol_extinction(solved, np.array([0.0, 2.0])).log_slopes(*question)[0][:, 0]
-    more, less = (
-        zones.prepare(
-            replace(
-                medium,
-                aerosol_extinction_per_km=medium.aerosol_extinction_per_km
-                * (1.0 + h * (medium.altitude_km < 2.0) + h * (np.arange(medium.altitude_km.size) == 2))[:, None],
-            ),
-            settings,
-            sun_elevations_deg=[20.0],
+def test_the_operator_backwards_is_its_transpose(differentiated):
+    # y . K' x = K'^T y . x, K' x by differences in float32
+    columns = differentiated.columns_of(0)
+    rng = np.random.default_rng(3)
+    for back, light in zip(columns.back, (columns.first, columns.rest), strict=True):
+        operator, z = back.operator, back.after
+
+        def after(u, operator=operator):
+            mean = np.ascontiguousarray(u.moments[:, :, 0])
+            return NodeLight(*operator.analyse(operator.next_order(mean, u.moments, u.ground))[1:])
+
+        def noise(like, size):
+            return NodeLight(
+                (size * rng.normal(size=like.moments.shape) * like.moments[:, :, :1]).astype(np.float32),
+                (size * rng.normal(size=like.ground.shape) * like.ground).astype(np.float32),
+            )
+
+        # of suns around the horizon, each node by what it holds
+        wanted = noise(z, 1.0)
+        some = np.arange(z.ground.shape[0])[:, None] > z.ground.shape[0] - 12
+        wanted = NodeLight(
+            np.where(some[:, None], wanted.moments / z.moments[:, :, :1] ** 2, 0.0).astype(np.float32),
+            np.where(some, wanted.ground / np.maximum(z.ground, 1e-20) ** 2, 0.0).astype(np.float32),
         )
-        for h in (0.02, -0.02)
-    )
-    depth = layer_depth(medium.aerosol_extinction_per_km, medium.altitude_km, np.array([0.0, 2.0]))[0]
-    slope = np.log(more.radiance(*question) / less.radiance(*question)) / (0.04 * depth)
-    # haze that grows in proportion lies a little lower than haze that grows evenly
-    np.testing.assert_allclose(by_aerosol, slope, rtol=0.1)
+        change = noise(light, 0.02)
+        more, less = after(light + change), after(light + change.times(np.full(8, -1.0)))
+        slope = NodeLight(0.5 * (more.moments - less.moments), 0.5 * (more.ground - less.ground))
+        forwards = sum(part[..., 0].sum() for part in wanted.parts(slope))
+        backwards = sum(part[..., 0].sum() for part in back(wanted, np.full(8, 1e-6)).parts(change))
+        assert forwards == pytest.approx(backwards, rel=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "quantity, edges",
+    [
+        ("absorption", [0.0, 6.0, 18.0, 30.0]), ("aerosol_extinction", [0.0, 2.0]), ("aerosol_albedo", [0.0, 2.0]),
+        ("aerosol_asymmetry", [0.0, 2.0]), ("ground_albedo", [0.0, 2.0]),
+    ],
+)  # fmt: skip
+def test_the_adjoint_is_the_difference_of_solutions(medium, solved, quantity, edges, monkeypatch):
+    suns, elevations, azimuths = np.array(SUNS_AND_DIRECTIONS).T
+    found = differentiate(solved, quantity, np.array(edges)).log_slopes(suns, elevations, azimuths)[0][..., 0]
+    steps = {"DEPTH_STEP": 1e-3, "ALBEDO_STEP": 0.02, "ASYMMETRY_STEP": 0.01}
+    light, step = [], None
+    for times in (1.0, 2.0):
+        for name, value in steps.items():
+            monkeypatch.setattr(layer_changes, name, times * value)
+        changes = layer_changes.changes_of(medium, quantity, np.array(edges))
+        step = changes.step[:, 0]
+        grids = columns_grids(solved.grids, *changes.columns(0))
+        beam = grids.sunbeam()
+        exact = replace(grids, directions=replace(grids.directions, tolerance=1e-6, max_orders=30))
+        columns = Field(grids, beam, *solve(exact, beam, silent))
+        light.append(np.log([columns.radiance(*question) for question in SUNS_AND_DIRECTIONS]))
+    one, two = (x[:, 1:] - x[:, :1] for x in light)
+    np.testing.assert_allclose(found, (4.0 * one - two) / step, rtol=4e-3, atol=2e-3 * np.abs(found).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity, constant, far", [("ozone_column", "DOBSON", 30.0), ("temperature", "KELVIN", 15.0)])
+def test_ozone_and_temperature_change_light_as_two_airs_differ(quantity, constant, far, monkeypatch):
+    suns = [0.0, -4.0]
+    field = twilight.solve("pure-air", wavelength_nm=[330.0], quality="draft", sun_elevation_deg=suns)
+    found = field.jacobian(suns, 90.0, 0.0, by=quantity, edges_km=[0.0, 12.0, 30.0, 60.0, 100.0])[quantity]
+    settings = replace(zones.QUALITIES["draft"], tolerance=1e-4)
+    light = []
+    for way in (far, -far):
+        monkeypatch.setattr(shifted_air, constant, way)
+        air = shifted_air.shifted(field.scene, quantity, field.medium.wavelength_nm)
+        made = zones.prepare(air.medium, settings, sun_elevations_deg=suns)
+        light.append(np.array([made.radiance(sun, 90.0, 0.0).item() for sun in suns]))
+    slope = np.log(light[0] / light[1]) / (2.0 * far)
+    whole = found.sum("altitude") if "altitude" in found.dims else found
+    np.testing.assert_allclose(whole.values[:, 0], slope, rtol=0.03)
+
+
+def test_warmer_air_is_thinner_at_the_same_pressure():
+    scene = twilight.solve("pure-air", solver="cie", wavelength_nm=[330.0, 550.0]).scene
+    warm = shifted_air.shifted(scene, "temperature", scene.medium.wavelength_nm)
+    ratio = warm.medium.air_scattering_per_km / scene.medium.air_scattering_per_km
+    np.testing.assert_allclose(warm.medium.refractivity / scene.medium.refractivity, ratio, rtol=2e-4)
+    # T / (T + 1 K) of temperatures from 180 to 380 K
+    assert np.all((ratio > 1.0 - 1.0 / 180.0) & (ratio < 1.0 - 1.0 / 390.0))
+    # ozone's Huggins bands absorb more in warmer air
+    assert np.all(warm.medium.absorption_per_km[:30, 0] > scene.medium.absorption_per_km[:30, 0])
 
 
 def test_columns_of_a_gas_add_up():

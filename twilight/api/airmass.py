@@ -65,7 +65,7 @@ def jacobian(
     elevation_deg: ArrayLike,
     azimuth_deg: ArrayLike,
     *,
-    by: str | Sequence[str] = DIFFERENTIATED,
+    by: str | Sequence[str] = tuple(DIFFERENTIATED),
     edges_km: ArrayLike | None = None,
     observer_altitude_km: float | None = None,
 ) -> Dataset:
@@ -76,13 +76,17 @@ def jacobian(
     sun_elevation_deg, elevation_deg, azimuth_deg, edges_km, observer_altitude_km
         As of `airmass`.
     by
-        One or more of absorption (vertical optical depth of a layer), aerosol_extinction (the same of aerosol),
-        aerosol_albedo (single scattering albedo in a layer), ground_albedo.
+        One or more of absorption (vertical optical depth of a layer), aerosol_extinction (the same of aerosol, whose
+        albedo and phase functions stay), aerosol_albedo (single scattering albedo in a layer), aerosol_asymmetry
+        (asymmetry parameter in a layer, every phase function P becoming P (1 + eps (mu - g)), or Henyey-Greenstein's of
+        the larger g), temperature (of a layer, at constant pressure [K^-1]: density of the air, refractive index, cross
+        sections), ozone_column [DU^-1], ground_albedo.
 
     Returns
     -------
     xarray.Dataset
-        A variable for each quantity, over sun_elevation, direction, altitude and wavelength.
+        A variable for each quantity, over sun_elevation, direction, altitude and wavelength; ozone_column and
+        ground_albedo have no altitude.
 
     Raises
     ------

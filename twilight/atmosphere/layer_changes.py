@@ -1,18 +1,23 @@
-"""A medium with changes in single layers: what is differentiated, and by how much it moves.
+"""A medium with changes in single layers: what is differentiated.
 
-A layer's change is a box: the coefficient jumps at the layer's two altitudes, which become doubled levels.
+A layer's change is a box: the coefficient jumps at the layer's two altitudes, which become doubled levels.  How far a
+quantity moves is small enough that the light does so in proportion.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.levels import layer_mean
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.base.errors import TwilightError
+from twilight.numerics.phase import HENYEY_GREENSTEIN, TABLE, table_angles_rad
 
 MIN_LAYER_KM = 0.01
 """Least thickness [km] of a layer."""
@@ -20,6 +25,18 @@ MAX_CHANGE = 0.35
 """Change of the logarithm of a coefficient between two levels: what is added to a layer is then even to 1 %."""
 MOST_PARTS = 12
 """Most levels that one is divided into."""
+DEPTH_STEP = 1e-4
+"""Vertical optical depth that a layer gains: of light that crosses it 40 times this takes 0.4 %, and the derivative
+is 0.2 % too small."""
+ALBEDO_STEP = 1e-3
+"""Change of an albedo of the ground or of single scattering."""
+ASYMMETRY_STEP = 0.002
+"""Change of the asymmetry parameter; one of Henyey-Greenstein's phase function curves by less than 0.5 %."""
+MAX_TILT = 0.45
+"""Largest eps of a tilted phase function P (1 + eps (mu - g)): nowhere is it below 0.1 P."""
+GUIDE_PER_KM = 4e-4
+"""Absorption [km^-1] of every other layer in the air that tables of the sunbeam are laid out for, which so know of
+every edge: twice the least jump that they hold in closed form."""
 
 
 def layer_edges(medium: Medium, edges_km) -> np.ndarray:
@@ -90,7 +107,140 @@ def layer_depth(per_km: np.ndarray, altitude_km: np.ndarray, edges_km: np.ndarra
     return out
 
 
-def with_columns(medium: Medium, **fields: Any) -> Medium:
-    """The medium with other coefficients, which keeps its grid medium: its grids then are those of before."""
-    grid = medium.grid_medium and medium.grid_medium.unbound()
-    return replace(medium, grid_medium=grid, **fields)
+class Shifted(NamedTuple):
+    """The air of a scene with something else in it, at the levels and wavelengths of its medium, and how much of it."""
+
+    medium: Medium
+    step: float
+
+
+@dataclass(frozen=True)
+class Changes:
+    """N changes of a medium at W wavelengths: of one quantity in N layers, or of one that all layers share.
+
+    base: the medium, with doubled levels at the edges; changed: it with each change; step (N, W): of each; guide: the
+    air that tables of the sunbeam are laid out for
+    """
+
+    base: Medium
+    changed: tuple[Medium, ...]
+    step: np.ndarray
+    guide: Medium
+
+    @property
+    def n(self) -> int:
+        """How many they are."""
+        return len(self.changed)
+
+    def columns(self, w: int) -> tuple[Medium, Medium]:
+        """(The medium of one wavelength as N + 1 columns, the first without a change; the guide at this wavelength)."""
+        one = np.array([w])
+        media = [m.select(one) for m in (self.base, *self.changed)]
+        many = media[0].select(np.zeros(len(media), int))
+        joined = {key: np.concatenate([getattr(m, key) for m in media], axis=1) for key in ON_LEVELS}
+        fraction = np.concatenate([m.aerosol_phase_fraction for m in media], axis=2)
+        albedo = np.concatenate([m.ground_albedo for m in media])
+        overhead = np.concatenate([m.overhead_absorption_optical_depth for m in media])
+        columns = replace(
+            many, **joined, aerosol_phase_fraction=fraction, ground_albedo=albedo,
+            overhead_absorption_optical_depth=overhead, grid_medium=None,
+        )  # fmt: skip
+        return columns, replace(self.guide.select(one), grid_medium=None)
+
+
+def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shifted | None = None) -> Changes:
+    """The changes that differentiate by one of `solvers.base.DIFFERENTIATED` in the layers between edges_km (J + 1,).
+
+    shifted: for a quantity that a medium does not hold, temperature or ozone_column
+    Errors: TwilightError for edges that are none.
+    """
+    edges = layer_edges(medium, edges_km)
+    if quantity == "ground_albedo":
+        h = ALBEDO_STEP if medium.ground_albedo.max() < 0.5 else -ALBEDO_STEP
+        shifted = Shifted(replace(medium, ground_albedo=medium.ground_albedo + h), h)
+    if quantity in ("ground_albedo", "ozone_column"):
+        assert shifted is not None
+        return Changes(medium, (shifted.medium,), np.full((1, medium.n_wavelengths), shifted.step), medium)
+    base, change = with_doubled_levels(medium, edges), _IN_LAYERS.get(quantity)
+    if quantity == "aerosol_asymmetry":
+        base, step = with_tilted_aerosol(base)
+        change = partial(_tilted, step=step)
+    elif quantity == "temperature":
+        assert shifted is not None
+        change = partial(_boxed, other=with_doubled_levels(shifted.medium, edges, medium), step=shifted.step)
+    assert change is not None
+    layers = list(pairwise(edges))
+    insides = [of_layer(base.altitude_km, low, high)[:, None] for low, high in layers]
+    found = [change(base, inside, *layer) for inside, layer in zip(insides, layers, strict=True)]
+    steps = np.array([np.broadcast_to(h, medium.n_wavelengths) for _, h in found])
+    guide = replace(base, absorption_per_km=base.absorption_per_km + GUIDE_PER_KM * np.any(insides[::2], axis=0))
+    return Changes(base, tuple(m for m, _ in found), steps, guide)
+
+
+def _deeper(base: Medium, inside: np.ndarray, low: float, high: float, *, key: str) -> tuple[Medium, float]:
+    """More of a coefficient in a layer, DEPTH_STEP of vertical optical depth.
+
+    Between levels that differ, a little more at both is not quite as much more in between.
+    """
+    values = getattr(base, key)
+    rough = values + inside * DEPTH_STEP / (high - low)
+    before, after = (layer_depth(v, base.altitude_km, np.array([low, high]))[0] for v in (values, rough))
+    return replace(base, **{key: values + (rough - values) * DEPTH_STEP / (after - before)}), DEPTH_STEP
+
+
+def _less_absorbing(base: Medium, inside: np.ndarray, *_: float) -> tuple[Medium, np.ndarray]:
+    """Aerosol with another single scattering albedo in a layer: up where it is small, else down."""
+    key = "aerosol_single_scattering_albedo"
+    albedo = base.aerosol_single_scattering_albedo
+    h = np.where((albedo * inside).max(axis=0) < 0.5, ALBEDO_STEP, -ALBEDO_STEP)
+    return replace(base, **{key: np.clip(albedo + inside * h, 0.0, 1.0)}), h
+
+
+def _tilted(base: Medium, inside: np.ndarray, *_: float, step: np.ndarray) -> tuple[Medium, np.ndarray]:
+    """All scattering of the aerosol in a layer by the tilted phase functions of `with_tilted_aerosol`."""
+    n = len(base.phase_functions) // 2
+    fraction = base.aerosol_phase_fraction.copy()
+    fraction[n:] = fraction[:n] * inside
+    fraction[:n] *= ~inside
+    return replace(base, aerosol_phase_fraction=fraction), step
+
+
+def _boxed(base: Medium, inside: np.ndarray, *_: float, other: Medium, step: float) -> tuple[Medium, float]:
+    """Another air in a layer."""
+    parts = {key: np.where(inside, getattr(other, key), getattr(base, key)) for key in ON_LEVELS}
+    return replace(base, **parts), step
+
+
+_IN_LAYERS: dict[str, Callable[..., tuple[Medium, float | np.ndarray]]] = {
+    "absorption": partial(_deeper, key="absorption_per_km"),
+    "aerosol_extinction": partial(_deeper, key="aerosol_extinction_per_km"),
+    "aerosol_albedo": _less_absorbing,
+}
+"""What changes a layer of a medium: from (medium, levels inside, bottom, top) the medium and the step."""
+
+
+def with_tilted_aerosol(medium: Medium) -> tuple[Medium, np.ndarray]:
+    """The medium with a second of each phase function of its aerosol, of which there is none, and its step (W,).
+
+    The second has an asymmetry parameter larger by the step: Henyey-Greenstein's that of its formula, a table P the
+    matrix P (1 + eps (mu - g)), whose mean cosine is g + eps (<mu^2> - g^2) and which polarises as P does.
+    """
+    moments = [phase.legendre_moments(2) for phase in medium.phase_functions]
+    width = [(1.0 + 2.0 * m[:, 2]) / 3.0 - m[:, 1] ** 2 for m in moments]
+    least = np.min([v for v, p in zip(width, medium.phase_functions, strict=True) if p.kind == TABLE] or [1.0])
+    step = min(ASYMMETRY_STEP, MAX_TILT * float(least))
+    tilted = []
+    for phase, m, v in zip(medium.phase_functions, moments, width, strict=True):
+        g = phase.asymmetry if phase.kind == HENYEY_GREENSTEIN else m[:, 1]
+        if phase.kind == HENYEY_GREENSTEIN:
+            tilted.append(replace(phase, asymmetry=np.minimum(g + step, 0.5 * (1.0 + g))))
+            continue
+        mu = np.cos(table_angles_rad(phase.log_table.shape[1]))
+        tilt = np.log1p((step / v)[:, None] * (mu - g[:, None]))
+        tilted.append(replace(phase, asymmetry=g + step, log_table=phase.log_table + tilt))
+    fraction = np.concatenate([medium.aerosol_phase_fraction, np.zeros_like(medium.aerosol_phase_fraction)])
+    phases = (*medium.phase_functions, *tilted)
+    return (
+        replace(medium, aerosol_phase_fraction=fraction, phase_functions=phases, grid_medium=None),
+        np.full(medium.n_wavelengths, step),
+    )

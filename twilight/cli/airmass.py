@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +14,8 @@ from twilight.cli.terminal import print_table, progress_bar
 
 MOST_SUNS = 1000
 """Most suns of one table."""
+MOST_WORKERS = 10_000
+"""Most processes."""
 
 
 def airmass(
@@ -41,15 +44,23 @@ def airmass(
     ] = None,
     solver: Annotated[str | None, option("NAME", "zones (as it is without this), or montecarlo.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    vary: Annotated[
+        list[str] | None,
+        option("KEY=V,...", "A table over values of a key, e.g. ground.albedo=0,0.8; may be repeated."),
+    ] = None,
+    workers: Annotated[int | None, option("N", "Processes on this machine, by Dask; without it, this process.")] = None,
+    scheduler: Annotated[str | None, option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786.")] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables, netCDF and picture.")] = None,
 ) -> None:
     """Compute air-mass factors of a gas: slant over vertical column, as seen in scattered sunlight.
 
-    They are of a weak absorber, which leaves the light that others see as it is.
+    They are of a weak absorber, which leaves the light that others see as it is. A table holds every air of --vary,
+    or of the configuration's own `vary`. On several processes each air is computed apart, and montecarlo divides its
+    samples too.
     """
     from twilight.base.whole_files import check_folder
-    from twilight.config import load_series
+    from twilight.config.load import load_axes
 
     suns = _suns(sun)
     wavelengths = numbers(wavelength, "--wavelength", 300.0, 1000.0)
@@ -62,26 +73,40 @@ def airmass(
         **({} if solver is None else {"solver.name": solver}),
         **({} if quality is None else {"solver.quality": quality}),
     }
-    cases = load_series(scene, {**given, **chosen}, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); airmass takes one")
-    config = cases[0].config
+    if vary:
+        given["vary"] = dict(_axis(text) for text in vary)
+        names = {**names, "vary": "--vary"}
+    series = load_axes(scene, {**given, **chosen}, names)
+    for axis in series.axes:
+        for key in axis.points[0]:
+            if key.split(".")[0] in ("wavelengths", "sun", "output"):
+                raise TwilightError(f"vary: {key} cannot be an axis of this table; allowed is what air, ground, "
+                                    "observer and solver have, and --sun and --wavelength take lists")  # fmt: skip
+    config = series.config({key: value for axis in series.axes for key, value in axis.points[0].items()})
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise TwilightError(f"--workers: {workers} is not allowed; it must be from 1 to {MOST_WORKERS}")
+    if scheduler is not None and workers is not None:
+        raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers")
     folder = output or Path("out") / ("airmass-" + file_stem(config.title, "scene"))
     check_folder(folder)
 
-    from twilight.engine import Problem
-    from twilight.scene import resolve
     from twilight.studies.airmass import factors, gas_profile, report
+    from twilight.studies.airmass.table import Question, box_table
+    from twilight.studies.sweep.resources import Resources, connect
 
     if profile is None:
         absorber = gas_profile.of_atmosphere(gas, config.climate.atmosphere.profile)
     else:
         absorber = gas_profile.read_profile(profile, gas)
-    with progress_bar() as bar:
-        elevations = [90.0 - zenith for zenith in suns]
-        solved = Problem(resolve(config), tuple(elevations)).solve(bar)
-        bar("derivatives", 0.95)
-        found = factors.box_factors(solved, elevations, elevation, azimuth, edges_km=edges)
+    question = Question(
+        tuple(90.0 - zenith for zenith in suns), elevation, azimuth, None if edges is None else tuple(edges)
+    )
+    with progress_bar() as bar, ExitStack() as stack:
+        client, count = None, 1
+        if workers is not None or scheduler is not None:
+            client = stack.enter_context(connect(Resources(scheduler, None, workers, None)))
+            count = sum(worker["nthreads"] for worker in client.scheduler_info(n_workers=-1)["workers"].values())
+        found = box_table(series, question, bar, client, count)
     found = factors.with_gas(found, absorber)
     found.attrs |= {"title": f"Air-mass factors of {gas}", "scene": config.title}
     folder.mkdir(parents=True, exist_ok=True)
@@ -106,3 +131,13 @@ def _suns(text: str) -> list[float]:
     if not (step > 0.0 and last >= first and (last - first) / step < MOST_SUNS):
         raise TwilightError(f"--sun: {text} must go up by a step above 0, to at most {MOST_SUNS} suns")
     return [first + k * step for k in range(int((last - first) / step + 1e-6) + 1)]
+
+
+def _axis(text: str) -> tuple[str, Any]:
+    """A dotted key with the list of its values, from `key=value,...`."""
+    from twilight.config.load import parse_setting
+
+    key, equals, values = text.partition("=")
+    if not equals or not key.strip() or not values.strip():
+        raise TwilightError(f"--vary {text}: must be key=value,..., e.g. ground.albedo=0,0.8")
+    return parse_setting(f"{key}=[{values}]")

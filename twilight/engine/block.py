@@ -18,6 +18,7 @@ from twilight.engine.answer import Answer, answer_of_stokes, join_rows, sum_term
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.numerics.grids import half_of
+from twilight.scene.shifted import shifted
 from twilight.solvers.base import Field
 
 if TYPE_CHECKING:
@@ -214,14 +215,14 @@ class Block:
         self,
         quantity: str,
         edges_km: np.ndarray,
-        sun_elevation_deg: float,
+        sun_elevation_deg: ArrayLike,
         elevation_deg: ArrayLike,
         azimuth_deg: ArrayLike,
         observer_altitude_km: float | None = None,
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """d ln I / dp by a quantity of `solvers.base.DIFFERENTIATED`, and its standard error, (..., N, W) each.
 
-        What is asked for last is held: other suns and directions of the same layers are cheap where fields are.
+        Suns and directions are broadcast.  What is asked for last is held: others of the same layers are cheaper.
         Errors: TwilightError for a solver that cannot differentiate, and for wavelengths in bands of gases.
         """
         if self.capabilities.differentiate is None:
@@ -239,7 +240,8 @@ class Block:
         key = (made, quantity, edges_km.tobytes())
         held = self._derivatives[0]
         if held is None or held[0] is not made or held[1:] != key[1:]:
-            self._derivatives = (key, self.capabilities.differentiate(made, quantity, edges_km))
+            air = shifted(self.scene, quantity, self.medium.wavelength_nm)
+            self._derivatives = (key, self.capabilities.differentiate(made, quantity, edges_km, air))
         return self._derivatives[1].log_slopes(sun_elevation_deg, elevation_deg, azimuth_deg, **more)
 
     def texture(

@@ -282,7 +282,7 @@ class Solved(FieldLight):
         self,
         quantity: str,
         edges_km: ArrayLike,
-        sun_elevation_deg: float,
+        sun_elevation_deg: ArrayLike,
         elevation_deg: ArrayLike,
         azimuth_deg: ArrayLike,
         observer_altitude_km: float | None = None,

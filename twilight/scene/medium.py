@@ -20,6 +20,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 from twilight.atmosphere.own_aerosol import OwnAerosol
+from twilight.atmosphere.profiles import AirProfile
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
 from twilight.atmosphere.water_surface import mean_square_slope
@@ -52,8 +53,8 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
         return _with_ground(_tabulated(climate, climate.medium, wavelength_nm), climate.ground)
     assert wavelength_nm is not None
 
-    medium = _with_ground(_built(climate, wavelength_nm), climate.ground)
-    grid_medium = GridMedium.built_by(partial(_built, climate), fixed_wavelengths(medium.wavelength_nm))
+    medium = _with_ground(built_medium(climate, wavelength_nm), climate.ground)
+    grid_medium = GridMedium.built_by(partial(built_medium, climate), fixed_wavelengths(medium.wavelength_nm))
     return replace(medium, grid_medium=grid_medium)
 
 
@@ -67,14 +68,14 @@ def planning_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
 
     def nearest(wanted_nm: np.ndarray) -> Medium:
         place, back = np.unique(np.abs(wanted_nm[:, None] - shipped).argmin(axis=1), return_inverse=True)
-        return replace(_built(climate, shipped[place]).select(back), wavelength_nm=wanted_nm)
+        return replace(built_medium(climate, shipped[place]).select(back), wavelength_nm=wanted_nm)
 
     medium = _with_ground(nearest(np.asarray(wavelength_nm, dtype=float)), climate.ground)
     return replace(medium, grid_medium=GridMedium.built_by(nearest, fixed_wavelengths(medium.wavelength_nm)))
 
 
-def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
-    """The air of a climate that is no table, over black ground."""
+def built_medium(climate: Climate, wavelength_nm: np.ndarray, profile: AirProfile | None = None) -> Medium:
+    """The air of a climate that is no table, over black ground; profile: in place of the climate's own."""
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
         layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
@@ -82,7 +83,7 @@ def _built(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
         layers = Boundaries(climate.atmosphere.layers.boundaries_km)
     medium = build_medium(
         wavelength_nm,
-        profile=air_profile(climate),
+        profile=profile or air_profile(climate),
         top_km=climate.atmosphere.top_km,
         ground_altitude_km=climate.ground.altitude_km,
         layers=layers,

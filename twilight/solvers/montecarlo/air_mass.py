@@ -62,8 +62,8 @@ class Derivatives:
         return -found.factor.reshape(full), found.standard_error.reshape(full)
 
 
-def differentiate(field: Field, quantity: str, edges_km: np.ndarray) -> Derivatives:
-    """Derivatives by absorption in the layers between edges_km (J + 1,) [km].
+def differentiate(field: Field, quantity: str, edges_km: np.ndarray, shifted: object = None) -> Derivatives:
+    """Derivatives by absorption in the layers between edges_km (J + 1,) [km]; shifted: not needed.
 
     Errors: TwilightError for any other quantity, and edges that are none.
     """

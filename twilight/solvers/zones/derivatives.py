@@ -1,219 +1,309 @@
-"""Derivatives of a field's light by what is in a layer: the whole operator, differentiated in columns.
+"""Derivatives of a field's light by what is in the air, by the adjoint of the scattering operator.
 
-The wavelengths that a field solves at once share everything but their coefficients: nodes, rays, points, directions.
-Here they are one wavelength with a little more absorption in one layer after the other: columns of one field.  What the
-sunbeam, the line of sight, all orders of scattering, the ground and the polarisation make of the change is then in the
-columns' light, and its derivative is that of the discrete operator itself, by
+All light solves U = F(U; p), F = K U + s with the parameter p in both, and a radiance is R(U; p): sunlight scattered
+once on the line of sight and the light that is scattered into it.  With b of `adjoint`,
 
-    f'(0) = (-3 f(0) + 4 f(h) - f(2 h)) / (2 h) + h^2 f'''/3,        f = ln I.
+    dR/dp = dR/dp at fixed U + b . dF/dp at fixed U.
 
-J layers take 2 J + 1 columns, and eight columns the time of one wavelength alone.
+What is differentiated at fixed U is one evaluation, no solution: the LANES of a field are here one wavelength with a
+little more of each parameter (columns), through which the sunbeam, one order of scattering and the line of sight are
+followed once, (F(U; p + h) - F(U; p)) / h.  The first orders, which have directions of their own, are differentiated
+one by one:
+
+    U_1 = s,   U_(n+1) = K_E U_n for n < N,   V = U_N + K_L V,   U = U_1 + ... + U_N + K_L V
+
+with K_E and K_L the operators of early and late orders.  So b = g + K_L'^T b belongs to K_L V, y_N = b to U_N in so
+far as it has the moments of late orders, and y_n = g + K_E'^T y_(n+1) to the orders before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.atmosphere.grid_medium import GridMedium
-from twilight.atmosphere.layer_changes import layer_depth, layer_edges, of_layer, with_columns, with_doubled_levels
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.layer_changes import Changes, Shifted, changes_of
 from twilight.base.errors import TwilightError
-from twilight.base.progress import silent
-from twilight.solvers.base import DIFFERENTIATED, Convergence
+from twilight.solvers.base import Convergence, observer_at
+from twilight.solvers.zones.adjoint import BackwardOperator, NodeLight, empty_back, repeated, repeated_points
+from twilight.solvers.zones.adjoint_order import view_back
+from twilight.solvers.zones.directions import near_edges
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.solution import Solution
-from twilight.solvers.zones.solve import solve
+from twilight.solvers.zones.grid import Truncation
+from twilight.solvers.zones.lines_of_sight import trace_lines_of_sight
+from twilight.solvers.zones.ray_points import LANES, SpeciesMoments, lanes_of, make_ray_points
+from twilight.solvers.zones.solution import FINE_PER_INTERVAL, ScatteringOperator, Solution
+from twilight.solvers.zones.solve import scattering_operators
 from twilight.solvers.zones.successive_orders import FEW_ORDERS
+from twilight.solvers.zones.sunlight import make_sunlight
+from twilight.transport.azimuth_series import RayDirections
+from twilight.transport.lines import with_refraction
+from twilight.transport.matrix_moments import matrix_moments
+from twilight.transport.profile import prepare_profile
+from twilight.transport.scaling import delta_scaled
 
-DEPTH_STEP = 2e-3
-"""Least optical depth h by which a layer's column changes: rounding to float32 is then worth 5e-4 of a vertical
-path."""
-STEP_PER_KM = 4e-4
-"""Least change of the coefficient [km^-1]: tables of the sunbeam hold jumps of 2e-4 and more in closed form, and
-smaller ones are off by up to 1 % of themselves for a sun on the horizon."""
-ALBEDO_STEP = 0.02
-"""Change of an albedo of the ground or of single scattering."""
-TOLERANCE = 1e-6
-"""Fraction of the light at which orders of scattering end in all columns."""
-MAX_REST = 1e-4
-"""Fraction of the light that orders beyond FEW_ORDERS may hold: more would be missing from derivatives."""
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
+
+MAX_STEPS = 150
+"""Most scatterings that are followed backwards."""
+MAX_REST = 1e-3
+"""Fraction of the radiance that comes by way of more scatterings than are followed backwards, and is added as a
+geometric series: a tenth of it moves derivatives by less than 0.05 %."""
+HELD = 4
+"""Most wavelengths whose columns are held for the next question."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Derivatives:
-    """d ln I / dp of a field for N parameters p at each wavelength.
+    """d ln I / dp of a field for the N parameters of some changes at each wavelength."""
 
-    fields: of the columns of each wavelength, 2 N + 1 of them; step (N, W): h of each parameter
-    """
-
-    fields: tuple[Field, ...]
-    step: np.ndarray
+    field: Field
+    changes: Changes
+    _columns: OrderedDict[int, Columns] = field(default_factory=OrderedDict, repr=False)
 
     def log_slopes(
-        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, observer_altitude_km: float | None = None
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km: float | None = None
     ) -> tuple[np.ndarray, None]:
-        """d ln I / dp, shape of the directions plus (N, W), nan where there is no light; no standard error."""
-        question = (sun_elevation_deg, elevation_deg, azimuth_deg)
-        found = []
-        for field, step in zip(self.fields, self.step.T, strict=True):
-            light = field.radiance(*question, observer_altitude_km=observer_altitude_km)
-            n = step.size
-            with np.errstate(divide="ignore", invalid="ignore"):
-                log = np.log(light)
-                slope = (4.0 * log[..., 1 : n + 1] - log[..., n + 1 :] - 3.0 * log[..., :1]) / (2.0 * step)
-            found.append(np.where(np.isfinite(slope), slope, np.nan))
-        return np.stack(found, axis=-1), None
+        """d ln I / dp, shape of suns and directions, broadcast, plus (N, W); nan where there is no light."""
+        asked = np.broadcast_arrays(*(np.asarray(a, float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg)))
+        sun, elevation, azimuth = (a.ravel() for a in asked)
+        altitude = observer_at(self.field.medium, observer_altitude_km, self.field.observer_altitude_km)
+        order = np.argsort(sun, kind="stable")
+        found = np.empty((sun.size, self.changes.n, self.field.medium.n_wavelengths))
+        for w in range(found.shape[2]):
+            columns = self.columns_of(w)
+            for start in range(0, order.size, LANES):
+                some = order[start : start + LANES]
+                found[some, :, w] = columns.log_slopes(sun[some], elevation[some], azimuth[some], altitude)
+        return found.reshape(*asked[0].shape, *found.shape[1:]), None
+
+    def columns_of(self, w: int) -> Columns:
+        """Columns of the wavelength w."""
+        columns = self._columns.pop(w, None) or Columns(self.field, w, self.changes)
+        self._columns[w] = columns
+        if len(self._columns) > HELD:
+            self._columns.popitem(last=False)
+        return columns
 
 
-def differentiate(field: Field, quantity: str, edges_km: np.ndarray) -> Derivatives:
-    """Derivatives by one of `solvers.base.DIFFERENTIATED`, in the layers between edges_km (J + 1,) [km].
+def differentiate(of: Field, quantity: str, edges_km: np.ndarray, shifted: Shifted | None = None) -> Derivatives:
+    """Derivatives by one of `solvers.base.DIFFERENTIATED` in the layers between edges_km (J + 1,) [km].
 
-    Errors: TwilightError for edges that are none, and for air whose light takes too many scatterings.
+    shifted: as of `changes_of`
+    Errors: TwilightError over water, for light of a few orders alone, and for edges that are none.
     """
-    if quantity == "ground_albedo":
-        return by_ground_albedo(field)
-    of_layers = {
-        "absorption": by_absorption,
-        "aerosol_extinction": by_aerosol_extinction,
-        "aerosol_albedo": by_aerosol_albedo,
-    }
-    if quantity not in of_layers:
+    if of.medium.has_water:
+        raise TwilightError("derivatives: zones cannot differentiate light over a water surface; montecarlo can")
+    if 1 < of.settings.max_orders <= FEW_ORDERS:
         raise TwilightError(
-            f"derivatives: zones cannot differentiate by {quantity}; it can by {', '.join(DIFFERENTIATED)}"
+            f"derivatives: zones cannot differentiate light of {of.settings.max_orders} orders alone; allowed is a "
+            f"solver.max_orders of 1, or above {FEW_ORDERS}"
         )
-    return of_layers[quantity](field, edges_km)
+    return Derivatives(of, changes_of(of.medium, quantity, edges_km, shifted))
 
 
-def by_absorption(field: Field, edges_km: np.ndarray) -> Derivatives:
-    """By the vertical optical depth of absorption in each layer between edges_km (J + 1,) [km]: minus the box factors.
+def columns_grids(base: FieldGrids, columns: Medium, guide: Medium) -> FieldGrids:
+    """Grids with the nodes of a field for columns of its air, on rays with steps of their own.
 
-    Errors: TwilightError for edges that are none, and for air whose light takes too many scatterings.
+    guide: one wavelength on the levels of the columns; tables of the sunbeam are laid out for it
     """
-    return _by_depth(field, edges_km, "absorption_per_km")
-
-
-def by_aerosol_extinction(field: Field, edges_km: np.ndarray) -> Derivatives:
-    """By the vertical optical depth of aerosol in each layer, whose albedo and phase functions stay; as above."""
-    return _by_depth(field, edges_km, "aerosol_extinction_per_km")
-
-
-def by_aerosol_albedo(field: Field, edges_km: np.ndarray) -> Derivatives:
-    """By the single scattering albedo of the aerosol in each layer; as above."""
-    edges = layer_edges(field.medium, edges_km)
-
-    def changed(medium: Medium, layer: int) -> tuple[Medium, Medium, float]:
-        key = "aerosol_single_scattering_albedo"
-        values = getattr(medium, key)
-        inside = of_layer(medium.altitude_km, edges[layer], edges[layer + 1])[:, None]
-        h = -ALBEDO_STEP if values[inside[:, 0]].min() > 2.0 * ALBEDO_STEP else ALBEDO_STEP
-        if values[inside[:, 0]].max() + 2.0 * h > 1.0:
-            raise TwilightError(
-                "derivatives by aerosol albedo: zones cannot differentiate where a layer holds albedos near 0 "
-                "and near 1"
-            )
-        return *(with_columns(medium, **{key: values + inside * k * h}) for k in (1.0, 2.0)), h  # type: ignore[return-value]
-
-    return _derivatives(field, edges, edges.size - 1, changed)
-
-
-def by_ground_albedo(field: Field) -> Derivatives:
-    """By the albedo of the ground; as above."""
-
-    def changed(medium: Medium, _: int) -> tuple[Medium, Medium, float]:
-        h = ALBEDO_STEP if medium.ground_albedo.max() < 0.5 else -ALBEDO_STEP
-        one, two = (replace(medium, ground_albedo=medium.ground_albedo + k * h) for k in (1.0, 2.0))
-        return one, two, h
-
-    return _derivatives(field, np.array([]), 1, changed)
-
-
-def _by_depth(field: Field, edges_km: np.ndarray, key: str) -> Derivatives:
-    edges = layer_edges(field.medium, edges_km)
-
-    def changed(medium: Medium, layer: int) -> tuple[Medium, Medium, float]:
-        low, high = edges[layer], edges[layer + 1]
-        h = max(DEPTH_STEP, STEP_PER_KM * (high - low))
-        values = getattr(medium, key)
-        inside = of_layer(medium.altitude_km, low, high)[:, None]
-
-        def more(wanted: float) -> Medium:
-            # between levels that differ, a little more at both is not quite as much more in between
-            rough = values + inside * wanted / (high - low)
-            before, after = (layer_depth(v, medium.altitude_km, np.array([low, high]))[0, 0] for v in (values, rough))
-            return with_columns(medium, **{key: values + (rough - values) * wanted / (after - before)})
-
-        return more(h), more(2.0 * h), h
-
-    return _derivatives(field, edges, edges.size - 1, changed)
-
-
-def _derivatives(
-    field: Field, edges_km: np.ndarray, count: int, changed: Callable[[Medium, int], tuple[Medium, Medium, float]]
-) -> Derivatives:
-    """Solve the columns of every wavelength; changed: (the medium of one wavelength with p + h, with p + 2 h, h)."""
-    medium = _with_levels(field.medium, edges_km)
-    settings = replace(
-        field.settings,
-        max_orders=min(field.settings.max_orders, FEW_ORDERS),
-        tolerance=min(field.settings.tolerance, TOLERANCE),
-        target_error=0.0,
-        field_file="",
-    )
-    fields, steps = [], []
-    for w in range(medium.n_wavelengths):
-        one = medium.select(np.array([w]))
-        pairs = [changed(one, k) for k in range(count)]
-        columns = _joined([one, *(p[0] for p in pairs), *(p[1] for p in pairs)])
-        fields.append(_solved(columns, settings, field))
-        steps.append([p[2] for p in pairs])
-    return Derivatives(tuple(fields), np.array(steps).T)
-
-
-def _with_levels(medium: Medium, edges_km: np.ndarray) -> Medium:
-    """The medium with doubled levels at the edges, and its grid medium with the same."""
-    if edges_km.size == 0:
-        return medium
-    grid = medium.at_grid_wavelengths
-    made = with_doubled_levels(medium, edges_km)
-    if grid is None or not np.array_equal(grid.altitude_km, medium.altitude_km):
-        return made
-    # every other layer has so much more that tables of the sunbeam know of the edges
-    guide = with_doubled_levels(grid, edges_km, medium)
-    known = sum(of_layer(guide.altitude_km, *edges_km[k : k + 2]) for k in range(0, edges_km.size - 1, 2))
-    guide = replace(guide, absorption_per_km=guide.absorption_per_km + STEP_PER_KM * np.asarray(known)[:, None])
-    return replace(made, grid_medium=GridMedium.of(guide))
-
-
-def _joined(media: list[Medium]) -> Medium:
-    """Media of one wavelength and the same levels as columns of one medium; phase functions are those of the first."""
-    first = media[0].select(np.zeros(len(media), dtype=int))
-    keys = (
-        "absorption_per_km", "aerosol_extinction_per_km", "aerosol_single_scattering_albedo"
+    scaled = delta_scaled(columns, base.scaled.degree)
+    # every column has the steps of the first, or the difference of two would be that of their steps
+    first = scaled.medium.select(np.zeros(1, int))
+    profile = prepare_profile(scaled.medium, like=first)
+    profile = near_edges(profile, profile)
+    bent = with_refraction(profile, first)
+    settings = base.settings
+    matrix = matrix_moments(columns, scaled.forward_fraction, max(2, base.spin2_degree))
+    layout = base.layout._replace(profile=profile, beam=delta_scaled(guide, base.scaled.degree).medium, bends=first)
+    return replace(
+        base,
+        medium=columns,
+        scaled=scaled,
+        scattering=SpeciesMoments(scaled.medium, scaled.moments, matrix),
+        profile=profile,
+        line_profile=bent if settings.bent_lines_of_sight else profile,
+        path_profile=bent if settings.bent_paths else profile,
+        layout=layout,
     )  # fmt: skip
-    columns = {key: np.concatenate([getattr(m, key) for m in media], axis=1) for key in keys}
-    albedo = np.concatenate([m.ground_albedo for m in media])
-    return replace(with_columns(first, **columns), ground_albedo=albedo)
 
 
-def _solved(columns: Medium, settings, field: Field) -> Field:
-    """The field of some columns, in the zenith range of a field."""
-    grids = FieldGrids.of(columns, settings, field.grids.zenith_range_deg)
-    beam = grids.sunbeam()
-    solutions: Sequence[Solution] = ()
-    convergence: Convergence | None = None
-    if settings.max_orders > 1:
-        solutions, convergence = solve(grids, beam, silent)
-        _check(convergence, field)
-    return Field(grids, beam, solutions, convergence, field.observer_altitude_km)
+def _next(operator: ScatteringOperator, light: NodeLight) -> NodeLight:
+    mean = np.ascontiguousarray(light.moments[:, :, 0])
+    return NodeLight(*operator.analyse(operator.next_order(mean, light.moments, light.ground))[1:])
 
 
-def _check(convergence: Convergence, field: Field) -> None:
-    if field.settings.max_orders > FEW_ORDERS and convergence.residual > MAX_REST:
-        raise TwilightError(
-            f"derivatives: zones cannot differentiate light that takes more than {FEW_ORDERS} scatterings; "
-            f"{convergence.residual:.2g} of it is missing; montecarlo can"
+def _difference(one: NodeLight, other: NodeLight) -> NodeLight:
+    return NodeLight(one.moments - other.moments, one.ground - other.ground)
+
+
+class Columns:
+    """One wavelength of a field with a little more of each parameter: N + 1 columns, the first without any."""
+
+    def __init__(self, of: Field, w: int, changes: Changes):
+        self.step = changes.step[:, w]
+        columns, guide = changes.columns(w)
+        grids = columns_grids(of.grids, columns, guide)
+        self.grids, beam = grids, grids.sunbeam()
+        self.several = of.settings.max_orders > 1
+        solutions: list[Solution] = []
+        if self.several:
+            block, lane = divmod(w, LANES)
+            light = of.solutions[block].light
+            self.light = light._replace(
+                log_mean=repeated(light.log_mean, lane),
+                ratio=repeated(light.ratio, lane),
+                log_ground=repeated(light.log_ground, lane),
+            )
+            one = Solution(*self.light, of.solutions[block].orders, of.solutions[block].residual)
+            solutions = [one] * -(-columns.n_wavelengths // LANES)
+            self._follow(beam)
+        self.seen = Field(
+            grids, beam, solutions, Convergence(1, 0.0) if self.several else None, of.observer_altitude_km
         )
+
+    def _follow(self, beam) -> None:
+        """One evaluation of F in every column at the light of the field, and what K' needs to know of that light."""
+        grids, s = self.grids, self.grids.directions
+        reach = grids.layout.reach
+        late_spin2 = s.late_polarisation_degree if s.polarisation else 0
+        early = scattering_operators(grids, s.polar_directions, reach.orders, s.degree, grids.spin2_degree)
+        late = scattering_operators(grids, s.late_polar_directions, reach.late_orders, reach.late_degree, late_spin2)
+        sunlight = make_sunlight(beam, grids.nodes.altitude_km, grids.profile.break_km)
+        n_early = max(1, s.early_orders)
+        nodes = slice(None, None, FINE_PER_INTERVAL)
+        whole = np.exp(self.light.log_mean[nodes])
+        ground = self.light.log_ground[:: grids.nodes.zenith_rule.per_interval]
+        total = NodeLight(whole[:, :, None] * self.light.ratio[nodes], np.exp(ground))
+        changed: list[list[NodeLight]] = []
+        orders: list[NodeLight] = []
+        for block in range(-(-grids.medium.n_wavelengths // LANES)):
+            one, last = early(block), late(block)
+            found = [NodeLight(*one.analyse(one.first_order(sunlight))[1:])]
+            if block == 0:
+                orders = [found[0].lane(0)]
+            for n in range(n_early - 1):
+                found.append(_next(one, orders[n]))
+                if block == 0:
+                    orders.append(found[-1].lane(0))
+            if block == 0:
+                self.retained = one.angles.shared_with(last.angles)
+                self.rest = self._late(total, orders)
+            found.append(_next(last, self.rest))
+            if block == 0:
+                operators = [BackwardOperator.of(one, 0, a, b) for a, b in pairwise(orders)]
+                self.back = [*operators, BackwardOperator.of(last, 0, self.rest, found[-1].lane(0))]
+                self.first, first = orders[0], [part.lane(0) for part in found]
+            changed.append([_difference(part, of) for part, of in zip(found, first, strict=True)])
+        step = self.step.astype(np.float32)
+        self.changes = [
+            NodeLight(
+                np.concatenate([parts[n].moments for parts in changed], axis=-1)[..., 1 : step.size + 1] / step,
+                np.concatenate([parts[n].ground for parts in changed], axis=-1)[..., 1 : step.size + 1] / step,
+            )
+            for n in range(len(first))
+        ]
+
+    def _late(self, total: NodeLight, orders: list[NodeLight]) -> NodeLight:
+        """V, all light from order N on, with the moments of late orders."""
+        moments, ground = total.moments[:, :, self.retained], total.ground.copy()
+        for order in orders[:-1]:
+            moments = moments - order.moments[:, :, self.retained]
+            ground = ground - order.ground
+        # the followed light and that of the field differ by their rays: never less than its first order
+        least = orders[-1].moments[:, :, 0]
+        factor = np.maximum(moments[:, :, 0], least) / np.where(moments[:, :, 0] > 0.0, moments[:, :, 0], 1.0)
+        kept = np.where((moments[:, :, 0] > 0.0)[:, :, None], moments * factor[:, :, None], 0.0)
+        kept[:, :, 0] = np.maximum(moments[:, :, 0], least)
+        return NodeLight(np.ascontiguousarray(kept, np.float32), np.maximum(ground, orders[-1].ground))
+
+    def log_slopes(self, sun: np.ndarray, elevation: np.ndarray, azimuth: np.ndarray, altitude_km: float) -> np.ndarray:
+        """(Q, N) for Q questions, no more than LANES."""
+        n = self.step.size
+        light = np.empty((sun.size, n + 1))
+        for one in np.unique(sun):
+            of = sun == one
+            light[of] = self.seen.radiance(one, elevation[of], azimuth[of], observer_altitude_km=altitude_km)[
+                ..., : n + 1
+            ]
+        slopes = (light[:, 1:] - light[:, :1]) / self.step
+        if self.several and (light[:, 0] > 0.0).any():
+            slopes += self._scattered(sun, elevation, azimuth, altitude_km, light[:, 0])
+        lit = light[:, :1] > 0.0
+        return np.where(lit, slopes / np.where(lit, light[:, :1], 1.0), np.nan)
+
+    def _scattered(self, sun, elevation, azimuth, altitude_km: float, total: np.ndarray) -> np.ndarray:
+        """b . dF/dp (Q, N) at fixed light; total (Q,): radiances."""
+        late = self.back[-1]
+        # lanes without a question repeat the last one's radiance, and have no derivatives
+        whole = np.append(total, np.full(LANES - total.size, total[-1]))
+        direct = self._direct(sun, elevation, azimuth, altitude_km)
+        term = NodeLight(np.ascontiguousarray(direct.moments[:, :, self.retained]), direct.ground)
+        by_late = self._all_orders(late, term, whole)
+        found = by_late.products(self.changes[-1])
+        moments = direct.moments.copy()
+        moments[:, :, self.retained] = by_late.moments
+        wanted = NodeLight(moments, by_late.ground)
+        for n in range(len(self.changes) - 2, -1, -1):
+            found += wanted.products(self.changes[n])
+            if n > 0:
+                wanted = direct + self.back[n - 1](wanted, whole)
+        return found[: sun.size]
+
+    def _all_orders(self, late: BackwardOperator, term: NodeLight, whole: np.ndarray) -> NodeLight:
+        """b = g + K_L'^T b from g, by orders, with a geometric series for the rest."""
+        total, before = term, None
+        for _ in range(MAX_STEPS):
+            term = late(term, whole)
+            of_nodes, of_ground = term.parts(self.rest)
+            here = np.abs(of_nodes).sum(axis=(0, 1)) + np.abs(of_ground).sum(axis=0)
+            total = total + term
+            if before is not None:
+                ratio = np.clip(here / np.where(before > 0.0, before, 1.0), 0.0, 0.99)
+                rest = ratio / (1.0 - ratio)
+                if np.all(here * rest <= MAX_REST * np.abs(whole)):
+                    return total + term.times(rest)
+            before = here
+        raise TwilightError(
+            f"derivatives: zones cannot differentiate light that takes more than {MAX_STEPS} scatterings; "
+            "montecarlo can"
+        )
+
+    def _direct(self, sun, elevation, azimuth, altitude_km: float) -> NodeLight:
+        """g of each question in a lane of its own: derivatives of its radiance by the light at the nodes."""
+        grids, s = self.grids, self.grids.directions
+        n = grids.nodes
+        series = Truncation.of(s.degree, grids.spin2_degree, s.azimuth_directions)
+        back = empty_back(self.light)
+        for one in np.unique(elevation):
+            ends = np.array([[one], [np.inf]])
+            lines = trace_lines_of_sight(
+                grids.line_profile, grids.scaled.medium, altitude_km, ends, s.line_of_sight_density, True,
+                grids.thin_layer,
+            )  # fmt: skip
+            points = make_ray_points(lines.rays, grids.scattering, n.fine_altitude_km, 1.0, series, 0)
+            points = repeated_points(points, 0)
+            passed = repeated(lanes_of(lines.rays.ground_weight, 0), 0)
+            for q in np.flatnonzero(elevation == one):
+                where = RayDirections(
+                    np.array([0, 1]), np.cos(np.radians(azimuth[q : q + 1])), math.radians(90.0 - sun[q])
+                )
+                wanted = np.zeros(LANES, np.float32)
+                wanted[q] = 1.0
+                view_back(
+                    lines.rays, points, where, n.fine_rad, n.zenith_rad, self.light, n.zenith_rule, series, passed,
+                    wanted, back,
+                )  # fmt: skip
+        nodes = slice(None, None, FINE_PER_INTERVAL)
+        log_mean = np.ascontiguousarray(self.light.log_mean[nodes])
+        ground = np.exp(self.light.log_ground[:: n.zenith_rule.per_interval])
+        light = replace(
+            self.back[0], mean=np.exp(log_mean), log_mean=log_mean, ratio=self.light.ratio[nodes], ground=ground
+        )
+        return light.at_nodes(back)

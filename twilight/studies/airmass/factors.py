@@ -13,7 +13,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.config.validate import unknown
 from twilight.engine import Solved
-from twilight.solvers.base import DIFFERENTIATED
+from twilight.solvers.base import DIFFERENTIATED, OF_ALL_AIR
 from twilight.studies.airmass.gas_profile import GasProfile
 
 if TYPE_CHECKING:
@@ -21,12 +21,8 @@ if TYPE_CHECKING:
 
 LAYER_EDGES_KM = (0.0, 2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 23.0, 26.0, 29.0, 32.0, 36.0, 42.0, 50.0, 70.0)
 """Altitudes [km] that bound the usual layers."""
-LONG_NAMES = {
-    "absorption": "d ln(radiance) / d(vertical optical depth of absorption in the layer)",
-    "aerosol_extinction": "d ln(radiance) / d(vertical optical depth of aerosol in the layer)",
-    "aerosol_albedo": "d ln(radiance) / d(single scattering albedo of the aerosol in the layer)",
-    "ground_albedo": "d ln(radiance) / d(albedo of the ground)",
-}
+UNITS = {"temperature": "K-1", "ozone_column": "DU-1"}
+"""Units of derivatives by quantities that have one."""
 
 
 def usual_edges(medium: Medium) -> np.ndarray:
@@ -65,11 +61,11 @@ def jacobian(
     elevation_deg: ArrayLike,
     azimuth_deg: ArrayLike,
     *,
-    by: str | Sequence[str] = DIFFERENTIATED,
+    by: str | Sequence[str] = tuple(DIFFERENTIATED),
     edges_km: ArrayLike | None = None,
     observer_altitude_km: float | None = None,
 ) -> Dataset:
-    """d ln I by each quantity in `by`, and ln I; arguments as of `twilight.Solved.jacobian`."""
+    """d ln I by each quantity in `by`; arguments as of `twilight.Solved.jacobian`."""
     quantities = [by] if isinstance(by, str) else list(by)
     for name in quantities:
         if name not in DIFFERENTIATED:
@@ -80,12 +76,13 @@ def jacobian(
     for name in quantities:
         slopes, errors = question.log_slopes(name)
         dims = question.dims
-        if name == "ground_albedo":
+        if name in OF_ALL_AIR:
             slopes, errors = slopes[..., 0, :], None if errors is None else errors[..., 0, :]
             dims = tuple(d for d in dims if d != "altitude")
-        values[name] = (dims, slopes, {"long_name": LONG_NAMES[name], "units": "1"})
+        about = {"long_name": f"d ln(radiance) / d({DIFFERENTIATED[name]})", "units": UNITS.get(name, "1")}
+        values[name] = (dims, slopes, about)
         if errors is not None:
-            values[name + "_standard_error"] = (dims, errors, {"long_name": "standard error", "units": "1"})
+            values[name + "_standard_error"] = (dims, errors, {**about, "long_name": "standard error"})
     return question.dataset(values)
 
 
@@ -112,12 +109,10 @@ class _Question:
 
     def log_slopes(self, quantity: str) -> tuple[np.ndarray, np.ndarray | None]:
         """Derivatives and standard errors, of `dims`."""
-        found = [
-            self.solved.log_slopes(quantity, self.edges, sun, self.elevation, self.azimuth, self.altitude)
-            for sun in self.suns
-        ]
-        some = None if found[0][1] is None else self._squeezed(np.stack([np.asarray(error) for _, error in found]))
-        return self._squeezed(np.stack([slopes for slopes, _ in found])), some
+        slopes, errors = self.solved.log_slopes(
+            quantity, self.edges, self.suns[:, None], self.elevation, self.azimuth, self.altitude
+        )
+        return self._squeezed(slopes), None if errors is None else self._squeezed(errors)
 
     def _squeezed(self, values: np.ndarray) -> np.ndarray:
         values = values[:, 0] if self.one_direction else values

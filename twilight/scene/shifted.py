@@ -1,0 +1,61 @@
+"""The air of a scene with a little more of what its medium does not hold by itself: for derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from twilight.atmosphere.layer_changes import Shifted
+from twilight.base.errors import TwilightError
+from twilight.config.profile import air_profile
+from twilight.scene.medium import built_medium
+from twilight.scene.plan import make_plan
+from twilight.scene.scene import Scene
+
+KELVIN = 1.0
+"""Change of temperature [K]."""
+DOBSON = 1.0
+"""Change of the ozone column [DU]."""
+
+
+def shifted(scene: Scene, quantity: str, wavelength_nm: np.ndarray) -> Shifted | None:
+    """The medium of a scene at wavelengths (W,) [nm] with more of a quantity everywhere.
+
+    temperature: KELVIN warmer at the same pressure, and at the same densities of ozone and nitrogen dioxide: density of
+    the air, refractivity and cross sections change.  ozone_column: DOBSON more, in proportion at all altitudes.  Any
+    other quantity is in the medium itself: None.
+
+    Errors: TwilightError for a medium without temperatures or without ozone.
+    """
+    if quantity not in ("temperature", "ozone_column"):
+        return None
+    climate = make_plan(scene.configuration, wavelength_nm).climate
+    if climate.medium is not None:
+        raise TwilightError(f"derivatives by {quantity}: a medium that is a table knows its coefficients alone")
+    if quantity == "temperature":
+        air = air_profile(climate)
+        colder = air.temperature_k / (air.temperature_k + KELVIN)
+        warmer = replace(
+            air,
+            temperature_k=air.temperature_k + KELVIN,
+            air_per_cm3=air.air_per_cm3 * colder,
+            h2o_per_cm3=air.h2o_per_cm3 * colder,
+        )
+        return Shifted(_like(scene, built_medium(climate, wavelength_nm, warmer)), KELVIN)
+    if climate.gases.ozone.treatment == "none":
+        raise TwilightError("derivatives by ozone_column: gases.ozone.treatment is none, and there is no ozone")
+    column = scene.medium.notes["ozone_column_du"] + DOBSON
+    more = climate.gases.ozone.model_copy(update={"column_du": column, "day_of_year": None})
+    gases = climate.gases.model_copy(update={"ozone": more})
+    made = built_medium(climate.model_copy(update={"gases": gases}), wavelength_nm)
+    return Shifted(_like(scene, made), DOBSON)
+
+
+def _like(scene: Scene, made):
+    """The medium over the scene's ground and behind its screen."""
+    albedo = np.interp(made.wavelength_nm, scene.medium.wavelength_nm, scene.medium.ground_albedo)
+    return replace(
+        made, ground_albedo=albedo, water_mean_square_slope=scene.medium.water_mean_square_slope,
+        screen=scene.medium.screen,
+    )  # fmt: skip
