@@ -15,6 +15,8 @@ from twilight.atmosphere import layer_changes
 from twilight.atmosphere.layer_changes import layer_depth, layer_edges, of_layer, with_doubled_levels
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
+from twilight.config import load
+from twilight.config.load import load_axes
 from twilight.scene import shifted as shifted_air
 from twilight.solvers import montecarlo, zones
 from twilight.solvers.montecarlo.path_lengths import add_sunbeam
@@ -22,6 +24,8 @@ from twilight.solvers.zones.adjoint import NodeLight
 from twilight.solvers.zones.derivatives import columns_grids, differentiate
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.solve import solve
+from twilight.studies.airmass import report, table
+from twilight.studies.airmass.factors import with_gas
 from twilight.studies.airmass.gas_profile import GasProfile, of_atmosphere, read_profile
 from twilight.transport.beam import prepare_beam
 from twilight.transport.ray_profile import ray_profile
@@ -150,11 +154,12 @@ def test_the_operator_backwards_is_its_transpose(differentiated):
             )
 
         # of suns around the horizon, each node by what it holds
+        zenith_deg = np.degrees(columns.grids.nodes.zenith_rad)[:, None]
+        some = (zenith_deg > 80.0) & (zenith_deg < 97.0)
         wanted = noise(z, 1.0)
-        some = np.arange(z.ground.shape[0])[:, None] > z.ground.shape[0] - 12
+        mean, ground = (np.where(some, x, np.inf) for x in (z.moments[:, :, 0], z.ground))
         wanted = NodeLight(
-            np.where(some[:, None], wanted.moments / z.moments[:, :, :1] ** 2, 0.0).astype(np.float32),
-            np.where(some, wanted.ground / np.maximum(z.ground, 1e-20) ** 2, 0.0).astype(np.float32),
+            (wanted.moments / mean[:, :, None] ** 2).astype(np.float32), (wanted.ground / ground**2).astype(np.float32)
         )
         change = noise(light, 0.02)
         more, less = after(light + change), after(light + change.times(np.full(8, -1.0)))
@@ -172,8 +177,10 @@ def test_the_operator_backwards_is_its_transpose(differentiated):
         ("aerosol_asymmetry", [0.0, 2.0]), ("ground_albedo", [0.0, 2.0]),
     ],
 )  # fmt: skip
-def test_the_adjoint_is_the_difference_of_solutions(medium, solved, quantity, edges, monkeypatch):
-    suns, elevations, azimuths = np.array(SUNS_AND_DIRECTIONS).T
+def test_the_adjoint_is_the_difference_of_solutions(medium, quantity, edges, monkeypatch):
+    questions = SUNS_AND_DIRECTIONS[1:]
+    suns, elevations, azimuths = np.array(questions).T
+    solved = zones.prepare(medium, zones.QUALITIES["draft"], sun_elevations_deg=[0.0, -4.0])
     found = differentiate(solved, quantity, np.array(edges)).log_slopes(suns, elevations, azimuths)[0][..., 0]
     steps = {"DEPTH_STEP": 1e-3, "ALBEDO_STEP": 0.02, "ASYMMETRY_STEP": 0.01}
     light, step = [], None
@@ -186,7 +193,7 @@ def test_the_adjoint_is_the_difference_of_solutions(medium, solved, quantity, ed
         beam = grids.sunbeam()
         exact = replace(grids, directions=replace(grids.directions, tolerance=1e-6, max_orders=30))
         columns = Field(grids, beam, *solve(exact, beam, silent))
-        light.append(np.log([columns.radiance(*question) for question in SUNS_AND_DIRECTIONS]))
+        light.append(np.log([columns.radiance(*question) for question in questions]))
     one, two = (x[:, 1:] - x[:, :1] for x in light)
     np.testing.assert_allclose(found, (4.0 * one - two) / step, rtol=4e-3, atol=2e-3 * np.abs(found).max())
 
@@ -269,6 +276,54 @@ def test_profiles_that_are_none_are_refused(tmp_path, table, why):
     path.write_text(table)
     with pytest.raises(TwilightError, match=why):
         read_profile(path, "bro")
+
+
+def of_one_air(factor, error):
+    """A dataset as of `factors.box_factors`, of one sun, two layers and one wavelength."""
+    xarray = pytest.importorskip("xarray")
+    dims = ("sun_elevation", "altitude", "wavelength")
+    return xarray.Dataset(
+        {
+            "box_air_mass_factor": (dims, np.full((1, 2, 1), factor), {"units": "1"}),
+            "standard_error": (dims, np.full((1, 2, 1), error)),
+            "altitude_bnds": (("altitude", "nv"), [[0.0, 10.0], [10.0, 60.0]]),
+        },
+        {"sun_elevation": [0.0], "altitude": [5.0, 35.0], "wavelength": [470.0]},
+    )
+
+
+def test_parts_of_random_paths_are_independent_and_their_mean_has_the_error_of_the_whole():
+    config = load("pure-air", {"solver.name": "montecarlo", "solver.target_stderr": 0.02})
+    parts = table.parts_of(config, 4)
+    assert len({part["solver"]["seed"] for part in parts}) == 4
+    assert all(part["solver"]["target_stderr"] == pytest.approx(0.04) for part in parts)
+    rng = np.random.default_rng(5)
+    found = table.merged([of_one_air(x, 0.1) for x in rng.normal(7.0, 0.1, 400)])
+    assert float(found["standard_error"][0, 0, 0]) == pytest.approx(0.1 / 20.0)
+    assert abs(float(found["box_air_mass_factor"][0, 0, 0]) - 7.0) < 4.0 * 0.1 / 20.0
+
+
+def test_a_table_has_a_dimension_for_each_key(monkeypatch, tmp_path):
+    def made(config, question, progress=None):
+        climate = config["climate"]
+        return of_one_air(climate["ground"]["albedo"] + climate["gases"]["ozone"]["column_du"], 0.0)
+
+    monkeypatch.setattr(table, "compute", made)
+    series = load_axes(
+        "pure-air", {"vary": {"ground.albedo": [0.0, 0.8], "gases.ozone.column_du": [250.0, 300.0, 400.0]}}
+    )
+    found = table.box_table(series, table.Question((0.0,), 90.0, 0.0, None), lambda *_: None)
+    assert found["box_air_mass_factor"].dims[:2] == ("ground_albedo", "gases_ozone_column_du")
+    chosen = found.sel(ground_albedo=0.8, gases_ozone_column_du=300.0)
+    np.testing.assert_allclose(chosen["box_air_mass_factor"], 300.8)
+    assert found["altitude_bnds"].dims == ("altitude", "nv")
+    whole = with_gas(found, GasProfile("gas", np.array([0.0, 60.0]), np.array([1e9, 1e9])))
+    columns, lines = report.rows(whole)
+    assert columns[:2] == ["ground_albedo", "gases_ozone_column_du"] and len(lines) == 6
+    assert lines[4][:2] == ["0.8", "300"] and float(lines[4][4]) == pytest.approx(300.8, rel=1e-3)
+    report.write_tables(whole, tmp_path)
+    report.draw(whole, tmp_path / "airmass.png", "six airs")
+    assert len((tmp_path / "boxes.csv").read_text().split()) == 13
 
 
 def test_the_command_writes_tables_and_a_picture(tmp_path):
