@@ -223,8 +223,8 @@ def test_warmer_air_is_thinner_at_the_same_pressure():
     np.testing.assert_allclose(warm.medium.refractivity / scene.medium.refractivity, ratio, rtol=2e-4)
     # T / (T + 1 K) of temperatures from 160 to 390 K
     assert np.all((ratio > 1.0 - 1.0 / 160.0) & (ratio < 1.0 - 1.0 / 390.0))
-    # ozone's Huggins bands absorb more in warmer air
-    assert np.all(warm.medium.absorption_per_km[:30, 0] > scene.medium.absorption_per_km[:30, 0])
+    # ozone's Huggins bands absorb more in warmer air, as far as cross sections were measured
+    assert np.all(warm.medium.absorption_per_km[5:30, 0] > scene.medium.absorption_per_km[5:30, 0])
 
 
 def test_columns_of_a_gas_add_up():

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -137,7 +137,7 @@ class Changes:
         one = np.array([w])
         media = [m.select(one) for m in (self.base, *self.changed)]
         many = media[0].select(np.zeros(len(media), int))
-        joined = {key: np.concatenate([getattr(m, key) for m in media], axis=1) for key in ON_LEVELS}
+        joined: dict[str, Any] = {key: np.concatenate([getattr(m, key) for m in media], axis=1) for key in ON_LEVELS}
         fraction = np.concatenate([m.aerosol_phase_fraction for m in media], axis=2)
         albedo = np.concatenate([m.ground_albedo for m in media])
         overhead = np.concatenate([m.overhead_absorption_optical_depth for m in media])
@@ -207,7 +207,7 @@ def _tilted(base: Medium, inside: np.ndarray, *_: float, step: np.ndarray) -> tu
 
 def _boxed(base: Medium, inside: np.ndarray, *_: float, other: Medium, step: float) -> tuple[Medium, float]:
     """Another air in a layer."""
-    parts = {key: np.where(inside, getattr(other, key), getattr(base, key)) for key in ON_LEVELS}
+    parts: dict[str, Any] = {key: np.where(inside, getattr(other, key), getattr(base, key)) for key in ON_LEVELS}
     return replace(base, **parts), step
 
 
