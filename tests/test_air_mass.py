@@ -199,32 +199,18 @@ def test_the_adjoint_is_the_difference_of_solutions(medium, quantity, edges, mon
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("quantity, constant, far", [("ozone_column", "DOBSON", 30.0), ("temperature", "KELVIN", 15.0)])
-def test_ozone_and_temperature_change_light_as_two_airs_differ(quantity, constant, far, monkeypatch):
+def test_ozone_changes_light_as_two_airs_differ(monkeypatch):
     suns = [0.0, -4.0]
     field = twilight.solve("pure-air", wavelength_nm=[330.0], quality="draft", sun_elevation_deg=suns)
-    found = field.jacobian(suns, 90.0, 0.0, by=quantity, edges_km=[0.0, 12.0, 30.0, 60.0, 100.0])[quantity]
+    found = field.jacobian(suns, 90.0, 0.0, by="ozone_column")["ozone_column"]
     settings = replace(zones.QUALITIES["draft"], tolerance=1e-4)
     light = []
-    for way in (far, -far):
-        monkeypatch.setattr(shifted_air, constant, way)
-        air = shifted_air.shifted(field.scene, quantity, field.medium.wavelength_nm)
+    for way in (30.0, -30.0):
+        monkeypatch.setattr(shifted_air, "DOBSON", way)
+        air = shifted_air.shifted(field.scene, "ozone_column", field.medium.wavelength_nm)
         made = zones.prepare(air.medium, settings, sun_elevations_deg=suns)
         light.append(np.array([made.radiance(sun, 90.0, 0.0).item() for sun in suns]))
-    slope = np.log(light[0] / light[1]) / (2.0 * far)
-    whole = found.sum("altitude") if "altitude" in found.dims else found
-    np.testing.assert_allclose(whole.values[:, 0], slope, rtol=0.03)
-
-
-def test_warmer_air_is_thinner_at_the_same_pressure():
-    scene = twilight.solve("pure-air", solver="cie", wavelength_nm=[330.0, 550.0]).scene
-    warm = shifted_air.shifted(scene, "temperature", scene.medium.wavelength_nm)
-    ratio = warm.medium.air_scattering_per_km / scene.medium.air_scattering_per_km
-    np.testing.assert_allclose(warm.medium.refractivity / scene.medium.refractivity, ratio, rtol=2e-4)
-    # T / (T + 1 K) of temperatures from 160 to 390 K
-    assert np.all((ratio > 1.0 - 1.0 / 160.0) & (ratio < 1.0 - 1.0 / 390.0))
-    # ozone's Huggins bands absorb more in warmer air, as far as cross sections were measured
-    assert np.all(warm.medium.absorption_per_km[5:30, 0] > scene.medium.absorption_per_km[5:30, 0])
+    np.testing.assert_allclose(found.values[:, 0], np.log(light[0] / light[1]) / 60.0, rtol=0.03)
 
 
 def test_columns_of_a_gas_add_up():

@@ -79,8 +79,7 @@ def jacobian(
         One or more of absorption (vertical optical depth of a layer), aerosol_extinction (the same of aerosol, whose
         albedo and phase functions stay), aerosol_albedo (single scattering albedo in a layer), aerosol_asymmetry
         (asymmetry parameter in a layer, every phase function P becoming P (1 + eps (mu - g)), or Henyey-Greenstein's of
-        the larger g), temperature (of a layer, at constant pressure [K^-1]: density of the air, refractive index, cross
-        sections), ozone_column [DU^-1], ground_albedo.
+        the larger g), ozone_column [DU^-1], ground_albedo.
 
     Returns
     -------

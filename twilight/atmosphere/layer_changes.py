@@ -151,7 +151,7 @@ class Changes:
 def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shifted | None = None) -> Changes:
     """The changes that differentiate by one of `solvers.base.DIFFERENTIATED` in the layers between edges_km (J + 1,).
 
-    shifted: for a quantity that a medium does not hold, temperature or ozone_column
+    shifted: for ozone_column, which a medium does not hold
     Errors: TwilightError for edges that are none.
     """
     edges = layer_edges(medium, edges_km)
@@ -165,9 +165,6 @@ def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shi
     if quantity == "aerosol_asymmetry":
         base, step = with_tilted_aerosol(base)
         change = partial(_tilted, step=step)
-    elif quantity == "temperature":
-        assert shifted is not None
-        change = partial(_boxed, other=with_doubled_levels(shifted.medium, edges, medium), step=shifted.step)
     assert change is not None
     layers = list(pairwise(edges))
     insides = [of_layer(base.altitude_km, low, high)[:, None] for low, high in layers]
@@ -203,12 +200,6 @@ def _tilted(base: Medium, inside: np.ndarray, *_: float, step: np.ndarray) -> tu
     fraction[n:] = fraction[:n] * inside
     fraction[:n] *= ~inside
     return replace(base, aerosol_phase_fraction=fraction), step
-
-
-def _boxed(base: Medium, inside: np.ndarray, *_: float, other: Medium, step: float) -> tuple[Medium, float]:
-    """Another air in a layer."""
-    parts: dict[str, Any] = {key: np.where(inside, getattr(other, key), getattr(base, key)) for key in ON_LEVELS}
-    return replace(base, **parts), step
 
 
 _IN_LAYERS: dict[str, Callable[..., tuple[Medium, float | np.ndarray]]] = {

@@ -8,13 +8,10 @@ import numpy as np
 
 from twilight.atmosphere.layer_changes import Shifted
 from twilight.base.errors import TwilightError
-from twilight.config.profile import air_profile
 from twilight.scene.medium import built_medium
 from twilight.scene.plan import make_plan
 from twilight.scene.scene import Scene
 
-KELVIN = 1.0
-"""Change of temperature [K]."""
 DOBSON = 1.0
 """Change of the ozone column [DU]."""
 
@@ -22,27 +19,15 @@ DOBSON = 1.0
 def shifted(scene: Scene, quantity: str, wavelength_nm: np.ndarray) -> Shifted | None:
     """The medium of a scene at wavelengths (W,) [nm] with more of a quantity everywhere.
 
-    temperature: KELVIN warmer at the same pressure, and at the same densities of ozone and nitrogen dioxide: density of
-    the air, refractivity and cross sections change.  ozone_column: DOBSON more, in proportion at all altitudes.  Any
-    other quantity is in the medium itself: None.
+    ozone_column: DOBSON more, in proportion at all altitudes.  Any other quantity is in the medium itself: None.
 
-    Errors: TwilightError for a medium without temperatures or without ozone.
+    Errors: TwilightError for a medium without ozone.
     """
-    if quantity not in ("temperature", "ozone_column"):
+    if quantity != "ozone_column":
         return None
     climate = make_plan(scene.configuration, wavelength_nm).climate
     if climate.medium is not None:
         raise TwilightError(f"derivatives by {quantity}: a medium that is a table knows its coefficients alone")
-    if quantity == "temperature":
-        air = air_profile(climate)
-        colder = air.temperature_k / (air.temperature_k + KELVIN)
-        warmer = replace(
-            air,
-            temperature_k=air.temperature_k + KELVIN,
-            air_per_cm3=air.air_per_cm3 * colder,
-            h2o_per_cm3=air.h2o_per_cm3 * colder,
-        )
-        return Shifted(_like(scene, built_medium(climate, wavelength_nm, warmer)), KELVIN)
     if climate.gases.ozone.treatment == "none":
         raise TwilightError("derivatives by ozone_column: gases.ozone.treatment is none, and there is no ozone")
     column = scene.medium.notes["ozone_column_du"] + DOBSON

@@ -82,7 +82,6 @@ DIFFERENTIATED = {
     "aerosol_extinction": "vertical optical depth of aerosol in the layer",
     "aerosol_albedo": "single scattering albedo of the aerosol in the layer",
     "aerosol_asymmetry": "asymmetry parameter of the aerosol in the layer",
-    "temperature": "temperature of the layer",
     "ozone_column": "column of ozone",
     "ground_albedo": "albedo of the ground",
 }
