@@ -168,6 +168,9 @@ BENCHMARKS = {
         "visibility_arcus.csv",
         "arcus visionis of Sirius, Venus and Saturn beside historical values",
     ),
+    "first_light": Benchmark(
+        "visibility.py dawn", "visibility_dawn.csv", "contrast of a desert's dawn beside the eye's threshold"
+    ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",

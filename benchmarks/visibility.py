@@ -1,9 +1,11 @@
-"""What is seen beside what was: python benchmarks/visibility.py [arcus | crescent]
+"""What is seen beside what was: python benchmarks/visibility.py [arcus | crescent | dawn]
 
 arcus: the arcus visionis of Sirius, Venus and Saturn, the least vertical distance between an object on the true horizon
 and the sun below it with which the object is seen on that day at some altitude (visibility_arcus.csv).
 crescent: the young moon beside the criteria of Yallop 1997 (q) and Odeh 2004 (V) at Yallop's best time, over two years
 of new moons at four places: magnitudes above the eye's limit then (visibility_crescent.csv, docs/crescent.png).
+dawn: first light over a desert near Tubruq, mean of four months: twilight over the night and luminance towards the sun
+over that to the side, beside the contrast that an eye sees of something large with an edge (visibility_dawn.csv).
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from twilight.engine.light import Moments
 from twilight.engine.light_setup import field_for
 from twilight.engine.visibility import Eye
 from twilight.sky.ephemeris import sun_position
-from twilight.sky.eye_limit import limiting_magnitude
+from twilight.sky.eye_limit import limiting_magnitude, threshold_contrast
 from twilight.sky.night import Place
 from twilight.sky.objects import tracks
 from twilight.sky.quantities.catalogue import quantity
@@ -28,6 +30,10 @@ from twilight.sky.quantities.catalogue import quantity
 HERE = Path(__file__).parent
 LIGHT = {"solver.quality": "draft", "wavelengths.list_nm": [440.0, 500.0, 550.0, 600.0, 660.0]}
 PLACES = {"Athens": (38.0, 23.7), "Cape Town": (-33.9, 18.4), "Islamabad": (33.7, 73.1), "Quito": (-0.2, -78.5)}
+TUBRUQ = (32.08, 23.98)
+DAWN_SUNS = (-18.0, -17.0, -16.0, -15.0, -14.7, -14.0, -13.1, -12.0)
+"""-13.1: mean of 623 mornings, -14.7: the earliest (Hassan & Abdel-Hadi 2015)."""
+DAWN_DEG = 3.0
 BEST_TIME = 4.0 / 9.0
 """Yallop's best time: sunset plus 4/9 of the lag to moonset."""
 OBJECTS = (
@@ -175,7 +181,31 @@ def draw(rows: list[tuple[str, ...]]) -> None:
     figure.savefig(HERE.parent / "docs" / "crescent.png", dpi=130)
 
 
+def dawn() -> None:
+    """Luminance DAWN_DEG high at the sun's azimuth, and 40 deg to its side."""
+    eye, found = eye_in("desert"), []
+    for month in (1, 4, 7, 10):
+        times = [dt.datetime(2026, month, 15, tzinfo=dt.UTC) + dt.timedelta(minutes=k) for k in range(360)]
+        near = [int(np.argmin(np.abs(np.asarray(sun_position(times, *TUBRUQ).elevation_deg) - x))) for x in DAWN_SUNS]
+        moments = eye.moments(*TUBRUQ, [times[k] for k in near])
+        moments = moments._replace(sun_elevation_deg=np.array(DAWN_SUNS))
+        azimuth = moments.sun_azimuth_deg[:, None] + np.array([0.0, 40.0])
+        high = np.full(azimuth.shape, DAWN_DEG)
+        all_light = eye.background(moments, high, azimuth, moonlight=False)
+        night = eye.background(
+            moments._replace(sun_elevation_deg=np.full(len(near), -40.0)), high, azimuth, moonlight=False
+        )
+        found.append((all_light[:, 0] / night[:, 0] - 1.0, all_light[:, 0] / all_light[:, 1] - 1.0, all_light[:, 1]))
+    over_night, contrast, beside = np.mean(found, axis=0)
+    least = threshold_contrast(1.0, beside, 1.0)
+    columns = ("sun_deg", "twilight_over_night", "contrast_to_the_side", "threshold_contrast", "field_factor")
+    rows = [(f"{sun:g}", *(f"{x:.3g}" for x in row)) for sun, *row in
+            zip(DAWN_SUNS, over_night, contrast, least, contrast / least, strict=True)]  # fmt: skip
+    notes = [f"desert, {DAWN_DEG:g} deg high; threshold of Crumey 2014 with F = 1; field_factor that would reach it"]
+    results.write(HERE / "visibility_dawn.csv", columns, rows, notes=notes)
+
+
 if __name__ == "__main__":
-    chosen = sys.argv[1:] or ["arcus", "crescent"]
+    chosen = sys.argv[1:] or ["arcus", "crescent", "dawn"]
     for name in chosen:
-        {"arcus": arcus, "crescent": crescent}[name]()
+        {"arcus": arcus, "crescent": crescent, "dawn": dawn}[name]()
