@@ -191,6 +191,11 @@ BENCHMARKS = {
     "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the reference solution"),
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
     "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
+    "prague": Benchmark(
+        "prague.py --channels 3 --start-nm 440 --nodes 1 --picture",
+        "prague.csv, ../docs/prague.png",
+        "files of the Prague Sky Model against the field",
+    ),
 }
 
 

@@ -1,0 +1,125 @@
+"""Files of the Prague Sky Model: their error against the field that made them, their size and their time.
+
+    python benchmarks/prague.py [--climate NAME] [--channels N] [--start-nm NM] [--nodes N] [--visibilities KM,...]
+                                [--albedos A,...] [--picture]
+
+Writes prague.csv: for suns on the file's nodes and half-way between them, relative errors over the sky (uniform in
+solid angle, above 0.3 deg), in percent, over all airs and grounds of the file, and read back by
+`twilight.studies.export.prague_sky`, which tests hold to the published reader.  With --picture also
+../docs/prague.png: a sky of the file beside the field's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from results import write
+
+from twilight.engine.solve import Problem
+from twilight.scene import resolve
+from twilight.studies.export.prague import SUN_DEG, PragueMaker
+from twilight.studies.export.prague_air import airs_of, channel_nodes
+from twilight.studies.export.prague_file import PragueAxes, write_prague
+from twilight.studies.export.prague_sky import SAFETY_M, PragueSky
+
+HERE = Path(__file__).parent
+SUNS_DEG = (60.0, 27.5, 5.0, 1.25, 0.0, -2.1, -4.0, -6.125, -9.0, -12.125, -15.0, -17.875)
+DIRECTIONS = 400
+WIDTH_NM = 40.0
+LAYOUT = {"visibilities": 5, "albedos": 2, "channels": 11}
+
+
+def main() -> None:
+    """Measure and write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--climate", default="continental-average")
+    parser.add_argument("--visibilities", default="51")
+    parser.add_argument("--albedos", default="0.15")
+    parser.add_argument("--channels", type=int, default=11)
+    parser.add_argument("--start-nm", type=float, default=320.0)
+    parser.add_argument("--nodes", type=int, default=2)
+    parser.add_argument("--quality", default="draft")
+    parser.add_argument("--picture", action="store_true")
+    options = parser.parse_args()
+    airs = airs_of([options.climate], tuple(float(v) for v in options.visibilities.split(",")))
+    albedo = np.array([float(a) for a in options.albedos.split(",")])
+    axes = PragueAxes(
+        np.array([a.visibility_km for a in airs]), albedo, np.array([SAFETY_M]), np.array(SUN_DEG), options.channels,
+        options.start_nm, WIDTH_NM,
+    )  # fmt: skip
+    nodes = channel_nodes(options.channels, options.start_nm, WIDTH_NM, options.nodes)
+    fields: dict[tuple[int, int], object] = {}
+
+    def field_of(v: int, b: int, tell: object) -> object:
+        scene = resolve(airs[v].config(float(albedo[b]), options.quality), wavelength_nm=nodes.wavelength_nm)
+        fields[v, b] = Problem(scene).solve()
+        return fields[v, b]
+
+    begin = time.process_time()
+    made = PragueMaker(axes, nodes, 9, False).make(field_of, lambda doing, share: None)
+    spent = time.process_time() - begin
+    with tempfile.TemporaryDirectory() as folder:
+        size = write_prague(Path(folder) / "sky.dat", made)
+        sky = PragueSky.load(Path(folder) / "sky.dat")
+    random = np.random.default_rng(1)
+    e, a = np.degrees(np.arcsin(random.uniform(0.005, 1.0, DIRECTIONS))), random.uniform(0.0, 180.0, DIRECTIONS)
+    rows = []
+    for sun in SUNS_DEG:
+        off = []
+        for (v, b), field in fields.items():
+            exact = nodes.mean(field.radiance(sun, e, a))
+            for c in range(options.channels):
+                air = {"visibility_km": float(axes.visibility_km[v]), "albedo": float(albedo[b])}
+                off.append(
+                    100.0
+                    * (sky.radiance(sun, e, a, options.start_nm + WIDTH_NM * (c + 0.5), **air) / exact[:, c] - 1.0)
+                )
+        worst = max(np.percentile(np.abs(one), 95) for one in off)
+        rows.append([sun, *(f"{x:.2f}" for x in (np.median(np.abs(off)), np.percentile(np.abs(off), 95), worst))])
+        print(*rows[-1], flush=True)
+    count = axes.shape[0] * axes.shape[1] * axes.shape[4]
+    whole = LAYOUT["visibilities"] * LAYOUT["albedos"] * LAYOUT["channels"]
+    notes = [
+        f"{options.climate}, zones {options.quality}, {axes.shape} of (air, albedo, altitude, sun, channel)",
+        f"{size} bytes and {spent:.0f} s of processor time for {count} of the ground layout's {whole} visibilities x "
+        f"albedos x channels: by proportion {size * whole / count / 1e6:.0f} MB and {spent * whole / count:.0f} s",
+    ]
+    columns = ["sun_elevation_deg", "median_percent", "p95_percent", "p95_of_worst_channel_percent"]
+    write(HERE / "prague.csv", columns, rows, notes=notes)
+    if options.picture:
+        picture(fields[0, 0], sky, nodes, axes, HERE.parent / "docs" / "prague.png")
+
+
+def picture(field, sky: PragueSky, nodes, axes: PragueAxes, path: Path) -> None:
+    """The sky of the file, of the field, and their ratio, at two suns in the middle channel."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    e, a = np.meshgrid(np.linspace(89.7, 0.3, 60), np.linspace(0.0, 180.0, 60), indexing="ij")
+    channel, air = axes.channels // 3, {"visibility_km": float(axes.visibility_km[0]), "albedo": float(axes.albedo[0])}
+    nm = axes.start_nm + axes.width_nm * (channel + 0.5)
+    figure, panels = pyplot.subplots(2, 3, figsize=(10, 4.6), layout="constrained")
+    for row, sun in zip(panels, (-4.0, -12.125), strict=True):
+        exact = nodes.mean(field.radiance(sun, e, a))[..., channel]
+        found = sky.radiance(sun, e, a, nm, **air)
+        edges = {"extent": (0, 180, 0, 90), "aspect": "auto"}
+        for panel, values, title in zip(row, (exact, found), ("zones", "the file"), strict=False):
+            shown = panel.imshow(np.log10(values), vmin=np.log10(exact.min()), vmax=np.log10(exact.max()), **edges)
+            panel.set_title(f"{title}, sun {sun:g} deg, {nm:g} nm", fontsize=9)
+        figure.colorbar(shown, ax=row[1], label="log10 of W m-2 sr-1 nm-1")
+        shown = row[2].imshow(100 * (found / exact - 1), vmin=-5, vmax=5, cmap="RdBu_r", **edges)
+        row[2].set_title("difference [%]", fontsize=9)
+        figure.colorbar(shown, ax=row[2])
+    figure.supxlabel("azimuth from the sun [deg]", fontsize=9)
+    figure.supylabel("elevation [deg]", fontsize=9)
+    figure.savefig(path, dpi=90)
+
+
+if __name__ == "__main__":
+    main()
