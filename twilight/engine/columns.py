@@ -2,7 +2,7 @@
 
     L = c L_under + (1 - c) L_between,    of Stokes parameters, the sunbeam, transmittances and fluxes alike,
 
-as if no light crossed from one to the other (Stephens et al. 1991, Adv. Space Res. 11, 73 call it so); c is the cover.
+as if no light crossed from one to the other; c is the cover.
 """
 
 from __future__ import annotations
