@@ -130,9 +130,11 @@ def test_the_top_of_dust_is_a_rim_that_polar_angles_part_at(desert):
 
     Quadrature across the jump is off by up to 13 %.
     """
-    assert rims_km(prepare_profile(desert)).tolist() == [6.0]
+    assert rims_km(prepare_profile(desert), STANDARD.altitude_density).tolist() == [6.0]
+    assert not rims_km(prepare_profile(desert), zones.QUALITIES["draft"].altitude_density).size
     for climate in ("continental-average", "urban", "maritime-clean"):  # the air itself hides what is behind
-        assert not rims_km(prepare_profile(climate_medium(load_climate(climate), WAVELENGTH_NM))).size
+        profile = prepare_profile(climate_medium(load_climate(climate), WAVELENGTH_NM))
+        assert not rims_km(profile, STANDARD.altitude_density).size
     altitude = np.array([7.0, 10.0, 40.0])
     profile = prepare_profile(desert)
     horizon, rim = (horizon_cosine(profile, altitude, at) for at in (None, np.full(3, 6.0)))

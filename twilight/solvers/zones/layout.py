@@ -87,13 +87,13 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
         thin = thin_layers(profile)[0].size > 0
         directions = needed(settings, scaled, profile)
         reach = reach_of(settings, scaled, profile)
-        rims = rims_km(profile)
+        rims = rims_km(profile, settings.altitude_density)
         return Layout(near_edges(profile, profile), nodes, directions, reach, scaled.medium, medium, thin, rims)
     air = delta_scaled(fixed, scaled.degree)
     reference = prepare_profile(air.medium)
     nodes = _field_altitudes(medium, reference, settings.altitude_density)
     directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
-    reach, rims = reach_of(settings, air, reference), rims_km(reference)
+    reach, rims = reach_of(settings, air, reference), rims_km(reference, settings.altitude_density)
     if of_terms or not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
         return Layout(near_edges(profile, reference), nodes, directions, reach, scaled.medium, fixed, thin, rims)
@@ -180,5 +180,5 @@ def _serves(fixed: Medium, medium: Medium) -> np.ndarray:
 
 def _field_altitudes(medium: Medium, profile: Profile, density: float) -> np.ndarray:
     """Altitudes [km] of the nodes of a field; profile: of the scaled air."""
-    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density, rims_km(profile))
+    nodes = altitude_nodes(medium.bottom_km, medium.top_km, profile.break_km, density, rims_km(profile, density))
     return resolve_layers(nodes, profile, density)

@@ -40,7 +40,7 @@ UNSEEN = {"fine": 1.45, "coarse": 1.45, "aloft": 1.9}
 errors stay within so many times the largest of the others of its kind (benchmarks/target_error.csv).  High up there are
 but two, far apart."""
 MEASURED: dict[str, dict[str, Errors]] = {
-    "draft": {"fine": Errors(1.4, 2.0, 2.1), "coarse": Errors(1.7, 2.4, 2.5), "aloft": Errors(3.3, 4.5, 3.7)},
+    "draft": {"fine": Errors(1.4, 2.0, 2.1), "coarse": Errors(1.7, 2.4, 3.1), "aloft": Errors(3.3, 4.5, 3.7)},
     "standard": {"fine": Errors(0.9, 1.6, 1.8), "coarse": Errors(1.2, 1.5, 1.6), "aloft": Errors(1.4, 1.5, 3.6)},
     "reference": {"fine": Errors(0.4, 0.8, 0.2)},
 }
