@@ -18,9 +18,10 @@ far as it has the moments of late orders, and y_n = g + K_E'^T y_(n+1) to the or
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import OrderedDict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -65,7 +66,7 @@ class Derivatives:
 
     field: Field
     changes: Changes
-    _columns: OrderedDict[int, Columns] = field(default_factory=OrderedDict, repr=False)
+    _columns: OrderedDict[int, Columns] = dataclasses.field(default_factory=OrderedDict, repr=False)
 
     def log_slopes(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km: float | None = None

@@ -61,8 +61,8 @@ RIM_KM = 4.0
 RIM_DROP_PER_KM = 3e-3
 """Drop of the extinction [km^-1] at a rim: over the 200 km that a line which grazes it has below, a depth of 0.6."""
 RIM_DENSITY = 0.65
-"""altitude_density from which on rims count: at `draft`, 0.5, they took 1.6 times as long in dust and were worth 0.6 % at
--18 deg (benchmarks/zones_error.py)."""
+"""altitude_density from which on rims count: at `draft`, 0.5, they took 1.6 times as long in dust and were worth 0.6 %
+at -18 deg (benchmarks/zones_error.py)."""
 RIM_POLAR = 3
 """More polar angles a side where there is a rim, for the light between it and the horizon."""
 BESIDE_KM = 1e-3
