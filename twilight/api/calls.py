@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from twilight import solvers
 from twilight.api.airmass import airmass, jacobian
 from twilight.api.arguments import config_of, moment_of, numbers, place_of
+from twilight.api.limb import limb
 from twilight.api.representation import Sky, SkySeries
 from twilight.api.types import PlaceLike, RenderOptions, SceneLike, TimeLike, TimesLike
 from twilight.atmosphere.medium import Medium
@@ -165,8 +166,8 @@ def solve(
     Solved
         `radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)` is sun-normalised [sr^-1], shape
         of the directions plus (W,); `stokes` gives I, Q and U, `inscatter` the air before an object, `direct` the sun's
-        own light, `sky` a whole `Sky`, `airmass` and `jacobian` derivatives by what is in the air, `view` a page for
-        the browser.
+        own light, `sky` a whole `Sky`, `airmass` and `jacobian` derivatives by what is in the air, `limb` radiance
+        against tangent altitude from space, `view` a page for the browser.
 
     Raises
     ------
@@ -285,6 +286,7 @@ Solved.view = view  # type: ignore[method-assign]
 Solved.fluxes = fluxes  # type: ignore[method-assign]
 Solved.airmass = airmass  # type: ignore[method-assign]
 Solved.jacobian = jacobian  # type: ignore[method-assign]
+Solved.limb = limb  # type: ignore[method-assign]
 
 
 def _times(at: Any) -> dict[str, Any]:

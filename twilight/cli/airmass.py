@@ -9,11 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, option, scene_names, settings_of, within
+from twilight.cli.options import file_stem, numbers, numbers_or_range, option, scene_names, settings_of, within
 from twilight.cli.terminal import print_table, progress_bar
 
-MOST_SUNS = 1000
-"""Most suns of one table."""
 MOST_WORKERS = 10_000
 """Most processes."""
 
@@ -62,7 +60,7 @@ def airmass(
     from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes
 
-    suns = _suns(sun)
+    suns = numbers_or_range(sun, "--sun", 0.0, 108.0)
     wavelengths = numbers(wavelength, "--wavelength", 300.0, 1000.0)
     within(elevation, "--elevation", -90.0, 90.0)
     within(azimuth, "--azimuth", -720.0, 720.0)
@@ -116,21 +114,6 @@ def airmass(
     columns, lines = report.rows(found)
     print_table(columns, lines, right=tuple(range(len(columns))))
     print(f"wrote {folder}: airmass.csv, boxes.csv, airmass.nc, airmass.png")
-
-
-def _suns(text: str) -> list[float]:
-    """Solar zenith angles [deg] of `first:last:step`, or of numbers with commas."""
-    if ":" not in text:
-        return numbers(text, "--sun", 0.0, 108.0)
-    try:
-        first, last, step = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise TwilightError(f"--sun: {text} must be first:last:step, e.g. 80:96:0.5") from None
-    for value in (first, last):
-        within(value, "--sun", 0.0, 108.0)
-    if not (step > 0.0 and last >= first and (last - first) / step < MOST_SUNS):
-        raise TwilightError(f"--sun: {text} must go up by a step above 0, to at most {MOST_SUNS} suns")
-    return [first + k * step for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
 def _axis(text: str) -> tuple[str, Any]:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, option, scene_names, settings_of
+from twilight.cli.options import file_stem, numbers, one_config, option, scene_names, settings_of
 from twilight.cli.terminal import print_table, progress_bar
-
-if TYPE_CHECKING:
-    from twilight.config import Config
 
 USUAL_NM = (
     281, 284, 288, 292, 296, 299, 302, 305, 308, 311, 314, 317, 320, 324, 328, 334, 340, 350, 365, 380, 395, 410, 425,
@@ -54,9 +51,9 @@ def fluxes(
     chosen, names = settings_of(settings)
     if quality is not None:
         chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    config = _one(scene, chosen, names)
+    config = one_config(scene, chosen, names, "fluxes")
     if config.wavelengths is None and config.climate.medium is None:
-        config = _one(scene, {**chosen, "wavelengths": {"list_nm": list(USUAL_NM)}}, names)
+        config = one_config(scene, {**chosen, "wavelengths": {"list_nm": list(USUAL_NM)}}, names, "fluxes")
     resolved = resolve(config, mixed=True)
     ground = resolved.medium.bottom_km
     if altitude_km is None:
@@ -91,12 +88,3 @@ def fluxes(
         [columns[i] for i in shown], [[f"{row[i]:.4g}" for i in shown] for row in rows], right=tuple(range(len(shown)))
     )
     print(f"wrote {', '.join(files)} to {folder}/")
-
-
-def _one(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Config:
-    from twilight.config import load_series
-
-    cases = load_series(scene, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); fluxes takes one")
-    return cases[0].config

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from twilight.base.errors import TwilightError
+
+if TYPE_CHECKING:
+    from twilight.config import Config
+
+MOST = 1000
+"""Most numbers of a range."""
 
 
 def option(metavar: str, help: str, *names: str) -> Any:
@@ -85,6 +91,31 @@ def numbers(text: str, option: str, low: float, high: float) -> list[float]:
     for value in values:
         within(value, option, low, high)
     return list(dict.fromkeys(values))
+
+
+def numbers_or_range(text: str, option: str, low: float, high: float) -> list[float]:
+    """Numbers of `first:last:step`, or with commas between them; TwilightError for anything else, and above MOST."""
+    if ":" not in text:
+        return numbers(text, option, low, high)
+    try:
+        first, last, step = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise TwilightError(f"{option}: {text} must be first:last:step, e.g. 80:96:0.5") from None
+    for value in (first, last):
+        within(value, option, low, high)
+    if not (step > 0.0 and last >= first and (last - first) / step < MOST):
+        raise TwilightError(f"{option}: {text} must go up by a step above 0, to at most {MOST} numbers")
+    return [first + k * step for k in range(int((last - first) / step + 1e-6) + 1)]
+
+
+def one_config(scene: str, chosen: dict[str, Any], names: dict[str, str], command: str) -> Config:
+    """The configuration of a command that takes one scene; TwilightError for a series of them."""
+    from twilight.config import load_series
+
+    cases = load_series(scene, chosen, names)
+    if len(cases) > 1:
+        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); {command} takes one")
+    return cases[0].config
 
 
 def within(value: float, option: str, low: float, high: float) -> None:

@@ -357,6 +357,19 @@ class Solved(FieldLight):
             observer_altitude_km: float | None = None,
         ) -> xarray.Dataset: ...
 
+        def limb(
+            self,
+            tangent_km: ArrayLike,
+            sun_elevation_deg: float,
+            azimuth_deg: float = 90.0,
+            *,
+            observer_altitude_km: float = 600.0,
+            field_of_view_km: float | None = None,
+            field_of_view_shape: str = "box",
+            air_mass: bool = False,
+            edges_km: ArrayLike | None = None,
+        ) -> xarray.Dataset: ...
+
 
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
     """Solve a scene with the user's cache, and hold it.

@@ -1,0 +1,138 @@
+"""`twilight limb`: radiance against tangent altitude as seen from space, and solar occultation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twilight.base.errors import TwilightError
+from twilight.cli.options import (
+    file_stem,
+    numbers,
+    numbers_or_range,
+    one_config,
+    option,
+    scene_names,
+    settings_of,
+    within,
+)
+from twilight.cli.terminal import print_table, progress_bar
+
+PRINTED = 12
+"""About how many lines of sight are printed."""
+
+
+def limb(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="CLIMATE_OR_CONFIG",
+            help="Name or file of a climate, or file of a configuration.",
+            autocompletion=scene_names,
+        ),
+    ],
+    tangent_km: Annotated[
+        str, option("KM", "Apparent tangent altitudes: first:last:step, or numbers with commas between them.")
+    ] = "10:80:2",
+    sun_zenith: Annotated[float | None, option("DEG", "Solar zenith angle at the tangent point.")] = None,
+    sun_elevation: Annotated[float | None, option("DEG", "In place of it: true elevation of the sun there.")] = None,
+    azimuth: Annotated[float | None, option("DEG", "Of the line of sight from the sun, there; without it, 90.")] = None,
+    wavelength: Annotated[str, option("NM,...", "Wavelengths.")] = "470,600,675",
+    altitude_km: Annotated[float, option("KM", "Of the observer, above the air.")] = 600.0,
+    field_of_view_km: Annotated[
+        float | None, option("KM", "Width in tangent altitude over which light is averaged; without it, a line.")
+    ] = None,
+    field_of_view_shape: Annotated[str, option("NAME", "box, or gaussian with that width at half maximum.")] = "box",
+    air_mass: Annotated[
+        bool, typer.Option("--air-mass", help="Box air-mass factors too: derivatives by the absorption of each layer.")
+    ] = False,
+    layers: Annotated[
+        str | None, option("KM,...", "Altitudes that bound their layers; without it, 15 layers up to 70 km.")
+    ] = None,
+    occultation: Annotated[
+        bool, typer.Option("--occultation", help="The sun behind the limb, in place of scattered light.")
+    ] = False,
+    solver: Annotated[str | None, option("NAME", "zones (as it is without this), or montecarlo.")] = None,
+    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    output: Annotated[Path | None, option("DIR", "Folder for tables, netCDF and picture.")] = None,
+) -> None:
+    """Radiance of the limb against tangent altitude, seen from above the air; or the sun's light through the limb.
+
+    Writes limb.csv, limb.nc and limb.png, or occultation.csv, .nc and .png: transmittance of the bent rays, the angle
+    by which they are bent, and how thin that spreads sunlight.
+    """
+    from twilight.base.whole_files import check_folder
+
+    tangents = numbers_or_range(tangent_km, "--tangent-km", 0.0, 200.0)
+    within(altitude_km, "--altitude-km", 50.0, 40_000.0)
+    wavelengths = sorted(numbers(wavelength, "--wavelength", 280.0, 1000.0))
+    chosen, names = settings_of(settings)
+    given = {
+        "wavelengths": {"list_nm": wavelengths},
+        **({} if solver is None else {"solver.name": solver}),
+        **({} if quality is None else {"solver.quality": quality}),
+    }
+    if occultation:
+        for value, name in ((sun_zenith, "--sun-zenith"), (sun_elevation, "--sun-elevation"), (azimuth, "--azimuth")):
+            if value is not None:
+                raise TwilightError(f"{name}: is not for --occultation, where the sun stands behind the limb")
+        if air_mass:
+            raise TwilightError("--air-mass: is not for --occultation")
+    elif (sun_zenith is None) == (sun_elevation is None):
+        raise TwilightError("limb: takes either --sun-zenith or --sun-elevation, or --occultation")
+    if layers is not None and not air_mass:
+        raise TwilightError("--layers: is for --air-mass alone")
+    if sun_zenith is not None:
+        within(sun_zenith, "--sun-zenith", 0.0, 108.0)
+    if sun_elevation is not None:
+        within(sun_elevation, "--sun-elevation", -18.0, 90.0)
+    edges = None if layers is None else numbers(layers, "--layers", 0.0, 200.0)
+    config = one_config(scene, {**given, **chosen}, names, "limb")
+    stem = "occultation" if occultation else "limb"
+    folder = output or Path("out") / f"{stem}-{file_stem(config.title, 'scene')}"
+    check_folder(folder)
+
+    from twilight.base.progress import part_of
+    from twilight.engine import check_size, solve
+    from twilight.scene import resolve
+    from twilight.studies.limb import report, sight
+    from twilight.studies.limb.limb import limb_of
+    from twilight.studies.limb.occultation import occultation as occultation_of
+
+    resolved = resolve(config, mixed=not occultation)
+    sight.tangent_altitudes(resolved.medium, tangents, altitude_km)
+    sight.field_of_view(field_of_view_km, field_of_view_shape)
+    if occultation:
+        found = occultation_of(
+            resolved.medium,
+            tangents,
+            bands=resolved.bands,
+            observer_altitude_km=altitude_km,
+            title=config.title,
+            field_of_view_km=field_of_view_km,
+            field_of_view_shape=field_of_view_shape,
+        )
+    else:
+        check_size(config)
+        with progress_bar() as bar:
+            solved = solve(resolved, None, part_of(bar, 0.0, 0.7))
+            found = limb_of(
+                solved,
+                tangents,
+                90.0 - sun_zenith if sun_zenith is not None else float(sun_elevation or 0.0),
+                90.0 if azimuth is None else azimuth,
+                observer_altitude_km=altitude_km,
+                air_mass=air_mass,
+                edges_km=edges,
+                progress=part_of(bar, 0.7, 0.3),
+                field_of_view_km=field_of_view_km,
+                field_of_view_shape=field_of_view_shape,
+            )
+    folder.mkdir(parents=True, exist_ok=True)
+    files = report.write(found, folder, stem)
+    columns, rows = report.table(found.isel(apparent_tangent_altitude=slice(None, None, -(-len(tangents) // PRINTED))))
+    print_table(columns, rows, right=tuple(range(len(columns))))
+    print(f"wrote {', '.join(files)} to {folder}/")
