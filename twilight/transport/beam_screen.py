@@ -69,7 +69,7 @@ def passing(pool, at, p, u):
 
 @njit(inner=True, cache=True, inline=True)
 def at_wavelength(pool, at, w, passed):
-    """T at wavelength w from what passes at 550 nm; pool, at: as of `passing`."""
+    """T at wavelength `w` from `passed`, what passes at 550 nm; pool, at: as of `passing`."""
     power = pool[at + AT_NODES + 2 * int(pool[at + N_NODE]) + w]
     return passed if power == 1.0 else math.pow(passed, power)
 

@@ -69,7 +69,7 @@ def screen_in_space(medium: Medium, bent: bool) -> ScreenInSpace:
 
 @njit(inner=True, **INNER)
 def wall_at(wall, x, y):
-    """(height [km], distance [km]) of a skyline, of `ScreenInSpace`, in the azimuth of a point (x, y)."""
+    """(height [km], distance [km]) of the skyline `wall` of `ScreenInSpace` in the azimuth of a point (x, y)."""
     azimuth = math.atan2(y, x)
     if azimuth < 0.0:
         azimuth += 2.0 * math.pi

@@ -7,7 +7,15 @@ of sight for example, by the Stokes parameters that `next_order.scatter` writes,
 derivatives by the `RadianceField` that it reads.  They go through the same points, and from every sum that a point
 enters back into it.
 
-Arguments as of `next_order`.  Here also back: `RadianceAdjoint`, added to; slab: `SlabAdjoint`, of one point.
+Arguments as of `next_order`:
+    point: `RayPoints`; k: index of one of them; rule: of cubic interpolation in the solar zenith angle; series: the
+    numbers of harmonics and azimuthal orders
+    light: `RadianceField`; source: `SlabSource`, of one point; low, high: its first and last node of zenith angle
+    geometry (angle, zenith, azimuth, 2): of the points of a ray; rays_first (R + 1,): of their indices
+    ground_weight (R, LANES), ground_angle (R,): transmittance to the ground at the end of a ray, and its angle;
+    n_polar: polar angles of a node in altitude
+
+Here also back: `RadianceAdjoint`, added to; slab: `SlabAdjoint`, of one point.
 """
 
 from __future__ import annotations
@@ -63,7 +71,7 @@ class SlabAdjoint(NamedTuple):
 
 @njit(inner=True, cache=True, inline=True)
 def add(array, index, lanes):
-    """Add lanes to array[index]."""
+    """Add `lanes` to array[`index`]."""
     store(array, index, load(array, index) + lanes)
 
 
@@ -71,8 +79,8 @@ def add(array, index, lanes):
 def sample_back(source, slab, j, b1, c, highest, series, strength, of_i, of_q, of_u, stokes):
     """Add what one direction at one point does; of_i, of_q, of_u (`Lanes`): derivatives by its Stokes parameters.
 
-    j, b1: interval of the fine grid of solar zenith angles and the way into it; strength: weight of the point;
-    stokes: whether Q and U count.
+    j, b1: interval of the fine grid of solar zenith angles and the way into it; c: cosine of the azimuth; highest:
+    azimuthal order; strength: weight of the point; stokes: whether Q and U count.
     """
     b0 = ONE - b1
     mean = strength * exp(b0 * load(source.log_mean, j) + b1 * load(source.log_mean, j + 1))
@@ -166,7 +174,11 @@ def slab_back(point, k, rule, series, low, high, source, slab, back):
 
 @njit(inner=True, cache=True)
 def spin2_back(point, k, series, low, high, n, by_spin2, amplitude, ratio):
-    """Add to ratio (Z', T, C + 2 C') what Q and U of the source, and the part of Q and U in I, give."""
+    """Add to ratio (Z', T, C + 2 C') what Q and U of the source, and the part of Q and U in I, give.
+
+    n: fine intervals of one of zenith angle; by_spin2 (C', 6, LANES): of the source; amplitude (T', A, LANES): of a
+    `SlabAdjoint`
+    """
     n_spin2 = point.spin2_x.shape[1]
     n_harmonics = ratio.shape[2] - 2 * n_spin2
     node, f = point.node[k], point.node_fraction[k]
@@ -269,7 +281,10 @@ def scatter_back(
 
 @njit(inner=True, cache=True, nogil=True)
 def ground_back(geometry, place, log_ground, transmittance, ray, radiance, back):
-    """Add what the ground at the end of a ray has in it to back (T', LANES); radiance (T, F, Stokes, LANES)."""
+    """Add what the ground at the end of a ray has in it to back (T', LANES); radiance (T, F, Stokes, LANES).
+
+    place: of the ray's end in `geometry`; log_ground (T', LANES): of the light; transmittance (R, LANES), ray: to there
+    """
     step = min(int(place), geometry.shape[0] - 2)
     h1 = place - np.float32(step)
     h0 = ONE - h1
@@ -289,7 +304,8 @@ def ground_back(geometry, place, log_ground, transmittance, ray, radiance, back)
 def view_back(rays, point, directions, fine, zenith_nodes, light, rule, series, ground_weight, wanted, back):
     """Add the derivatives of the radiance that `line_integrals.view_multiple` finds in one direction on one ray.
 
-    rays, directions: of one each; wanted (LANES,): 1 for the wavelengths whose radiance it is, 0 for others.
+    rays, directions: of one each; fine (T',), zenith_nodes (T,): solar zenith angles [rad];
+    wanted (LANES,): 1 for the wavelengths whose radiance it is, 0 for others.
     """
     n_nodes = zenith_nodes.size
     source = empty_slab_source(point, light, rule, series)
@@ -328,7 +344,10 @@ def view_back(rays, point, directions, fine, zenith_nodes, light, rule, series, 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def analysis_back(moments, analysis, spin2_analysis, radiance):
     """Derivatives by Stokes parameters, added to radiance (Z, M, T, F, Stokes, LANES), from those by the moments (Z, T,
-    C + 2 C', LANES) that `next_order.moments_of` finds in them."""
+    C + 2 C', LANES) that `next_order.moments_of` finds in them.
+
+    analysis (Z, C, M, F), spin2_analysis (Z, C', 2, M, F): weights of the directions
+    """
     n_polar, n_zenith, n_azimuth, n_stokes = radiance.shape[1:5]
     n_harmonics, n_spin2 = analysis.shape[1], spin2_analysis.shape[1]
     for z in range(radiance.shape[0]):

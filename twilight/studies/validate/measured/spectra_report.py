@@ -68,7 +68,7 @@ def write_residuals(recorded: Recorded, one: Fit, path: Path) -> None:
 
 def write_evening(path: Path, climate: Climate, one: Fit) -> None:
     """The climate with the screen, a configuration for `twilight render`."""
-    import yaml
+    import yaml  # start-up
 
     screen = {
         "heights_km": list(HEIGHTS_KM),
