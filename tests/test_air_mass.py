@@ -74,6 +74,7 @@ def test_the_straight_sunbeam_has_the_lengths_of_a_chord(medium, sun_deg):
     np.testing.assert_allclose(found, expected, atol=0.01)
 
 
+@pytest.mark.slow
 def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
     # without multiple scattering the radiance is deterministic
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=2, max_orders=1, importance_sweeps=0)
@@ -90,6 +91,7 @@ def test_single_scattering_is_differentiated_as_finite_differences_do(medium):
         assert error < 1e-9
 
 
+@pytest.mark.slow
 def test_random_paths_and_the_adjoint_agree(medium, differentiated):
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=3000)
     walk = montecarlo.CAPABILITIES.differentiate(montecarlo.prepare(medium, settings), "absorption", EDGES_KM)

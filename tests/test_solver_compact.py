@@ -134,6 +134,7 @@ def test_a_model_of_another_climate_is_a_file(tmp_path, model):
         solve(resolve(scene(solver__model=str(path))))
 
 
+@pytest.mark.slow
 def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
     """What the fit itself gives is tested in test_compact.py; here it is the shipped model with the air of urban."""
     from dataclasses import replace
