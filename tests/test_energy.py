@@ -100,12 +100,12 @@ def test_a_level_at_an_edge_is_the_edge():
 
 
 MEASURED = {
-    "conservative air over a white ground": 0.0080,
-    "a conservative layer over a white ground": 0.0098,
-    "a conservative layer over a black ground": 0.0043,
-    "a grey layer over a bright ground": 0.0070,
-    "strong absorption above": 0.0166,
-    "soot below": 0.0021,
+    "conservative air over a white ground": 0.0009,
+    "a conservative layer over a white ground": 0.0036,
+    "a conservative layer over a black ground": 0.0055,
+    "a grey layer over a bright ground": 0.0015,
+    "strong absorption above": 0.0015,
+    "soot below": 0.0003,
 }
 """Worst imbalance with these settings of all spheres; with and without refraction it differs by 3e-4 at most."""
 
@@ -120,4 +120,4 @@ def test_zones_lose_and_make_no_light(refractivity):
     medium = odd_medium(*ODD.values(), refractivity=refractivity)
     worst = np.abs(imbalance(zones.prepare(medium, DRAFT))).max(axis=0)
     for name, found in zip(ODD, worst, strict=True):
-        assert found < 1.25 * MEASURED[name], f"{name}: {found:.4f}"
+        assert found < 1.25 * MEASURED[name] + 3e-4, f"{name}: {found:.4f}"
