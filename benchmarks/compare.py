@@ -1,16 +1,16 @@
-"""Error against run time of every solver, over four climates and eight suns.
+"""Error against run time of every solver in continental air, over eight suns.
 
-    python benchmarks/compare.py                   runs what is missing and writes benchmarks/compare/*.csv
-    python benchmarks/compare.py urban desert      the same for some climates
-    python benchmarks/compare.py CLIMATE --solvers NAME:QUALITY,...   rows of these; those of other solvers stay
-    python benchmarks/compare.py picture           draws docs/error-against-time.png from the tables
+    python benchmarks/compare.py                   runs what is missing; writes benchmarks/compare.csv and draws
+                                                   docs/error-against-time.png from it
+    python benchmarks/compare.py --solvers NAME:QUALITY,...   the same with rows of these; those of other solvers stay
+    python benchmarks/compare.py picture           draws alone
 
-For each climate:
+It runs
 
-    twilight compare configs/compare.yaml --set climate=CLIMATE --set solver.name=zones \
-        --reference benchmarks/reference/CLIMATE.csv
+    twilight compare configs/compare.yaml --set solver.name=zones \
+        --reference benchmarks/reference/continental-average.csv
 
-with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-CLIMATE (those of --solvers beside it).
+with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-compare (those of --solvers beside it).
 """
 
 from __future__ import annotations
@@ -25,36 +25,28 @@ import results
 from twilight.studies.compare.figure import draw, read_points
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLES = ROOT / "benchmarks" / "compare"
-DRAWN = "continental-average"
-EVERYWHERE = "zones:draft,zones:standard,cells:draft,preetham,cie,sunsky"
-SOLVERS = {
-    DRAWN: (
-        "zones,compact,cells:draft,cells:standard,montecarlo:draft,montecarlo:standard,tables:standard,"
-        "tables:bruneton2017,tables:fine,preetham,cie,sunsky,sasktran2"
-    ),
-    "urban": EVERYWHERE,
-    "desert": EVERYWHERE,
-    "maritime-clean": EVERYWHERE,
-}
+TABLE = ROOT / "benchmarks" / "compare.csv"
+CLIMATE = "continental-average"
+SOLVERS = (
+    "zones,compact,cells:draft,cells:standard,montecarlo:draft,tables:standard,tables:fine,preetham,cie,sunsky,"
+    "sasktran2"
+)
 
 
-def run(climate: str, solvers: str = "") -> None:
-    """Compare on one climate and copy its tables; solvers: of these alone, all other rows of the tables stay."""
-    folder = ROOT / "out" / f"benchmark-{climate}{'-some' if solvers else ''}"
+def run(solvers: str = "") -> None:
+    """Compare and copy the table; solvers: of these alone, all other rows of the table stay."""
+    folder = ROOT / "out" / f"benchmark-compare{'-some' if solvers else ''}"
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
-        *("--set", f"climate={climate}", "--set", "solver.name=zones"),
-        *("--reference", f"benchmarks/reference/{climate}.csv"),
-        *("--solvers", solvers or SOLVERS[climate], "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
+        *("--set", "solver.name=zones"),
+        *("--reference", f"benchmarks/reference/{CLIMATE}.csv"),
+        *("--solvers", solvers or SOLVERS, "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]
     subprocess.run(command, cwd=ROOT, check=True)
-    TABLES.mkdir(exist_ok=True)
-    for name, target in (("compare.csv", f"{climate}.csv"), ("wavelengths.csv", f"{climate}-wavelengths.csv")):
-        if solvers:
-            merge(folder / name, TABLES / target)
-        else:
-            results.stamp(folder / name, TABLES / target, f"python benchmarks/compare.py {climate}")
+    if solvers:
+        merge(folder / "compare.csv", TABLE)
+    else:
+        results.stamp(folder / "compare.csv", TABLE, "python benchmarks/compare.py")
 
 
 def merge(made: Path, target: Path) -> None:
@@ -86,28 +78,23 @@ def merge(made: Path, target: Path) -> None:
 
 
 def picture() -> None:
-    """One climate in full colour, the others faint behind it."""
-    marks = read_points(TABLES / f"{DRAWN}.csv", processor=True)
-    others = [c for c in SOLVERS if c != DRAWN and (TABLES / f"{c}.csv").exists()]
+    """Error over processor time, a panel for each sun."""
     draw(
-        marks,
+        read_points(TABLE, processor=True),
         ROOT / "docs" / "error-against-time.png",
-        title=f"{DRAWN} air" + (f"; pale: {', '.join(others)}" if others else ""),
-        faint=[read_points(TABLES / f"{c}.csv", processor=True) for c in others],
+        title=f"{CLIMATE} air",
         time_label="processor time of one sky [s]",
     )
 
 
 def main() -> None:
     parse = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parse.add_argument("climates", nargs="*", metavar="CLIMATE", help="or `picture`; all of them")
+    parse.add_argument("picture", nargs="?", choices=["picture"], help="draw the table as it is")
     parse.add_argument("--solvers", default="", help="rows of these alone, NAME:QUALITY,...")
     options = parse.parse_args()
-    if options.climates == ["picture"]:
-        picture()
-    else:
-        for name in options.climates or SOLVERS:
-            run(name, options.solvers)
+    if not options.picture:
+        run(options.solvers)
+    picture()
 
 
 if __name__ == "__main__":

@@ -16,7 +16,14 @@ from pathlib import Path
 from PIL import Image, ImageSequence
 
 ROOT = Path(__file__).resolve().parents[1]
-WIDTH, HEIGHT, COLUMNS, GAP = 420, 236, 3, 4
+WIDTH = 420
+"""Of a film [px]."""
+HEIGHT = 236
+"""Of a film [px]."""
+COLUMNS = 3
+"""Films beside one another."""
+GAP = 4
+"""Between them [px]."""
 FILMS = {
     "clean-air": "pure-air --from 3 --to -9 --disc",
     "purple-light": "volcanic-stratosphere --from 0 --to -7.5",

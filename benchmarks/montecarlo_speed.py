@@ -1,11 +1,8 @@
 """Seconds to 1 % standard error with the Monte-Carlo solver: one direction, one wavelength, one thread.
 
     python benchmarks/montecarlo_speed.py [CLIMATE]      writes montecarlo_speed.csv
-    python benchmarks/montecarlo_speed.py importance     writes montecarlo_importance.csv
 
-The solver runs a fixed number of samples; the time to 1 % is time x (relative error / 1 %)^2, in processor time.  The
-second table says what finer nodes of the importance function's solar zenith angles about the terminator, and more paths
-per sample (whose numbers are a lattice), change at -4 and -6 deg.
+The solver runs a fixed number of samples; the time to 1 % is time x (relative error / 1 %)^2, in processor time.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ import results
 
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
-from twilight.solvers.montecarlo import MonteCarloSettings, importance, prepare
+from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 HERE = Path(__file__).parent
 WAVELENGTH_NM = 550.0
@@ -35,8 +32,6 @@ VIEWS = {
 SAMPLES = 400
 """Samples of a run, each of 8 paths."""
 SEEDS = (1, 2, 3, 4)
-FINER_DEG = (87.5, 104.0)
-"""Solar zenith angles between which the importance function is given more nodes."""
 
 
 def seconds(field, sun: float, settings) -> tuple[list[float], float]:
@@ -76,43 +71,5 @@ def main(climate: str) -> None:
     results.write(HERE / "montecarlo_speed.csv", columns, rows, notes=notes)
 
 
-def finer(step_deg: float) -> np.ndarray:
-    """Solar zenith angles of the importance function with these steps about the terminator."""
-    return np.unique(np.concatenate([importance.SUN_ZENITH_DEG, np.arange(*FINER_DEG, step_deg)]))
-
-
-def tried() -> None:
-    medium = compiled_medium("continental-average")
-    usual, rows = importance.SUN_ZENITH_DEG, []
-    for name, zenith_deg, paths_per_sample in (
-        ("as it is", usual, 8),
-        ("zenith nodes 0.5 deg apart", finer(0.5), 8),
-        ("zenith nodes 0.25 deg apart", finer(0.25), 8),
-        ("4 continuations", usual, 4),
-        ("32 continuations", usual, 32),
-        ("128 continuations", usual, 128),
-        ("zenith nodes 0.5 deg apart, 32 continuations", finer(0.5), 32),
-    ):
-        importance.SUN_ZENITH_DEG = zenith_deg
-        settings = MonteCarloSettings(
-            target_stderr=None, samples=8 * SAMPLES // paths_per_sample, paths_per_sample=paths_per_sample
-        )
-        started = time.process_time()
-        field = prepare(medium, settings)
-        took = time.process_time() - started
-        for sun in (-4.0, -6.0):
-            found, cost = seconds(field, sun, settings)
-            numbers = (f"{s:.4f}" for s in (*found, np.median(found)))
-            rows.append([name, f"{sun:g}", *numbers, f"{1e6 * cost:.0f}", f"{took:.1f}"])
-            print(*rows[-1], sep="\t", flush=True)
-    importance.SUN_ZENITH_DEG = usual
-    columns = ["tried", "sun_elevation_deg", *(f"{name} [s]" for name in VIEWS), "median [s]"]
-    columns += ["microseconds per sample", "prepare [s]"]
-    results.write(HERE / "montecarlo_importance.csv", columns, rows)
-
-
 if __name__ == "__main__":
-    if sys.argv[1:] == ["importance"]:
-        tried()
-    else:
-        main(sys.argv[1] if len(sys.argv) > 1 else "continental-average")
+    main(sys.argv[1] if len(sys.argv) > 1 else "continental-average")

@@ -33,7 +33,10 @@ HERE = Path(__file__).parent
 MEASURED = HERE / "photometry" / "quarters_measured.csv"
 SUNS_DEG = (-5.0, -6.0, -7.0, -8.0, -9.0, -10.0)
 OZONE_DU = (285.0, 330.0)
-LEAST_TWILIGHTS, LEAST_READINGS = 20, 20
+LEAST_TWILIGHTS = 20
+"""A quarter of a year with fewer clear twilights is left out; our choice."""
+LEAST_READINGS = 20
+"""An hour of sidereal time with fewer readings in a quarter of a year is left out; our choice."""
 HOURS_WEST = 7.26
 """From UTC to the sun's time at the site."""
 

@@ -37,7 +37,10 @@ from twilight.studies.validate.photographs.photograph import read_photograph
 HERE = Path(__file__).parent / "photos"
 DESIGN = Design(tuple(p for p in OTHERS if p.name in ("ozone", "albedo")))
 TYPE = "continental_average"
-CELL_DEG, PICTURE_CELL_DEG = 3.0, 2.0
+CELL_DEG = 3.0
+"""Side of the cells that photographs are averaged to where the air is sought [deg]."""
+PICTURE_CELL_DEG = 2.0
+"""Side of the cells of the pictures [deg]."""
 PHOTOS = {  # file, lowest and highest sun [deg] of the search
     "kiara_1_dawn": ("kiara_1_dawn_1k.hdr", -6.0, -2.0),
     "pmndrs_sunset": ("pmndrs_sunset.hdr", 3.0, 3.0),

@@ -11,7 +11,7 @@
 
     python benchmarks/polarisation.py stored     the reference's Stokes vectors in clear air for a test of `zones`
 
-Names of climates behind limit the table to them; `reference` takes all that have a reference.  Errors of the first are
+Names of climates behind limit the table to them.  Errors of the first are
 those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
 and `volcano` use `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
 The reference's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
@@ -33,6 +33,7 @@ import results
 
 import twilight
 from twilight.atmosphere.medium_table import medium_from_table
+from twilight.base.peak_memory import forget_peak, peak_mib
 from twilight.config.load import load, load_climate
 from twilight.io import write_polarisation_png
 from twilight.scene.medium import climate_medium
@@ -51,7 +52,10 @@ SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0)
 SKY_SUNS_DEG = (30.0, 20.0, 10.0, 5.0, 2.0, 0.0, -1.0, -2.0, -3.0, -4.0, -5.0, -6.0, -7.0, -8.0)
 VOLCANO_SUNS_DEG = (20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -1.5, -2.0, -3.0, -3.5, -4.0, -4.5, -5.0, -6.0, -7.0, -8.0)
 VOLCANO_NM = (450.0, 550.0, 700.0)
-MAUNA_LOA_KM, SEA_ALBEDO = 3.4, 0.06
+MAUNA_LOA_KM = 3.4
+"""Altitude of the observatory that the sky under volcanic aerosol was measured from [km]."""
+SEA_ALBEDO = 0.06
+"""Of the sea around it."""
 SKY_COLUMNS = [
     "climate", "sun_elevation_deg", "wavelength_nm", "babinet_deg", "brewster_deg", "arago_deg", "zenith_degree",
 ]  # fmt: skip
@@ -98,7 +102,7 @@ def scalar(climates) -> None:
 
 def reference(climates) -> None:
     rows = []
-    for climate in climates or [c for c in montecarlo_reference.CLIMATES if montecarlo_reference.file_of(c).exists()]:
+    for climate in climates or CLIMATES:
         file = montecarlo_reference.file_of(climate)
         if not file.exists():
             sys.exit(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
@@ -229,18 +233,12 @@ def one_cost(arguments) -> None:
     small = replace(zones.QUALITIES["draft"], polarisation=settings.polarisation, altitude_density=0.2, max_orders=3)
     zones.prepare(climate_medium(load_climate(climate), np.array([550.0])), small).radiance(-4.0, elevation, azimuth)
     medium = climate_medium(load_climate(climate), np.array(EIGHT_NM))
-    # the most that the process has had starts anew
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    before, start = _peak_mib(), time.process_time()
+    forget_peak()
+    before, start = peak_mib(), time.process_time()
     field = zones.prepare(medium, settings)
     solved = time.process_time()
     (field.stokes if field.polarised else field.radiance)(-4.0, elevation, azimuth)
-    print(solved - start, time.process_time() - solved, _peak_mib() - before)
-
-
-def _peak_mib() -> float:
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    return next(float(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM"))
+    print(solved - start, time.process_time() - solved, peak_mib() - before)
 
 
 def draw_volcano(drawn: dict) -> None:

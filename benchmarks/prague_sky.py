@@ -24,10 +24,8 @@ import twilight
 from twilight.numerics.spectrum import solar_irradiance
 
 HERE = Path(__file__).parent
-CHANNEL_NM = 40.0
-"""Width of the channels."""
 CENTRES_NM = (340.0, 380.0, 460.0, 540.0, 620.0, 700.0)
-"""Of the six channels: those that hold 320, 380, 460, 540, 620 and 700 nm."""
+"""Of the six channels, 40 nm wide: those that hold 320, 380, 460, 540, 620 and 700 nm."""
 WITHIN_NM = (-13.3, 0.0, 13.3)
 """Wavelengths of a channel, from its centre, at which it is computed."""
 FITTED_CHANNEL = 3
@@ -68,7 +66,10 @@ CASES = (
          (3.2105589852e-01, 4.8018432995e-01, 6.8234902643e-01, 7.6644676630e-01, 8.1459429167e-01, 8.8573679226e-01)),
 )  # fmt: skip
 TWILIGHT = CASES[3:4]
-STRAIGHT, NO_STRATOSPHERE = {"refraction.model": "none"}, {"aerosol.stratosphere": "none"}
+STRAIGHT = {"refraction.model": "none"}
+"""Settings under which light goes straight."""
+NO_STRATOSPHERE = {"aerosol.stratosphere": "none"}
+"""Settings without the background of stratospheric aerosol."""
 AIRS: dict[str, tuple[dict, tuple[Case, ...]]] = {
     "as it is": ({}, CASES),
     "without refraction": (STRAIGHT, TWILIGHT),

@@ -57,27 +57,25 @@ BENCHMARKS = {
         "montecarlo_reference.py check", "reference/*.csv", "the same beside today's code, at 2 %"
     ),
     "montecarlo_speed": Benchmark("montecarlo_speed.py", "montecarlo_speed.csv", "time of Monte-Carlo to 1 %"),
-    "montecarlo_importance": Benchmark(
-        "montecarlo_speed.py importance", "montecarlo_importance.csv", "what a finer importance function would bring"
-    ),
     "frontier": Benchmark(
         "frontier.py", "frontier.csv, ../docs/frontier.png", "settings of `zones` tried by a search, in eight climates"
     ),
+    "frontier_peers": Benchmark(
+        "frontier.py peers anew",
+        "frontier_peers.csv, ../docs/frontier-peers.png",
+        "settings of `zones` and of sasktran2 tried by the same search on the same skies",
+    ),
     "zones_error": Benchmark("zones_error.py", "zones_error.csv", "error of `zones` in thirteen climates"),
     "target_error": Benchmark(
-        "target_error.py", "target_error.csv", "whether `--target-error` is right in air that its table has not seen"
+        "target_error.py unseen",
+        "target_error.csv",
+        "whether `--target-error` is right in air that its table has not seen",
     ),
     "zones_study_quadrature": Benchmark(
-        "zones_study.py quadrature",
+        "zones_study.py",
         "zones_study_quadrature.csv",
         "what polar angles lose of smooth light, and what the analysis of `zones` does",
     ),
-    "zones_study_layer_reference": Benchmark(
-        "zones_study.py layer-reference",
-        "zones_study_layer_reference.csv",
-        "the reference solution below a thin layer at 50 km after sunset",
-    ),
-    "zones_study_layer": Benchmark("zones_study.py layer", "zones_study_layer.csv", "`zones` beside it"),
     "montecarlo_zscores": Benchmark(
         "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether Monte-Carlo's stated errors are its scatter"
     ),
@@ -88,7 +86,9 @@ BENCHMARKS = {
         "polarisation.py scalar", "polarisation.csv", "what leaving polarisation out costs"
     ),
     "polarisation_reference": Benchmark(
-        "polarisation.py reference", "polarisation_reference.csv", "I, Q, U of `zones` against the reference solution"
+        "polarisation.py reference pure-air continental-average desert",
+        "polarisation_reference.csv",
+        "I, Q, U of `zones` against the reference solution",
     ),
     "polarisation_sky": Benchmark(
         "polarisation.py sky", "polarisation_sky.csv, ../docs/polarisation.png", "neutral points, zenith's polarisation"
@@ -107,9 +107,10 @@ BENCHMARKS = {
     "clouds": Benchmark("clouds.py", "clouds.csv", "`zones` beside it"),
     "clouds_times": Benchmark("clouds.py times", "clouds_times.csv", "what a deck of cloud costs"),
     "compare": Benchmark(
-        "compare.py", "compare/*.csv, ../docs/error-against-time.png", "error against run time of every solver"
+        "compare.py", "compare.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
     "prague_sky": Benchmark("prague_sky.py", "prague_sky.csv", "thirty values of the Prague sky model beside `zones`"),
+    "air_mass": Benchmark("air_mass.py", "air_mass.csv", "air-mass factors of `zones` beside `montecarlo`, ten airs"),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "hyperspectral": Benchmark(
         "hyperspectral.py", "hyperspectral.csv", "error and time of light interpolated over the spectrum"
@@ -125,11 +126,10 @@ BENCHMARKS = {
         "memory.py", "memory.csv", "what `--plan` says of skies, views, terrain and series, and what they take"
     ),
     "phenomena": Benchmark("phenomena.py", "phenomena.csv, ../docs/phenomena.png", "twilight's phenomena as numbers"),
-    "photometry": Benchmark("photometry.py", "photometry/*.csv, ../docs/photometry.png", "against photometers"),
-    "photometry_draft": Benchmark(
-        "photometry.py draft",
-        "photometry/*_draft.csv, ../docs/photometry.png",
-        "one climate of it at `draft`: the meter's zenith, moonlit nights and spectra too",
+    "photometry": Benchmark(
+        "photometry.py",
+        "photometry/points.csv, photometry/levels.csv, photometry/moonlit.csv, ../docs/photometry.png",
+        "against photometers: illuminance, the zenith, moonlit nights, spectra",
     ),
     "photometry_quarters": Benchmark(
         "photometry_quarters.py",
@@ -172,21 +172,16 @@ BENCHMARKS = {
         "visibility.py dawn", "visibility_dawn.csv", "contrast of a desert's dawn beside the eye's threshold"
     ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
+    "limb": Benchmark("limb.py", "limb.csv", "the limb by light scattered once, beside sasktran2"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",
         "stars*.csv, stars_photograph.png",
         "cameras from stars",
     ),
-    "bruneton2008": Benchmark(
-        "bruneton2008.py error",
-        "bruneton2008_error.csv, bruneton2008_horizon.csv",
-        "what Bruneton and Neyret's tables cost in error, sun by sun",
-    ),
-    "bruneton2008_picture": Benchmark(
-        "bruneton2008.py picture", "../docs/bruneton2008-tables.png", "the picture of it"
-    ),
     "bruneton2008_cie": Benchmark(
-        "bruneton2008.py cie", "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png", "their fig. 6 and 7"
+        "bruneton2008.py",
+        "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png",
+        "Bruneton and Neyret's fig. 6 and 7",
     ),
     "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the reference solution"),
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),

@@ -25,7 +25,10 @@ HERE = Path(__file__).parent
 CLIMATES = ("pure-air", "continental-average")
 SUNS_DEG = (0.0, -4.0, -6.0, -9.0, -12.0)
 DENSITIES = (1.0, 1.5, 2.0, 3.0, 4.0)
-STEP_KM, BEHIND_KM = 0.1, 500.0
+STEP_KM = 0.1
+"""Between the lowest points of the rays [km]."""
+BEHIND_KM = 500.0
+"""From the lowest point of a ray to where its beam's width is asked for [km]."""
 
 
 def spreading(medium, lowest_km: np.ndarray) -> np.ndarray:

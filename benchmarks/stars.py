@@ -30,7 +30,10 @@ from twilight.studies.validate.stars.coordinates import StarSite, horizontal  # 
 from twilight.studies.validate.stars.picture import draw  # noqa: E402
 from twilight.studies.validate.stars.planets import date_by_planets  # noqa: E402
 
-PLACE, MOMENT = StarSite(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+PLACE = StarSite(48.2, 16.4, 0.2)
+"""Vienna: latitude and longitude [deg], altitude [km]."""
+MOMENT = datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+"""Of the drawn photographs; a moonless summer night."""
 FALSE_SHARES = (0.0, 0.2, 0.5)
 HOT_PIXELS = 500
 LENSES = {

@@ -28,7 +28,14 @@ from twilight.studies.camera.image import read_image
 
 ROOT = Path(__file__).resolve().parents[1]
 SUNSET = "render configs/sunset-over-ridges.yaml --only view"
-WIDTH, HEIGHT, FIELD_DEG, UP_DEG = 560, 280, 100.0, 16.0
+WIDTH = 560
+"""Of each picture [px]."""
+HEIGHT = 280
+"""Of each picture [px]."""
+FIELD_DEG = 100.0
+"""Each picture's field of view across [deg]."""
+UP_DEG = 16.0
+"""Elevation of each picture's middle [deg]."""
 PHOTOS = (  # file, azimuth of its sun from the picture's middle [deg], what is rendered beside it
     ("pmndrs_sunset.hdr", 36.0, "--sun-elevation 3 --disc --set aerosol.optical_depth_550nm=0.31"),
     ("rooitou_park_1k.hdr", 36.0, "--sun-elevation 10.4 --disc --set aerosol.optical_depth_550nm=0.065"),

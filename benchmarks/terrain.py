@@ -22,7 +22,10 @@ from twilight.solvers import zones
 
 OUT = Path(__file__).with_name("terrain.csv")
 CONFIGS = ("light-shafts", "mountain-shadow")
-WIDTH, HEIGHT = 224, 126
+WIDTH = 224
+"""Of a view [px]."""
+HEIGHT = 126
+"""Of a view [px]."""
 NM = (450.0, 550.0, 650.0)
 LEAST_PERCENT = 0.5
 """Lines of sight that lose less by either are not counted."""

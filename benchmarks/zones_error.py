@@ -14,8 +14,6 @@ memory is the peak of the process while the field is made (Linux).
 
 from __future__ import annotations
 
-import gc
-import re
 import sys
 import time
 from dataclasses import replace
@@ -24,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import results
 
+from twilight.base.peak_memory import forget_peak, peak_mib
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -71,19 +70,6 @@ def compile_kernels() -> None:
     for name in USUAL:
         few = replace(zones.QUALITIES[name], altitude_density=0.2, zenith_density=0.3, polar_directions=3)
         zones.prepare(medium, few, sun_elevations_deg=[-4.0]).radiance(-4.0, 30.0, 0.0)
-
-
-def forget_peak() -> None:
-    """Count the largest resident memory anew (Linux)."""
-    gc.collect()
-    Path("/proc/self/clear_refs").write_text("5")
-
-
-def peak_mib() -> float:
-    """Largest resident memory since then [MiB]."""
-    found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
-    assert found is not None
-    return int(found[1]) / 1024.0
 
 
 def main(qualities: list[str], climates: list[str]) -> None:

@@ -7,7 +7,10 @@ import numpy as np
 from twilight.atmosphere.measured import moist_air
 from twilight.atmosphere.profiles import load_profile
 
-LATITUDE, LONGITUDE = 48.25, 11.55
+LATITUDE = 48.25
+"""Of the station that soundings rise from [deg]: Oberschleissheim."""
+LONGITUDE = 11.55
+"""East, of the same [deg]."""
 PRESSURES_HPA = (1000, 975, 950, 925, 900, 875, 850, 825, 800, 775, 750, 700, 650, 600, 550, 500, 450, 400, 350, 300,
                  250, 225, 200, 175, 150, 125, 100, 70, 50, 30, 20, 10, 7, 5, 3, 2, 1)  # fmt: skip
 """Pressure levels of ERA5."""
@@ -105,7 +108,10 @@ def _maps(name, slope_k=0.0):
     }  # fmt: skip
 
 
-LATITUDES, LONGITUDES = [48.5, 48.25, 48.0], [11.25, 11.5, 11.75]
+LATITUDES = [48.5, 48.25, 48.0]
+"""Of the grids of reanalyses, from north to south [deg]."""
+LONGITUDES = [11.25, 11.5, 11.75]
+"""East, of the same [deg]."""
 TIMES = np.array(["2026-06-21T18:00", "2026-06-21T19:00"], dtype="datetime64[ns]")
 
 

@@ -13,8 +13,12 @@ import numpy as np
 from numba import njit, prange
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(4)
-FAR, HIGH, DEEP = 60.0, 8.0, 0.7
-"""Longest pieces [km], most altitude that they cross [km], and their largest optical depth in the layer."""
+FAR = 60.0
+"""Longest pieces [km]."""
+HIGH = 8.0
+"""Most altitude that a piece crosses [km]."""
+DEEP = 0.7
+"""Largest optical depth of a piece in the layer."""
 DARK = 20.0
 
 

@@ -17,6 +17,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load
 from twilight.config.load import load_axes
+from twilight.config.scene import Config
 from twilight.scene import shifted as shifted_air
 from twilight.solvers import montecarlo, zones
 from twilight.solvers.montecarlo.path_lengths import add_sunbeam
@@ -284,7 +285,9 @@ def test_parts_of_random_paths_are_independent_and_their_mean_has_the_error_of_t
     config = load("pure-air", {"solver.name": "montecarlo", "solver.target_stderr": 0.02})
     parts = table.parts_of(config, 4)
     assert len({part["solver"]["seed"] for part in parts}) == 4
-    assert all(part["solver"]["target_stderr"] == pytest.approx(0.04) for part in parts)
+    settings = [Config.model_validate(part).chosen_solver[2] for part in parts]
+    assert all(one.target_stderr == pytest.approx(0.04) for one in settings)
+    assert {one.max_samples for one in settings} == {-(-config.chosen_solver[2].max_samples // 4)}
     rng = np.random.default_rng(5)
     found = table.merged([of_one_air(x, 0.1) for x in rng.normal(7.0, 0.1, 400)])
     assert float(found["standard_error"][0, 0, 0]) == pytest.approx(0.1 / 20.0)
@@ -335,3 +338,20 @@ def test_the_command_writes_tables_and_a_picture(tmp_path):
         text=True,
     )  # fmt: skip
     assert refused.returncode == 2 and "bro is in no model atmosphere" in refused.stderr
+
+
+@pytest.mark.slow
+def test_parts_of_other_processes_are_merged_with_their_errors():
+    """Parts with one seed would agree too well, errors that are not merged would be too large."""
+    from distributed import Client, LocalCluster
+
+    settings = {"solver.name": "montecarlo", "solver.target_stderr": 0.02, "wavelengths": {"list_nm": [450.0]}}
+    series = load_axes("pure-air", settings)
+    question = table.Question((-2.0,), 90.0, 0.0, (0.0, 12.0, 24.0, 40.0))
+    alone = table.box_table(load_axes("pure-air", {**settings, "solver.seed": 50}), question, silent)
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        found = table.box_table(series, question, silent, client, 2)
+    factor, error = (found[name].values.ravel() for name in ("box_air_mass_factor", "standard_error"))
+    other, other_error = (alone[name].values.ravel() for name in ("box_air_mass_factor", "standard_error"))
+    assert np.all(np.abs(factor - other) < 4.0 * np.hypot(error, other_error)) and np.all(factor != other)
+    assert np.all(error < 1.6 * other_error) and np.all(error > 0.4 * other_error)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from airs import problem_of_field, turbid
+from closed_sky import COARSE
+from closed_sky import FIVE_NM as NM
+from filming import MEDIUM, SKY, film, scene
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
@@ -20,48 +21,14 @@ from twilight.animation.film import Animation
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.cli.app import app
-from twilight.config import load
 from twilight.numerics import spectrum
 from twilight.numerics.projections import view_directions
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.tone import Light, Shot, tone_of
-from twilight.solvers.base import BareField
 from twilight.studies.export.field_values import FieldSource
 from twilight.viewer.colours import Channels
 from twilight.viewer.lines import sky_elevations
-from twilight.viewer.tables import ViewerTableSizes, fill
-
-NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
-COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
-FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "sizes": COARSE}
-
-
-@dataclass
-class Closed(BareField):
-    """A sky in closed form: brighter towards the sun, a factor of 10 darker for every 4 deg that the sun falls."""
-
-    medium: object
-
-    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
-        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
-        return 10.0 ** (sun_elevation_deg / 4.0) * 0.01 * shape[..., None] * (NM / 550.0) ** -1.5
-
-
-MEDIUM = turbid(wavelength_nm=NM)
-
-
-def problem():
-    return problem_of_field(Closed(MEDIUM))
-
-
-def scene(**settings):
-    view = {"observer.view.kind": "perspective", "observer.view.width": 64, "observer.view.height": 64}
-    return load("pure-air", {**view, "observer.view.elevation_deg": 30.0, **settings})
-
-
-def film(path, config=None, **options):
-    return Animation(config or scene(), path, problem=problem(), **{**FIVE, **options})
+from twilight.viewer.tables import fill
 
 
 def pictures(path):
@@ -72,13 +39,13 @@ def pictures(path):
 def test_pictures_are_the_field():
     suns = suns_between(-10.0, 0.0, COARSE)
     channels = Channels(NM)
-    tables = fill(FieldSource(Closed(MEDIUM), MEDIUM, False), channels, (0.0,), COARSE, silent, suns)
+    tables = fill(FieldSource(SKY, MEDIUM, False), channels, (0.0,), COARSE, silent, suns)
     elevation, azimuth = view_directions("fisheye", 48)
     painter = Painter(tables, COARSE, suns, elevation, azimuth)
     keep = np.isfinite(elevation) & (elevation > 4.0)
     assert painter.outside.sum() == np.isnan(elevation).sum() > 100
     for sun, turned, distance in ((0.0, 0.0, 1.0), (-4.4, 70.0, 1.0), (-10.0, 0.0, 1.02)):
-        exact = channels.of(Closed(MEDIUM).radiance(sun, elevation[keep], azimuth[keep] - turned)) / distance**2
+        exact = channels.of(SKY.radiance(sun, elevation[keep], azimuth[keep] - turned)) / distance**2
         found = painter.light(sun, turned, distance)
         assert np.abs(found[keep] / exact - 1.0).max() < 0.02
         assert np.median(np.abs(found[keep] / exact - 1.0)) < 0.002
@@ -127,7 +94,7 @@ def test_pictures_are_those_of_the_tone(tmp_path, tone):
     developer = tone_of(tone, "cie1931_2deg", {tone: given})
     pixel_deg = 180.0 / made.view.width
     for i, picture in enumerate(pictures(made.output)):
-        factor = Closed(MEDIUM).radiance(made.line.elevation_deg[i], np.nan_to_num(elevation), np.nan_to_num(azimuth))
+        factor = SKY.radiance(made.line.elevation_deg[i], np.nan_to_num(elevation), np.nan_to_num(azimuth))
         seen = developer.see(factor * inside[..., None], NM, Light(spectrum.DEFAULT_SOLAR_SPECTRUM, 1.0))
         expected, _ = developer.develop(seen, Shot(9.5, pixel_deg, i))
         assert np.abs(picture / 255.0 - expected)[inside & (elevation > 4.0)].max() < 0.03, i
@@ -238,7 +205,7 @@ def test_exr_are_luminances(tmp_path):
     assert film(folder, config).make().drawn == 5
     assert sorted(p.name for p in folder.iterdir()) == [f"{i:05d}.exr" for i in range(1, 6)]
     first, last = (read_latlong_exr(folder / name) for name in ("00001.exr", "00005.exr"))
-    exact = Channels(NM).of(Closed(MEDIUM).radiance(0.0, 90.0, 0.0))[1]
+    exact = Channels(NM).of(SKY.radiance(0.0, 90.0, 0.0))[1]
     luminance = first.rgb[31, 31] @ [0.2126, 0.7152, 0.0722] * first.white_luminance
     assert luminance == pytest.approx(exact, rel=0.01)
     assert last.rgb[31, 31, 1] / first.rgb[31, 31, 1] == pytest.approx(10.0**-2.5, rel=0.01)

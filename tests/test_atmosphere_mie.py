@@ -14,8 +14,12 @@ from twilight.numerics.phase import TABLE, PhaseFunction
 
 DATA = Path(__file__).parent / "data"
 
-TABLE_EXTINCTION, TABLE_ALBEDO, TABLE_ASYMMETRY = 5e-3, 2e-3, 1e-2
-"""Agreement asked for with OPAC's tables, 0.35 to 0.9 um."""
+TABLE_EXTINCTION = 5e-3
+"""Relative agreement with the extinction in OPAC's tables, 0.35 to 0.9 um."""
+TABLE_ALBEDO = 2e-3
+"""Agreement with the single-scattering albedo there."""
+TABLE_ASYMMETRY = 1e-2
+"""Agreement with the asymmetry there."""
 
 
 def opac_tables() -> dict[tuple[str, float, float], tuple[float, float, float]]:

@@ -295,3 +295,21 @@ def test_extremes_are_finite_and_not_negative(medium):
     assert np.all(look_up(beam, 0.0, 180.0)[0] == 0.0)
     if medium.top_km == 100.0:
         assert np.all(look_up(beam, 1000.0, 60.0)[0] == 1.0)
+
+
+@pytest.mark.parametrize("refraction", [True, False])
+def test_terms_of_a_wavelength_share_rays_and_have_the_beam_of_each_alone(refraction):
+    """Two wavelengths, two terms each, that differ in absorption: the rays of a term are those of its wavelength."""
+    terms = hazy().select(np.array([0, 0, 2, 2]))
+    gas = np.exp(-terms.altitude_km / 2.0)[:, None] * np.array([0.0, 0.3, 0.0, 0.02])
+    index = terms.refractivity * np.array([1.0, 1.0, 0.98, 0.98])
+    terms = replace(terms, absorption_per_km=terms.absorption_per_km + gas, refractivity=index)
+    together = prepare_beam(terms, refraction=refraction)
+    for w in range(4):
+        alone = prepare_beam(terms.select(np.array([w])), refraction=refraction, laid_out_for=terms)
+        for z, chi in random_points(np.random.default_rng(5), 40, refraction):
+            here = look_up(together, z, math.degrees(chi))[0]
+            assert here[w] == look_up(alone, z, math.degrees(chi))[0][0]
+    # the gas has depths of 0.6 and 0.04
+    noon = look_up(together, 0.0, 0.0)[0]
+    np.testing.assert_allclose(np.log(noon[::2] / noon[1::2]), [0.6, 0.04], rtol=0.01)

@@ -163,3 +163,16 @@ def test_what_one_file_does_not_hold_is_refused_before_anything_is_computed(plai
     result = call("render", table, "--output", tmp_path / "evening.nc", "--set", "texture={}", *more)
     assert result.exit_code == 2 and says in result.stderr and len(result.stderr.splitlines()) == 1
     assert not (tmp_path / "evening.nc").exists() and not plain.calls
+
+
+@pytest.mark.parametrize(
+    "command", ["animate", "compare", "export shader", "fit compact", "fit perez", "fluxes", "view"]
+)
+def test_commands_of_one_scene_refuse_a_series_before_anything_is_computed(plain, table, tmp_path, command):
+    """A film, a page or a fit of the first of several scenes would look like that of all."""
+    output = {"animate": ["--output", tmp_path / "film.mp4"]}.get(command, [])
+    series = tmp_path / "series.yaml"
+    series.write_text(f"version: 1\nclimate: {table}\nvary: {{ground.albedo: [0, 1]}}\n")
+    result = call(*command.split(), series, *output)
+    assert result.exit_code == 2 and f"is a series of 2 scenes (vary); {command} takes one" in result.stderr
+    assert not plain.calls

@@ -10,7 +10,6 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
-from test_photo_images import EIGHT
 from typer.testing import CliRunner
 
 from twilight.base.extras import REQUIREMENTS, is_installed, missing
@@ -67,7 +66,7 @@ def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatc
 
     for module in REQUIREMENTS:
         monkeypatch.setitem(sys.modules, module, None)
-    Image.fromarray(EIGHT).save(tmp_path / "a.png")
+    Image.new("RGB", (30, 20)).save(tmp_path / "a.png")
     with pytest.raises(TwilightError, match="install 'openimageio>="):
         read_image(tmp_path / "a.png")
     (tmp_path / "a.cr2").write_bytes(b"II*\0" + bytes(1000))

@@ -133,17 +133,16 @@ def test_the_field_sums_to_its_sky(hazy):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sun", [3.0, -4.0, -8.0])
-def test_actinic_flux_in_twilight_beside_monte_carlo(sun):
-    """At 1 %, or three standard errors, at the ground and at 20 km."""
+def test_actinic_flux_in_twilight_beside_monte_carlo():
+    """Within 1 % at the ground and at 20 km: random paths, 80 samples a direction, are certain to 0.3 %."""
     ours = twilight.solve("continental-average", wavelength_nm=[550.0], quality="standard")
-    settings = replace(montecarlo.QUALITIES["standard"], target_stderr=None, samples=1000)
-    scene = replace(ours.scene, solver=montecarlo, settings=settings)
-    theirs = Problem(scene).solve()
-    for altitude in (0.0, 20.0):
-        found = ours.fluxes(sun, altitude, rates=False)["actinic"].values
-        reference = theirs.fluxes(sun, altitude, rates=False)["actinic"].values
-        np.testing.assert_allclose(found, reference, rtol=0.01, err_msg=str(altitude))
+    settings = replace(montecarlo.QUALITIES["standard"], target_stderr=None, samples=80)
+    theirs = Problem(replace(ours.scene, solver=montecarlo, settings=settings)).solve()
+    for sun in (3.0, -4.0, -8.0):
+        for altitude in (0.0, 20.0):
+            found, reference = (f.fluxes(sun, altitude, rates=False)["actinic"].values for f in (ours, theirs))
+            print(sun, altitude, found / reference - 1.0)
+            np.testing.assert_allclose(found, reference, rtol=0.01, err_msg=f"{sun} deg, {altitude} km")
 
 
 def test_yields_and_cross_sections_are_the_published_ones():

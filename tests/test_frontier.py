@@ -18,7 +18,7 @@ from twilight.studies.compare.reference_solution import ReferenceSolution
 from twilight.studies.frontier import report, search
 from twilight.studies.frontier.measure import Measurement, excess_percent
 from twilight.studies.frontier.search import Point, frontier
-from twilight.studies.frontier.space import SPACE, STARTS, settings_at, values_of, within
+from twilight.studies.frontier.space import ZONES, Dimension, Space
 
 NOT_SEARCHED = {
     *("max_orders", "polarisation", "refraction", "bent_lines_of_sight", "bent_paths", "target_error", "field_file"),
@@ -27,18 +27,27 @@ NOT_SEARCHED = {
 
 
 def test_every_option_is_searched_or_physics():
-    assert {d.key for d in SPACE} | NOT_SEARCHED == {f.name for f in fields(ZonesSettings)}
+    assert {d.key for d in ZONES.dimensions} | NOT_SEARCHED == {f.name for f in fields(ZonesSettings)}
 
 
-@given(st.fixed_dictionaries({d.key: st.floats(-100.0, 100.0) for d in SPACE}))
+@given(st.fixed_dictionaries({d.key: st.floats(-100.0, 100.0) for d in ZONES.dimensions}))
 def test_every_point_of_the_space_is_allowed(values):
-    settings_at(values, ZonesSettings())  # raises for what the solver refuses
-    assert within(within(values)) == within(values)
+    ZONES.settings_at(values, ZonesSettings())  # raises for what the solver refuses
+    assert ZONES.within(ZONES.within(values)) == ZONES.within(values)
 
 
-@pytest.mark.parametrize("settings", [*QUALITIES.values(), *STARTS.values()])
+@pytest.mark.parametrize("settings", [*QUALITIES.values(), *ZONES.starts.values()])
 def test_qualities_and_starts_lie_in_the_space(settings):
-    assert settings_at(values_of(settings), settings) == settings
+    assert ZONES.settings_at(ZONES.values_of(settings), settings) == settings
+
+
+def test_neighbours_take_what_the_solver_takes():
+    """A switch goes to the other side, a choice to another one of its kind."""
+    space = Space((Dimension("on", 0, 1), Dimension("rule", 6, 110, choices=(6, 26, 110))), {})
+    rng = np.random.default_rng(2)
+    found = [space.neighbour({"on": 1, "rule": 26}, rng) for _ in range(300)]
+    assert {p["on"] for p in found} == {0, 1} and {p["rule"] for p in found} <= {6, 26, 110}
+    assert space.within({"on": 7.0, "rule": 1e9}) == {"on": 1, "rule": 110}
 
 
 def test_the_frontier_is_what_nothing_beats():

@@ -17,7 +17,10 @@ STRAIGHT = replace(
     zones.QUALITIES["draft"], max_orders=1, polarisation=False, refraction=False, bent_lines_of_sight=False,
     bent_paths=False, line_of_sight_density=2.0,
 )  # fmt: skip
-SUN_DEG, AZIMUTH_DEG = 1.0, 0.0
+SUN_DEG = 1.0
+"""Elevation of the sun [deg]."""
+AZIMUTH_DEG = 0.0
+"""Of the lines of sight, from the sun [deg]."""
 NODE, WEIGHT = np.polynomial.legendre.leggauss(6)
 
 

@@ -13,7 +13,12 @@ from twilight.scene.medium import climate_medium
 from twilight.transport.ground_sun import GroundSun
 from twilight.transport.refracted_sight import ApparentRays
 
-RADIUS_KM, TOP_KM, PER_KM = 6371.0, 20.0, 0.03
+RADIUS_KM = 6371.0
+"""Of the planet [km]."""
+TOP_KM = 20.0
+"""Of its air [km]."""
+PER_KM = 0.03
+"""Extinction [km^-1]."""
 
 
 @pytest.fixture(scope="module")

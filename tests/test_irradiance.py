@@ -77,6 +77,10 @@ def test_a_clear_noon_is_that_of_pvlib(frame):
         ({"surface_tilt": [1.0, 2.0], "surface_azimuth": 0.0}, "one for each time"),
         ({"times": pandas.DataFrame({"zenith": [1.0, 2.0, 3.0]}, TIMES)}, "elevation and azimuth"),
         ({"times": TIMES[:0]}, "none is given"),
+        ({"times": ["soon"]}, "must be a DatetimeIndex, a list of times"),
+        ({"times": TIMES.append(pandas.DatetimeIndex([pandas.NaT], tz="UTC"))}, "one is NaT"),
+        ({"times": pandas.DataFrame({"elevation": [1.0, np.nan, 3.0], "azimuth": 0.0}, TIMES)}, "elevation must be"),
+        ({"times": pandas.DataFrame({"elevation": [1.0, 2.0, 3.0], "azimuth": "south"}, TIMES)}, "azimuth must be"),
         ({"quantity": "in:I"}, "beyond the wavelengths"),
     ],
 )

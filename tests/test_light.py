@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 import twilight
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.engine.light import _bilinear, _whole_hemisphere
+from twilight.engine.hemisphere import whole_hemisphere
+from twilight.engine.light import _bilinear
 from twilight.engine.sky_table import SkyTable
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
@@ -29,7 +30,7 @@ DUSK = datetime(2026, 3, 20, 19, 43, tzinfo=UTC)  # the sun at -6.5 deg
 
 @pytest.mark.parametrize("sun_deg", [-9.0, 30.0, 88.0])
 def test_surfaces_under_a_uniform_sky_have_their_closed_forms(sun_deg):
-    elevation, azimuth, solid = (x[None, :] for x in _whole_hemisphere(sun_deg))
+    elevation, azimuth, solid = (x[None, :] for x in whole_hemisphere(sun_deg))
     assert solid.sum() == pytest.approx(2 * np.pi, rel=1e-12)
     zero = np.zeros(1)
     for surface, expected, tolerance in (

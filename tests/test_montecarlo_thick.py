@@ -19,7 +19,10 @@ SUN_COSINE = 0.5
 SUN_DEG = float(np.degrees(np.arcsin(SUN_COSINE)))
 MU, WEIGHT = np.polynomial.legendre.leggauss(3)
 MU, WEIGHT = 0.5 * (MU + 1.0), 0.5 * WEIGHT
-DEPTH, ASYMMETRY = 16.0, 0.7
+DEPTH = 16.0
+"""Optical depth of the cloud."""
+ASYMMETRY = 0.7
+"""Of its droplets."""
 SETTINGS = MonteCarloSettings(target_stderr=None, samples=64, polarisation=False)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from airs import problem_of_field, turbid
+from closed_sky import COARSE, ClosedSky
+from closed_sky import FIVE_NM as NM
 
 from twilight.animation.film import Animation
 from twilight.animation.moon import MoonDiscPainter
@@ -16,34 +16,21 @@ from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.moon import Moon
-from twilight.solvers.base import BareField
 from twilight.viewer.colours import Channels
 from twilight.viewer.lines import sky_elevations
 from twilight.viewer.moonlight import MoonColours
-from twilight.viewer.tables import ViewerTableSizes
 
-NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
-COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
 MEDIUM = turbid(wavelength_nm=NM)
-
-
-@dataclass
-class Closed(BareField):
-    """A sky in closed form: brighter and redder towards the light, a factor of 10 darker for every 4 deg it falls."""
-
-    medium: object
-
-    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
-        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
-        blue = -2.0 + np.cos(e) * np.cos(a)
-        return 10.0 ** (min(sun_elevation_deg, 8.0) / 4.0) * 0.01 * shape[..., None] * (NM / 550.0) ** blue[..., None]
+SKY = ClosedSky(
+    MEDIUM, lambda height_deg: 10.0 ** (min(height_deg, 8.0) / 4.0) * 0.01, lambda e, a: -2.0 + np.cos(e) * np.cos(a)
+)
+"""Brighter and redder towards the light, a factor of 10 darker for every 4 deg it falls."""
 
 
 def film(path, settings, **options):
     view = {"kind": "perspective", "width": 48, "height": 32, "elevation_deg": 20.0, "field_of_view_deg": 70.0}
     config = load("pure-air", {"observer.view": view, **settings})
-    return Animation(config, path, problem=problem_of_field(Closed(MEDIUM)), sizes=COARSE, **options)
+    return Animation(config, path, problem=problem_of_field(SKY), sizes=COARSE, **options)
 
 
 def luminances(folder):
@@ -74,7 +61,7 @@ def test_a_film_holds_the_light_of_both(tmp_path):
                 from_deg=-20.0, to_deg=-30.0, speed=2400.0, frames_per_second=1.0)  # fmt: skip
     made.make()
     elevation, azimuth = made._directions(made.view)
-    channels, field = Channels(NM), Closed(MEDIUM)
+    channels, field = Channels(NM), SKY
     factor = Moon(30.0, 60.0, 20.0).irradiance_factor(NM)
     assert factor[2] > 1.5 * 0.01 * 10.0**-5  # what is tested is moonlight
     for i, found in enumerate(luminances(tmp_path / "f")):

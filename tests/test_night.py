@@ -17,7 +17,7 @@ from twilight.numerics.grids import texture_grid
 from twilight.scene import resolve
 from twilight.sky.night import NightLevels, Place, light, night_radiance, world
 from twilight.sky.night.veil import veil
-from twilight.sky.sky import Sky, magnitude_per_square_arcsecond
+from twilight.sky.sky import Sky
 
 NM = np.arange(380.0, 721.0, 20.0)
 NONE = NightLevels(0.0, 0.0, 0.0)
@@ -32,7 +32,7 @@ def as_sky(night, nm=NM, elevation=(90.0,)):
 
 def zenith_magnitude(**levels):
     night = night_radiance(hazy_earth(wavelength_nm=NM), np.array([90.0]), np.array([0.0]), NightLevels(**levels))
-    return float(magnitude_per_square_arcsecond(as_sky(night).luminance())[0, 0])
+    return float(-2.5 * np.log10(as_sky(night).luminance()[0, 0] / 10.8e4))  # V mag arcsec^-2 of cd m^-2
 
 
 # Directions -----------------------------------------------------------------------------------------------------

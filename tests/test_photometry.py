@@ -257,5 +257,5 @@ def test_command_writes_tables_and_picture(tmp_path):
         ["validate", "photometry", "pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)],
     )
     assert told.exit_code == 0, told.output
-    assert {p.name for p in tmp_path.iterdir()} == {"points.csv", "levels.csv", "photometry.png"}
+    assert {p.name for p in tmp_path.iterdir()} == {"points.csv", "levels.csv", "moonlit.csv", "photometry.png"}
     assert "slope_difference" in told.output

@@ -207,7 +207,8 @@ def test_a_file_that_is_not_whole_is_refused(made, tmp_path):
     "options, said",
     [
         (["continental-average", "--output", "sky.bin"], "must end in .dat"),
-        (["continental-average", "--output", "sky.dat", "--channels", "55"], "--start-nm"),
+        (["continental-average", "--output", "sky.dat", "--channels", "55"], "from 320 to 2520 nm; allowed is 280 to"),
+        (["continental-average", "--output", "sky.dat", "--start-nm", "nan"], "from nan to nan nm; allowed is 280 to"),
         (["continental-average", "--output", "sky.dat", "--visibility", "20,far"], "--visibility: 20,far"),
         (["continental-average", "--output", "sky.dat", "--albedo", "1.5"], "--albedo: 1.5 is not allowed"),
         (["bruneton2008", "--output", "sky.dat"], "knows land under computed air"),

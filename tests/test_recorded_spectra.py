@@ -123,8 +123,9 @@ def test_files(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 2 and "--series must be one of a, b" in done.output + done.stderr
     wrong = {
-        ("--suns", "-8,0"): "must be the higher one",
-        ("--from-km", "x"): "--from-km x: must be numbers",
+        ("--suns", "-8,0"): "the higher one first",
+        ("--suns", "0"): "--suns: 0 must be two elevations",
+        ("--from-km", "x"): "--from-km: x must be numbers",
         ("--suns", "-7,-8"): "needed are 3 suns",
     }
     for more, said in wrong.items():

@@ -13,8 +13,16 @@ from second_order import Layer, first_two_orders
 
 from twilight.solvers import montecarlo, zones
 
-BASE_KM, THICKNESS_KM, DEPTH = 50.0, 1.0, 1.0
-SUN_DEG, AZIMUTH_DEG = 30.0, 40.0
+BASE_KM = 50.0
+"""Of the layer [km]."""
+THICKNESS_KM = 1.0
+"""Of the layer [km]."""
+DEPTH = 1.0
+"""Vertical optical depth of the layer."""
+SUN_DEG = 30.0
+"""Elevation of the sun [deg]."""
+AZIMUTH_DEG = 40.0
+"""Of the lines of sight, from the sun [deg]."""
 EXACT = {
     1.0: (0.011751904, 0.018336834),
     5.0: (0.016247995, 0.026711230),

@@ -6,7 +6,7 @@ import pytest
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.numerics.grids import latlong_grid, texture_grid
-from twilight.sky.sky import Sky, magnitude_per_square_arcsecond
+from twilight.sky.sky import Sky
 
 WAVELENGTHS = np.array([400.0, 500.0, 600.0, 700.0])
 
@@ -163,12 +163,6 @@ def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
     assert outside == pytest.approx(133.1e3, rel=1e-3)
     np.testing.assert_allclose(sky.luminance(), outside, rtol=1e-12)
     assert sky.illuminance_lux() == pytest.approx(np.pi * outside, rel=1e-12)
-
-
-def test_magnitude_of_a_dark_site():
-    assert magnitude_per_square_arcsecond(10.8e4 * 10 ** (-0.4 * 22.0)) == pytest.approx(22.0)
-    assert magnitude_per_square_arcsecond(1.7e-4) == pytest.approx(22.0, abs=0.02)
-    assert magnitude_per_square_arcsecond(0.0) == np.inf
 
 
 def test_float32_stays_float32_and_agrees_with_float64():

@@ -21,7 +21,10 @@ from twilight.solvers.compact.field import SHIPPED
 from twilight.studies.fit.compact.build import air_of_climate, write_model
 
 WAVELENGTHS = {"list_nm": [440.0, 550.0, 620.0]}
-E, A = np.array([0.5, 10.0, 45.0, 89.0]), np.array([0.0, 35.0, 180.0])
+E = np.array([0.5, 10.0, 45.0, 89.0])
+"""Elevations of the lines of sight [deg]."""
+A = np.array([0.0, 35.0, 180.0])
+"""Azimuths of the lines of sight, from the sun [deg]."""
 
 
 def scene(**keys):

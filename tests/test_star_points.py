@@ -8,8 +8,8 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 from airs import turbid
+from filming import film, scene
 from scipy.spatial import cKDTree
-from test_animate import film, scene
 
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate

@@ -22,7 +22,10 @@ from twilight.studies.validate.stars.match import chance_matches, match
 from twilight.studies.validate.stars.planets import date_by_planets
 from twilight.studies.validate.stars.search import find_attitude, spread
 
-PLACE, MOMENT = StarSite(48.2, 16.4, 0.2), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+PLACE = StarSite(48.2, 16.4, 0.2)
+"""Vienna: latitude and longitude [deg], altitude [km]."""
+MOMENT = datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
+"""Of the drawn photographs."""
 LOCAL_SIDEREAL_TIME_H = 21.9037
 """Mean sidereal time of Greenwich (Meeus 1998, eq. 12.4) plus the longitude."""
 ARCMINUTE = 1.0
@@ -42,7 +45,10 @@ TRUTHS = {
     },
 }
 GUESSED_FOCAL_LENGTH_PX = {"fisheye": 333.0, "perspective": 640.0}
-FALSE_SHARE, HOT_PIXELS = 0.2, 200
+FALSE_SHARE = 0.2
+"""Of the sources: points that are no star."""
+HOT_PIXELS = 200
+"""Bright single pixels of the sensor."""
 
 
 @cache

@@ -39,7 +39,10 @@ MODULES = {
     "url-join": "url-join/lib/url-join.js",
     "astronomy-engine": "astronomy-engine/esm/astronomy.js",
 }
-SIZE, FIELD_OF_VIEW_DEG = 48, 100.0
+SIZE = 48
+"""Side of the picture that the browser draws [px]."""
+FIELD_OF_VIEW_DEG = 100.0
+"""Across that picture [deg]."""
 PAGE = """<!doctype html><p id="message"></p>
 <script type="importmap">IMPORTS</script>
 <script type="module">

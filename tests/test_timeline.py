@@ -19,9 +19,10 @@ from twilight.engine.visibility import Eye
 from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.quantities.catalogue import quantity
+from twilight.sky.quantities.responses import response
 from twilight.studies.timeline import timeline as work
 from twilight.studies.timeline.columns import Setup, column
-from twilight.studies.timeline.files import draw, write_dataset, write_table
+from twilight.studies.timeline.files import draw, shades, write_dataset, write_table
 from twilight.studies.timeline.flats import Flats
 from twilight.studies.timeline.presets import PRESETS
 from twilight.studies.visible.night import sightings
@@ -120,6 +121,24 @@ def test_a_flat_takes_as_long_as_its_photons_say():
             Flats(**wrong)
 
 
+@pytest.mark.parametrize("band", ["V", "r"])
+def test_the_throughput_of_flats_is_that_at_the_bands_maximum(band):
+    """LSST's curves have optics, detector and air in them, Bessell's are of energy: a detector of the throughput 1 and
+    the band's shape in photons counts a known light, by quadrature apart."""
+    found = response(band)
+    assert (found.per, round(found.value.max(), 2)) == {"V": ("energy", 1.0), "r": ("photon", 0.58)}[band]
+    shape = found.value / (found.wavelength_nm if found.per == "energy" else 1.0)
+    nm = np.arange(480.0, 721.0)
+    seen = np.interp(nm, found.wavelength_nm, shape / shape.max(), left=0.0, right=0.0)
+    photons = spectrum.solar_at(nm) * seen * nm / 1.98644586e-16  # h c [J nm]
+    flats = Flats(band, throughput=1.0, saturation_counts=1e30)
+    moments = work.moments_at([28.3], [-16.5], evening()[:1])
+    light = float(np.exp(moments.sun_elevation_deg[0]))
+    expected = light * photons.sum() * 0.25 * np.pi * 0.25 * 2.35044e-11
+    counts = column("flat_counts", Setup(flats=flats)).values(Slope(), moments)[0]
+    assert counts == pytest.approx(expected, rel=2e-3)
+
+
 def test_flats_are_columns_with_conditions():
     """Exposures times counts of one second are the level; the light falls by e for a degree of the sun."""
     setup = Setup(flats=Flats("V", exposure_s=1.0, level_counts=100.0, saturation_counts=1e30))
@@ -162,11 +181,24 @@ def test_stars_and_planets_come_out_to_the_second(dusk):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [("margin@stars", "is of several objects"), ("margin@pluto", "'pluto' is not known"),
-     ("limiting_magnitude@horizontal", "not of a surface")],
+     ("limiting_magnitude@horizontal", "not of a surface"), ("dawn_contrast@zenith", "takes no @"),
+     ("limitng_magnitude", "is not known; .* also dawn_contrast, limiting_magnitude and margin@OBJECT")],
 )  # fmt: skip
 def test_what_no_column_is(text, sentence):
     with pytest.raises(TwilightError, match=sentence):
         column(text)
+
+
+def test_shades_begin_with_the_twilights_between_the_rows():
+    """Rows an hour apart: sunset and dusks within two minutes of those of `twilight times`, for the sun's arc bends."""
+    start = datetime(2026, 3, 20, 17, 0, tzinfo=UTC)
+    times = work.rows(start, start + timedelta(hours=6), timedelta(hours=1))
+    made = work.timeline(Slope(), *PLACE, times, [column("luminance")])
+    marks = {mark.event: mark.time for mark in made.marks}
+    found = shades(made)
+    assert [depth for *_, depth in found] == [1, 2, 3, 4] and found[-1][1] == times[-1]
+    for (first, *_), event in zip(found, ("sunset", "civil dusk", "nautical dusk", "astronomical dusk"), strict=True):
+        assert abs((first - marks[event]).total_seconds()) < 120.0
 
 
 def test_files_hold_what_the_table_holds(tmp_path):
@@ -186,7 +218,11 @@ def test_files_hold_what_the_table_holds(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [(["--at", "soon"], "--at: soon is not a date"), (["--for", "tea"], "--for: tea"), (["--step", "x"], "--step"),
-     (["--when", "V"], "--when"), (["--quantity", "y"], "y: .* beyond the wavelengths of the air")],
+     (["--when", "V"], "--when"), (["--gain", "2"], "--gain: belongs to --for flats"),
+     (["--field-factor", "1.4"], "--field-factor: belongs to the columns limiting_magnitude"),
+     (["--for", "darkness", "--aperture-m", "2"], "--aperture-m: belongs to --for flats"),
+     (["--output", __file__ + "/night"], "is not a folder"),
+     (["--quantity", "y"], "y: .* beyond the wavelengths of the air")],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(change, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

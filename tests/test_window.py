@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airs import as_sky, problem_of_field, turbid
+from airs import as_sky
 from browser import light_of, open_page, until
+from closed_sky import ALL_SKY, COARSE, ClosedSky, closed, gone_at_17_deg
+from closed_sky import EIGHT_NM as NM
 from typer.testing import CliRunner
 
 import twilight
@@ -20,37 +21,12 @@ from twilight.cli.app import app
 from twilight.numerics.projections import view_directions
 from twilight.sky.ephemeris import parse_time, sun_position
 from twilight.sky.night import NightLevels, Place, night_radiance
-from twilight.solvers.base import BareField
 from twilight.viewer import view_field, view_fields, view_sky
 from twilight.viewer.colours import Channels
-from twilight.viewer.tables import ViewerTableSizes
 
-NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
-COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 UP_DEG = 4.0
 """Pixels of all-sky pictures this far above the horizon have none of the ground."""
-ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
-
-
-@dataclass
-class Closed(BareField):
-    """A sky in closed form that is bluer upwards, brighter towards the sun and gone at -17 deg."""
-
-    medium: object
-    level: float = 1.0
-
-    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
-        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
-        level = self.level * math.exp(2.0 * min(sun_elevation_deg, 0.0) ** 3 / (100.0 + sun_elevation_deg**2))
-        colour = (NM / 550.0) ** (-1.0 - 2.0 * np.sin(e)[..., None] ** 2)
-        return level * (1.0 + 0.02 * observer_altitude_km) * shape[..., None] * colour
-
-
-def closed(name="closed", level=1.0):
-    problem = problem_of_field(Closed(turbid(wavelength_nm=NM), level))
-    return replace(problem, scene=replace(problem.scene, title=name)).solve()
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +47,7 @@ def pages(field, tmp_path_factory):
     return SimpleNamespace(
         one=view_field(field, sizes=COARSE, names=["closed"], scenes=["continental-average"]).save(folder / "one.html"),
         two=two.save(folder / "two.html"),
-        sky=view_sky(as_sky(Closed(field.medium), -4.0, 5.0)).save(folder / "sky.html"),
+        sky=view_sky(as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)).save(folder / "sky.html"),
     )
 
 
@@ -292,7 +268,7 @@ def test_a_click_gives_the_light_of_the_field(field, pages):
 
 
 def test_a_computed_sky_shows_itself(field, pages):
-    sky = as_sky(Closed(field.medium), -4.0, 5.0)
+    sky = as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)
     elevation, azimuth = view_directions("fisheye", 48)
     keep = np.isfinite(elevation) & (elevation > UP_DEG)
     with open_page(pages.sky, 48, 48) as (page, errors):

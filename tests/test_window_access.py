@@ -7,11 +7,14 @@ import re
 import numpy as np
 import pytest
 from browser import open_page
-from test_window import COARSE, closed
+from closed_sky import COARSE, closed
 
 from twilight.viewer import view_fields
 
-PHONE, DESK = (390, 844), (1280, 800)
+PHONE = (390, 844)
+"""Width and height of the window on a phone [px]."""
+DESK = (1280, 800)
+"""Width and height of the window on a desk [px]."""
 COARSE_PIXELS = {"device_scale_factor": 1 / 3}
 """A third of the pixels each way, drawn by the processor: layout, names and keys are the same."""
 FINGER_PX = 44

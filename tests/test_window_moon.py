@@ -3,44 +3,27 @@
 from __future__ import annotations
 
 import datetime as dt
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from airs import problem_of_field, turbid
 from browser import light_of, open_page
+from closed_sky import ALL_SKY, COARSE, solved
+from closed_sky import EIGHT_NM as NM
 
 from twilight.numerics.orientation import azimuth_elevation
 from twilight.numerics.projections import view_directions
 from twilight.sky.bodies import Sites
 from twilight.sky.moon import Moon, moon_over
-from twilight.solvers.base import BareField
 from twilight.viewer import view_field
 from twilight.viewer.colours import Channels
-from twilight.viewer.tables import ViewerTableSizes
 
-NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
-COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
 BARE = {"disc": False, "night": False, "stars": False, "path": False, "moon": True}
-ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
-
-
-@dataclass
-class Closed(BareField):
-    """A sky in closed form that is bluer upwards, brighter towards the light and a factor of e darker a degree."""
-
-    medium: object
-
-    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
-        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
-        colour = (NM / 550.0) ** (-1.0 - 2.0 * np.sin(e)[..., None] ** 2)
-        return np.exp(min(sun_elevation_deg, 0.0)) * shape[..., None] * colour
 
 
 @pytest.fixture(scope="module")
 def field():
-    return problem_of_field(Closed(turbid(wavelength_nm=NM))).solve()
+    """A factor of e darker a degree."""
+    return solved(lambda height_deg: np.exp(min(height_deg, 0.0)))
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import io
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from airs import problem_of_field, turbid
 from browser import OPTIONS, open_page
+from closed_sky import EIGHT_NM as NM
+from closed_sky import solved
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -22,35 +22,24 @@ from twilight.numerics import spectrum
 from twilight.numerics.orientation import direction
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
-from twilight.solvers.base import BareField
 from twilight.studies.export.folder import write_folder
 from twilight.viewer.colours import Channels
 from twilight.viewer.shader import SIZES, shader_sky
 from twilight.viewer.tables import ViewerTableSizes
 
-NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
 SMALL = ViewerTableSizes(suns=65, haze=0, sky=25, ground=7, azimuths=25)
-MOST_LINES, MOST_BYTES = 200, 4e6
+MOST_LINES = 200
+"""Of a shader: what its page in the manual promises."""
+MOST_BYTES = 4e6
+"""Of the shader's two files of numbers [bytes]: what its page in the manual promises."""
 PAGES = Path(__file__).parent / "data"
 """Pages that read the shaders' answers back: `twilight.read(views, suns)`."""
 
 
-@dataclass
-class Closed(BareField):
-    """A sky in closed form that is bluer upwards, brighter towards the sun and a factor of 10 darker for 4 deg."""
-
-    medium: object
-
-    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
-        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
-        colour = (NM / 550.0) ** (-1.0 - 2.0 * np.sin(e)[..., None] ** 2)
-        return 10.0 ** (min(sun_elevation_deg, 0.0) / 4.0) * shape[..., None] * colour
-
-
 @pytest.fixture(scope="module")
 def field():
-    return problem_of_field(Closed(turbid(wavelength_nm=NM))).solve()
+    """A factor of 10 darker for 4 deg."""
+    return solved(lambda sun_deg: 10.0 ** (min(sun_deg, 0.0) / 4.0))
 
 
 @pytest.fixture(scope="module")

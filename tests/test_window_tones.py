@@ -9,22 +9,25 @@ import math
 import numpy as np
 import pytest
 from browser import light_of, open_page
+from closed_sky import COARSE, closed
 from PIL import Image
 
 from twilight.io.view import view_exposure_ev100
 from twilight.sky.tone import Shot, Tone, tone_of
+from twilight.viewer import view_field
 
 SUNS_DEG = (-18.0, -9.0, 0.0, 20.0)
-WIDTH, HEIGHT, FIELD_DEG = 120, 80, 20.0
+WIDTH = 120
+"""Of the window [px]."""
+HEIGHT = 80
+"""Of the window [px]."""
+FIELD_DEG = 20.0
+"""Across the window [deg]."""
 STEP = 1.0 / 255.0
 
 
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory):
-    from test_window import COARSE, closed
-
-    from twilight.viewer import view_field
-
     return view_field(closed(level=0.1), sizes=COARSE).save(tmp_path_factory.mktemp("tones") / "sky.html")
 
 

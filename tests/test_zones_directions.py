@@ -12,8 +12,9 @@ from twilight.atmosphere.build import build_medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
+from twilight.solvers.zones.altitudes import altitude_nodes
 from twilight.solvers.zones.directions import RIM_POLAR, needed, rims_km, with_degree
-from twilight.solvers.zones.grid import altitude_nodes, conserving, even_harmonics, make_angles
+from twilight.solvers.zones.grid import conserving, even_harmonics, make_angles
 from twilight.solvers.zones.line_integrals import sun_lift
 from twilight.transport.lines import horizon_cosine, with_refraction
 from twilight.transport.profile import prepare_profile

@@ -17,8 +17,8 @@ from twilight.base.errors import TwilightWarning
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
+from twilight.solvers.zones.altitudes import MAX_INTERVAL_RATIO, altitude_nodes, resolve_layers
 from twilight.solvers.zones.directions import near_edges
-from twilight.solvers.zones.grid import MAX_INTERVAL_RATIO, altitude_nodes, resolve_layers
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.lines import ALTITUDE
@@ -173,7 +173,7 @@ def test_light_of_a_low_sun_in_a_thin_layer_is_not_stepped_over():
 
 @pytest.mark.slow
 def test_light_leaks_along_a_high_layer_after_sunset():
-    """Against the reference solution (`benchmarks/zones_study_layer.csv`), whose error is 1.3 and 1.7 %."""
+    """Against the mean of four seeds of `montecarlo`, 110 s each at this sun: standard errors of 1.4 and 1.6 %."""
     draft = replace(QUICK, polarisation=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TwilightWarning)

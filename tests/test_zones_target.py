@@ -68,8 +68,11 @@ def test_the_errors_hold_in_air_that_the_rule_does_not_know():
     measured = errors_of_climates()
     with open(TABLE.with_name("target_error.csv"), newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if line[0] != "#"))
-    assert {r["climate"] for r in rows} == {climate for _, climate in measured}
-    for r in rows:
+    drawn = [r for r in rows if r["beside"] != "montecarlo"]
+    assert drawn and all(float(r["got_percent"]) <= float(r["promised_percent"]) for r in drawn)
+    left_out = [r for r in rows if r["beside"] == "montecarlo"]
+    assert {r["climate"] for r in left_out} == {climate for _, climate in measured}
+    for r in left_out:
         place = ("day", "twilight", "deep").index(r["suns"])
         others = [
             max(e[: place + 1])

@@ -22,7 +22,10 @@ from twilight.viewer.tables import ViewerTables, ViewerTableSizes
 
 NO_LIGHT = -200.0
 """Logarithm that stands for no light."""
-NONE, ONE = np.float32(0.0), np.float32(1.0)
+NONE = np.float32(0.0)
+"""0 in the single precision of the tables, which a literal is not."""
+ONE = np.float32(1.0)
+"""1 in that precision."""
 
 
 @njit(cache=True, nogil=True)

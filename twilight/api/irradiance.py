@@ -22,6 +22,9 @@ from twilight.sky.quantities.measure import Spectra
 if TYPE_CHECKING:
     import pandas
 
+POSITIONS = (("elevation", -90.0, 90.0), ("azimuth", -360.0, 360.0))
+"""Columns of pvlib's solar positions that are taken, and their ranges [deg]."""
+
 
 def irradiance(
     times: Any,
@@ -134,9 +137,16 @@ def _moments(times: Any, place: Any, altitude_km: float | None) -> tuple[Moments
             )
         index, columns = times.index, times
     else:
-        index, columns = pandas.DatetimeIndex(times), None
+        try:
+            index, columns = pandas.DatetimeIndex(times), None
+        except (TypeError, ValueError):
+            raise TwilightError(
+                "irradiance: times must be a DatetimeIndex, a list of times, or pvlib's frame of solar positions"
+            ) from None
     if not len(index):
         raise TwilightError("irradiance: times: none is given")
+    if index.hasnans:
+        raise TwilightError("irradiance: times: one is NaT, which is no time")
     utc = index.tz_localize("UTC") if index.tz is None else index.tz_convert("UTC")
     moments = [moment.to_pydatetime() for moment in utc]
     found: dict[str, Any] = {"altitude_km": None} if place is None else place_of(place, None, None, None)
@@ -148,8 +158,18 @@ def _moments(times: Any, place: Any, altitude_km: float | None) -> tuple[Moments
         return moments_at(*where, moments, height or 0.0), index, height
     distance = np.asarray(sun_position(moments, 0.0, 0.0).distance_au)
     places = tuple(Place(0.0, 0.0, moment) for moment in moments)
-    elevation, azimuth = (columns[name].to_numpy(float) for name in ("elevation", "azimuth"))
+    elevation, azimuth = (_angles(columns, name, low, high) for name, low, high in POSITIONS)
     return Moments(places, elevation, azimuth, distance), index, height
+
+
+def _angles(columns: pandas.DataFrame, name: str, low: float, high: float) -> np.ndarray:
+    """A column of solar positions [deg]; TwilightError for what is no angle between the two."""
+    import pandas  # start-up
+
+    values = pandas.to_numeric(columns[name], errors="coerce").to_numpy(float)
+    if not np.all((values >= low) & (values <= high)):
+        raise TwilightError(f"irradiance: {name} must be numbers from {low:g} to {high:g} [deg]")
+    return values
 
 
 def _planes(tilt: Any, azimuth: Any, index: Any) -> tuple[list[Surface | None], list[np.ndarray]]:

@@ -21,13 +21,10 @@ Columns = Mapping[str, tuple[float, float, str]]
 """Column -> lowest and highest value allowed, and how a message says so."""
 
 
-def read_columns(
-    file: Path, columns: Columns, optional: Columns | None = None
-) -> tuple[list[str], np.ndarray, list[int]]:
-    """Names of the columns found, rows (R, C) in that order, and the line of each row in the file.
+def numbered_lines(file: Path) -> list[tuple[int, str]]:
+    """The lines of a table with their numbers in the file; lines that are empty or begin with # are none of it.
 
-    One header line, then one row a line; lines that begin with # are comments.  Columns come in any order; those of
-    `optional` may be missing.  Raises TwilightError, with file, line and column, on anything that is not allowed.
+    Errors: TwilightError, with the file, for one that cannot be read, is no text or larger than MAX_BYTES.
     """
     try:
         if file.stat().st_size > MAX_BYTES:
@@ -40,15 +37,27 @@ def read_columns(
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise TwilightError(f"{file}: cannot read the table ({reason})") from error
-    lines = [
+    return [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
+
+
+def read_columns(
+    file: Path, columns: Columns, optional: Columns | None = None, others: bool = False
+) -> tuple[list[str], np.ndarray, list[int]]:
+    """Names of the columns found, rows (R, C) in that order, and the line of each row in the file.
+
+    One header line, then one row a line; lines that begin with # are comments.  Columns come in any order; those of
+    `optional` may be missing; others: whether there may be more, which are passed over.  Raises TwilightError, with
+    file, line and column, on anything that is not allowed.
+    """
+    lines = numbered_lines(file)
     if not lines:
         raise TwilightError(f"{file}: the table is empty, a header with {', '.join(columns)} is expected")
     known = dict(columns) | dict(optional or {})
-    names = _header(file, *lines[0], columns, known)
+    names = _header(file, *lines[0], columns, known, others)
     if len(lines) == 1:
         raise TwilightError(f"{file}: the table has a header but no rows")
     if len(lines) - 1 > MAX_ROWS:
@@ -57,7 +66,7 @@ def read_columns(
     order = [(name, names.index(name), known[name]) for name in found]
     rows = np.empty((len(lines) - 1, len(found)))
     for i, (number, line) in enumerate(lines[1:]):
-        rows[i] = _row(file, number, line, order)
+        rows[i] = _row(file, number, line, order, len(names))
     return found, rows, [number for number, _ in lines[1:]]
 
 
@@ -68,7 +77,7 @@ def _fields(file: Path, number: int, line: str) -> list[str]:
         raise TwilightError(f"{file}: line {number} is not a line of a CSV table ({error})") from error
 
 
-def _header(file: Path, number: int, line: str, needed: Columns, known: Columns) -> list[str]:
+def _header(file: Path, number: int, line: str, needed: Columns, known: Columns, others: bool) -> list[str]:
     """The names in the file's order."""
     names = _fields(file, number, line)
     for column in known:
@@ -76,17 +85,19 @@ def _header(file: Path, number: int, line: str, needed: Columns, known: Columns)
             what = "is missing" if column not in names else "appears more than once"
             raise TwilightError(f"{file}: line {number}: column {column} {what}; needed are {', '.join(needed)}")
     for column in names:
-        if column not in known:
+        if not (others or column in known):
             raise TwilightError(
                 f"{file}: line {number}: column `{column}` is not known; allowed are {', '.join(known)}"
             )
     return names
 
 
-def _row(file: Path, number: int, line: str, order: list[tuple[str, int, tuple[float, float, str]]]) -> list[float]:
+def _row(
+    file: Path, number: int, line: str, order: list[tuple[str, int, tuple[float, float, str]]], count: int
+) -> list[float]:
     fields = _fields(file, number, line)
-    if len(fields) != len(order):
-        raise TwilightError(f"{file}: line {number} has {len(fields)} values, expected {len(order)}")
+    if len(fields) != count:
+        raise TwilightError(f"{file}: line {number} has {len(fields)} values, expected {count}")
     values = []
     for column, position, (lowest, highest, allowed) in order:
         try:

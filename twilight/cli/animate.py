@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import option, scene_names, settings_of, within
+from twilight.cli.options import one_config, option, scene_names, settings_of, within
 from twilight.cli.terminal import progress_bar
 
 
@@ -68,17 +68,13 @@ def animate(
     if exposure is not None and exposure not in ("constant", "metered"):
         how = _exposure_value(exposure)
 
-    from twilight.config import load_series
-
     chosen |= _usual_view(scene, chosen)
-    cases = load_series(scene, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{scene}: vary makes {len(cases)} scenes of it; a film shows one")
+    config = one_config(scene, chosen, names, "animate")
 
     from twilight.animation.film import Animation
 
     film = Animation(
-        cases[0].config,
+        config,
         output,
         speed=speed,
         frames_per_second=frames_per_second,

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, option, settings_of, within
+from twilight.cli.options import file_stem, numbers, one_config, option, settings_of, within
 from twilight.cli.terminal import print_table, progress_bar
 
 
@@ -50,18 +50,13 @@ def compare(
     output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
     """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. Takes up what is there."""
-    from twilight.config import load_series
-
     chosen, names = settings_of(settings)
     suns = None if sun_elevation is None else numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     within(reference_stderr, "--reference-stderr", 1e-4, 0.1)
     within(directions, "--directions", 4, 100_000)
     within(time_limit, "--time-limit", 1.0, 1e7)
     within(repeats, "--repeats", 1, 100)
-    cases = load_series(scene, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); compare takes one")
-    config = cases[0].config
+    config = one_config(scene, chosen, names, "compare")
     folder = output or Path("out") / ("compare-" + file_stem(config.title, "scene"))
     if ablations:
         if solvers is not None or reference is not None or add:

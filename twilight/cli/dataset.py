@@ -48,9 +48,9 @@ def dataset(
         raise TwilightError(f"--validation: {validation:g} is not allowed; it must be above 0 and below 1")
     place = place_of(scheduler, batch_system, workers, threads, output)
     chosen, names = settings_of(settings)
-    for key, value in (("solver.name", solver), ("solver.quality", quality)):
+    for key, value, name in (("solver.name", solver, "--solver"), ("solver.quality", quality, "--quality")):
         if value is not None:
-            chosen[key], names[key] = value, f"--{key.partition('.')[2].replace('name', 'solver')}"
+            chosen[key], names[key] = value, name
     series = training_series(scene, airs, seed, chosen, names)
     split = split_of(airs, validation, seed)
     with progress_bar() as bar:

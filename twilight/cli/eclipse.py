@@ -35,8 +35,8 @@ def eclipse(
 ) -> None:
     """The shadow of the Earth: its light and colour, the light curve of an eclipse of the moon, a satellite's sunlight.
 
-    Sunlight is refracted, spread and dimmed by the air around the Earth's limb, the same everywhere along it; light
-    that the air scatters forwards is not in it.
+    Sunlight is refracted, spread and dimmed by the air around the Earth's limb, the same everywhere along it; for the
+    moon light that this air scatters forwards, once, is added.
     """
     import datetime as dt
 
@@ -69,9 +69,9 @@ def eclipse(
         _satellite(shadows, satellite_altitude_km, nm, folder)
         return
 
-    from twilight.studies.eclipse import report
+    from twilight.studies.eclipse import danjon, report
     from twilight.studies.eclipse.circumstances import find_eclipse
-    from twilight.studies.eclipse.light import magnitudes, shadow_light
+    from twilight.studies.eclipse.light import magnitudes, shadow_light, visual
 
     event = find_eclipse(day)
     lights = {name: shadow_light(shadow, event) for name, shadow in shadows.items()}
@@ -80,12 +80,19 @@ def eclipse(
     print_table(["contact", "time (UTC)"], [[name, f"{t:%Y-%m-%d %H:%M:%S}"] for name, t in event.contacts.items()])
     print(f"umbral magnitude {event.umbral_magnitude:.3f}")
     middle = int(np.argmin(event.places.offset_rad))
+    offset, total = event.places.offset_rad[middle], "U2" in event.contacts
     rows = []
     for name, light in lights.items():
-        magnitude = magnitudes(light, event.places)
-        at = [f"{light.visual_at(np.array([event.places.offset_rad[middle]]))[0]:.2e}", f"{magnitude[middle]:.2f}"]
-        rows.append([name, *at])
-    print_table(["climate", "light at the moon's centre", "magnitude at greatest eclipse"], rows, right=(1, 2))
+        magnitude = float(magnitudes(light, event.places)[middle])
+        there = float(light.visual_at(np.array([offset]))[0])
+        scattered = float(np.interp(offset, light.offset_rad, visual(light.scattered, nm)))
+        row = [name, f"{there:.2e}", f"{100.0 * scattered / there:.1f}", f"{magnitude:.2f}"]
+        if total:
+            number = danjon.danjon_number(danjon.luminance(magnitude, light.distance_km))
+            row.append(f"{number:.1f}, {danjon.description(number)}")
+        rows.append(row)
+    columns = ["climate", "light at the moon's centre", "of it scattered [%]", "magnitude at greatest eclipse"]
+    print_table(columns + ["Danjon's number, estimated"] * total, rows, right=(1, 2, 3))
     print(f"wrote {', '.join(files)} to {folder}/")
 
 

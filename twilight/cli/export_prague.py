@@ -49,7 +49,12 @@ def prague(
         ("--width-nm", width_nm, 1.0, 200.0),
     ):
         within(value, name, low, high)
-    within(start_nm, "--start-nm", 280.0, 1000.0 - channels * width_nm)
+    end_nm = start_nm + channels * width_nm
+    if not (start_nm >= 280.0 and end_nm <= 1000.0):
+        raise TwilightError(
+            f"--channels {channels} of --width-nm {width_nm:g} from --start-nm {start_nm:g} reach from {start_nm:g} to "
+            f"{end_nm:g} nm; allowed is 280 to 1000 nm"
+        )
     if output.suffix != ".dat":
         raise TwilightError(f"--output: {output} must end in .dat")
     visibilities = None if visibility is None else tuple(numbers(visibility, "--visibility", 1.0, 400.0))

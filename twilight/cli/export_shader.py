@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.options import file_stem, one_config, option, settings_of
 from twilight.cli.terminal import progress_bar
 
 
@@ -20,7 +19,6 @@ def shader(
 ) -> None:
     """Write the sky of a climate from the ground, for every sun, as GLSL and WGSL with two textures, and a page."""
     from twilight.cli.first_run import say_that_it_compiles
-    from twilight.config import load_series
     from twilight.engine import Problem
     from twilight.scene import resolve
     from twilight.studies.export.folder import check_new, write_folder
@@ -30,10 +28,7 @@ def shader(
     chosen, names = settings_of(settings)
     if quality is not None:
         chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    cases = load_series(climate, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{climate}: vary makes {len(cases)} scenes of it; a shader shows one")
-    config = cases[0].config
+    config = one_config(climate, chosen, names, "export shader")
     problem = Problem(resolve(config))
     name = problem.scene.medium.name or config.title
     check_altitudes(problem.scene, None, name)

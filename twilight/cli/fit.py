@@ -9,7 +9,7 @@ import typer
 
 from twilight.base.errors import TwilightError
 from twilight.cli.fit_compact import compact
-from twilight.cli.options import option, settings_of
+from twilight.cli.options import one_config, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar, sentences
 
 TURBIDITIES = (2.0, 3.0, 4.0, 5.0, 6.0)
@@ -78,17 +78,13 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
     import numpy as np
 
     from twilight.base.progress import part_of
-    from twilight.config import load_series
     from twilight.solvers.analytic.coefficients import load_coefficients
     from twilight.studies.fit.document import write_set
     from twilight.studies.fit.errors import error_of
     from twilight.studies.fit.perez import fit_set
     from twilight.studies.fit.truth import compute_truth
 
-    cases = load_series(scene, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{scene}: describes {len(cases)} cases; the fit takes one climate")
-    config = cases[0].config
+    config = one_config(scene, chosen, names, "fit perez")
     name = config.title if haze == "climate" else f"{config.title}-{haze}"
     path = _path(output, name)
     solver, quality, _ = config.chosen_solver

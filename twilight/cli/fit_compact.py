@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import numbers, option, settings_of
+from twilight.cli.options import numbers, one_config, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 
 FITTED_KEYS = (
@@ -40,17 +40,13 @@ def compact(
 ) -> None:
     """Fit a compact spectral sky: every sun to -18 deg, direction, 380 to 740 nm, aerosol load, albedo and ozone."""
     from twilight.base.whole_files import check_file
-    from twilight.config import load_series
     from twilight.studies.fit.compact.build import fit_compact, seconds_per_value, write_model
 
     if output is not None and output.suffix != ".npz":
         raise TwilightError(f"--output: {output} must end in .npz")
     depths = None if optical_depths is None else numbers(optical_depths, "--optical-depths", 0.0, 100.0)
     chosen, names = _chosen(quality, settings)
-    cases = load_series(climate, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{climate}: describes {len(cases)} cases; a compact sky takes one climate")
-    config = cases[0].config
+    config = one_config(climate, chosen, names, "fit compact")
     path = output or Path("out") / f"compact_{config.climate.name}.npz"
     check_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, option, settings_of, within
+from twilight.cli.options import file_stem, numbers, one_config, option, settings_of, within
 from twilight.cli.terminal import print_table, progress_bar
 
 MOST_NAMED = 3
@@ -52,7 +52,7 @@ def frontier(
     from twilight.base.whole_files import check_folder
     from twilight.studies.frontier import report, search
     from twilight.studies.frontier.measure import qualities
-    from twilight.studies.frontier.space import STARTS
+    from twilight.studies.frontier.space import ZONES
 
     search.check_installed()
     within(minutes, "--minutes", 0.0, 1e5)
@@ -75,7 +75,7 @@ def frontier(
             _case(scene, config, tables[i] if tables else None, suns, part_of(progress, share * i / len(scenes), 0.0))
             for i, (scene, config) in enumerate(zip(scenes, configs, strict=True))
         ]
-        starts = {**qualities(cases[0].physics), **STARTS}
+        starts = {**qualities(cases[0].physics), **ZONES.starts}
         del starts["reference"]  # it is what is right, or as near to it as tables can tell
         steps = search.search(
             cases,
@@ -93,18 +93,14 @@ def frontier(
     report.write_tables(found, folder)
     title = ", ".join(case.name for case in cases) if len(cases) <= MOST_NAMED else f"{len(cases)} scenes"
     report.draw(found, folder / "frontier.png", f"{title}: zones, worst sun")
-    print_table(["point", "from", "processor s", "error %"], report.printed(found), right=(0, 2, 3))
+    print_table(["point", "from", "processor s", "MiB", "error %"], report.printed(found), right=(0, 2, 3, 4))
     print(f"wrote points.csv, frontier.csv, frontier.png to {folder}/")
 
 
 def _one(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
-    from twilight.config import load_series
     from twilight.engine import check_size
 
-    cases = load_series(scene, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{scene}: is a series of {len(cases)} scenes (vary); frontier takes one")
-    config = cases[0].config
+    config = one_config(scene, chosen, names, "frontier")
     if config.chosen_solver.name != "zones":
         raise TwilightError(
             f"{scene}: solver.name is {config.chosen_solver.name}; frontier searches the settings of zones"

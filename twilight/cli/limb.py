@@ -79,12 +79,19 @@ def limb(
         for value, name in ((sun_zenith, "--sun-zenith"), (sun_elevation, "--sun-elevation"), (azimuth, "--azimuth")):
             if value is not None:
                 raise TwilightError(f"{name}: is not for --occultation, where the sun stands behind the limb")
+        for text, name in ((solver, "--solver"), (quality, "--quality")):
+            if text is not None:
+                raise TwilightError(f"{name}: is not for --occultation, which follows rays and solves nothing")
         if air_mass:
             raise TwilightError("--air-mass: is not for --occultation")
     elif (sun_zenith is None) == (sun_elevation is None):
         raise TwilightError("limb: takes either --sun-zenith or --sun-elevation, or --occultation")
     if layers is not None and not air_mass:
         raise TwilightError("--layers: is for --air-mass alone")
+    if field_of_view_shape != "box" and field_of_view_km is None:
+        raise TwilightError("--field-of-view-shape: goes with --field-of-view-km")
+    if azimuth is not None:
+        within(azimuth, "--azimuth", -720.0, 720.0)
     if sun_zenith is not None:
         within(sun_zenith, "--sun-zenith", 0.0, 108.0)
     if sun_elevation is not None:

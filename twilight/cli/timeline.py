@@ -48,7 +48,7 @@ def timeline(
     aperture_m: Annotated[float, option("M", "Of the telescope of --for flats.")] = 1.0,
     obstruction_m: Annotated[float, option("M", "Diameter of its obstruction.")] = 0.0,
     pixel_arcsec: Annotated[float, option("ARCSEC", "Side of a pixel.")] = 0.5,
-    throughput: Annotated[float, option("1", "Of optics and detector where the filter's curve is 1.")] = 0.5,
+    throughput: Annotated[float, option("1", "Of filter, optics and detector where the band has its maximum.")] = 0.5,
     gain: Annotated[float, option("E", "Electrons of a count.")] = 1.0,
     level_counts: Annotated[float, option("COUNTS", "That a flat is to have.")] = 30_000.0,
     saturation_counts: Annotated[float, option("COUNTS", "That a pixel never exceeds.")] = 65_535.0,
@@ -71,7 +71,7 @@ def timeline(
     from twilight.sky.ephemeris import parse_time
     from twilight.sky.twilight_times import time_of, twilight_times
     from twilight.studies.timeline import timeline as work
-    from twilight.studies.timeline.columns import Setup, column
+    from twilight.studies.timeline.columns import LimitColumn, MarginColumn, Setup, column
     from twilight.studies.timeline.files import draw, write_dataset, write_table
     from twilight.studies.timeline.flats import Flats
     from twilight.studies.timeline.presets import PRESETS
@@ -89,6 +89,8 @@ def timeline(
     flats = Flats(
         band, aperture_m, obstruction_m, pixel_arcsec, throughput, gain, level_counts, saturation_counts, exposure_s
     )
+    if purpose != "flats" and flats.changed:
+        raise TwilightError(f"--{flats.changed.replace('_', '-')}: belongs to --for flats")
     setup = Setup(field_factor, flats if purpose == "flats" else None)
     preset = PRESETS.get(purpose or "")
     if preset is not None:
@@ -97,6 +99,9 @@ def timeline(
         texts, conditions = [flats.column, f"{band}@zenith", *texts], [*flats.conditions, *conditions]
     columns = [column(text, setup) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
     wanted = [work.condition(text, setup) for text in conditions]
+    of_the_eye = any(isinstance(one, LimitColumn | MarginColumn) for one in (*columns, *(c.column for c in wanted)))
+    if field_factor != Setup().field_factor and not of_the_eye:
+        raise TwilightError("--field-factor: belongs to the columns limiting_magnitude and margin@OBJECT")
 
     def moment(text: str) -> dt.datetime:
         try:
@@ -120,8 +125,8 @@ def timeline(
     stem = output or Path("out") / f"{file_stem(config.name or config.climate.name, 'sky')}_timeline"
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
     for path in paths:
-        path.parent.mkdir(parents=True, exist_ok=True)
         check_file(path)
+    stem.parent.mkdir(parents=True, exist_ok=True)
     field = field_for(config, [one.needs for one in (*columns, *(c.column for c in wanted))])
     made = work.timeline(field, latitude, longitude, times, columns, wanted, time_zone)
     about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, option, settings_of
+from twilight.cli.options import file_stem, one_config, option, settings_of
 from twilight.cli.photograph import (
     Azimuth,
     CameraFile,
@@ -79,7 +79,6 @@ def estimate(
     Interrupted (Ctrl-C), it fits the types that are there.
     """
     from twilight.base.whole_files import check_folder
-    from twilight.config import load_series
 
     chosen_types, design = _wanted(types, parameters)
     chosen, names = settings_of(settings)
@@ -94,15 +93,13 @@ def estimate(
         glare_deg=glare,
         resolution_deg=resolution,
     )
-    cases = load_series(config, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate estimate takes one")
+    loaded = one_config(config, chosen, names, "validate estimate")
     folder = output or Path("out") / ("estimate-" + file_stem(image.stem, "photo"))
     for place in (folder, *([library] if library else [])):
         check_folder(place)
         place.mkdir(parents=True, exist_ok=True)
     options = {"white_balance": white_balance, "with_colour": not no_colour}
-    _estimate(image, photograph, cases[0].config, chosen_types, design, sun_azimuth, library, options, folder)
+    _estimate(image, photograph, loaded, chosen_types, design, sun_azimuth, library, options, folder)
 
 
 def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:

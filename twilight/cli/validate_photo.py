@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import check_polarised, file_stem, option, settings_of
+from twilight.cli.options import check_polarised, file_stem, one_config, option, settings_of
 from twilight.cli.photograph import (
     Azimuth,
     CameraFile,
@@ -55,7 +55,6 @@ def photo(
     are those of the sun that fits best.
     """
     from twilight.base.whole_files import check_folder
-    from twilight.config import load_series
 
     chosen, names = settings_of(settings)
     photograph = open_photograph(
@@ -73,14 +72,12 @@ def photo(
     names["texture"] = "--resolution"
     if polariser is not None:
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
-    cases = load_series(config, chosen, names)
-    if len(cases) > 1:
-        raise TwilightError(f"{config}: is a series of {len(cases)} scenes (vary); validate photo takes one")
-    check_polarised(cases[0].config)
+    loaded = one_config(config, chosen, names, "validate photo")
+    check_polarised(loaded)
     folder = output or Path("out") / ("photo-" + file_stem(image.stem, "photo"))
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    _compare(image, photograph, cases[0].config, sun_azimuth, white_balance, folder)
+    _compare(image, photograph, loaded, sun_azimuth, white_balance, folder)
 
 
 def _compare(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import option, settings_of
+from twilight.cli.options import numbers, option, settings_of
 from twilight.cli.terminal import print_table, progress_bar
 
 
@@ -46,10 +46,11 @@ def spectra(
     from twilight.studies.validate.measured import spectra as work
     from twilight.studies.validate.measured import spectra_report as report
 
-    high, low = _numbers("--suns", suns, -90.0, 90.0, 2)
-    starts = tuple(dict.fromkeys(_numbers("--from-km", from_km, 0.0, 2000.0, None)))
-    if not high > low:
-        raise TwilightError(f"--suns {suns}: the first must be the higher one, e.g. 0,-8")
+    between = numbers(suns, "--suns", -90.0, 90.0)
+    if len(between) != 2 or between[0] < between[1]:
+        raise TwilightError(f"--suns: {suns} must be two elevations, the higher one first, e.g. 0,-8")
+    high, low = between
+    starts = tuple(numbers(from_km, "--from-km", 0.0, 2000.0))
     if not zenith >= 0.0:
         raise TwilightError(f"--zenith {zenith:g}: must be 0 or more")
     chosen = settings_of(settings)[0]
@@ -70,15 +71,3 @@ def spectra(
     for line in report.sentences(fits[0]):
         print(line)
     print(f"wrote fits.csv, residuals.csv, spectra.png, evening.yaml to {output}/")
-
-
-def _numbers(name: str, text: str, low: float, high: float, count: int | None) -> list[float]:
-    """Numbers with commas between, each within a range; count: how many, None: one or more."""
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if not found or (count is not None and len(found) != count) or not all(low <= x <= high for x in found):
-        many = "numbers" if count is None else f"{count} numbers"
-        raise TwilightError(f"{name} {text}: must be {many} of {low:g} to {high:g} with commas between")
-    return found

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, option, scene_names, settings_of
+from twilight.cli.options import file_stem, numbers, one_config, option, scene_names, settings_of
 from twilight.cli.terminal import progress_bar
 
 
@@ -97,18 +97,13 @@ def _render_words(scene: str, quality: str | None, settings: list[str] | None) -
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The problem of a scene, and its configuration where it has one."""
     from twilight.cli.first_run import say_that_it_compiles
-    from twilight.config import load_series
     from twilight.engine import Problem
     from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):
-        cases = load_series(scene, chosen, names)
-        if len(cases) > 1:
-            raise TwilightError(
-                f"{scene}: vary makes {len(cases)} scenes of it; a page shows one, or two with --beside"
-            )
-        say_that_it_compiles(cases[0].config.chosen_solver.name)
-        return Problem(resolve(cases[0].config)), cases[0].config
+        config = one_config(scene, chosen, names, "view")
+        say_that_it_compiles(config.chosen_solver.name)
+        return Problem(resolve(config)), config
     if chosen:
         raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")
     from twilight.solvers import zones

@@ -17,6 +17,14 @@ if TYPE_CHECKING:
 
 DISC_STRIPS = 12
 """Horizontal strips of the sun's disc, at the nodes of Gauss and Chebyshev's second kind."""
+ROWS = 12
+"""Nodes of `whole_hemisphere` below the sun's elevation, and as many above it (uniform skies: test_light.py)."""
+COLUMNS = 20
+"""Nodes over the azimuths of either half of it."""
+LOWEST_NODE_DEG = 6.0
+"""Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
+HIGHEST_NODE_DEG = 84.0
+"""Highest elevation of the sun [deg] that does."""
 
 
 def disc_irradiance(
@@ -82,3 +90,20 @@ def hemisphere(sun_elevation_deg: float, rows: int = 24, columns: int = 20):
     grid = np.meshgrid(np.degrees(np.arcsin(np.sqrt(s))), np.degrees(azimuth), indexing="ij")
     # cos dOmega = d(sin^2)/2 dA, both halves
     return grid[0].ravel(), grid[1].ravel(), np.outer(sw, aw).ravel()
+
+
+def whole_hemisphere(sun_elevation_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevations, azimuths from the sun [deg] and solid angles [sr] of both halves of the upper hemisphere.
+
+    Gauss-Legendre in the sine of the elevation, below and above the sun, and in the root of the azimuth.
+    """
+    edge = np.sin(np.radians(np.clip(sun_elevation_deg, LOWEST_NODE_DEG, HIGHEST_NODE_DEG)))
+    x, w = np.polynomial.legendre.leggauss(ROWS)
+    sine = np.concatenate([0.5 * edge * (x + 1.0), edge + 0.5 * (1.0 - edge) * (x + 1.0)])
+    height = np.concatenate([0.5 * edge * w, 0.5 * (1.0 - edge) * w])
+    u, uw = np.polynomial.legendre.leggauss(COLUMNS)
+    root = 0.5 * (u + 1.0)
+    grid = np.meshgrid(np.degrees(np.arcsin(sine)), np.degrees(np.pi * root**2), indexing="ij")
+    elevation, azimuth = grid[0].ravel(), grid[1].ravel()
+    solid = np.outer(height, np.pi * root * uw).ravel()
+    return np.tile(elevation, 2), np.concatenate([azimuth, -azimuth]), np.tile(solid, 2)

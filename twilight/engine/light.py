@@ -21,7 +21,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.engine.columns import mean_of
-from twilight.engine.hemisphere import disc_beams
+from twilight.engine.hemisphere import disc_beams, whole_hemisphere
 from twilight.engine.night import levels_of
 from twilight.engine.sky_table import SkyTable
 from twilight.engine.solve import Solved
@@ -38,14 +38,6 @@ NIGHT_COLUMN_DEG = 15.0
 NIGHT_STEP = timedelta(minutes=15)
 """Times at which the night is computed are whole multiples of it: stars then move by 4 deg."""
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-ROWS = 12
-"""Nodes of the hemisphere below the sun's elevation, and as many above it (uniform skies: `tests/test_light.py`)."""
-COLUMNS = 20
-"""Nodes over the azimuths of either half of the hemisphere."""
-LOWEST_NODE_DEG = 6.0
-"""Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
-HIGHEST_NODE_DEG = 84.0
-"""Highest elevation of the sun [deg] that does."""
 
 
 class Moments(NamedTuple):
@@ -343,7 +335,7 @@ class LightField:
         return out
 
     def _surfaces(self, moments: Moments, surfaces: Sequence[Surface], sources: Sequence[str] | None) -> np.ndarray:
-        grids = [_whole_hemisphere(float(sun)) for sun in moments.sun_elevation_deg]
+        grids = [whole_hemisphere(float(sun)) for sun in moments.sun_elevation_deg]
         elevation = np.stack([grid[0] for grid in grids])
         azimuth = np.stack([grid[1] for grid in grids]) + moments.sun_azimuth_deg[:, None]
         solid = np.stack([grid[2] for grid in grids])
@@ -373,23 +365,6 @@ class LightField:
     def factor(self, light: np.ndarray) -> np.ndarray:
         """Light [W m^-2 nm^-1 (sr^-1)] over the sun's at 1 au, as `Spectra` takes it."""
         return light / self.solar_irradiance
-
-
-def _whole_hemisphere(sun_elevation_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Elevations, azimuths from the sun [deg] and solid angles [sr] of both halves of the upper hemisphere.
-
-    Gauss-Legendre in the sine of the elevation, below and above the sun, and in the root of the azimuth.
-    """
-    edge = np.sin(np.radians(np.clip(sun_elevation_deg, LOWEST_NODE_DEG, HIGHEST_NODE_DEG)))
-    x, w = np.polynomial.legendre.leggauss(ROWS)
-    sine = np.concatenate([0.5 * edge * (x + 1.0), edge + 0.5 * (1.0 - edge) * (x + 1.0)])
-    height = np.concatenate([0.5 * edge * w, 0.5 * (1.0 - edge) * w])
-    u, uw = np.polynomial.legendre.leggauss(COLUMNS)
-    root = 0.5 * (u + 1.0)
-    grid = np.meshgrid(np.degrees(np.arcsin(sine)), np.degrees(np.pi * root**2), indexing="ij")
-    elevation, azimuth = grid[0].ravel(), grid[1].ravel()
-    solid = np.outer(height, np.pi * root * uw).ravel()
-    return np.tile(elevation, 2), np.concatenate([azimuth, -azimuth]), np.tile(solid, 2)
 
 
 def spectra_arguments(field: LightField) -> dict[str, Any]:

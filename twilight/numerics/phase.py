@@ -29,6 +29,9 @@ HENYEY_GREENSTEIN, TABLE = range(2)
 RATIO_P12, RATIO_P22, RATIO_P33, RATIO_P34 = range(4)
 """Rows of a table of ratios: of these elements of the phase matrix to P11."""
 
+MOST_KEPT_DEGREE = 400
+"""Largest degree of moments whose quadrature is kept: 13 MB with 513 nodes (degree 2400: 79 MB)."""
+
 
 @njit(cache=True, inline="always")
 def rayleigh_phase(cos_angle, depolarisation):
@@ -216,16 +219,15 @@ class PhaseFunction:
         """Moments chi_l = 2 pi int p(mu) P_l(mu) dmu, l = 0..degree, shape (W, degree + 1); chi_0 = 1, chi_1 = g."""
         if self.kind == HENYEY_GREENSTEIN:
             return self.asymmetry[:, None] ** np.arange(degree + 1)[None, :]
-        mu, rule = _moment_rule(self.log_table.shape[1] - 1, degree)
+        rule_of = _kept_moment_rule if degree <= MOST_KEPT_DEGREE else _moment_rule
+        mu, rule = rule_of(self.log_table.shape[1] - 1, degree)
         return self(mu) @ rule
 
 
-@lru_cache(maxsize=2)
 def _moment_rule(n: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Cosines mu (Q,) and weights (Q, degree + 1) that integrate 2 pi p(mu) P_l(mu) of a table of n intervals.
 
-    Gauss-Legendre on each interval of a mesh that is uniform in u = sqrt(angle/pi), like the table itself.  A medium
-    has several phase functions: the rule is kept for the next.
+    Gauss-Legendre on each interval of a mesh that is uniform in u = sqrt(angle/pi), like the table itself.
     """
     x, w = np.polynomial.legendre.leggauss(4)
     intervals = n if degree < 64 else 2 * n
@@ -236,6 +238,10 @@ def _moment_rule(n: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     mu = np.cos(angle)
     weight = 2.0 * np.pi * np.sin(angle) * (2.0 * np.pi * u) * wu
     return mu, np.polynomial.legendre.legvander(mu, degree) * weight[:, None]
+
+
+_kept_moment_rule = lru_cache(maxsize=2)(_moment_rule)
+"""A medium has several phase functions: the rule is kept for the next."""
 
 
 class PhaseArrays(NamedTuple):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
+from twilight.atmosphere.csv_columns import Columns, read_columns
 from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.config.horizon import Horizon, Skyline
@@ -14,8 +15,12 @@ from twilight.scene.suns import SceneSun
 
 SAME_KM = 0.01
 """Suns between whose skylines there is no more than this are taken to have one [km]."""
-COLUMNS = ("azimuth_deg", "height_km", "distance_km")
-"""Of a file of a skyline."""
+COLUMNS: Columns = {
+    "azimuth_deg": (-360.0, 360.0, "-360 to 360 deg"),
+    "height_km": (0.0, 100.0, "0 to 100 km"),
+    "distance_km": (0.0, 2000.0, "0 to 2000 km"),
+}
+"""Of a file of a skyline, which may have others."""
 
 
 def screen_of(horizon: Horizon, suns: Sequence[SceneSun]) -> Screen | None:
@@ -91,28 +96,9 @@ def _by_azimuth(skyline: Skyline, suns: Sequence[SceneSun]) -> Screen:
 
 
 def _read(file: str | None) -> list[tuple[float, ...]]:
-    """The points of a file; TwilightError that names it and the line."""
+    """The points of a file.  Errors: TwilightError as `read_columns`, and for an azimuth that is there twice."""
     assert file is not None
-    try:
-        with open(file, encoding="utf-8-sig", newline="") as stream:
-            lines = [(n, line) for n, line in enumerate(stream, 1) if line.strip() and not line.startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
-        raise TwilightError(f"{file}: cannot be read as a skyline: {getattr(error, 'strerror', error)}") from None
-    names = [name.strip() for name in lines[0][1].split(",")] if lines else []
-    if not set(COLUMNS) <= set(names):
-        raise TwilightError(f"{file}: a skyline needs a first line with the columns {', '.join(COLUMNS)}")
-    points = []
-    for (n, _), row in zip(lines[1:], csv.DictReader(line for _, line in lines), strict=True):
-        try:
-            point = tuple(float(next(v for k, v in row.items() if k is not None and k.strip() == c)) for c in COLUMNS)
-        except (TypeError, ValueError):
-            raise TwilightError(f"{file}: line {n}: {', '.join(COLUMNS)} must be numbers") from None
-        if not (-360.0 <= point[0] <= 360.0 and 0.0 <= point[1] <= 100.0 and 0.0 <= point[2] <= 2000.0):
-            raise TwilightError(
-                f"{file}: line {n}: allowed are azimuths of -360 to 360 deg, heights of 0 to 100 km and distances of 0 "
-                "to 2000 km"
-            )
-        points.append(point)
-    if not points or len({p[0] % 360.0 for p in points}) < len(points):
-        raise TwilightError(f"{file}: a skyline needs one row or more, each azimuth once")
-    return points
+    _, rows, _ = read_columns(Path(file), COLUMNS, others=True)
+    if np.unique(rows[:, 0] % 360.0).size < len(rows):
+        raise TwilightError(f"{file}: a skyline needs each azimuth once")
+    return [tuple(row) for row in rows]

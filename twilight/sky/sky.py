@@ -22,11 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2 = 10.8e4
-"""Luminance of V = 0 mag per square arcsecond [cd m^-2], the conversion in common use for night-sky brightness
-(10.8e4 x 10^(-0.4 V); it holds for a spectrum near that of Vega and is 0.1 mag off for others; `Sky.magnitude`
-integrates the band itself)."""
-
 
 class BrowserPage(Protocol):
     """A page that shows a sky or a field in a browser, and itself in a notebook."""
@@ -359,10 +354,3 @@ class Sky(SkyLight):
     def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
         return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
-
-
-def magnitude_per_square_arcsecond(luminance_cd_per_m2) -> np.ndarray:
-    """Surface brightness [V mag arcsec^-2] of a luminance [cd m^-2]; 0 gives infinity."""
-    with np.errstate(divide="ignore"):
-        ratio = np.asarray(luminance_cd_per_m2, float) / MAG_PER_SQUARE_ARCSECOND_ZERO_CD_PER_M2
-        return -2.5 * np.log10(ratio)

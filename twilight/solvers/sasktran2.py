@@ -1,7 +1,8 @@
 """sasktran2 (University of Saskatchewan) as a solver: the same coefficients, phase functions, ground and geometry.
 
-It is here to be compared with.  Its refraction is off: a refracted beam that does not spread is worse than straight
-light.  What makes it right in twilight, each found by comparison with the Monte-Carlo reference solution:
+It is here to be compared with.  Its refraction is off unless asked for: once the sun is low, a refracted beam that does
+not spread is worse than straight light.  What makes it right in twilight, each found by comparison with the Monte-Carlo
+reference solution:
 
 - Single and multiple scattering are computed by two engines and added.  Single scattering is exact in its phase
   function, but takes the sunlight to be linear in each layer: it needs layers of 20 m at the ground.  Multiple
@@ -53,6 +54,10 @@ class Sasktran2Settings:
     tolerance: relative residual at which the iteration stops
     threads: that it uses; 0: all there are
     polarisation: three Stokes parameters, at several times the cost
+    discrete_ordinates: multiple scattering by discrete ordinates in the pseudo-spherical column of every solar zenith
+        angle, in place of successive orders: faster, and right by day alone
+    delta_scaling: delta-M scaling of the phase functions
+    refraction: bend the sunbeam and lines of sight, by the index of the middle wavelength
     """
 
     COMMON: ClassVar[tuple[str, ...]] = (
@@ -78,6 +83,9 @@ class Sasktran2Settings:
     tolerance: float = 1e-4
     threads: int = 0
     polarisation: bool = False
+    discrete_ordinates: bool = False
+    delta_scaling: bool = True
+    refraction: bool = False
 
     def __post_init__(self):
         ranges = {
@@ -133,8 +141,10 @@ class Field(BareField):
             )
         self.medium, self.settings, self.observer_altitude_km = medium, settings, observer_altitude_km
 
-    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Suns that differ from direction to direction share the source of one run.
 
         Errors: TwilightError for directions below the horizontal and for what sasktran2 itself refuses.
         """
@@ -155,11 +165,12 @@ class Field(BareField):
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
         return self._evaluate(sun_elevation_deg, elevation_deg, azimuth_deg)
 
-    def _evaluate(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+    def _evaluate(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
+        angles = (np.asarray(a, float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg))
+        sun, elevation, azimuth = np.broadcast_arrays(*angles)
         if np.any(elevation < 0.0):
             raise TwilightError("the sasktran2 solver looks up only: elevations must not be below 0 deg")
-        rays = [np.full(elevation.size, float(sun_elevation_deg)), elevation.ravel(), azimuth.ravel()]
+        rays = [sun.ravel(), elevation.ravel(), azimuth.ravel()]
         try:
             parts = [_engine(self.medium, self.settings, rays, self.observer_altitude_km, single=s) for s in (1, 0)]
         except (RuntimeError, ValueError) as error:
@@ -252,8 +263,9 @@ def _engine(
     config.threading_model = sk.ThreadingModel.Source
     config.single_scatter_source = sk.SingleScatterSource.Exact if single else sk.SingleScatterSource.NoSource
     if not single:
-        config.multiple_scatter_source = sk.MultipleScatterSource.SuccessiveOrders
-    config.delta_m_scaling = True
+        source = sk.MultipleScatterSource
+        config.multiple_scatter_source = source.DiscreteOrdinates if s.discrete_ordinates else source.SuccessiveOrders
+    config.delta_m_scaling = s.delta_scaling
     config.num_streams = s.streams
     config.num_singlescatter_moments = s.moments if single else s.streams + 1
     config.num_successive_orders_incoming = s.incoming
@@ -277,6 +289,10 @@ def _engine(
         sk.InterpolationMethod.LinearInterpolation,
         sk.GeometryType.Spherical,
     )
+    if s.refraction:
+        config.solar_refraction = config.los_refraction = True
+        refractivity = medium.refractivity[:, medium.n_wavelengths // 2]
+        geometry.refractive_index = 1.0 + np.interp(z, medium.altitude_km, refractivity)
     viewing = sk.ViewingGeometry()
     for d, e, a in zip(sun, elevation, azimuth, strict=True):
         viewing.add_ray(

@@ -29,20 +29,22 @@ a duct makes (bridged), and dispersion of the ground's edge for rays from above 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.base.errors import TwilightError
+from twilight.jit.kernels import njit
 from twilight.transport import beam_edges, beam_tables
 from twilight.transport import beam_lookup as lookup
 from twilight.transport.beam_edges import Edges
-from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, beam_on_ground, lit_at
+from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, lit_at
 from twilight.transport.beam_nodes import limb_edges, segment_nodes, segments, uniform_in_invariant
 from twilight.transport.beam_pack import Segments, Tables, pack
 from twilight.transport.beam_screen import screen_table
-from twilight.transport.ray_profile import RayProfile, ray_profile, refractivity_at
+from twilight.transport.ray_profile import AIR, RayProfile, ray_profile, refractivity_at
 
 __all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepare_beam"]
 
@@ -57,7 +59,8 @@ class _Air(NamedTuple):
 
     profile: of all these; layout: of those that nodes are laid out for; n_wavelengths: W; reference, other: places of
     the most and the least refracted one in `profile`; scales: refractivity at the ground over that of the reference;
-    edges: what jumps or bends at edges of layers; spreading: whether the beam is diluted by refraction.
+    alike (W,): the first wavelength with the same refractive index; edges: what jumps or bends at edges of layers;
+    spreading: whether the beam is diluted by refraction.
     """
 
     profile: RayProfile
@@ -66,6 +69,7 @@ class _Air(NamedTuple):
     reference: int
     other: int
     scales: np.ndarray
+    alike: np.ndarray
     edges: Edges
     refraction: bool
     spreading: bool
@@ -175,9 +179,12 @@ def _air(medium: Medium, laid_out_for: Medium | None, refraction: bool, spreadin
     reference, other = int(np.argmax(ground)), int(np.argmin(ground))
     scales = ground / ground[reference] if ground[reference] > 0 else np.ones(ground.size)
     edges = beam_edges.make_edges(profile, layout, reference, medium.n_wavelengths, max_breaks)
+    index = profile.coefficient[: medium.n_wavelengths, :, :AIR].reshape(medium.n_wavelengths, -1)
+    _, firsts, which = np.unique(index, axis=0, return_index=True, return_inverse=True)
     return _Air(
-        profile, layout, medium.n_wavelengths, reference, other, scales, edges, refraction, spreading and refraction
-    )
+        profile, layout, medium.n_wavelengths, reference, other, scales, firsts[which.ravel()], edges, refraction,
+        spreading and refraction,
+    )  # fmt: skip
 
 
 def _limb(air: _Air, edges: np.ndarray, nodes_per_scale: float, window_km: float) -> _Limb:
@@ -191,8 +198,12 @@ def _limb(air: _Air, edges: np.ndarray, nodes_per_scale: float, window_km: float
     half = 0.5 * np.diff(lowest)
     below = lowest - np.maximum(np.concatenate([half[:1], half]), window_km)
     above = lowest + np.maximum(np.concatenate([half, half[-1:]]), window_km)
-    for w in {*range(air.n_wavelengths), air.reference}:
-        beam_tables.limb_table(air.profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
+    for w in [*range(air.n_wavelengths), air.reference]:
+        first = air.alike[w] if w < air.n_wavelengths else w
+        if first == w:
+            beam_tables.limb_table(air.profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
+        for table in (invariant, bending, slope, free):
+            table[w] = table[first]
     for m in range(1, lowest.size):
         if not free[air.reference, m]:
             bending[air.reference, m] = bending[air.reference, m - 1]
@@ -233,8 +244,9 @@ def _from_above(air: _Air, altitudes: np.ndarray, intervals: int) -> tuple[np.nd
     bending, beta = np.empty(log_up.shape[:2]), np.empty(log_up.shape[:2])
     flat, count = air.edges.flat(), air.edges.record.shape[0]
     beam_tables.up_table(
-        air.profile, air.reference, altitudes, cosines, air.scale, air.spreading, flat, count, log_up, bending, beta
-    )
+        air.profile, air.reference, altitudes, cosines, air.scale, air.spreading, air.alike, flat, count, log_up,
+        bending, beta,
+    )  # fmt: skip
     return log_up, bending
 
 
@@ -263,7 +275,20 @@ def _past_lowest_point(air: _Air, limb: _Limb, distances: np.ndarray, shift: np.
     flat, count = air.edges.flat(), air.edges.record.shape[0]
     beam_tables.down_table(
         air.profile, air.reference, limb.lowest_km, limb.invariant[air.reference], distances, air.scale,
-        np.zeros(log_down.shape[1:]) if shift is None else shift, limb.slope, air.spreading, air.far_km, flat, count,
-        log_down,
+        np.zeros(log_down.shape[1:]) if shift is None else shift, limb.slope, air.spreading, air.far_km, air.alike,
+        flat, count, log_down,
     )  # fmt: skip
     return log_down
+
+
+@njit(inner=True, cache=True)
+def beam_on_ground(beam, ground_km, cos_sun_zenith, out):
+    """Irradiance of the horizontal ground by the beam over F0 into out (W,): what arrives at the sun's apparent place.
+
+    beam: from :func:`prepare_beam`; ground_km: altitude of the ground [km]; cos_sun_zenith: of the true sun there.
+    """
+    bending = beam_at(beam, ground_km, cos_sun_zenith, out)
+    apparent = math.acos(min(1.0, max(-1.0, cos_sun_zenith))) - bending
+    incidence = max(0.0, math.cos(max(0.0, apparent)))
+    for w in range(out.size):
+        out[w] *= incidence

@@ -348,19 +348,6 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     return bending
 
 
-@njit(inner=True, cache=True)
-def beam_on_ground(beam, ground_km, cos_sun_zenith, out):
-    """Irradiance of the horizontal ground by the beam over F0 into out (W,): what arrives at the sun's apparent place.
-
-    ground_km: its altitude; cos_sun_zenith: of the true sun there.
-    """
-    bending = beam_at(beam, ground_km, cos_sun_zenith, out)
-    apparent = math.acos(min(1.0, max(-1.0, cos_sun_zenith))) - bending
-    incidence = max(0.0, math.cos(max(0.0, apparent)))
-    for w in range(out.size):
-        out[w] *= incidence
-
-
 @njit(cache=True)
 def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""

@@ -8,7 +8,8 @@ apparent zenith angle of the sun; widening: d(chi)/d(apparent); spreading: wheth
 (W,): refractivity over the reference's; altitudes (J,) [km]; cosines (C,): apparent; distances (D,) [km]: u of the
 reference ray; lowest_km (Y,): lowest points of rays, invariant (Y,) [km]: their n r there, slope (Y,) [km^-1]:
 derivative of the whole bending by it; edge_chi (J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the
-shadow's edge; edges: of `beam_edges.Edges.flat`, and n_edges: how many pieces it holds.
+shadow's edge; alike (W,): the first wavelength of the same refractive index, whose rays each shares (terms of one
+wavelength differ in what a gas absorbs); edges: of `beam_edges.Edges.flat`, and n_edges: how many pieces it holds.
 """
 
 from __future__ import annotations
@@ -101,60 +102,71 @@ def interpolate(x, xs, ys):
 
 
 @njit(inner=True, cache=True)
-def log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
-    """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
-
-    irradiance = T n^2 sin(i)/sin(chi) / (d chi/d i): the flux F0 p dp of the annulus of invariants p..p+dp spread over
-    r^2 sin(chi) d chi cos(i), with p = n r sin i.  chi is the true zenith angle of the sun, `apparent` a guess of the
-    apparent one, improved by a Newton step with `widening` = d(chi)/d(i).  Where the ray comes from a little below the
-    horizontal, because another wavelength sees the sun there exactly, T is continued linearly from above: what lies
-    below is not part of this table.  Returns also the apparent zenith angle, and whether the ray is free.
-    """
-    n = 1.0 + refractivity_at(profile, w, altitude_km)
-    x = (profile.radius_km + altitude_km) * n
-    bending, tau, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), FAR_KM)
+def _own_angle(profile, w, altitude_km, chi, apparent, widening):
+    """Apparent zenith angle of the sun at a point from a guess `apparent` of it, by a Newton step, and whether the ray
+    is free; widening = d(chi)/d(i)."""
+    x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
+    bending, _, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), FAR_KM)
     if not ok:
-        return 0.0, apparent, False
+        return apparent, False
     residual = min(0.5 * math.pi, apparent) + bending - chi
     if apparent <= 0.5 * math.pi:
         apparent = max(0.0, apparent - residual / widening)
-    u = x * math.cos(apparent)
-    _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), FAR_KM)
-    if not ok:
-        return 0.0, apparent, False
-    if u < 0.0:
-        _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, FAR_KM)
-        if not ok:
-            return 0.0, apparent, False
-        tau = 2.0 * level - tau
-    if not spreading:
-        return -tau, apparent, True
-    ratio = math.sin(apparent) / math.sin(chi) if math.sin(chi) > 1e-7 else 1.0 / widening
-    return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening))), apparent, True
+    return apparent, True
 
 
 @njit(inner=True, cache=True)
-def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, out, own_u, first):
-    """`log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
+def _log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
+    """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
 
-    out (W,): filled; own_u (W,) [km]: filled, n r cos i of each wavelength's own ray; first: index in the profile of
-    the first wavelength of `scale` and `out`.  Returns (bending, d bending/d i, free) at the reference.
+    irradiance = T n^2 sin(i)/sin(chi) / (d chi/d i): the flux F0 p dp of the annulus of invariants p..p+dp spread over
+    r^2 sin(chi) d chi cos(i), with p = n r sin i.  chi is the true zenith angle of the sun, `apparent` the apparent
+    one, widening = d(chi)/d(i).  Where the ray comes from a little below the horizontal, because another wavelength
+    sees the sun there exactly, T is continued linearly from above: what lies below is not part of this table.  Not a
+    number where the ray is not free.
+    """
+    n = 1.0 + refractivity_at(profile, w, altitude_km)
+    u = (profile.radius_km + altitude_km) * n * math.cos(apparent)
+    _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), FAR_KM)
+    if not ok:
+        return np.nan
+    if u < 0.0:
+        _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, FAR_KM)
+        if not ok:
+            return np.nan
+        tau = 2.0 * level - tau
+    if not spreading:
+        return -tau
+    ratio = math.sin(apparent) / math.sin(chi) if math.sin(chi) > 1e-7 else 1.0 / widening
+    return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening)))
+
+
+@njit(inner=True, cache=True)
+def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, alike, out, own, first):
+    """`_log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
+
+    out (W,): filled; own (W,) [rad]: filled, apparent zenith angle of the sun at each wavelength; first: index in the
+    profile of the first wavelength of `scale`, `alike` and `out`.  Returns (bending, d bending/d i, free, true zenith
+    angle of the sun) at the reference.
     """
     x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, reference, altitude_km))
     apparent = math.atan2(math.sqrt(max(0.0, (x - u_km) * (x + u_km))), u_km)
     bending, _, _, _, ok = outward(profile, reference, altitude_km, u_km, FAR_KM)
     if not ok:
-        return 0.0, 0.0, False
+        return 0.0, 0.0, False, 0.0
     beta = up_slope(profile, reference, altitude_km, u_km)
     chi = apparent + bending
     for w in range(scale.size):
-        beta_w = beta * scale[w]
-        guess = apparent + bending * (1.0 - scale[w])
-        out[w], own, ok_w = log_irradiance(profile, first + w, altitude_km, chi, guess, 1.0 + beta_w, spreading)
-        own_u[w] = x * math.cos(own)
-        if not ok_w:
-            out[w] = np.nan
-    return bending, beta, True
+        widening = 1.0 + beta * scale[w]
+        if alike[w] < w:
+            own[w], free = own[alike[w]], not math.isnan(out[alike[w]])
+        else:
+            guess = apparent + bending * (1.0 - scale[w])
+            own[w], free = _own_angle(profile, first + w, altitude_km, chi, guess, widening)
+        out[w] = np.nan
+        if free:
+            out[w] = _log_irradiance(profile, first + w, altitude_km, chi, own[w], widening, spreading)
+    return bending, beta, True, chi
 
 
 @njit(inner=True, cache=True)
@@ -170,19 +182,19 @@ def _edges_from_above(edges, n_edges, first, n_w, altitude_km, xx, u_km):
 
 
 @njit(cache=True)
-def up_table(profile, reference, altitudes, cosines, scale, spreading, edges, n_edges, log_up, bending, beta):
+def up_table(profile, reference, altitudes, cosines, scale, spreading, alike, edges, n_edges, log_up, bending, beta):
     """Tables over altitudes and apparent cosines of rays from above.
 
     log_up (J, C, W): log irradiance without what `edges` take, filled; bending (J, C) [rad], beta (J, C): bending and
     its derivative by the apparent zenith angle at the reference, filled.
     """
     n_c = cosines.size
-    own_u = np.empty(scale.size)
+    own = np.empty(scale.size)
     for j in range(altitudes.size):
         x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
         for m in range(n_c - 1, -1, -1):
-            bending[j, m], beta[j, m], ok = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, spreading, log_up[j, m], own_u, _FIRST
+            bending[j, m], beta[j, m], ok, _ = log_irradiance_from_above(
+                profile, reference, altitudes[j], x * cosines[m], scale, spreading, alike, log_up[j, m], own, _FIRST
             )
             for w in range(scale.size):
                 if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
@@ -190,7 +202,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, edges, n_
                 elif n_edges > 0:
                     first = N_EDGE_RECORD * n_edges + w
                     log_up[j, m, w] += _edges_from_above(
-                        edges, n_edges, first, scale.size, altitudes[j], x * x, own_u[w]
+                        edges, n_edges, first, scale.size, altitudes[j], x * x, x * math.cos(own[w])
                     )
             if not ok and m < n_c - 1:
                 bending[j, m] = bending[j, m + 1]
@@ -243,7 +255,8 @@ def shift_table(profile, reference, other, lowest_km, invariant, distances, slop
 
 @njit(cache=True)
 def down_table(
-    profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, edges, n_edges, log_down
+    profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, alike, edges, n_edges,
+    log_down,
 ):  # fmt: skip
     """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below,
     both without what `edges` take.
@@ -251,13 +264,22 @@ def down_table(
     lowest_km (Y,): of a wavelength's own rays; shift (Y, D) [km]: of `shift_table`; slope (W, Y) [km^-1]: here of every
     wavelength; far [km]; log_down: filled.
     """
-    mirror, mirror_u = np.empty(1), np.empty(1)
-    for w in range(scale.size):
+    n_w = scale.size
+    mirror, angle, alone = np.empty(n_w), np.empty(1), np.zeros(1, np.int64)
+    half_tau = np.empty(n_w)
+    for w in range(n_w):
+        if alike[w] < w:
+            continue
         for m in range(lowest_km.size):
-            half, half_tau, _, _, free = outward(profile, w, lowest_km[m], 0.0, FAR_KM)
+            half, half_tau[w], _, _, free = outward(profile, w, lowest_km[m], 0.0, FAR_KM)
+            for v in range(w + 1, n_w):
+                if alike[v] == w:
+                    half_tau[v] = outward(profile, v, lowest_km[m], 0.0, FAR_KM).optical_depth
             p_own = (profile.radius_km + lowest_km[m]) * (1.0 + refractivity_at(profile, w, lowest_km[m]))
             for d in range(distances.size):
-                log_down[w, m, d] = log_down[w, m - 1, d] if m > 0 else 0.0
+                for v in range(w, n_w):
+                    if alike[v] == w:
+                        log_down[v, m, d] = log_down[v, m - 1, d] if m > 0 else 0.0
                 if not free:
                     continue
                 u = distances[d]
@@ -277,22 +299,33 @@ def down_table(
                 apparent = math.atan2(p_own, -u_own)
                 chi = apparent + 2.0 * half - up
                 # the mirrored ray as the table of rays from above holds it
-                _, beta, _ = log_irradiance_from_above(
-                    profile, reference, z, u, scale[w : w + 1], spreading, mirror, mirror_u, w
+                _, beta, mirrored, mirror_chi = log_irradiance_from_above(
+                    profile, reference, z, u, scale[w : w + 1], spreading, alone, mirror[w : w + 1], angle, w
                 )
-                value = up_tau - 2.0 * half_tau
                 widening = max(_SMALLEST_WIDENING, 1.0 + beta * scale[w] - slope[w, m] * u_own)
+                spread = 0.0
                 if spreading:
                     n = 1.0 + refractivity_at(profile, w, z)
-                    value += math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
-                if n_edges > 0:
-                    xx = p * p + u * u
-                    own_u = -math.sqrt(max(0.0, u * u + (p - invariant[m]) * (p + invariant[m])))
-                    first = N_EDGE_RECORD * n_edges + w
-                    value += _edges_from_above(edges, n_edges, first, scale.size, z, xx, mirror_u[0])
-                    value += edge_depth(edges, n_edges, 0, first, scale.size, z, xx, own_u)
-                if not math.isnan(mirror[0]):
-                    log_down[w, m, d] = value + mirror[0] + math.log1p(u / far)
+                    spread = math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
+                xx = p * p + u * u
+                own_u = -math.sqrt(max(0.0, u * u + (p - invariant[m]) * (p + invariant[m])))
+                x_there = (profile.radius_km + z) * (1.0 + refractivity_at(profile, reference, z))
+                for v in range(w, n_w):
+                    if alike[v] != w:
+                        continue
+                    if v > w:
+                        up_tau = outward(profile, v, z, u_own, FAR_KM).optical_depth
+                        if mirrored:
+                            mirror[v] = _log_irradiance(
+                                profile, v, z, mirror_chi, angle[0], 1.0 + beta * scale[w], spreading
+                            )
+                    value = up_tau - 2.0 * half_tau[v] + spread
+                    if n_edges > 0:
+                        first = N_EDGE_RECORD * n_edges + v
+                        value += _edges_from_above(edges, n_edges, first, n_w, z, xx, x_there * math.cos(angle[0]))
+                        value += edge_depth(edges, n_edges, 0, first, n_w, z, xx, own_u)
+                    if not math.isnan(mirror[v]):
+                        log_down[v, m, d] = value + mirror[v] + math.log1p(u / far)
 
 
 @njit(cache=True)

@@ -34,6 +34,12 @@ LEAST_INTERVALS_BY_DAY = 8
 """Fewest intervals of a series with the sun above the horizon: with fewer, azimuths between happen to be right."""
 LEAST_INTERVALS_IN_TWILIGHT = 16
 """Fewest intervals of a series with the sun below the horizon, where azimuths between happen to be right more often."""
+CERTAIN_ERROR = 3e-5
+"""Error of a series with which the next is taken, however few its intervals, where the sun stands high: there azimuths
+between are not right to this by accident."""
+HIGH_SUN_COSINE = 0.035
+"""Cosine of the solar zenith angle from which on the sun stands high, 2 deg above the horizon: nearer to it series of
+four intervals were 4e-4 off in dust, above by 4e-5 at most."""
 HOPELESS_ERROR = 0.1
 """Error, from nine azimuths on, that more azimuths will not mend: every direction is then followed by itself."""
 FLOOR_FRACTION = 1e-3
@@ -138,6 +144,8 @@ def _few_azimuths(
                     error = max(error, wrong / (size + DIM_FRACTION * brightest[w] + other[d, w]))
         _series_of(values, n, least, series)
         if n >= least_intervals and error < SERIES_ERROR:
+            return n
+        if n > _FIRST_INTERVALS and to_sun[0] > HIGH_SUN_COSINE and error < CERTAIN_ERROR:
             return n
         if n >= 8 and error > HOPELESS_ERROR:
             break

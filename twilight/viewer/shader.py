@@ -30,8 +30,8 @@ SIZES = ViewerTableSizes(suns=113, haze=0, sky=45, ground=9, azimuths=37)
 """Of the textures: 3.6 MB."""
 NO_LIGHT = -60.0
 """Logarithm that stands for no light."""
-MEAN, MEAN_AUREOLE, PHASE = 0, 1, 2
-"""Rows of `lines.bin`."""
+PHASE = 2
+"""Row of `lines.bin` with the phase function, after the means of the sky and of the aureole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class ShaderSky:
         x = beside ** (1.0 / sky_tables.AZIMUTH_POWER) * (azimuths - 1)
         e, a, t = np.radians(elevation), np.radians(azimuth), np.radians(sun_elevation_deg)
         cosine = np.sin(t) * np.sin(e) + np.cos(t) * np.cos(e) * np.cos(a)
-        means = [[np.interp(s, np.arange(suns), c) for c in row[:suns].T] for row in self.lines[:2]]
+        means = [[np.interp(s, np.arange(suns), c) for c in row[:suns].T] for row in self.lines[:PHASE]]
         parts = [np.exp(_trilinear(part, float(s), y, x) + mean) for part, mean in zip(self.table, means, strict=True)]
         return parts[0] + read_phase(np.exp(self.lines[PHASE].astype(float)), cosine) * parts[1]
 
@@ -113,7 +113,7 @@ def shader_sky(
     logs = np.log(np.stack([np.moveaxis(part[:, 0, :, :-1], 0, -1) for part in parts]))
     means = logs.mean(axis=(2, 3))
     lines = np.zeros((3, PHASE_ANGLES, means.shape[-1]), np.float32)
-    lines[:2, : sizes.suns] = means
+    lines[:PHASE, : sizes.suns] = means
     if made.phase is not None:
         lines[PHASE] = np.log(made.phase)
     header = {

@@ -19,8 +19,14 @@ KINDS = {
 }
 """Kinds of files, as a configuration names them, and what each can be."""
 
-HDF5, GRIB, HDF4 = b"\x89HDF\r\n\x1a\n", b"GRIB", b"\x0e\x03\x13\x01"
+HDF5 = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file, which NetCDF-4 is too."""
+GRIB = b"GRIB"
+"""First bytes of a GRIB file."""
+HDF4 = b"\x0e\x03\x13\x01"
+"""First bytes of an HDF4 file."""
 NETCDF3 = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
+"""First bytes of a NetCDF-3 file: classic, 64-bit offset, 64-bit data."""
 
 
 def read_air_file(path: Path, wanted: Wanted) -> Reading:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
@@ -73,6 +73,12 @@ class Response:
         nm = self.grid_nm
         weight = np.interp(nm, self.wavelength_nm, self.value, left=0.0, right=0.0)
         return weight * nm if self.per == "photon" else weight
+
+    def of_photons(self) -> Response:
+        """The same curve as a response to photons, 1 where that is largest: of a filter, optics and detector."""
+        nm = self.grid_nm
+        value = self.energy_weight() / nm
+        return replace(self, wavelength_nm=nm, value=value / value.max(), per="photon")
 
 
 @lru_cache(maxsize=1)

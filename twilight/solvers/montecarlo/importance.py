@@ -42,7 +42,7 @@ SUN_ZENITH_DEG = np.concatenate(
         [140.0, 155.0, 180.0],
     ]
 )
-"""Nodes of the local solar zenith angle; finer ones change no time by 10 % (montecarlo_importance.csv)."""
+"""Nodes of the local solar zenith angle, closest about the terminator."""
 ABOVE_HORIZON_DEG = np.array(
     [-90, -40, -18, -8, -4, -2, -0.8, 0, 0.4, 0.8, 1.3, 1.9, 2.6, 3.5, 4.7, 6.2, 8.5, 12, 17, 25, 36, 48, 61, 75, 90.0]
 )

@@ -85,7 +85,6 @@ class MonteCarloSettings:
     seed: int = 1
     chunk_samples: int = 256
     pilot_samples: int = 8
-    # 4 to 32 paths take the same time to 1 % within a tenth (benchmarks/montecarlo_importance.csv)
     paths_per_sample: int = 8
     importance_sweeps: int = 3
     importance_point_fraction: float = 0.95

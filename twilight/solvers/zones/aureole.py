@@ -44,6 +44,10 @@ STRONG_FRACTION = 0.01
 """Forward fraction from which on the moments of a peak are taken as they are."""
 MIN_DEPTH = 1e-4
 """Optical depth x of scattering in the peak below which the peak is not widened."""
+LEAST_TERM = 1e-9
+"""Least term of the series [sr^-1] that is summed."""
+AT_ONCE = 64
+"""Directions whose series are summed together."""
 
 
 class ForwardPeak(NamedTuple):
@@ -107,6 +111,7 @@ def widen(beam, peak, rays, fraction, directions, cosine, narrow, out, begin, en
     top_km = air.altitude_km[air.altitude_km.size - 1]
     light, depth = np.empty(n_w), np.empty(n_w)
     series = np.empty((n_l, n_k, n_w))
+    sums, lower, here = np.empty((n_k, n_w, AT_ONCE)), np.empty(AT_ONCE), np.empty(AT_ONCE)
     for r in range(begin, end):
         by_kind = np.zeros((n_k, n_w))
         total, x = np.zeros(n_w), np.zeros(n_w)
@@ -163,18 +168,26 @@ def widen(beam, peak, rays, fraction, directions, cosine, narrow, out, begin, en
                 last = n
                 break
         for v in range(cosine.shape[0]):
-            for d in range(directions.first[r], directions.first[r + 1]):
-                c = cosine[v, d]
-                before, here = 0.0, 1.0
+            for start in range(directions.first[r], directions.first[r + 1], AT_ONCE):
+                count = min(AT_ONCE, directions.first[r + 1] - start)
+                # directions innermost: their sums and Legendre polynomials are neighbours in memory
+                sums[:], lower[:], here[:] = 0.0, 0.0, 1.0
                 for n in range(last):
                     for k in range(n_k):
                         for w in range(n_w):
-                            out[v, d, k, w] += here * series[n, k, w]
-                    before, here = here, ((2 * n + 1) * c * here - n * before) / (n + 1)
-                for k in range(n_k):
-                    for w in range(n_w):
-                        if x[w] >= MIN_DEPTH:
-                            out[v, d, k, w] += math.expm1(-x[w]) * narrow[v, d, k, w]
+                            of_degree = series[n, k, w]
+                            if abs(of_degree) > LEAST_TERM:
+                                for j in range(count):
+                                    sums[k, w, j] += here[j] * of_degree
+                    for j in range(count):
+                        following = ((2 * n + 1) * cosine[v, start + j] * here[j] - n * lower[j]) / (n + 1)
+                        lower[j], here[j] = here[j], following
+                for j in range(count):
+                    for k in range(n_k):
+                        for w in range(n_w):
+                            out[v, start + j, k, w] += sums[k, w, j]
+                            if x[w] >= MIN_DEPTH:
+                                out[v, start + j, k, w] += math.expm1(-x[w]) * narrow[v, start + j, k, w]
 
 
 def widen_peaks(

@@ -53,9 +53,12 @@ if TYPE_CHECKING:
 
 MAX_STEPS = 150
 """Most scatterings that are followed backwards."""
-MAX_REST = 1e-3
-"""Fraction of the radiance that comes by way of more scatterings than are followed backwards, and is added as a
-geometric series: a tenth of it moves derivatives by less than 0.05 %."""
+MAX_LEFT = 2e-3
+"""Fraction of the radiance that may be left of the equation of all orders backwards."""
+MIXED = 12
+"""Most scatterings whose sums are mixed."""
+SLACK = 1e-9
+"""Added to the diagonal of the products of terms, each of length 1: their own rounding, in float32."""
 HELD = 4
 """Most wavelengths whose columns are held for the next question."""
 
@@ -142,6 +145,26 @@ def _next(operator: ScatteringOperator, light: NodeLight) -> NodeLight:
 
 def _difference(one: NodeLight, other: NodeLight) -> NodeLight:
     return NodeLight(one.moments - other.moments, one.ground - other.ground)
+
+
+def _worth(term: NodeLight, light: NodeLight) -> np.ndarray:
+    """What each node and each point of the ground (N, LANES) of the light adds, term being derivatives by it."""
+    of_nodes, of_ground = term.parts(light)
+    return np.concatenate([of_nodes.reshape(-1, of_nodes.shape[-1]), of_ground])
+
+
+def least_mixture(terms: list[np.ndarray]) -> np.ndarray:
+    """gamma (n, LANES), whose sum is 1 in each lane, with the least |sum gamma_k term_k| of n terms (N, LANES)."""
+    size = np.array([np.sqrt((term * term).sum(axis=0)) for term in terms])
+    inverse = 1.0 / np.where(size > 0.0, size, 1.0)
+    unit = [term * one for term, one in zip(terms, inverse, strict=True)]
+    # sums of products without a linear algebra library, whose threads might change the last digits
+    gram = np.array([[(a * b).sum(axis=0) for b in unit] for a in unit])
+    found = np.empty_like(inverse)
+    for w in range(inverse.shape[1]):
+        one = np.linalg.solve(gram[:, :, w] + SLACK * np.eye(len(terms)), inverse[:, w])
+        found[:, w] = one * inverse[:, w] / (one * inverse[:, w]).sum()
+    return found
 
 
 class Columns:
@@ -258,19 +281,29 @@ class Columns:
         return found[: sun.size]
 
     def _all_orders(self, late: BackwardOperator, term: NodeLight, whole: np.ndarray) -> NodeLight:
-        """b = g + K_L'^T b from g, by orders, with a geometric series for the rest."""
-        total, before = term, None
+        """b = g + K_L'^T b from g, by orders t_n = K_L'^T t_(n-1) and the mixture of their sums that leaves least.
+
+        With S_n = t_0 + ... + t_n and the gammas of `least_mixture`, whose sum is 1, b = sum gamma_n S_n leaves
+        sum gamma_n t_(n+1) of its equation (reduced rank extrapolation).
+        """
+        terms: list[NodeLight] = [term]
+        worths: list[np.ndarray] = []
+        before = np.abs(_worth(term, self.rest)).sum(axis=0)
         for _ in range(MAX_STEPS):
-            term = late(term, whole)
-            of_nodes, of_ground = term.parts(self.rest)
-            here = np.abs(of_nodes).sum(axis=(0, 1)) + np.abs(of_ground).sum(axis=0)
-            total = total + term
-            if before is not None:
-                ratio = np.clip(here / np.where(before > 0.0, before, 1.0), 0.0, 0.99)
-                rest = ratio / (1.0 - ratio)
-                if np.all(here * rest <= MAX_REST * np.abs(whole)):
-                    return total + term.times(rest)
+            terms.append(late(terms[-1], whole))
+            worths.append(_worth(terms[-1], self.rest))
+            del worths[:-MIXED]
+            gamma = least_mixture(worths)
+            left = np.abs(sum(g * worth for g, worth in zip(gamma, worths, strict=True))).sum(axis=0)
+            here = np.abs(worths[-1]).sum(axis=0)
+            ratio = np.clip(here / np.where(before > 0.0, before, 1.0), 0.0, 0.99)
             before = here
+            if np.all(left <= MAX_LEFT * (1.0 - ratio) * np.abs(whole)):
+                # with one more scattering of the mixture, which is there: sum gamma_n S_(n+1)
+                found, first = terms[0], len(terms) - len(worths)
+                for n, one in enumerate(terms[1:], start=1):
+                    found = found + one.times(gamma[max(n - first, 0) :].sum(axis=0))
+                return found
         raise TwilightError(
             f"derivatives: zones cannot differentiate light that takes more than {MAX_STEPS} scatterings; "
             "montecarlo can"

@@ -10,6 +10,7 @@ import numpy as np
 from twilight.atmosphere.grid_medium import RANGES, range_of
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.refraction import ciddor_refractivity
+from twilight.solvers.zones.altitudes import altitude_nodes, resolve_layers
 from twilight.solvers.zones.directions import (
     Reach,
     degree_needed,
@@ -20,7 +21,6 @@ from twilight.solvers.zones.directions import (
     thin_layers,
     with_degree,
 )
-from twilight.solvers.zones.grid import altitude_nodes, resolve_layers
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
 from twilight.transport.scaling import ScaledMedium, delta_scaled

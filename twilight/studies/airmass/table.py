@@ -90,9 +90,10 @@ def parts_of(config: Config, n: int) -> list[dict[str, Any]]:
     of_part = {
         "target_stderr": None if target is None else min(1.0, target * math.sqrt(n)),
         "samples": max(2, math.ceil(settings.samples / n)),
-        "max_samples": max(2, math.ceil(settings.max_samples / n)),
     }
-    return [{**whole, "solver": {**whole["solver"], **of_part, "seed": settings.seed + k}} for k in range(n)]
+    solver = whole["solver"]
+    expert = {**solver.get("expert", {}), "max_samples": max(2, math.ceil(settings.max_samples / n))}
+    return [{**whole, "solver": {**solver, **of_part, "expert": expert, "seed": settings.seed + k}} for k in range(n)]
 
 
 def merged(parts: Sequence[Dataset]) -> Dataset:

@@ -99,14 +99,12 @@ def draw(
     path: Path,
     *,
     title: str = "",
-    faint: Sequence[Sequence[FigurePoint]] = (),
     time_label: str = "time for one sky, set-up included [s]",
     columns: int = 4,
     panel_inches: tuple[float, float] = (2.4, 2.5),
 ) -> bool:
     """PNG of the marks, log-log; False where there is nothing to draw and no file is written.
 
-    `faint` are further sets of marks (other scenes, say) of which only the lines are drawn, pale, behind the first.
     Errors without a time are dashed lines across.
     """
     levels = [m for m in marks if math.isnan(m.time_s)]
@@ -134,8 +132,6 @@ def draw(
         )
         solvers = list(dict.fromkeys(m.solver for m in [*marks, *levels]))
         for axes, sun in zip(grid.flat, suns, strict=False):
-            for others in faint:
-                _lines(axes, [m for m in others if m.sun_elevation_deg == sun], solvers, linewidth=1.0, alpha=0.3)
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
             for m in levels:
                 if m.sun_elevation_deg == sun:
@@ -163,7 +159,11 @@ def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> N
     noise = [m.noise_percent for m in marks if m.noise_percent > 0]
     if noise:
         axes.axhspan(1e-6, 0.5 * max(noise), color="0.93", linewidth=0)
-    _lines(axes, marks, solvers, linewidth=1.6)
+    for i, solver in enumerate(solvers):
+        rungs = [m for m in marks if m.solver == solver and m.quality in LADDER]
+        rungs.sort(key=lambda m: LADDER.index(m.quality))
+        line = [m.time_s for m in rungs], [m.drawn_percent for m in rungs]
+        axes.plot(*line, color=COLOURS[i % len(COLOURS)], linewidth=1.6)
     for solver in solvers:
         style = {"color": COLOURS[solvers.index(solver) % len(COLOURS)]}
         marker = MARKERS[solvers.index(solver) % len(MARKERS)]
@@ -174,13 +174,6 @@ def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> N
             axes.plot(
                 m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style
             )
-
-
-def _lines(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str], **style: Any) -> None:
-    for i, solver in enumerate(solvers):
-        rungs = [m for m in marks if m.solver == solver and m.quality in LADDER]
-        rungs.sort(key=lambda m: LADDER.index(m.quality))
-        axes.plot([m.time_s for m in rungs], [m.drawn_percent for m in rungs], color=COLOURS[i % len(COLOURS)], **style)
 
 
 def _limits(axes: Any, marks: Sequence[FigurePoint], levels: Sequence[FigurePoint]) -> None:

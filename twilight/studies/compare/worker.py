@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import Any
@@ -21,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.peak_memory import peak_mib
 from twilight.base.progress import Meter
 from twilight.config.scene import Config
 from twilight.engine.solve import Problem, Solved
@@ -94,7 +93,7 @@ class _Execution:
     def all_suns(self) -> None:
         problem = self._problem(None)
         clock = _CompilationClock()
-        self.before_mib = _peak_mib()
+        self.before_mib = peak_mib()
         self._warm_up(problem)
         if clock.seconds > 0.0:
             self.send({"compiled_s": clock.seconds})
@@ -184,7 +183,7 @@ class _Execution:
             "set_up_cpu_s": set_up.cpu_s,
             "sky_cpu_s": sky.cpu_s,
             "directions": directions,
-            "peak_mib": _peak_mib(),
+            "peak_mib": peak_mib(),
             "before_mib": self.before_mib,
             "threads": numba.get_num_threads(),
             "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
@@ -208,19 +207,6 @@ class _Execution:
 def _wavelengths(directions: dict[str, Any]) -> tuple[float, ...] | None:
     wanted = directions["wavelength_nm"]
     return None if wanted is None else tuple(wanted)
-
-
-def _peak_mib() -> float:
-    """Most memory this process has held [MiB].
-
-    Linux counts into ru_maxrss what the parent held when it started this process; VmHWM is this process alone.
-    """
-    with suppress(OSError), open("/proc/self/status") as status:
-        for line in status:
-            if line.startswith("VmHWM:"):
-                return float(line.split()[1]) / 1024.0
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
 
 
 def main() -> int:

@@ -30,8 +30,13 @@ SUNS: dict[str, Any] = {"from": 60.0, "to": -18.0, "count": 40}
 AIR = "sample"
 """Name of the dimension of the airs."""
 SPLIT = "split"
-TRAIN, VALIDATION = 0, 1
+"""Name of the array in the dataset that says the part of each air, and of the attribute that says how it was drawn."""
+TRAIN = 0
+"""Value in `SPLIT` of an air that is trained with."""
+VALIDATION = 1
+"""Value in `SPLIT` of an air that is held back."""
 PARTS = {"train": TRAIN, "validation": VALIDATION}
+"""Values in `SPLIT` by the names that users give."""
 
 
 def training_series(target: str, airs: int, seed: int, settings: Mapping[str, Any], names: Mapping[str, str]) -> Series:

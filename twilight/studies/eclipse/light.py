@@ -8,6 +8,7 @@ import numpy as np
 
 from twilight.numerics import spectrum
 from twilight.studies.eclipse.circumstances import Eclipse, Places
+from twilight.studies.eclipse.scattered import ScatteredLight, above
 from twilight.studies.eclipse.shadow import SUN_RADIUS_DEG, Shadow
 
 FULL_MOON_MAG = -12.73
@@ -16,6 +17,8 @@ MEAN_DISTANCE_KM = 384_400.0
 """To which FULL_MOON_MAG belongs."""
 OFFSETS = 80
 """Angles from the shadow's axis at which irradiance is computed, between which its logarithm is linear."""
+SCATTERED_OFFSETS = 8
+"""Angles from the shadow's axis at which scattered light is computed: over the umbra it changes by 10 % at most."""
 RINGS = 10
 """Radii of the moon's disc over which irradiance is averaged, Gauss-Legendre in their squares."""
 AROUND = 24
@@ -29,11 +32,13 @@ GRAVITY_KM3_S2 = 398_600.4418
 class ShadowLight(NamedTuple):
     """Irradiance over that without the Earth against the angle from the shadow's axis.
 
-    offset_rad (N,); irradiance (N, W); visual (N,): by V(lambda) and the solar spectrum; distance_km: of the moon
+    offset_rad (N,); irradiance (N, W): of all light; scattered (N, W): the part of it that the air scattered once;
+    visual (N,): irradiance by V(lambda) and the solar spectrum; distance_km: of the moon
     """
 
     offset_rad: np.ndarray
     irradiance: np.ndarray
+    scattered: np.ndarray
     visual: np.ndarray
     distance_km: float
 
@@ -63,8 +68,13 @@ def shadow_light(shadow: Shadow, eclipse: Eclipse) -> ShadowLight:
     )  # fmt: skip
     # the observer on the moon sees sun and Earth farther apart than the Earth sees moon and axis, by the sun's distance
     seen = offset * (1.0 + distance / float(p.sun_distance_km[k]))
-    found = np.maximum(shadow.irradiance(seen, distance, sun_rad), LEAST)
-    return ShadowLight(offset, found, np.maximum(visual(found, shadow.medium.wavelength_nm), LEAST), distance)
+    m = shadow.medium
+    lit = ScatteredLight(m if shadow.lowest_km == m.bottom_km else above(m, shadow.lowest_km), distance)
+    some = np.linspace(0.0, float(seen[-1]), SCATTERED_OFFSETS)
+    coarse = np.maximum(lit.irradiance(some), LEAST)
+    scattered = np.stack([np.exp(np.interp(seen, some, np.log(one))) for one in coarse.T], axis=1)
+    found = np.maximum(shadow.irradiance(seen, distance, sun_rad), LEAST) + scattered
+    return ShadowLight(offset, found, scattered, np.maximum(visual(found, m.wavelength_nm), LEAST), distance)
 
 
 def disc_mean(light: ShadowLight, places: Places) -> np.ndarray:

@@ -28,9 +28,10 @@ def write(lights: dict[str, ShadowLight], eclipse: Eclipse, wavelength_nm: np.nd
             f"{offset * light.distance_km:.1f}",
             f"{v:.5g}",
             *(f"{e:.5g}" for e in some),
+            *(f"{e:.5g}" for e in part),
         ]
         for name, light in lights.items()
-        for offset, v, some in zip(light.offset_rad, light.visual, light.irradiance, strict=True)
+        for offset, v, some, part in zip(light.offset_rad, light.visual, light.irradiance, light.scattered, strict=True)
     ]
     columns = [
         "climate",
@@ -38,8 +39,10 @@ def write(lights: dict[str, ShadowLight], eclipse: Eclipse, wavelength_nm: np.nd
         "distance_from_axis_km",
         "visual",
         *(f"irradiance_{w:g}_nm" for w in wavelength_nm),
+        *(f"scattered_{w:g}_nm" for w in wavelength_nm),
     ]
-    write_csv(folder / "shadow.csv", columns, rows, "irradiance at normal incidence over that without the Earth")
+    note = "irradiance at normal incidence over that without the Earth; scattered: the part of it that air scattered"
+    write_csv(folder / "shadow.csv", columns, rows, note)
     curves = {name: magnitudes(light, eclipse.places) for name, light in lights.items()}
     write_csv(
         folder / "light-curve.csv",
@@ -102,6 +105,7 @@ def draw(lights: dict[str, ShadowLight], eclipse: Eclipse, wavelength_nm: np.nda
             across.semilogy(
                 np.degrees(light.offset_rad), light.irradiance[:, w], color=colour, label=f"{wavelength_nm[w]:g} nm"
             )
+            across.semilogy(np.degrees(light.offset_rad), light.scattered[:, w], color=colour, ls=":", lw=1.0)
         for value, text in ((p.umbra_rad[k], "umbra"), (p.penumbra_rad[k], "penumbra")):
             across.axvline(float(np.degrees(value)), color="0.7", lw=0.8)
             across.text(float(np.degrees(value)), 1e-7, text, rotation=90, fontsize=8, ha="right")
@@ -111,7 +115,7 @@ def draw(lights: dict[str, ShadowLight], eclipse: Eclipse, wavelength_nm: np.nda
             xlim=(0.0, deg),
             ylim=(1e-8, 2.0),
         )
-        across.set_title(name, fontsize=10)
+        across.set_title(f"{name}; dotted: light scattered by the air", fontsize=10)
         across.legend(frameon=False, fontsize=8)
         for label, one in lights.items():
             curve.plot(eclipse.moments, magnitudes(one, p), label=label)

@@ -233,15 +233,13 @@ def sky_radiance(
     elevation_deg,
     azimuth_deg,
     *,
-    logarithmic: bool = False,
     shadow_km: float = 0.0,
 ) -> np.ndarray:
     """What the shaders make of it (D, 3), with `scale` divided out: W m^-2 sr^-1 nm^-1 of red, green and blue.
 
-    logarithmic: interpolate the logarithms of the texels, as no shader of these layouts does.  shadow_km: length of the
-    first part of the lines of sight, none of which ends on the ground within it, that lies in a mountain's shadow
-    (eq. 18): light that air scattered once and that aerosol scattered once does not come from there, and the rest does
-    where `higher_order` is there.
+    shadow_km: length of the first part of the lines of sight, none of which ends on the ground within it, that lies in
+    a mountain's shadow (eq. 18): light that air scattered once and that aerosol scattered once does not come from
+    there, and the rest does where `higher_order` is there.
     """
     c, m = tables.constants, tables.mapping
     e, a, s = np.radians(elevation_deg), np.radians(azimuth_deg), math.radians(sun_deg)
@@ -257,25 +255,25 @@ def sky_radiance(
     if shadow_km:
         passed = passed / _passed(tables, height, mu)
 
-    def texels(table: np.ndarray, logarithmic: bool) -> np.ndarray:
+    def texels(table: np.ndarray) -> np.ndarray:
         out = np.zeros((mu.size, table.shape[-1]))
-        interpolated = stored(np.ascontiguousarray(table, np.float32), logarithmic)
-        read(m, interpolated, logarithmic, height, mu, mu_s, nu, ground, out, 0, mu.size)
+        held = stored(np.ascontiguousarray(table, np.float32), False)
+        read(m, held, False, height, mu, mu_s, nu, ground, out, 0, mu.size)
         return out
 
-    out = texels(tables.scattering, logarithmic)
+    out = texels(tables.scattering)
     beta_r, beta_m = np.array(c["rayleigh_scattering_per_km"]), np.array(c["mie_scattering_per_km"])
     rest, red = out[:, :3], out[:, :1]
     single = np.zeros((mu.size, 3))
     if tables.single_mie is not None:
-        single = texels(tables.single_mie, False)
+        single = texels(tables.single_mie)
     elif beta_m[0] > 0.0:
         fraction = np.divide(out[:, 3:], red, out=np.zeros_like(red), where=red > 0.0)
         single = rest * fraction * (beta_r[0] / beta_m[0]) * (beta_m / beta_r)
     if tables.higher_order is None:
         rest = rest * passed
     else:
-        more = texels(tables.higher_order, False)
+        more = texels(tables.higher_order)
         rest = (rest - more) * passed + more
     single = single * passed
     rayleigh = 3.0 / (16.0 * math.pi) * (1.0 + nu**2)

@@ -59,8 +59,10 @@ _AZIMUTH_DEG = _numbers(
 )
 _AROUND_DEG = (0, 0.25, 0.6, 1, 1.5, 2.2, 3, 4, 5.5, 7, 9, 12, 15)
 """Distances in height from a sun above the horizon at which its aureole is looked at."""
-FIRST_STEPS, STEPS = 40, 5
-"""Rounds of the least squares from nothing, and from the sun before."""
+FIRST_STEPS = 40
+"""Rounds of the least squares of the first sun, which begin from nothing."""
+STEPS = 5
+"""Rounds of the least squares of every other sun, which begin from the sun before."""
 ZENITH_SIZE = 1000.0
 """Largest stored value of a function of the zenith angle: half floats keep 11 bits up to 65504."""
 

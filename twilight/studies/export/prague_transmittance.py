@@ -18,8 +18,10 @@ from twilight.studies.export.prague_sky import RADIUS_M, SAFETY_M, altitude_node
 from twilight.transport.chord import chord_depth
 from twilight.transport.profile import prepare_profile
 
-DISTANCES, ALTITUDES = 128, 32
-"""Places along the ground and in height."""
+DISTANCES = 128
+"""Places along the ground."""
+ALTITUDES = 32
+"""Places in height."""
 DEPTH_KM = 2.0
 """How far below the ground the air of `_without_ground` goes; lines that sink deeper are dark, all in air of the
 ground."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twilight.base.peak_memory import forget_peak, peak_mib
 from twilight.base.progress import Progress, silent
 from twilight.config.scene import Config
 from twilight.engine.solve import Problem
@@ -35,10 +37,12 @@ MAX_WAVELENGTHS = 8
 
 @dataclass(frozen=True)
 class Measurement:
-    """What settings came to on a scene: processor seconds of its field, error [%] of each sun's sky."""
+    """What settings came to on a scene: processor seconds of its field, error [%] of each sun's sky, and the most
+    memory [MiB] that the process held meanwhile (on Linux; elsewhere in all its life)."""
 
     processor_s: float
     error_percent: Mapping[float, float]
+    peak_mib: float = math.nan
 
     @property
     def worst_percent(self) -> float:
@@ -87,6 +91,7 @@ class Case:
     def measure(self, settings: ZonesSettings, progress: Progress = silent) -> Measurement:
         """Solve the field and judge every sun's sky; the first call in a process compiles, and its time counts it."""
         problem = _problem(self.config, self.wavelength_nm, settings, self.suns)
+        forget_peak()
         start = time.process_time()
         solved = problem.solve(progress)
         seconds = time.process_time() - start
@@ -94,7 +99,7 @@ class Case:
         for sun, right in self.references.items():
             radiance = solved.radiance(sun, right.elevation_deg, right.azimuth_deg)
             error[sun] = excess_percent(radiance, right)
-        return Measurement(seconds, error)
+        return Measurement(seconds, error, peak_mib())
 
     def warm_up(self) -> None:
         """Solve a field of few nodes, so that nothing is compiled while the clock runs."""

@@ -11,7 +11,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.studies.frontier.measure import Measurement
 from twilight.studies.frontier.search import Point, frontier
-from twilight.studies.frontier.space import SPACE
+from twilight.studies.frontier.space import ZONES
 
 SUN = "error_percent_sun_"
 """How the columns of errors begin."""
@@ -23,9 +23,9 @@ COLOURS = {"tried": "#56B4E9", "frontier": "#D55E00", "start": "#000000"}
 def write_tables(points: Sequence[Point], folder: Path) -> None:
     """points.csv: every point, a row for each scene it was measured on; frontier.csv: the frontier's alone."""
     suns = sorted({sun for p in points for m in p.found.values() for sun in m.error_percent}, reverse=True)
-    keys = [d.key for d in SPACE]
+    keys = [d.key for d in ZONES.dimensions]
     best = frontier(points)
-    columns = ["point", "origin", "complete", "on_frontier", "scene", "processor_s", "error_percent"]
+    columns = ["point", "origin", "complete", "on_frontier", "scene", "processor_s", "peak_mib", "error_percent"]
     columns += [f"{SUN}{sun:g}" for sun in suns] + keys
     rows: list[list[Any]] = []
     for number, p in enumerate(points):
@@ -33,14 +33,15 @@ def write_tables(points: Sequence[Point], folder: Path) -> None:
             by_sun = [f"{m.error_percent[sun]:.3f}" if sun in m.error_percent else "" for sun in suns]
             what = [number, p.origin, int(p.complete), int(any(p is b for b in best)), scene]
             where = [f"{p.values[key]:g}" for key in keys]
-            rows.append([*what, f"{m.processor_s:.3f}", f"{m.worst_percent:.3f}", *by_sun, *where])
+            rows.append([*what, f"{m.processor_s:.3f}", f"{m.peak_mib:.0f}", f"{m.worst_percent:.3f}", *by_sun, *where])
     write_csv(folder / "points.csv", columns, rows)
-    head = ["point", "origin", "processor_s", "error_percent"]
+    head = ["point", "origin", "processor_s", "peak_mib", "error_percent"]
     lines = [
         [
             next(n for n, q in enumerate(points) if q is p),
             p.origin,
             f"{p.processor_s:.3f}",
+            f"{p.peak_mib:.0f}",
             f"{p.error_percent:.3f}",
             *(f"{p.values[key]:g}" for key in keys),
         ]
@@ -59,12 +60,12 @@ def read_points(path: Path, scenes: Sequence[str]) -> list[Point]:
             rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
         points: dict[int, Point] = {}
         for row in rows:
-            values = {d.key: int(row[d.key]) if d.whole else float(row[d.key]) for d in SPACE}
+            values = {d.key: int(row[d.key]) if d.whole else float(row[d.key]) for d in ZONES.dimensions}
             point = points.setdefault(int(row["point"]), Point(values, row["origin"]))
             point.complete = row["complete"] == "1"
             suns = {key.removeprefix(SUN): float(text) for key, text in row.items() if key.startswith(SUN) and text}
             errors = {float(sun): error for sun, error in suns.items()}
-            point.found[row["scene"]] = Measurement(float(row["processor_s"]), errors)
+            point.found[row["scene"]] = Measurement(float(row["processor_s"]), errors, float(row["peak_mib"]))
     except OSError as error:
         raise TwilightError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (KeyError, ValueError, TypeError, csv.Error, UnicodeDecodeError):
@@ -76,12 +77,13 @@ def read_points(path: Path, scenes: Sequence[str]) -> list[Point]:
 
 
 def printed(points: Sequence[Point]) -> list[list[str]]:
-    """Rows (point, origin, processor time, error) of the frontier for the terminal."""
+    """Rows (point, origin, processor time, memory, error) of the frontier for the terminal."""
     return [
         [
             str(next(n for n, q in enumerate(points) if q is p)),
             p.origin,
             f"{p.processor_s:.2f}",
+            f"{p.peak_mib:.0f}",
             f"{p.error_percent:.2f}",
         ]
         for p in frontier(points)

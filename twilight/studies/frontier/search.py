@@ -11,16 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
 from twilight.base.progress import Progress, part_of, silent
-from twilight.solvers.zones.settings import ZonesSettings
-from twilight.studies.frontier.measure import Case, Measurement
-from twilight.studies.frontier.space import SPACE, Values, neighbour, settings_at, values_of, within
+from twilight.studies.frontier.measure import Measurement
+from twilight.studies.frontier.space import ZONES, Space, Values
 
 if TYPE_CHECKING:
     import optuna
@@ -32,6 +31,22 @@ STARTUP_POINTS = 10
 """Points measured before proposals follow from them."""
 ON_BOUND = 0.02
 """Smallest error [%] that counts: below it, differences from the reference are rounding."""
+
+
+class Judged(Protocol):
+    """A scene that settings are tried on; `measure.Case` is one."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def physics(self) -> Any:
+        """The scene's own settings, of which those are kept that are not searched."""
+
+    def measure(self, settings: Any) -> Measurement: ...
+
+    def warm_up(self) -> None:
+        """Have everything loaded and compiled before the clock runs."""
 
 
 @dataclass
@@ -52,6 +67,11 @@ class Point:
     def processor_s(self) -> float:
         """Geometric mean of the scenes' processor times [s]."""
         return math.exp(sum(math.log(m.processor_s) for m in self.found.values()) / len(self.found))
+
+    @property
+    def peak_mib(self) -> float:
+        """Most memory that the process held on any scene [MiB]."""
+        return max(m.peak_mib for m in self.found.values())
 
     def on(self, names: Sequence[str]) -> Point:
         """The point as it stands on some of the scenes."""
@@ -74,14 +94,15 @@ def check_installed() -> None:
 
 
 def search(
-    cases: Sequence[Case],
-    starts: Mapping[str, ZonesSettings],
+    cases: Sequence[Judged],
+    starts: Mapping[str, Any],
     *,
     budget_s: float,
     most_points: int,
     longest_s: float = math.inf,
     known: Sequence[Point] = (),
     seed: int = 0,
+    space: Space = ZONES,
     progress: Progress = silent,
 ) -> Iterator[Point]:
     """Measure the starts, then what the search proposes, and give every point as it is done or given up.
@@ -100,6 +121,8 @@ def search(
         A point whose processor time on the scenes so far is more than this in the mean is given up.
     known
         Points of an earlier search of the same scenes, which this one goes on from.
+    space
+        What is searched, of the solver whose settings the starts are.
     """
     import optuna  # optional
 
@@ -113,7 +136,7 @@ def search(
     study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
     done = list(known)
     for point in done:
-        study.add_trial(_trial(point))
+        study.add_trial(_trial(point, space))
     order, spent = _cheapest_first(cases, done), 0.0
     left = [name for name in starts if name not in {point.origin for point in done}]
     for number in range(len(done), most_points):
@@ -122,15 +145,15 @@ def search(
             break
         rng = np.random.default_rng([seed, number])
         if origin != "search":
-            study.enqueue_trial(within(values_of(starts[origin])))
+            study.enqueue_trial(space.within(space.values_of(starts[origin])))
         elif number % 2 and (best := frontier(done)):
-            study.enqueue_trial(neighbour(best[rng.integers(len(best))].values, rng))
+            study.enqueue_trial(space.neighbour(best[rng.integers(len(best))].values, rng))
         trial = study.ask()
-        point = Point(within({d.key: _suggest(trial, d) for d in SPACE}), origin)
+        point = Point(space.within({d.key: _suggest(trial, d) for d in space.dimensions}), origin)
         tell = part_of(progress, min(spent / max(budget_s, 1.0), 0.99), 0.0, f"point {number + 1}:")
         for case in order:
             tell(case.name, 0.0)
-            point.found[case.name] = case.measure(settings_at(point.values, case.physics))
+            point.found[case.name] = case.measure(space.settings_at(point.values, case.physics))
             spent += point.found[case.name].processor_s
             if point.processor_s > longest_s or (origin == "search" and _beaten(point, done)):
                 break
@@ -144,7 +167,7 @@ def search(
         yield point
 
 
-def _cheapest_first(cases: Sequence[Case], done: Sequence[Point]) -> list[Case]:
+def _cheapest_first(cases: Sequence[Judged], done: Sequence[Point]) -> list[Judged]:
     """The scenes by what they took at the first point that was measured on all."""
     first = next((point for point in done if point.complete), None)
     return list(cases) if first is None else sorted(cases, key=lambda case: first.found[case.name].processor_s)
@@ -154,7 +177,7 @@ def _aims(point: Point) -> list[float]:
     return [math.log(point.processor_s), math.log(max(point.error_percent, ON_BOUND))]
 
 
-def _trial(point: Point) -> optuna.trial.FrozenTrial:
+def _trial(point: Point, space: Space) -> optuna.trial.FrozenTrial:
     """What optuna knows of a point measured earlier."""
     import optuna  # optional
 
@@ -162,7 +185,7 @@ def _trial(point: Point) -> optuna.trial.FrozenTrial:
     return optuna.trial.create_trial(
         params=dict(point.values),
         distributions={
-            d.key: Int(int(d.low), int(d.high)) if d.whole else Float(d.low, d.high, log=True) for d in SPACE
+            d.key: Int(int(d.low), int(d.high)) if d.whole else Float(d.low, d.high, log=True) for d in space.dimensions
         },
         values=_aims(point) if point.complete else None,
         state=optuna.trial.TrialState.COMPLETE if point.complete else optuna.trial.TrialState.PRUNED,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -154,7 +154,9 @@ class FlatColumn:
 
     @property
     def needs(self) -> Quantity:
-        return quantity(f"photons:{self.flats.band}")
+        photons = quantity(f"photons:{self.flats.band}")
+        curve = photons.responses()[0].of_photons()
+        return replace(photons, needs=(curve,), value=lambda light: light.photons(curve))
 
     @property
     def unit(self) -> str:
@@ -187,7 +189,9 @@ def column(text: str, setup: Setup = USUAL) -> Column:
     text = text.strip()
     name, at, where = text.partition("@")
     kind = name.lower()
-    if kind == CONTRAST and not at:
+    if kind == CONTRAST:
+        if at:
+            raise TwilightError(f"quantity: {text}: {CONTRAST} has its own directions and takes no @")
         return ContrastColumn()
     if kind == MARGIN:
         found = names_of(where)
@@ -200,7 +204,10 @@ def column(text: str, setup: Setup = USUAL) -> Column:
         if setup.flats is None:
             raise TwilightError(f"quantity: {text} needs a telescope; it goes with --for flats")
         return FlatColumn(f"{kind}@{where or 'zenith'}", setup.flats, _direction(text, where))
-    wanted = quantity(name)
+    try:
+        wanted = quantity(name)
+    except TwilightError as error:
+        raise TwilightError(f"{error}; columns are also {CONTRAST}, {LIMIT} and {MARGIN}@OBJECT") from None
     target = towards(where or ("zenith" if wanted.of == ("direction",) else "horizontal"))
     check_of(wanted, "surface" if isinstance(target, Surface) else "direction")
     return LightColumn(text, wanted, target)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.io.netcdf import interruptible_h5netcdf
+from twilight.sky.twilight_times import SUNRISE_DEG
 
 if TYPE_CHECKING:
     import xarray
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 SHADED = {"civil": -6.0, "nautical": -12.0, "astronomical": -18.0}
 """Twilights by the sun's lowest elevation [deg]."""
+SHADE_STEP_S = 20.0
+"""To how many seconds the shades of a figure begin and end."""
 
 
 def write_table(made: Timeline, path: Path, note: str) -> None:
@@ -104,10 +107,21 @@ def draw(made: Timeline, path: Path, title: str) -> None:
 
 def _shade(panel: Any, made: Timeline) -> None:
     """Day white, each twilight darker, night darkest."""
-    limits = (0.0, *SHADED.values())
-    depth = np.digitize(-made.sun_elevation_deg, [-x + 0.8333 * (x == 0.0) for x in limits])
+    for start, stop, depth in shades(made):
+        panel.axvspan(start, stop, color=str(1.0 - 0.11 * depth), linewidth=0)
+
+
+def shades(made: Timeline) -> list[tuple[datetime, datetime, int]]:
+    """First and last time of each twilight, 1 to 3, and night, 4; the sun's elevation is linear between the rows."""
+    ends = [SUNRISE_DEG, *SHADED.values()]
+    times = [time.astimezone(UTC) for time in made.times]
+    second = np.array([(time - times[0]).total_seconds() for time in times])
+    fine = np.linspace(second[0], second[-1], max(2, int(second[-1] / SHADE_STEP_S) + 1))
+    depth = np.digitize(-np.interp(fine, second, made.sun_elevation_deg), [-end for end in ends])
     edges = np.flatnonzero(np.diff(depth)) + 1
-    for start, stop in zip([0, *edges], [*edges, depth.size], strict=True):
+    found = []
+    for start, stop in zip([0, *edges], [*edges, fine.size - 1], strict=True):
         if depth[start]:
-            stop = min(stop, depth.size - 1)
-            panel.axvspan(made.times[start], made.times[stop], color=str(1.0 - 0.11 * depth[start]), linewidth=0)
+            first, last = (times[0] + timedelta(seconds=float(fine[k])) for k in (start, stop))
+            found.append((first, last, int(depth[start])))
+    return found

@@ -1,13 +1,14 @@
 """Twilight flats: electrons of a pixel from the sky's photons, exposures for wanted counts and counts of exposures.
 
-    electrons s^-1 = eta A omega integral L(lambda) R(lambda) lambda / (h c) dlambda
+    electrons s^-1 = eta A omega integral L(lambda) S(lambda) lambda / (h c) dlambda
 
-A the collecting area, omega the pixel's solid angle, R the band's response, eta the throughput of all else.
+A the collecting area, omega the pixel's solid angle, S the band's response to photons over its largest value, eta the
+throughput where S is 1.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ class Flats:
     """A telescope with its camera, and what is wanted of a flat.
 
     band: of `twilight.sky.quantities.responses`; aperture_m, obstruction_m: diameters; pixel_arcsec: side; throughput:
-    of optics and detector at the band's maximum, where its curve is 1; gain: electrons of a count; level_counts: that
+    of filter, optics and detector at the band's maximum; gain: electrons of a count; level_counts: that
     a flat is to have; saturation_counts: that a pixel never exceeds; exposure_s: of flats of one length, None where it
     is asked for.  Counts are of light: a camera adds its bias.
     """
@@ -52,6 +53,11 @@ class Flats:
             raise TwilightError(
                 f"--level-counts: {self.level_counts:g} is not below the saturation, {self.saturation_counts:g}"
             )
+
+    @property
+    def changed(self) -> str:
+        """The first part that is not the usual one; empty where all are."""
+        return next((one.name for one in fields(self) if getattr(self, one.name) != one.default), "")
 
     @property
     def column(self) -> str:

@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
+from twilight.atmosphere.csv_columns import numbered_lines
 from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
@@ -49,8 +50,10 @@ FROM_KM = (0.0, 150.0, 300.0)
 """Distances at which a screen may begin."""
 ZENITH_BELOW_DEG = -4.0
 """The zenith's limit holds for the suns at this elevation and below."""
-SUN_NAMES, SERIES_NAMES = ("sun_elevation_deg", "elevation_deg"), ("session", "run")
-"""Columns of a file."""
+SUN_NAMES = ("sun_elevation_deg", "elevation_deg")
+"""Names that a file's column of the sun's elevation [deg] may have."""
+SERIES_NAMES = ("session", "run")
+"""Names that the column may have that parts several series in one file."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +123,7 @@ def read_spectra(path: Path, series: str | None = None) -> Recorded:
 
     Errors: TwilightError that names the file, the line or the column, and what is allowed.
     """
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as stream:
-            lines = [(n, line) for n, line in enumerate(stream, 1) if line.strip() and not line.startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
-        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    lines = numbered_lines(path)
     names = [name.strip() for name in lines[0][1].split(",")] if lines else []
     sun = next((name for name in SUN_NAMES if name in names), None)
     columns = [name for name in names if name.replace(".", "", 1).isdigit()]

@@ -1,0 +1,65 @@
+"""A sky in closed form, brighter towards the sun, for tests of pages, films and shaders: its solver takes no time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from airs import problem_of_field, turbid
+
+from twilight.engine.solve import Solved
+from twilight.solvers.base import BareField
+from twilight.viewer.tables import ViewerTableSizes
+
+EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
+"""Wavelengths of pages and shaders [nm]."""
+FIVE_NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
+"""Wavelengths of films [nm]."""
+COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
+"""Sizes of the tables of pages and films."""
+ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
+"""State of a page that shows the whole sky."""
+
+
+def bluer_upwards(e: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Exponent of the wavelength by elevation and azimuth [rad]."""
+    return -1.0 - 2.0 * np.sin(e) ** 2
+
+
+@dataclass
+class ClosedSky(BareField):
+    """L/F0 = level(sun) (1.2 + 0.4 cos e cos a + 0.3 cos 2e) (wavelength / 550 nm)^colour(e, a), 2 % more a kilometre
+    up.
+
+    level: of the sun's elevation [deg]; colour: of elevation e and azimuth a [rad].
+    """
+
+    medium: Any
+    level: Callable[[float], float]
+    colour: Callable[[np.ndarray, np.ndarray], np.ndarray] = bluer_upwards
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
+        shape = 1.2 + 0.4 * np.cos(e) * np.cos(a) + 0.3 * np.cos(2 * e)
+        colour = (self.medium.wavelength_nm / 550.0) ** self.colour(e, a)[..., None]
+        return self.level(sun_elevation_deg) * (1.0 + 0.02 * observer_altitude_km) * shape[..., None] * colour
+
+
+def solved(level: Callable[[float], float]) -> Solved:
+    """Of hazy air at EIGHT_NM."""
+    return problem_of_field(ClosedSky(turbid(wavelength_nm=EIGHT_NM), level)).solve()
+
+
+def gone_at_17_deg(sun_elevation_deg: float) -> float:
+    """A level that falls as twilight does, faster and faster."""
+    return math.exp(2.0 * min(sun_elevation_deg, 0.0) ** 3 / (100.0 + sun_elevation_deg**2))
+
+
+def closed(name: str = "closed", level: float = 1.0) -> Solved:
+    """A solved sky of that level, times a factor, under a title."""
+    medium = turbid(wavelength_nm=EIGHT_NM)
+    problem = problem_of_field(ClosedSky(medium, lambda sun: level * gone_at_17_deg(sun)))
+    return replace(problem, scene=replace(problem.scene, title=name)).solve()

@@ -1,0 +1,29 @@
+"""Films of a sky in closed form, for tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from airs import problem_of_field, turbid
+from closed_sky import COARSE, FIVE_NM, ClosedSky
+
+from twilight.animation.film import Animation
+from twilight.config import load
+
+FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "sizes": COARSE}
+"""Of five pictures."""
+MEDIUM = turbid(wavelength_nm=FIVE_NM)
+SKY = ClosedSky(MEDIUM, lambda sun_deg: 10.0 ** (sun_deg / 4.0) * 0.01, lambda e, a: np.full(e.shape, -1.5))
+"""A factor of 10 darker for every 4 deg that the sun falls."""
+
+
+def problem():
+    return problem_of_field(SKY)
+
+
+def scene(**settings):
+    view = {"observer.view.kind": "perspective", "observer.view.width": 64, "observer.view.height": 64}
+    return load("pure-air", {**view, "observer.view.elevation_deg": 30.0, **settings})
+
+
+def film(path, config=None, **options):
+    return Animation(config or scene(), path, problem=problem(), **{**FIVE, **options})
