@@ -1,0 +1,169 @@
+"""Airs for the fit of the model of clear air: drawn, and solved by `zones` for every sun and two observers.
+
+    python benchmarks/clear_air_airs.py FOLDER --first 0 --step 2     and the odd ones beside it: --first 1 --step 2
+
+One file for each air, FOLDER/<number>.npz, until --count is reached or it is stopped; what is there stays.  An air is
+drawn from its number alone.  3 to 10 processor seconds an air.  `benchmarks/clear_air.py` fits them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.base.whole_files import whole_file
+from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
+from twilight.solvers import zones
+from twilight.solvers.compact.air_columns import AirColumns
+from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, RoughSkies, log_base
+
+PROFILES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard")
+TYPES = (
+    *("continental_clean", "continental_average", "continental_polluted", "urban", "desert"),
+    *("maritime_clean", "maritime_polluted", "maritime_tropical", "arctic", "antarctic"),
+)
+HUMIDITIES = (0, 50, 70, 80, 90, 95)
+"""Classes of OPAC [%]."""
+STRATOSPHERES = tuple(
+    f"{region}_{load}"
+    for region in ("nh_midlat", "sh_midlat", "tropical")
+    for load in ("low", "typical", "elevated", "extreme")
+) + ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
+WAVELENGTH_NM = (340.0, 380.0, 440.0, 500.0, 550.0, 600.0, 650.0, 720.0, 850.0, 1000.0)
+"""Of which each air has `WAVELENGTHS`."""
+WAVELENGTHS = 8
+POWER_LAW = 0.2
+"""Part of the airs with an aerosol by the power law of Angstrom."""
+ODD = 0.3
+"""Part of the airs with absorption that no climate's gases have, or with other ozone absorption."""
+HIGHEST_KM = 15.0
+"""Highest of the second observers."""
+SETTINGS = zones.ZonesSettings(
+    degree=12,
+    max_degree=16,
+    polar_directions=13,
+    azimuth_directions=7,
+    late_degree=5,
+    late_polar_directions=6,
+    late_azimuth_directions=5,
+    altitude_density=0.35,
+    zenith_density=0.6,
+    tolerance=0.02,
+    polarisation_degree=4,
+    late_polarisation_degree=2,
+)
+
+
+def drawn_climate(rng: np.random.Generator) -> dict[str, Any]:
+    """A climate's document."""
+    stratosphere: dict[str, Any] = {"kind": str(rng.choice(STRATOSPHERES))}
+    if stratosphere["kind"].endswith(("background", "volcanic")):
+        stratosphere["season"] = str(rng.choice(["spring_summer", "fall_winter"]))
+    aerosol: dict[str, Any] = {"optical_depth_550nm": float(np.exp(rng.uniform(np.log(0.01), np.log(1.0))))}
+    if rng.random() < POWER_LAW:
+        law = {"exponent": (0.0, 2.2), "single_scattering_albedo": (0.8, 1.0), "asymmetry": (0.55, 0.78)}
+        aerosol["angstrom"] = {key: float(rng.uniform(*limits)) for key, limits in law.items()}
+    else:
+        aerosol["type"] = str(rng.choice(TYPES))
+        aerosol["relative_humidity_percent"] = int(rng.choice(HUMIDITIES))
+    return {
+        "version": 1,
+        "name": "drawn",
+        "description": "drawn",
+        "atmosphere": {"profile": str(rng.choice(PROFILES))},
+        "gases": {
+            "oxygen": False,
+            "water_vapour": {"column_mm": 0},
+            "ozone": {"column_du": float(rng.uniform(190.0, 460.0))},
+        },
+        "aerosol": aerosol,
+        "stratosphere": stratosphere,
+    }
+
+
+def drawn_medium(rng: np.random.Generator, vary: bool = True) -> Medium:
+    """The medium of a drawn climate.  vary: with each wavelength's own ground, air and absorption beside what the
+    climate says, so that few wavelengths teach all."""
+    climate = load_climate_document(drawn_climate(rng))
+    wavelength = np.sort(rng.choice(WAVELENGTH_NM, WAVELENGTHS, replace=False))
+    medium = climate_medium(climate, wavelength)
+    n = medium.n_wavelengths
+    albedo = np.where(rng.random(n) < 0.15, 0.0, rng.uniform(0.0, 0.9, n))
+    if not vary:
+        return replace(medium, ground_albedo=np.full(n, albedo[0]))
+    absorption = medium.absorption_per_km
+    if rng.random() < ODD:
+        absorption = absorption * np.exp(rng.uniform(-1.5, 1.5, n))
+    if rng.random() < ODD:
+        height_km = rng.choice([2.0, 8.0])
+        depth = np.exp(rng.uniform(np.log(0.005), np.log(2.0), n)) * (rng.random(n) < 0.5)
+        above = (medium.altitude_km - medium.bottom_km)[:, None]
+        absorption = absorption + depth / height_km * np.exp(-above / height_km)
+    air = medium.air_scattering_per_km * np.exp(rng.uniform(-0.3, 0.3, n))
+    return replace(medium, absorption_per_km=absorption, air_scattering_per_km=air, ground_albedo=albedo)
+
+
+def load_climate_document(document: dict[str, Any]):
+    """The climate of a document."""
+    import tempfile
+
+    import yaml
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drawn.yaml"
+        path.write_text(yaml.safe_dump(document))
+        return load_climate(path)
+
+
+def several(medium: Medium, settings: zones.ZonesSettings, observers_km: tuple[float, ...]) -> np.ndarray:
+    """Stokes parameters over F0 of light scattered more than once, at the nodes of the model under all suns,
+    (observers, suns, E, A, 3, W); observers above the ground."""
+    field = zones.prepare(medium, settings, observer_altitude_km=medium.bottom_km)
+    field._add_single = lambda *arguments: None
+    elevation, azimuth = np.meshgrid(ELEVATION_DEG, AZIMUTH_DEG, indexing="ij")
+    return np.array(
+        [
+            [field.stokes(sun, elevation, azimuth, observer_altitude_km=medium.bottom_km + above) for sun in SUN_DEG]
+            for above in observers_km
+        ],
+        np.float32,
+    )
+
+
+def sample(path: Path, number: int) -> None:
+    """Draw an air, solve it, and write what the fit needs."""
+    rng = np.random.default_rng([32, number])
+    medium = drawn_medium(rng)
+    observers = (0.0, float(HIGHEST_KM * rng.random() ** 2))
+    columns = AirColumns.of(medium)
+    light = several(columns.medium, SETTINGS, observers)
+    rough = [RoughSkies(columns, above) for above in observers]
+    base = [[skies.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for skies in rough]
+    inputs = np.array([skies.inputs for skies in rough], np.float32)
+    bases = np.array([log_base(skies.base_at) for skies in rough], np.float32)
+    with whole_file(path) as unfinished, open(unfinished, "wb") as file:
+        np.savez(file, light=light, base=np.array(base, np.float32), inputs=inputs, log_base=bases)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--step", type=int, default=1)
+    parser.add_argument("--count", type=int, default=2000)
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for number in range(options.first, options.count, options.step):
+        path = options.folder / f"{number:05d}.npz"
+        if not path.exists():
+            sample(path, number)
+
+
+if __name__ == "__main__":
+    main()
