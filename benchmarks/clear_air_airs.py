@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
@@ -35,13 +36,17 @@ STRATOSPHERES = tuple(
     for region in ("nh_midlat", "sh_midlat", "tropical")
     for load in ("low", "typical", "elevated", "extreme")
 ) + ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
-WAVELENGTH_NM = (340.0, 380.0, 440.0, 500.0, 550.0, 600.0, 650.0, 720.0, 850.0, 1000.0)
+WAVELENGTH_NM = (320.0, 340.0, 380.0, 440.0, 500.0, 550.0, 600.0, 650.0, 720.0, 850.0, 1000.0)
 """Of which each air has `WAVELENGTHS`."""
 WAVELENGTHS = 8
 POWER_LAW = 0.2
 """Part of the airs with an aerosol by the power law of Angstrom."""
+PURE = 0.06
+"""Part of the airs without any particles."""
 ODD = 0.3
 """Part of the airs with absorption that no climate's gases have, or with other ozone absorption."""
+MOST_OZONE_DEPTH = 0.5
+"""Vertical optical depth up to which absorption by ozone is drawn larger than it is."""
 HIGHEST_KM = 15.0
 """Highest of the second observers."""
 SETTINGS = zones.ZonesSettings(
@@ -52,7 +57,7 @@ SETTINGS = zones.ZonesSettings(
     late_degree=5,
     late_polar_directions=6,
     late_azimuth_directions=5,
-    altitude_density=0.35,
+    altitude_density=0.4,
     zenith_density=0.6,
     tolerance=0.02,
     polarisation_degree=4,
@@ -72,6 +77,7 @@ def drawn_climate(rng: np.random.Generator) -> dict[str, Any]:
     else:
         aerosol["type"] = str(rng.choice(TYPES))
         aerosol["relative_humidity_percent"] = int(rng.choice(HUMIDITIES))
+    particles = {} if rng.random() < PURE else {"aerosol": aerosol, "stratosphere": stratosphere}
     return {
         "version": 1,
         "name": "drawn",
@@ -82,24 +88,28 @@ def drawn_climate(rng: np.random.Generator) -> dict[str, Any]:
             "water_vapour": {"column_mm": 0},
             "ozone": {"column_du": float(rng.uniform(190.0, 460.0))},
         },
-        "aerosol": aerosol,
-        "stratosphere": stratosphere,
-    }
+    } | particles
 
 
 def drawn_medium(rng: np.random.Generator, vary: bool = True) -> Medium:
     """The medium of a drawn climate.  vary: with each wavelength's own ground, air and absorption beside what the
     climate says, so that few wavelengths teach all."""
-    climate = load_climate_document(drawn_climate(rng))
     wavelength = np.sort(rng.choice(WAVELENGTH_NM, WAVELENGTHS, replace=False))
-    medium = climate_medium(climate, wavelength)
+    while True:
+        try:
+            medium = climate_medium(load_climate_document(drawn_climate(rng)), wavelength)
+            break
+        except TwilightError:  # less aerosol in all than in the stratosphere alone: another one
+            continue
     n = medium.n_wavelengths
     albedo = np.where(rng.random(n) < 0.15, 0.0, rng.uniform(0.0, 0.9, n))
     if not vary:
         return replace(medium, ground_albedo=np.full(n, albedo[0]))
     absorption = medium.absorption_per_km
     if rng.random() < ODD:
-        absorption = absorption * np.exp(rng.uniform(-1.5, 1.5, n))
+        depth = medium.optical_depth("absorption")
+        factor = np.exp(rng.uniform(-1.5, 1.5, n))
+        absorption = absorption * np.minimum(factor, np.maximum(1.0, MOST_OZONE_DEPTH / np.maximum(depth, 1e-9)))
     if rng.random() < ODD:
         height_km = rng.choice([2.0, 8.0])
         depth = np.exp(rng.uniform(np.log(0.005), np.log(2.0), n)) * (rng.random(n) < 0.5)

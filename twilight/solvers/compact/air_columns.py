@@ -58,7 +58,8 @@ def two_phase_functions(medium: Medium) -> Medium:
     cosine, z = np.cos(angle), medium.altitude_km
     high = z - medium.bottom_km > SPLIT_KM
     scattering = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
-    kinds = np.array([phase.matrix(cosine) for phase in medium.phase_functions]).reshape(-1, 4, medium.n_wavelengths, angle.size)
+    kinds = np.array([phase.matrix(cosine) for phase in medium.phase_functions])
+    kinds = kinds.reshape(len(medium.phase_functions), 4, medium.n_wavelengths, angle.size)
     thickness = np.maximum(np.gradient(z), 1e-6) if np.all(np.diff(z) > 0) else np.maximum(_thickness(z), 1e-6)
     phases = []
     for name, part in (("low", ~high), ("high", high)):
