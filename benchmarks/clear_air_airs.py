@@ -3,7 +3,9 @@
     python benchmarks/clear_air_airs.py FOLDER --first 0 --step 2     and the odd ones beside it: --first 1 --step 2
 
 One file for each air, FOLDER/<number>.npz, until --count is reached or it is stopped; what is there stays.  An air is
-drawn from its number alone.  3 to 10 processor seconds an air.  `benchmarks/clear_air.py` fits them.
+drawn from its number alone.  3 to 25 processor seconds an air.  `--rough FOLDER2` computes in place of it what the model
+itself computes of the airs that are there, which is to be done again when its code changes: 2 processor seconds an air.
+`benchmarks/clear_air.py` fits both.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.compact.air_columns import AirColumns
-from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, RoughSkies, log_base
+from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
+from twilight.solvers.compact.clear_air_sky import ClearAirSky, RoughSkies, log_base
 
 PROFILES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard")
 TYPES = (
@@ -146,19 +149,46 @@ def several(medium: Medium, settings: zones.ZonesSettings, observers_km: tuple[f
     )
 
 
-def sample(path: Path, number: int) -> None:
-    """Draw an air, solve it, and write what the fit needs."""
+def drawn(number: int) -> tuple[AirColumns, tuple[float, ...]]:
+    """The air of a number, and its observers' altitudes above the ground [km]."""
     rng = np.random.default_rng([32, number])
     medium = drawn_medium(rng)
-    observers = (0.0, float(HIGHEST_KM * rng.random() ** 2))
-    columns = AirColumns.of(medium)
-    light = several(columns.medium, SETTINGS, observers)
-    rough = [RoughSkies(columns, above) for above in observers]
-    base = [[skies.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for skies in rough]
-    inputs = np.array([skies.inputs for skies in rough], np.float32)
-    bases = np.array([log_base(skies.base_at) for skies in rough], np.float32)
+    return AirColumns.of(medium), (0.0, float(HIGHEST_KM * rng.random() ** 2))
+
+
+def sample(path: Path, number: int) -> None:
+    """Draw an air, solve it, and write its light."""
+    columns, observers = drawn(number)
+    write(path, light=several(columns.medium, SETTINGS, observers))
+
+
+def rough(path: Path, number: int) -> None:
+    """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
+    columns, observers = drawn(number)
+    skies = [RoughSkies(columns, above) for above in observers]
+    bases = [[one.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for one in skies]
+    write(
+        path,
+        base=np.array(bases, np.float32),
+        once=np.array([[_once(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
+        inputs=np.array([one.inputs for one in skies], np.float32),
+        log_base=np.array([log_base(one.base_at) for one in skies], np.float32),
+    )
+
+
+def _once(skies: RoughSkies, sun_deg: float) -> np.ndarray:
+    """Light scattered once at the nodes, (E, A, W)."""
+    logarithms = np.log(skies.once_at_nodes(sun_deg))
+    nothing = np.full((1, *logarithms.shape[1:]), -np.inf)
+    apparent = skies.shells.apparent_elevation_deg(sun_deg)
+    sky = ClearAirSky(apparent, skies.columns, np.concatenate([nothing, logarithms]), nothing[:0])
+    return sky.at_nodes()
+
+
+def write(path: Path, **arrays: np.ndarray) -> None:
+    """Write arrays into a file, whole or not at all."""
     with whole_file(path) as unfinished, open(unfinished, "wb") as file:
-        np.savez(file, light=light, base=np.array(base, np.float32), inputs=inputs, log_base=bases)
+        np.savez(file, **arrays)
 
 
 def main() -> None:
@@ -167,11 +197,15 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--step", type=int, default=1)
     parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--rough", type=Path)
     options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
     for number in range(options.first, options.count, options.step):
-        path = options.folder / f"{number:05d}.npz"
-        if not path.exists():
+        light = options.folder / f"{number:05d}.npz"
+        path = options.rough / light.name if options.rough else light
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if options.rough and light.exists() and not path.exists():
+            rough(path, number)
+        elif not options.rough and not path.exists():
             sample(path, number)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.api.types import SceneLike
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightError
 from twilight.config import Config, load
 
 
@@ -33,19 +32,9 @@ def config_of(
     keys = {**chosen, **{key: value for key, value in given.items() if value is not None}, **(settings or {})}
     if isinstance(scene, Config):
         if not keys:
-            return own_model(scene)
-        return own_model(load(scene.model_dump(mode="json", exclude_unset=True), keys))
-    return own_model(load(scene if isinstance(scene, Mapping) else str(scene), keys))
-
-
-def own_model(config: Config) -> Config:
-    """With the compact model of its own air, fitted first where there is none, for scenes that ask for that solver."""
-    if config.solver.get("name") != "compact":
-        return config
-
-    from twilight.studies.fit.compact.own import with_own_model  # start-up
-
-    return with_own_model(config, say=lambda sentence: warnings.warn(sentence, TwilightWarning, stacklevel=5))
+            return scene
+        return load(scene.model_dump(mode="json", exclude_unset=True), keys)
+    return load(scene if isinstance(scene, Mapping) else str(scene), keys)
 
 
 def numbers(values: ArrayLike, name: str) -> list[float]:

@@ -1,8 +1,7 @@
 """The user's cache: what takes long to make and can be made again, in whole files named by a hash of all that enters.
 
-    FOLDER/fields/KEY.h5       solved fields                        these three together take at most
-    FOLDER/skies/KEY.npz       skies that a study has computed      TWILIGHT_CACHE_GB; the files that were
-    FOLDER/models/KEY.npz      compact models fitted on first use   used longest ago go first
+    FOLDER/fields/KEY.h5       solved fields                        together at most TWILIGHT_CACHE_GB; the files that
+    FOLDER/skies/KEY.npz       skies that a study has computed      were used longest ago go first
     FOLDER/optics/KEY.f8       optics of particles by Mie theory    small, not limited
 
 FOLDER is TWILIGHT_CACHE_DIR, else the platform's cache folder for `twilight`.  A folder that is full or cannot be
@@ -46,9 +45,8 @@ class Kind(NamedTuple):
 
 FIELDS = Kind("fields", ".h5", "solved fields", True)
 SKIES = Kind("skies", ".npz", "skies of studies", True)
-MODELS = Kind("models", ".npz", "compact models", True)
 OPTICS = Kind("optics", ".f8", "optics of particles", False)
-KINDS = (FIELDS, SKIES, MODELS, OPTICS)
+KINDS = (FIELDS, SKIES, OPTICS)
 
 
 class CachedFile(NamedTuple):
@@ -69,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def limit_bytes() -> float:
-    """The most that fields, skies and models may take together [bytes]; 0: none is cached.
+    """The most that fields and skies may take together [bytes]; 0: none is cached.
 
     Errors: TwilightError for a limit that is not a number of at least 0.
     """

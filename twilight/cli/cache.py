@@ -12,9 +12,9 @@ def cache(
 ) -> None:
     """Show or clear the cache: a scene that was solved before is shown at once.
 
-    So are the skies that `twilight validate estimate` has computed, and fitted models of the solver compact.
+    So are the skies that `twilight validate estimate` has computed.
 
-    The folder is TWILIGHT_CACHE_DIR, the limit of fields, skies and models TWILIGHT_CACHE_GB [2]; 0 caches none.
+    The folder is TWILIGHT_CACHE_DIR, the limit of fields and skies TWILIGHT_CACHE_GB [2]; 0 caches none.
     """
     from twilight.base import cache as caches
     from twilight.cli.terminal import print_table

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 SENTENCE = "the first run compiles its kernels, which takes a minute or two; their machine code is kept for later runs"
 
@@ -35,17 +32,3 @@ def say_that_it_compiles(solver: str) -> None:
     if compiles_first(solvers.SOLVERS[solver]):
         terminal.compiling = True
         print(f"twilight: {SENTENCE}", file=sys.stderr)
-
-
-def own_models(cases: Sequence[Any]) -> list[Any]:
-    """The cases with the compact models of their own airs; those that are not there yet are fitted first."""
-    if not any(case.config.solver.get("name") == "compact" for case in cases):
-        return list(cases)
-    from twilight.cli.terminal import progress_bar
-    from twilight.studies.fit.compact.own import with_own_model
-
-    def say(sentence: str) -> None:
-        print(f"twilight: {sentence}", file=sys.stderr)
-
-    with progress_bar() as bar:
-        return [replace(case, config=with_own_model(case.config, bar, say)) for case in cases]

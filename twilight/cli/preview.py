@@ -1,4 +1,4 @@
-"""A picture at once where the sky itself takes longer: from a small fitted model of the shipped climate.
+"""A picture at once where the sky itself takes longer: by the model of all clear air.
 
 It is the file `sky.preview.png` beside those of the sky, says in its corner and in its text chunks what it is, and goes
 when `sky.png` is written, or when the render ends without it.
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from twilight.sky.sky import Sky
 
 PREVIEW = "sky.preview.png"
-MODELS = Path(__file__).resolve().parents[1] / "data" / "preview"
-"""Folder of the models, by name of their climate (benchmarks/ship_previews.py)."""
 COMPILING_S = 30.0
 """Processor seconds that compiling takes, about (benchmarks/cold_start.csv)."""
 LONG_S = 8.0
@@ -32,54 +30,35 @@ LONG_S = 8.0
 
 @dataclass(frozen=True)
 class Preview:
-    """The sky of a model; error: of 95 % of its directions against `quality` of the solver zones; shipped_air: whether
-    it is that of the climate as it comes with the program, and the configuration's is another."""
+    """The sky of the model; error: of 95 % of its directions, as the model estimates it."""
 
     sky: Sky
     climate: str
-    quality: str
     error: float
-    shipped_air: bool
 
     @property
     def sentence(self) -> str:
         """What it is, and how wrong."""
-        air = " as it is shipped, without what is changed here" if self.shipped_air else ""
         return (
-            f"a fitted model of {self.climate}{air}, in 95 % of the directions within {100 * self.error:.2g} % of "
-            f"what zones gives at quality {self.quality}"
+            f"the model of clear air in place of {self.climate}, by its own estimate within {100 * self.error:.2g} % in "
+            "95 % of the directions"
         )
 
 
 def preview_of(config: Config, sun: str) -> Preview | None:
-    """The preview of one sun of a configuration; None where there is no model of its climate or for its observer."""
-    path = MODELS / f"{config.climate.name}.npz"
-    if not path.is_file() or not _has_one(config):
+    """The preview of one sun of a configuration; None where the model lacks its air, sun or observer."""
+    if not _has_one(config):
         return None
-    from twilight.config.load import load_climate  # start-up
-    from twilight.solvers.compact.compact_sky import CompactSky  # start-up
-
-    facts = CompactSky.load(path).provenance
-    solver = {"name": "compact", "quality": "standard", "model": str(path)}
     observer = config.observer.model_copy(update={"view": None})
+    solver = {"name": "compact", "quality": "standard", "polarisation": False}
     like = config.model_copy(update={"solver": solver, "observer": observer, "wavelengths": None})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the sky itself will say
-        for climate in (config.climate, load_climate(config.climate.name)):
-            try:
-                sky = _sky(like.model_copy(update={"climate": climate}), sun)
-            except TwilightError:
-                continue
-            error = error_of(facts["errors"], sky.sun_elevation_deg)
-            return Preview(sky, config.climate.name, facts["quality"], error, climate is not config.climate)
-    return None
-
-
-def error_of(errors: list[dict[str, Any]], sun_elevation_deg: float) -> float:
-    """The 95 % figure of the narrowest range of suns that holds this one, as the model's file has them."""
-    inside = [e for e in errors if e["sun_elevation_deg"][0] <= sun_elevation_deg <= e["sun_elevation_deg"][1]]
-    around = min(inside, key=lambda e: e["sun_elevation_deg"][1] - e["sun_elevation_deg"][0])
-    return float(around["p95"])
+        try:
+            sky = _sky(like, sun)
+        except TwilightError:
+            return None
+    return Preview(sky, config.climate.name, float(sky.provenance["convergence"]["error"]))
 
 
 def _has_one(config: Config) -> bool:

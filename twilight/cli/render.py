@@ -134,7 +134,7 @@ def render(
         _print_plans(cases)
         return
     from twilight.cli.climate import said_in_short
-    from twilight.cli.first_run import own_models, say_that_it_compiles
+    from twilight.cli.first_run import say_that_it_compiles
     from twilight.cli.preview import shown
     from twilight.cli.render_files import check_cases, render_files
     from twilight.cli.render_one_file import SUFFIX, check_one_file, render_one_file
@@ -154,7 +154,6 @@ def render(
             f"twilight: no sun is given: it stands at {default:+g} deg (--sun-elevation, or --at and a place)",
             file=sys.stderr,
         )
-    cases = own_models(cases)
     for name in sorted({case.config.chosen_solver.name for case in cases}):
         say_that_it_compiles(name)
     if output is not None and one_file:
@@ -243,7 +242,6 @@ def _print_plans(cases: list[Any]) -> None:
     from twilight.scene.horizon import described
     from twilight.scene.plan import not_computed
     from twilight.scene.suns import suns_of
-    from twilight.studies.fit.compact.own import needs_fit, waiting
 
     rows, sizes = [], []
     for case in cases:
@@ -258,8 +256,6 @@ def _print_plans(cases: list[Any]) -> None:
         beyond = described(case.config.horizon, tuple(suns_of(case.config)))
         if beyond is not None:
             print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
-    for sentence in dict.fromkeys(waiting(case.config) for case in cases if needs_fit(case.config)):
-        print(sentence)
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]
     print_table(columns, sizes, right=tuple(range(1, len(columns))))

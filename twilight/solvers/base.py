@@ -180,12 +180,12 @@ class Convergence:
 
     orders: orders of scattering that were followed; residual: largest fraction of the light that may be missing or
     wrong because no more were followed; error: how far two qualities differ at 95 % of the directions, where a target
-    was asked for; spectral_nodes: wavelengths, or terms of exponential sums, from which light scattered more than once
+    was asked for, or how far off a fitted model is there by its own estimate; spectral_nodes: wavelengths, or terms of exponential sums, from which light scattered more than once
     was interpolated, where it was, and interpolation_error: what that adds at 95 % of the directions.
     """
 
-    orders: int
-    residual: float
+    orders: int | None = None
+    residual: float | None = None
     error: float | None = None
     spectral_nodes: int | None = None
     interpolation_error: float | None = None

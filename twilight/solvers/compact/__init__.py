@@ -1,10 +1,10 @@
-"""A compact model as a solver: a climate's skies from one small file, without tables, orders or compiled code."""
+"""The solver compact: skies from a small fitted file, without tables or compiled code; of all clear air, or of one climate."""
 
-from twilight.solvers.base import ALL_WAVELENGTHS, Capabilities
+from twilight.solvers.base import Capabilities
 from twilight.solvers.compact.field import QUALITIES, CompactSettings, Field, prepare, recorded
 
 CAPABILITIES = Capabilities(
-    every_sun=True, looks_down=False, reads_files=True, numpy_only=True, wavelengths_at_once=ALL_WAVELENGTHS
+    every_sun=True, every_observer=True, looks_down=False, stokes=True, reads_files=True, numpy_only=True
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare", "recorded"]

@@ -32,6 +32,9 @@ LAYER_DEPTH = 0.02
 NEGLIGIBLE = 0.01
 """Fraction of the largest scattering coefficient below which air does not count."""
 
+FEW_PARTICLES = 1e-3
+"""Optical depth of aerosol below which its albedo and asymmetry mean nothing."""
+
 SLAB_KM = np.array([0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 15, 19, 24, 30, 39, 60, 100])
 """Boundaries of the slabs whose optical depths are inputs of the network [km above the ground]."""
 
@@ -46,6 +49,23 @@ MOMENTS = (1, 2, 3, 4, 6, 8, 12)
 
 ANGLES_DEG = (60.0, 90.0, 120.0, 150.0, 180.0)
 """Scattering angles at which the logarithm of each phase function is an input of the network [deg]."""
+
+LIMITED = (
+    "the optical depth of scattering by air",
+    "the part of scattering by air above 39 km",
+    "the optical depth of absorption by gases above 12 km",
+    "the optical depth of aerosol",
+    "the optical depth of aerosol above 12 km",
+    "the optical depth of aerosol above 60 km",
+    "the single scattering albedo of the aerosol",
+    "the asymmetry parameter of the aerosol below 12 km",
+    "the asymmetry parameter of the aerosol above 12 km",
+    "the refractivity of air at the ground, in 1e-4",
+)
+"""What an air must have between the least and the largest that the fit saw; in the words of messages."""
+
+HIGH_KM, HIGHEST_KM = 39.0, 60.0
+"""Altitudes above the ground above which air itself must be as in nature, and without particles [km]."""
 
 AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
 """Rows of optical depths: scattering by air, absorption by gases, extinction by aerosol, its scattering below and above
@@ -131,9 +151,9 @@ class AirColumns:
     def _of_particles(self) -> np.ndarray:
         return (1.0 - self.forward[0]) * self.depth[LOW] + (1.0 - self.forward[1]) * self.depth[HIGH]
 
-    def shells(self, observer_km: float) -> tuple[RefractedShells, np.ndarray]:
-        """The shells around an observer above the ground, and the coefficient of scattering without peaks in their
-        layers [km^-1]."""
+    def shells(self, observer_km: float) -> tuple[RefractedShells, tuple[np.ndarray, np.ndarray]]:
+        """The shells around an observer above the ground, and in their layers the coefficient of scattering without
+        peaks, and that times three times its asymmetry [km^-1]."""
         boundary = ALTITUDE_KM
         if np.abs(boundary - observer_km).min() > 1e-4:
             boundary = np.sort(np.append(boundary, observer_km))
@@ -150,7 +170,34 @@ class AirColumns:
             observer_km,
             medium.earth_radius_km + medium.bottom_km,
         )
-        return shells, (self.scattering_depth * per_km)[of]
+        forward = 3.0 * sum((self.moments[k, :, 1] - self.forward[k]) * self.depth[row] for k, row in ((0, LOW), (1, HIGH)))
+        return shells, ((self.scattering_depth * per_km)[of], (forward * per_km)[of])
+
+    def limited(self) -> np.ndarray:
+        """What `LIMITED` names, (L, W); nan where there are no particles to have it."""
+        d = self.depth
+        scattered = d[LOW] + d[HIGH]
+        above, high, highest = (ALTITUDE_KM[:-1] >= z for z in (SPLIT_KM, HIGH_KM, HIGHEST_KM))
+        of_aerosol = d[EXTINCTION].sum(axis=0)
+        few = of_aerosol < FEW_PARTICLES
+        albedo = np.where(few, np.nan, scattered.sum(axis=0) / np.maximum(of_aerosol, FEW_PARTICLES))
+        asymmetry = [
+            np.where(d[row].sum(axis=0) < FEW_PARTICLES, np.nan, self.moments[k, :, 1])
+            for k, row in ((0, LOW), (1, HIGH))
+        ]
+        return np.stack(
+            [
+                d[AIR].sum(axis=0),
+                d[AIR][high].sum(axis=0) / d[AIR].sum(axis=0),
+                d[ABSORPTION][above].sum(axis=0),
+                of_aerosol,
+                d[EXTINCTION][above].sum(axis=0),
+                d[EXTINCTION][highest].sum(axis=0),
+                albedo,
+                *asymmetry,
+                np.full(self.medium.n_wavelengths, 1e4 * self.medium.refractivity[0].mean()),
+            ]
+        )
 
     def diffuse_coefficients(self) -> DiffuseCoefficients:
         """For `diffuse_light`: later orders by the similarity rule, the first with its phase functions."""

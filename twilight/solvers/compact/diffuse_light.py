@@ -7,20 +7,22 @@ asymmetry x scattering).  Over rays from a point in `POLAR` zenith angles a side
 
     J_next(z, chi) = 1/2 sum_rays w sum_segments T (1 - exp(-tau)) albedo sum_chi' G(chi, chi') J(z', chi')
 
-G depends on geometry alone (straight rays) and is computed once.  J falls by orders of magnitude behind the shadow's
-edge, so it is interpolated in chi as a multiple of `log_reference`.
+and with it the mean V of the radiance times the direction that it comes from, upwards and towards the sun: an observer
+who looks along e sees the source J + 3 g V.e.  G depends on geometry alone (straight rays) and is computed once.  J
+falls by orders of magnitude behind the shadow's edge, so it is interpolated in chi as a multiple of `log_reference`.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
-from twilight.solvers.compact.refracted_shells import RefractedShells, local_zenith, log_mean
+from twilight.solvers.compact.refracted_shells import SUBLAYERS, RefractedShells, lit_fraction, local_zenith, log_mean, sublayers
 
 BOUNDARY_KM = np.array(
     [0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 42, 48, 54, 63, 72, 82, 100]
@@ -35,18 +37,26 @@ ZENITH_DEG = np.concatenate(
 ORDERS = 4
 """Legendre orders of the phase functions in the first scattering."""
 
-POLAR = 6
-"""Zenith angles of rays a side, in Gauss's rule over the root of their cosine."""
+POLAR = 8
+"""Zenith angles of rays a side."""
+
+POWER = 3
+"""Gauss's rule runs over the root of this order of their cosine: light in deep twilight comes along the horizon."""
 
 AZIMUTHS = 8
 """Azimuths of rays over half a turn."""
 
+REFRACTIVITY = 2.8e-4
+"""n - 1 at the ground of the air that bends rays between scatterings."""
+
+REFRACTIVITY_SCALE_KM = 8.0
+"""Its scale height [km]."""
+
+LONGEST = 0.02
+"""Longest segment of a ray, as an angle at the Earth's centre [rad]."""
+
 SCATTERINGS = 8
 """Orders of scattering that are followed; a geometric series stands for the rest."""
-
-LEAST_PART = 0.2
-"""Light of the second order is at least this part of what isotropic scattering would give: a series of four terms may
-be negative."""
 
 MOST_RATIO = 0.95
 """Largest ratio of two orders of scattering of which the geometric series is summed."""
@@ -71,7 +81,9 @@ class Rays(NamedTuple):
     layer, way_km, ground (Q, S): layer of a segment, its length, and whether it is the ground itself
     weight (Q,): of the rays in the mean over the sphere, or in the irradiance of the ground over pi
     there (Q S,): which segments exist
+    cosine, sine (N,): of the zenith angle of each segment's ray
     operator: `ORDERS` of (C, N C), from sources at the segments to zenith angles, for each Legendre order
+    towards_sun: the same times the cosine of the ray's azimuth from the sun
     """
 
     shape: tuple[int, int]
@@ -80,7 +92,10 @@ class Rays(NamedTuple):
     ground: np.ndarray
     weight: np.ndarray
     there: np.ndarray
+    cosine: np.ndarray
+    sine: np.ndarray
     operator: list[np.ndarray]
+    towards_sun: list[np.ndarray]
 
 
 @functools.cache
@@ -90,14 +105,12 @@ def rays_of_all_layers() -> list[Rays]:
 
 
 def _rays_from(layer: int | None) -> Rays:
-    radius = EARTH_RADIUS_KM + BOUNDARY_KM
-    start = radius[0] if layer is None else EARTH_RADIUS_KM + 0.5 * (BOUNDARY_KM[layer] + BOUNDARY_KM[layer + 1])
     node, rule = np.polynomial.legendre.leggauss(POLAR)
     root = 0.5 * (node + 1.0)
-    up, weight = root**2, root * rule
+    up, weight = root**POWER, 0.5 * POWER * root ** (POWER - 1) * rule
     cosine = up if layer is None else np.concatenate([-up[::-1], up])
     weight = 2.0 * up * weight if layer is None else 0.5 * np.concatenate([weight[::-1], weight])
-    lines = [_segments(radius, start, float(c), layer) for c in cosine]
+    lines = [_segments(float(c), layer) for c in cosine]
     shape = (len(lines), max(map(len, lines)))
     number, way, angle = np.zeros(shape, int), np.zeros(shape), np.zeros(shape)
     there = np.zeros(shape, bool)
@@ -105,45 +118,61 @@ def _rays_from(layer: int | None) -> Rays:
         for s, (j, length, phi) in enumerate(line):
             number[q, s], way[q, s], angle[q, s], there[q, s] = j, length, phi, True
     ground = there & (number == BOUNDARY_KM.size - 1)
-    return Rays(shape, number, way, ground, weight, there.ravel(), _operators(cosine, angle, there))
+    up = cosine[np.nonzero(there)[0]].astype(np.float32)
+    operators = _operators(cosine, angle, there)
+    return Rays(shape, number, way, ground, weight, there.ravel(), up, np.sqrt(1.0 - up * up), *operators)
 
 
-def _segments(radius: np.ndarray, start: float, cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
-    """(layer, length [km], angle at the Earth's centre in its middle [rad]) along a ray; the ground counts as the layer
-    above the uppermost."""
-    layers = radius.size - 1
-    b = start * math.sqrt(1.0 - cosine * cosine)
+def _segments(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
+    """(layer, length [km], angle at the Earth's centre in its middle [rad]) along a ray that air of `REFRACTIVITY` bends;
+    the ground counts as the layer above the uppermost.
 
-    def angle(r: float) -> float:
-        return math.acos(min(1.0, b / r))
+    layer: from its middle; None: from the ground
+    """
+    part = sublayers(BOUNDARY_KM)
+    radius = EARTH_RADIUS_KM + part
+    index = 1.0 + REFRACTIVITY * np.exp(-part / REFRACTIVITY_SCALE_KM)
+    x, mean = index * radius, 0.5 * (index[1:] + index[:-1])
+    slope = np.diff(x) / np.diff(radius)
+    first = 0 if layer is None else SUBLAYERS * layer + SUBLAYERS // 2
+    b = x[first] * math.sqrt(1.0 - cosine * cosine)
+    beyond = np.maximum(x, b)
+    way = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
+    angle = np.diff(np.arccos(b / beyond)) * mean / slope
+    passed = list(range(first, way.size))
+    if cosine < 0.0:
+        below = [i for i in range(first - 1, -1, -1) if way[i] > 0.0]
+        hit = b < x[0]
+        passed = below if hit else below + below[::-1] + passed
+    else:
+        hit = False
+    out, turned = [], 0.0
+    for i in passed:
+        out.append((i // SUBLAYERS, float(way[i]), turned + 0.5 * angle[i], float(angle[i])))
+        turned += angle[i]
+    joined: list[tuple[int, float, float]] = []
+    for here, group in itertools.groupby(_pieces(out), key=lambda piece: piece[0]):
+        pieces = [piece[1] for piece in group]
+        length = sum(piece[1] for piece in pieces)
+        joined.append((here[0], length, sum(piece[1] * piece[2] for piece in pieces) / length))
+    return [*joined, (BOUNDARY_KM.size - 1, 0.0, turned)] if hit else joined
 
-    def length(low: float, high: float) -> float:
-        return math.sqrt(max(high**2 - b * b, 0.0)) - math.sqrt(max(low**2 - b * b, 0.0))
 
-    out = []
-    if cosine > 0.0:
-        for j in range(layer or 0, layers):
-            low = max(radius[j], start)
-            out.append((j, length(low, radius[j + 1]), 0.5 * (angle(low) + angle(radius[j + 1])) - angle(start)))
-        return out
-    assert layer is not None
-    for j in range(layer, -1, -1):
-        high = min(radius[j + 1], start)
-        if high <= b:
-            break
-        low = max(radius[j], b)
-        out.append((j, length(low, high), angle(start) - 0.5 * (angle(low) + angle(high))))
-    if b < radius[0]:
-        return [*out, (layers, 0.0, angle(start) - angle(radius[0]))]
-    for j in range(layers):
-        if radius[j + 1] > b:
-            low = max(radius[j], b)
-            out.append((j, length(low, radius[j + 1]), angle(start) + 0.5 * (angle(low) + angle(radius[j + 1]))))
-    return out
+def _pieces(parts):
+    """Parts of a ray with the number of the segment that each belongs to: one layer, and not longer than LONGEST."""
+    number, last, turned = 0, None, 0.0
+    for part in parts:
+        if part[0] != last or turned + part[3] > LONGEST:
+            number, last, turned = number + 1, part[0], 0.0
+        turned += part[3]
+        yield (part[0], number), part
 
 
-def _operators(cosine: np.ndarray, angle: np.ndarray, there: np.ndarray) -> list[np.ndarray]:
-    """G for each Legendre order, (C, N C): linear interpolation in chi at each segment, averaged over azimuths."""
+def _operators(
+    cosine: np.ndarray, angle: np.ndarray, there: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """G for each Legendre order, (C, N C): linear interpolation in chi at each segment, averaged over azimuths; and the
+    same times the cosine of azimuth."""
     count = ZENITH_DEG.size
     azimuth = np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
     chi = np.radians(ZENITH_DEG)[:, None, None]
@@ -158,12 +187,13 @@ def _operators(cosine: np.ndarray, angle: np.ndarray, there: np.ndarray) -> list
     row = (np.arange(count)[:, None] * phi.size + np.arange(phi.size)[None])[:, :, None] * count
     place = np.concatenate([(row + below).ravel(), (row + below + 1).ravel()])
     low, high = (1.0 - f) * reference * at_nodes[below], f * reference * at_nodes[below + 1]
-    out = []
+    out: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for order in range(ORDERS):
         series = np.polynomial.legendre.legval(toward_sun, np.eye(ORDERS)[order])
-        values = np.concatenate([(low * series).ravel(), (high * series).ravel()])
-        summed = np.bincount(place, values, minlength=count * phi.size * count)
-        out.append(summed.reshape(count, -1).astype(np.float32))
+        for operators, by in zip(out, (series, series * azimuth), strict=True):
+            values = np.concatenate([(low * by).ravel(), (high * by).ravel()])
+            summed = np.bincount(place, values, minlength=count * phi.size * count)
+            operators.append(summed.reshape(count, -1).astype(np.float32))
     return out
 
 
@@ -172,16 +202,18 @@ def diffuse_light(
     coefficients: DiffuseCoefficients,
     ground_albedo: np.ndarray,
 ) -> np.ndarray:
-    """Mean intensity over F0 of light scattered at least once, in layers between BOUNDARY_KM, (L, C, W)."""
+    """Light scattered at least once, over F0, in layers between BOUNDARY_KM, (3, L, C, W): its mean intensity, and the
+    mean of its radiance times the direction that it comes from, upwards and horizontally towards the sun."""
     c = coefficients
     places = [int(np.argmin(np.abs(shells.boundary_km - z))) for z in BOUNDARY_KM]
     zenith = np.radians(ZENITH_DEG)
-    beam = np.maximum(np.array([shells.log_sunbeam(k, zenith) for k in places]), -200.0)
-    direct = log_mean(beam[:-1], beam[1:])  # L C W
+    at_boundaries = [shells.log_sunbeam(k, zenith) for k in places]
+    beam, edge = np.array([one[0] for one in at_boundaries]), np.array([one[1] for one in at_boundaries])
+    direct = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None]  # L C W
     wavelengths = direct.shape[-1]
     albedo = np.concatenate([c.scattering / c.extinction, np.ones((1, wavelengths))])
     extinction = np.concatenate([c.extinction, np.zeros((1, wavelengths))])
-    ground = ground_albedo / np.pi * np.exp(beam[0]) * np.maximum(np.cos(zenith), 0.0)[:, None]
+    ground = ground_albedo / np.pi * np.exp(beam[0]) * (np.maximum(np.cos(zenith), 0.0) * (edge[0] > 0.0))[:, None]
     first = [
         np.concatenate([direct * c.first[n][:, None] / (4.0 * np.pi), (ground if n == 0 else 0.0 * ground)[None]])
         for n in range(ORDERS)
@@ -189,20 +221,37 @@ def diffuse_light(
     all_rays = rays_of_all_layers()
     weights = [_weights(rays, extinction, albedo) for rays in all_rays]
     total = before = now = np.zeros_like(first[0], dtype=np.float32)
+    vector = np.zeros((2, *total.shape), np.float32)
     for n in range(SCATTERINGS):
         after = np.empty_like(total)
         for k, (rays, weight) in enumerate(zip(all_rays, weights, strict=True)):
             if n == 0:
-                parts = [
-                    operator @ _sources(rays, light, weight) for operator, light in zip(rays.operator, first, strict=True)
-                ]
-                after[k] = np.maximum(sum(parts), LEAST_PART * parts[0])
+                sources = [_sources(rays, light, weight) for light in first]
+                parts = [operator @ source for operator, source in zip(rays.operator, sources, strict=True)]
+                after[k] = positive(parts[0], sum(parts[1:]))
+                vector[:, k] = sum(_vector(rays, order, source) for order, source in enumerate(sources))
             else:
                 after[k] = rays.operator[0] @ _sources(rays, now, weight)
         after[-1] *= ground_albedo
         total, before, now = total + after, now, after
     ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
-    return (total + now * ratio / (1.0 - ratio))[:-1]
+    total += now * ratio / (1.0 - ratio)
+    for k, (rays, weight) in enumerate(zip(all_rays, weights, strict=True)):
+        vector[:, k] += _vector(rays, 0, _sources(rays, total, weight))
+    return np.concatenate([total[None], vector])[:, :-1]
+
+
+def positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
+    """The sum of the first term of a series, which is not negative, and further ones, kept positive without a kink."""
+    ratio = further / np.maximum(first, 1e-35)
+    return first * np.where(ratio > 0.0, 1.0 + ratio, np.exp(np.minimum(ratio, 0.0)))
+
+
+def _vector(rays: Rays, order: int, source: np.ndarray) -> np.ndarray:
+    """Mean of the radiance times its direction, (2, C, W), from sources (N C, W) of a Legendre order."""
+    by_segment = source.reshape(rays.cosine.size, -1)
+    up, aside = ((by_segment * part[:, None]).reshape(source.shape) for part in (rays.cosine, rays.sine))
+    return np.stack([rays.operator[order] @ up, rays.towards_sun[order] @ aside])
 
 
 class DiffuseCoefficients(NamedTuple):
@@ -234,19 +283,30 @@ def _sources(rays: Rays, light: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def seen(
     shells: RefractedShells,
     light: np.ndarray,
-    coefficient: np.ndarray,
+    coefficients: tuple[np.ndarray, np.ndarray],
     sun_elevation_deg: float,
     elevation_deg: np.ndarray,
     azimuth_deg: np.ndarray,
 ) -> np.ndarray:
-    """Light (L, C, W) of `diffuse_light` scattered into lines of sight by a coefficient (layers of shells, W), as if
-    isotropically, (E, A, W)."""
-    weight, angle = shells.emission_weights(elevation_deg, coefficient)
-    zenith = np.minimum(np.degrees(local_zenith(sun_elevation_deg, angle, azimuth_deg)), ZENITH_DEG[-1] - 1e-6)
-    k = np.clip(np.searchsorted(ZENITH_DEG, zenith, side="right") - 1, 0, ZENITH_DEG.size - 2)
-    f = ((zenith - ZENITH_DEG[k]) / (ZENITH_DEG[k + 1] - ZENITH_DEG[k]))[..., None]
-    scaled = light * np.exp(-log_reference(ZENITH_DEG))[None, :, None]
+    """Light (3, L, C, W) of `diffuse_light` scattered into lines of sight, (E, A, W).
+
+    coefficients: of scattering, and that times three times its asymmetry, (layers of shells, W) each [km^-1]
+    """
+    weight, angle = shells.emission_weights(elevation_deg, coefficients[0])
+    zenith = local_zenith(sun_elevation_deg, angle, azimuth_deg)
+    degrees = np.minimum(np.degrees(zenith), ZENITH_DEG[-1] - 1e-6)
+    k = np.clip(np.searchsorted(ZENITH_DEG, degrees, side="right") - 1, 0, ZENITH_DEG.size - 2)
+    f = ((degrees - ZENITH_DEG[k]) / (ZENITH_DEG[k + 1] - ZENITH_DEG[k]))[..., None].astype(np.float32)
+    scaled = (light * np.exp(-log_reference(ZENITH_DEG))[None, None, :, None]).astype(np.float32)
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     layer = (np.searchsorted(BOUNDARY_KM, middle) - 1)[None, None, :]
-    source = (scaled[layer, k] * (1.0 - f) + scaled[layer, k + 1] * f) * np.exp(log_reference(zenith))[..., None]
+    mean, up, aside = (part[layer, k] * (1.0 - f) + part[layer, k + 1] * f for part in scaled)
+    # the line of sight where it scatters: cosine of its zenith angle, and part of it towards the sun
+    sun, elevation, azimuth = (np.radians(a) for a in (90.0 - sun_elevation_deg, elevation_deg, azimuth_deg))
+    upwards = np.sin(elevation[:, None] + angle)[:, None]
+    from_sun = np.cos(sun) * np.sin(elevation)[:, None] + np.sin(sun) * np.cos(elevation)[:, None] * np.cos(azimuth)
+    towards = (from_sun[..., None] - np.cos(zenith) * upwards) / np.maximum(np.sin(zenith), 1e-3)
+    forward = coefficients[1][shells.first :] / np.maximum(coefficients[0][shells.first :], 1e-30)
+    further = up * upwards[..., None].astype(np.float32) + aside * towards[..., None].astype(np.float32)
+    source = positive(mean, forward.astype(np.float32) * further) * np.exp(log_reference(degrees))[..., None]
     return np.einsum("ekw,eakw->eaw", weight, source, optimize=True)

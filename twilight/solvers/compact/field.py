@@ -1,4 +1,4 @@
-"""The sky of a compact model: `prepare` and `Field`, the interface of all solvers."""
+"""The solver compact: `prepare`, the interface of all solvers, and the field of a file that was fitted to one climate."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import functools
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.solvers.base import BareField
+from twilight.solvers.compact.clear_air import shipped_model
+from twilight.solvers.compact.clear_air_field import ClearAirField, check_observer
 from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
 from twilight.solvers.compact.recognise import recognise
 
@@ -20,16 +23,24 @@ SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact"
 """Folder of the models that come with the package."""
 
 HIGHEST_OBSERVER_KM = 0.1
-"""Above the ground: up to here the sky is that seen from the ground."""
+"""Above the ground: up to here the sky is that seen from the ground, of models of one climate."""
+
+CLEAR_AIR = "clear-air"
+"""Name of the model of all clear air."""
 
 
 @dataclass(frozen=True)
 class CompactSettings:
-    """model: name of a model that comes with twilight, or the file that `twilight fit compact` wrote for a climate
+    """polarisation: the Stokes parameters Q and U too, where the model has them: that of clear air has
+    model: clear-air, the model of all clear air; continental-average, which is that climate alone; or the file that
+        `twilight fit compact` wrote for a climate
     model_sha256: of that file, hexadecimal, where it must be that one; empty: any
     """
 
-    model: str = "continental-average"
+    COMMON: ClassVar[tuple[str, ...]] = ("polarisation", "model")
+
+    polarisation: bool = True
+    model: str = CLEAR_AIR
     model_sha256: str = ""
 
 
@@ -80,24 +91,27 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> Field | ClearAirField:
     """The skies of a medium whose air is that of the model.
 
-    Errors: TwilightError for a model that cannot be read, an observer above the ground, and a medium of other air or
+    Errors: TwilightError for a model that cannot be read, an observer higher than it knows, and a medium of other air or
     beyond the loads, ozone columns and wavelengths of the model.
     """
     settings = settings or QUALITIES["standard"]
-    low, high = medium.bottom_km, medium.bottom_km + HIGHEST_OBSERVER_KM
-    if not low <= observer_altitude_km <= high:
-        raise TwilightError(
-            f"the compact solver knows the sky seen from the ground only: observer.altitude_km is "
-            f"{observer_altitude_km:g}, allowed is {low:g} to {high:g}"
-        )
+    if settings.model == CLEAR_AIR:
+        path = _checked(settings)
+        return ClearAirField(medium, shipped_model(path), observer_altitude_km, settings.polarisation)
+    check_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
+    path = _checked(settings)
+    return Field(medium, _load(path, _sha256(path)), path.stem)
+
+
+def _checked(settings: CompactSettings) -> Path:
+    """The file of the settings' model; TwilightError where it is not the one that they name by its content."""
     path = _path(settings.model)
-    sha256 = _sha256(path)
-    if settings.model_sha256 and settings.model_sha256 != sha256:
+    if settings.model_sha256 and settings.model_sha256 != _sha256(path):
         raise TwilightError(f"solver.model: {path.name} is not the file that solver.model_sha256 names")
-    return Field(medium, _load(path, sha256), path.stem)
+    return path
 
 
 class Field(BareField):
@@ -109,11 +123,15 @@ class Field(BareField):
         ozone = model.ozone_reference_du if self.air.ozone_column_du is None else self.air.ozone_column_du
         self.facts = {"aerosol_optical_depth_550nm": self.air.optical_depth_550nm, "ozone_column_du": ozone}
 
-    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+    def radiance(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
 
-        Errors: TwilightError for a sun or a direction that the model does not have: -18 to 90 deg, 0 to 90 deg.
+        Errors: TwilightError for a sun or a direction that the model does not have: -18 to 90 deg, 0 to 90 deg; and for
+        another observer than one on the ground.
         """
+        check_observer(self.medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
         low, high = self.model.sun_elevation_deg[[0, -1]]
         if not low <= sun_elevation_deg <= high:
             raise TwilightError(

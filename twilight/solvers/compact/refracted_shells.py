@@ -7,7 +7,7 @@ Between two altitudes n r is taken as linear in r.  With b = n r sin(zenith angl
 
 also where the ray grazes the layer.  The sunbeam at a point is exp(-tau) n^2 sin(i) / (sin(chi) d chi/d i), i the
 apparent and chi the true solar zenith angle (glossary: spreading of the beam), tabulated for each altitude over chi.
-Along a line of sight ln(transmittance x sunbeam) is linear in each layer.
+Along a line of sight ln(transmittance x sunbeam) is linear in each layer, in its part outside the shadow of the ground.
 """
 
 from __future__ import annotations
@@ -58,6 +58,12 @@ def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     return np.where(small, 0.5 * (a + b), (a - b) / np.where(small, 1.0, drop))
 
 
+def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Part of a way outside a shadow, from the distances to its edge at both ends, which are negative within."""
+    low, high = np.minimum(first, last), np.maximum(first, last)
+    return np.clip(high / np.maximum(high - low, 1e-12), 0.0, 1.0) * (high > 0.0)
+
+
 class RefractedShells:
     """Sunbeam and lines of sight through layers, for one observer.
 
@@ -105,8 +111,9 @@ class RefractedShells:
         shape = (invariant.size, self.layers, SUBLAYERS)
         return way.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
 
-    def _sunbeam_at(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """True solar zenith angles (R,) [rad], increasing, and -ln of the sunbeam (R, W) at boundary k."""
+    def _sunbeam_at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """True solar zenith angles (R,) [rad], increasing, -ln of the sunbeam (R, W) and apparent solar zenith angles (R,)
+        [rad] at boundary k."""
         right = 0.5 * np.pi
         above = right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1])
         apparent = np.append(above, right)
@@ -125,16 +132,22 @@ class RefractedShells:
         sine = np.sin(apparent)
         factor = self._n[k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
         factor[sine < 1e-6] = 1.0
-        return true, (way * passes) @ self.extinction - np.log(factor)[:, None]
+        return true, (way * passes) @ self.extinction - np.log(factor)[:, None], apparent
 
-    def log_sunbeam(self, k: int, zenith_rad: np.ndarray) -> np.ndarray:
-        """ln of the sunbeam over F0 at boundary k for true solar zenith angles (N,), (N, W)."""
-        true, depth = self._sunbeam[k]
+    def log_sunbeam(self, k: int, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the sunbeam over F0 at boundary k for true solar zenith angles (N,), (N, W), and how far these are from
+        the shadow of the ground, (N,) [rad]; within it the logarithm is that at its edge, and the distance negative."""
+        true, depth, _ = self._sunbeam[k]
         i = np.clip(np.searchsorted(true, zenith_rad) - 1, 0, true.size - 2)
         f = (zenith_rad - true[i]) / (true[i + 1] - true[i])
         out = -(depth[i] + (depth[i + 1] - depth[i]) * np.clip(f, 0.0, 1.0)[:, None])
-        out[f > 1.0] = DARK_LOG
-        return np.maximum(out, DARK_LOG)
+        return np.maximum(out, DARK_LOG), true[-1] - zenith_rad
+
+    def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
+        """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
+        true, _, apparent = self._sunbeam[self.first]
+        zenith = np.radians(90.0 - sun_elevation_deg)
+        return sun_elevation_deg + float(np.degrees(np.interp(zenith, true, true - apparent)))
 
     def _line(self, elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Way (E, K) [km] in the K layers above the observer, angle at the Earth's centre (E, K + 1) and optical depth
@@ -159,12 +172,14 @@ class RefractedShells:
         """
         way, angle, depth = self._line(elevation_deg)
         zenith = local_zenith(sun_elevation_deg, angle, azimuth_deg)
-        light = np.empty((*zenith.shape, self.wavelengths))
+        light, edge = np.empty((*zenith.shape, self.wavelengths)), np.empty(zenith.shape)
         for j in range(zenith.shape[2]):
-            here = self.log_sunbeam(self.first + j, zenith[:, :, j].ravel())
+            here, distance = self.log_sunbeam(self.first + j, zenith[:, :, j].ravel())
             light[:, :, j] = here.reshape(*zenith.shape[:2], -1) - depth[:, None, j]
+            edge[:, :, j] = distance.reshape(zenith.shape[:2])
         light = np.maximum(light, DARK_LOG)
-        mean = log_mean(light[:, :, :-1], light[:, :, 1:])
+        lit = lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+        mean = log_mean(light[:, :, :-1], light[:, :, 1:]) * lit
         weight = way[None, :, :, None] * self.scattering[:, None, self.first :]  # S E K W
         return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
 

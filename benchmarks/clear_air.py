@@ -1,0 +1,337 @@
+"""Fit the model of all clear air, and measure its errors.
+
+    python benchmarks/clear_air.py fit AIRS ROUGH [--output FILE.npz]      with the folders of benchmarks/clear_air_airs.py
+    python benchmarks/clear_air.py judge FOLDER [--airs 24]                airs that no fit takes, and their skies
+    python benchmarks/clear_air.py errors FOLDER                           writes clear_air.csv
+
+`fit` needs PyTorch, takes 20 minutes and holds one air in ten out; the error that the model tells is calibrated on these.
+`judge` draws airs of other numbers, as climates have them, and solves them by `zones` at its usual quality, half a minute
+each; `errors` compares the model with them, radiance and polarisation in directions of the whole sky.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import results
+from clear_air_airs import HIGHEST_KM, SETTINGS, drawn, drawn_medium, write
+
+
+from twilight import __version__
+from twilight.atmosphere.medium import Medium
+from twilight.solvers import zones
+from twilight.solvers.compact.air_columns import AirColumns
+from twilight.solvers.compact.clear_air import NODES, SUN_DEG, ClearAirModel
+from twilight.solvers.compact.clear_air_sky import ClearAirSkies
+
+HERE = Path(__file__).parent
+SHIPPED = HERE.parent / "twilight" / "data" / "compact" / "clear-air.npz"
+HELD_OUT = 10
+"""One air in so many judges the fit."""
+SEVERAL = {"intensity": 128, "polarisation": 64, "base": 48}
+"""Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
+MEMBERS, WIDTH, DEPTH = 3, 256, 3
+"""Networks whose mean counts, and the width and number of their hidden layers."""
+EPOCHS, FINE_EPOCHS, BATCH = 400, 60, 128
+RATE, FINE_RATE, DECAY = 2e-3, 3e-4, 0.1
+"""Largest steps of AdamW in the fit of coefficients and of light, and its weight decay."""
+TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
+"""Errors of radiance that weigh the same under each sun."""
+TOLERATED_POLARISATION = 0.01
+LEAST_PART = 0.1
+"""Part of all light that light scattered more than once counts as at least."""
+TOLD = 0.8
+"""Part of the skies that is at least as near as the model tells."""
+SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
+"""Error of light scattered once, of all light, about: it is computed, not fitted."""
+DARKEST = 1e-32
+"""Least M over F0 that is fitted [sr^-1]."""
+ERRORS_FROM = 100000
+"""Number of the first air of `errors`."""
+CLASSES_DEG = ((20.0, 90.0), (5.0, 20.0), (0.0, 5.0), (-6.0, 0.0), (-12.0, -6.0), (-18.0, -12.0))
+"""Suns of the rows of the table [deg]."""
+SUNS_OF_CLASS, DIRECTIONS = 4, 60
+"""Suns of each row for an air, and directions of each sky."""
+
+
+@dataclass
+class Data:
+    """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
+    U / M (N, 2 P), part of M in all light (N, P), number of the air (N,), what limits the airs."""
+
+    inputs: np.ndarray
+    log_base: np.ndarray
+    ratio: np.ndarray
+    polarised: np.ndarray
+    part: np.ndarray
+    number: np.ndarray
+    limits: np.ndarray
+
+
+def read(airs: Path, rough: Path) -> Data:
+    """The samples of all airs that both folders have."""
+    names = sorted(path.name for path in rough.glob("*.npz") if (airs / path.name).exists())
+    rows: dict[str, list[np.ndarray]] = {key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")}
+    limited = []
+    for name in names:
+        with np.load(airs / name) as solved, np.load(rough / name) as computed:
+            light = np.moveaxis(solved["light"], (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
+            base, once = (np.moveaxis(computed[key], -1, 1).astype(float) for key in ("base", "once"))
+            count = base.shape[0] * base.shape[1]
+            several = np.maximum(light[:, :, 0], DARKEST)
+            rows["ratio"].append(np.log(several / base).reshape(count, -1).astype(np.float32))
+            rows["part"].append((several / (several + once)).reshape(count, -1).astype(np.float16))
+            stokes = np.clip(light[:, :, 1:] / several[:, :, None], -1.0, 1.0)
+            rows["polarised"].append(stokes.reshape(count, -1).astype(np.float32))
+            rows["inputs"].append(computed["inputs"].reshape(count, -1))
+            rows["log_base"].append(computed["log_base"].reshape(count, -1))
+            rows["number"].append(np.full(count, int(Path(name).stem)))
+            limited.append(drawn(int(Path(name).stem))[0].limited())
+    every = np.concatenate(limited, axis=1)
+    limits = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
+    return Data(**{key: np.concatenate(value) for key, value in rows.items()}, limits=limits)
+
+
+def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (P,) and principal components (count, P) of values (N, P), from their largest covariances."""
+    mean = values.mean(axis=0)
+    rng = np.random.default_rng(0)
+    start = rng.standard_normal((values.shape[1], count + 16)).astype(np.float32)
+    centred = values - mean
+    for _ in range(4):  # subspace iteration
+        start, _ = np.linalg.qr(centred.T @ (centred @ start))
+    _, _, turned = np.linalg.svd(centred @ start, full_matrices=False)
+    return mean, (turned[:count] @ start.T).astype(np.float32)
+
+
+def fit(data: Data) -> ClearAirModel:
+    """The model of samples."""
+    import torch
+
+    torch.set_num_threads(2)
+    train = data.number % HELD_OUT != 0
+    by_sun = np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
+    mean, vectors = components(data.ratio[train] * by_sun, SEVERAL["intensity"])
+    coefficients = (data.ratio * by_sun - mean) @ vectors.T
+    intensity_mean, intensity = mean / by_sun, vectors / by_sun
+    polarisation_mean, polarisation = components(data.polarised[train], SEVERAL["polarisation"])
+    of_polarisation = (data.polarised - polarisation_mean) @ polarisation.T
+    base_mean, base_vectors = components(data.log_base[train], SEVERAL["base"])
+    inputs = np.concatenate([data.inputs, (data.log_base - base_mean) @ base_vectors.T], axis=1)
+    model = ClearAirModel(
+        (),
+        inputs[train].mean(axis=0),
+        inputs[train].std(axis=0) + 1e-6,
+        base_mean,
+        base_vectors,
+        intensity_mean,
+        intensity,
+        polarisation_mean,
+        polarisation,
+        data.limits,
+        np.zeros((2, SUN_DEG.size)),
+        {},
+    )
+    standard = model.standardised(data.inputs, data.log_base)
+    scale = np.array([coefficients[train].std()] * vectors.shape[0] + [of_polarisation[train].std()] * polarisation.shape[0])
+    target = np.concatenate([coefficients, of_polarisation], axis=1) / scale
+    members = [
+        _member(torch, seed, data, train, standard, target.astype(np.float32), scale.astype(np.float32), model)
+        for seed in range(MEMBERS)
+    ]
+    model = replace(model, members=tuple(members))
+    held = ~train
+    print("held out:", _errors(model, data, held))
+    return replace(
+        model,
+        error=_calibrated(model, data, held),
+        provenance={
+            "version": __version__,
+            "airs": int(np.unique(data.number).size),
+            "solver": "zones",
+            "settings": {key: getattr(SETTINGS, key) for key in ("degree", "max_degree", "altitude_density", "zenith_density")},
+        },
+    )
+
+
+def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, model: ClearAirModel):
+    """One network: coefficients first, then light."""
+    torch.manual_seed(seed)
+    sizes = [standard.shape[1]] + [WIDTH] * DEPTH
+    hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in zip(sizes[:-1], sizes[1:], strict=True))
+    last = torch.nn.Linear(WIDTH, target.shape[1])
+    torch.nn.init.zeros_(last.weight), torch.nn.init.zeros_(last.bias)
+    parameters = [*hidden.parameters(), *last.parameters()]
+
+    def network(x):
+        for n, layer in enumerate(hidden):
+            active = torch.nn.functional.silu(layer(x))
+            x = active + x if n else active
+        return last(x)
+
+    x, t = torch.tensor(standard[train]), torch.tensor(target[train])
+    steps = -(-len(x) // BATCH)
+
+    def epochs(count: int, rate: float, loss_of) -> None:
+        optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=DECAY)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=count * steps, pct_start=0.1)
+        for _ in range(count):
+            order = torch.randperm(len(x))
+            for first in range(0, len(x), BATCH):
+                loss = loss_of(order[first : first + BATCH])
+                optimiser.zero_grad()
+                loss.backward()
+                optimiser.step()
+                schedule.step()
+
+    epochs(EPOCHS, RATE, lambda some: ((network(x[some]) - t[some]) ** 2).mean())
+    k = model.intensity.shape[0]
+    intensity, polarisation = torch.tensor(model.intensity), torch.tensor(model.polarisation)
+    ratio = torch.tensor(data.ratio[train] - model.intensity_mean)
+    polarised = torch.tensor(data.polarised[train] - model.polarisation_mean)
+    part = torch.tensor(data.part[train])
+    tolerated = torch.tensor(np.repeat(TOLERATED.astype(np.float32), NODES[1] * NODES[2]))
+    to_light = torch.tensor(scale)
+
+    def of_light(some):
+        nodes = torch.randperm(ratio.shape[1])[: ratio.shape[1] // 4]
+        c = network(x[some]) * to_light
+        weight = torch.clamp(part[some][:, nodes].float(), min=LEAST_PART) / tolerated[nodes]
+        off = (c[:, :k] @ intensity[:, nodes] - ratio[some][:, nodes]) * weight
+        both = torch.cat([nodes, nodes + ratio.shape[1]])
+        turned = c[:, k:] @ polarisation[:, both] - polarised[some][:, both]
+        turned = turned * torch.cat([part[some][:, nodes].float()] * 2, dim=1) / TOLERATED_POLARISATION
+        # errors beyond three tolerated ones count by their size, not its square: a few airs are no rule for all
+        return torch.nn.functional.huber_loss(off, torch.zeros_like(off), delta=3.0) + torch.nn.functional.huber_loss(
+            turned, torch.zeros_like(turned), delta=3.0
+        )
+
+    epochs(FINE_EPOCHS, FINE_RATE, of_light)
+    with torch.no_grad():
+        last.weight *= to_light[:, None]
+        last.bias *= to_light
+    return tuple(
+        (layer.weight.detach().numpy().T.copy(), layer.bias.detach().numpy().copy()) for layer in [*hidden, last]
+    )
+
+
+def _calibrated(model: ClearAirModel, data: Data, some: np.ndarray) -> np.ndarray:
+    """How the error of a sky follows from the spread of the members, (2, suns): four skies in five are nearer."""
+    ratio, _, _, spread = model.at_nodes(data.inputs[some], data.log_base[some])
+    part = data.part[some].astype(np.float32).reshape(-1, *NODES)
+    off = np.abs(ratio - data.ratio[some].reshape(-1, *NODES)) * part
+    sky_off, sky_spread = (np.percentile(one, 95, axis=(2, 3)) for one in (off, spread * part))
+    out = np.zeros((2, SUN_DEG.size))
+    for n in range(SUN_DEG.size):
+        near = slice(max(0, n - 1), n + 2)
+        x, y = sky_spread[:, near].ravel(), sky_off[:, near].ravel()
+        times = float(x @ y / (x @ x))
+        least = SINGLE_ERROR[n]
+        out[:, n] = least, times * float(np.quantile((y - 0.0) / np.maximum(times * x, 1e-6), TOLD))
+    return out
+
+
+def _errors(model: ClearAirModel, data: Data, some: np.ndarray) -> str:
+    """Errors of all light at 95 % of the nodes, by sun [per cent]."""
+    got = model.at_nodes(data.inputs[some], data.log_base[some])[:3]
+    off = (got[0].reshape(some.sum(), -1) - data.ratio[some]) * data.part[some].astype(np.float32)
+    percent = 100.0 * np.percentile(np.abs(off.reshape(-1, *NODES)), [50, 95], axis=(0, 2, 3))
+    turned = (np.concatenate([g.reshape(some.sum(), -1) for g in got[1:]], axis=1) - data.polarised[some])
+    turned *= np.tile(data.part[some].astype(np.float32), 2)
+    polarised = np.percentile(np.abs(turned.reshape(-1, 2, *NODES)), 95, axis=(0, 1, 3, 4))
+    return "\n".join(
+        f"{sun:6.1f} deg: median {m:.2f} %, 95 % {p:.2f} %; Q, U over I {q:.4f}"
+        for sun, m, p, q in zip(SUN_DEG, *percent, polarised, strict=True)
+    )
+
+
+def judge(folder: Path, first: int, step: int, count: int) -> None:
+    """Write the skies of some airs of numbers from ERRORS_FROM on, in directions spread over the sky."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(ERRORS_FROM + first, ERRORS_FROM + count, step):
+        path = folder / f"{number}.npz"
+        if path.exists():
+            continue
+        medium, above_km, suns, elevation, azimuth = asked(number)
+        field = zones.prepare(medium, zones.QUALITIES["standard"], observer_altitude_km=medium.bottom_km)
+        stokes = [field.stokes(sun, elevation, azimuth, observer_altitude_km=medium.bottom_km + above_km) for sun in suns]
+        write(path, stokes=np.array(stokes))
+
+
+def asked(number: int) -> tuple[Medium, float, np.ndarray, np.ndarray, np.ndarray]:
+    """The medium of a number, its observer above the ground [km], suns (S,), elevations and azimuths (D,) [deg]."""
+    rng = np.random.default_rng([33, number])
+    medium = drawn_medium(rng, vary=False)
+    above_km = 0.0 if number % 4 else float(HIGHEST_KM * rng.random() ** 2)
+    suns = np.concatenate([rng.uniform(low, high, SUNS_OF_CLASS) for low, high in CLASSES_DEG])
+    elevation = np.degrees(np.arcsin(rng.uniform(0.0, 1.0, DIRECTIONS)))
+    return medium, above_km, suns, elevation, rng.uniform(0.0, 180.0, DIRECTIONS)
+
+
+def errors(folder: Path, model: ClearAirModel) -> None:
+    """Compare the model with the skies of `judge`, and write the table."""
+    off, turned, by_air = [], [], []
+    for path in sorted(folder.glob("*.npz")):
+        medium, above_km, suns, elevation, azimuth = asked(int(path.stem))
+        with np.load(path) as file:
+            right = file["stokes"]
+        columns = AirColumns.of(medium)
+        skies = ClearAirSkies(model, columns, above_km)
+        got = np.array([skies.sky(sun, True).light(elevation, azimuth, False, 3) for sun in suns])
+        off.append(np.abs(got[:, :, 0] / right[:, :, 0] - 1.0))
+        degree = [np.hypot(one[:, :, 1], one[:, :, 2]) / one[:, :, 0] for one in (got, right)]
+        turned.append(np.abs(degree[0] - degree[1]))
+        by_class = np.percentile(off[-1].reshape(len(CLASSES_DEG), -1), 95, axis=1)
+        by_air.append([path.stem, f"{columns.depth[2].sum(axis=0)[3]:.2f}", f"{above_km:.1f}", *by_class])
+        print(*by_air[-1][:3], *(f"{100 * p:.1f}" for p in by_class), flush=True)
+    shape = (len(off), len(CLASSES_DEG), SUNS_OF_CLASS * DIRECTIONS, -1)
+    of_light, of_degree = (np.array(one).reshape(shape) for one in (off, turned))
+    worst = np.array([row[3:] for row in by_air]).max(axis=0)
+    rows = []
+    for k, (low, high) in enumerate(CLASSES_DEG):
+        median, most = np.percentile(of_light[:, k], [50, 95])
+        red, blue = (np.percentile(one, 95) for one in (of_light[:, k, :, -2:], of_light[:, k, :, :2]))
+        degree = np.percentile(of_degree[:, k], 95)
+        percent = [f"{100 * value:.2f}" for value in (median, most, blue, red, worst[k])]
+        rows.append([f"{low:g}", f"{high:g}", *percent, f"{degree:.4f}"])
+        print(*rows[-1])
+    results.write(
+        HERE / "clear_air.csv",
+        ["sun_from_deg", "sun_to_deg", "median_percent", "p95_percent", "p95_two_shortest_percent"]
+        + ["p95_two_longest_percent", "p95_worst_air_percent", "p95_degree_of_polarisation"],
+        rows,
+        notes=[f"{len(off)} airs, {of_light[:, 0].size} radiances of each range of suns; zones standard"],
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    fitting = commands.add_parser("fit")
+    fitting.add_argument("airs", type=Path)
+    fitting.add_argument("rough", type=Path)
+    fitting.add_argument("--output", type=Path, default=SHIPPED)
+    judging = commands.add_parser("judge")
+    judging.add_argument("folder", type=Path)
+    judging.add_argument("--first", type=int, default=0)
+    judging.add_argument("--step", type=int, default=1)
+    judging.add_argument("--airs", type=int, default=24)
+    comparing = commands.add_parser("errors")
+    comparing.add_argument("folder", type=Path)
+    comparing.add_argument("--model", type=Path, default=SHIPPED)
+    options = parser.parse_args()
+    if options.command == "judge":
+        return judge(options.folder, options.first, options.step, options.airs)
+    if options.command == "errors":
+        return errors(options.folder, ClearAirModel.load(options.model))
+    model = fit(read(options.airs, options.rough))
+    model.save(options.output)
+    print(f"wrote {options.output} ({options.output.stat().st_size / 1e6:.2f} MB)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""The field of the model of all clear air."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
+from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.compact.air_columns import LIMITED, AirColumns
+from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
+from twilight.solvers.compact.clear_air_sky import ClearAirSkies
+
+HIGHEST_OBSERVER_KM = 15.0
+"""Highest observer above the ground."""
+
+WAVELENGTH_NM = (320.0, 1000.0)
+"""Wavelengths of the airs that were fitted."""
+
+BEYOND = 0.05
+"""How far beyond the fitted airs an air may be, relative to the largest of them."""
+
+LEAST = 1e-7
+"""How far beyond them an air may be in any case: rounding."""
+
+SKIES_AT_HAND = 4
+"""Observers whose skies are cached."""
+
+
+def check_observer(medium: Medium, altitude_km: float | None, highest_km: float) -> float:
+    """The altitude of an observer [km], the ground's where it is None; TwilightError for one that the model lacks."""
+    altitude = observer_at(medium, altitude_km, medium.bottom_km)
+    high = medium.bottom_km + highest_km
+    if altitude > high:
+        raise TwilightError(
+            f"the compact solver knows the sky of observers up to {highest_km:g} km above the ground: "
+            f"observer.altitude_km is {altitude:g}, allowed is {medium.bottom_km:g} to {high:g}"
+        )
+    return altitude
+
+
+class ClearAirField(BareField):
+    """The skies of one medium for any sun from -18 to 90 deg and observers up to 15 km above the ground.
+
+    convergence: its error is what the model says of the sky that was asked for last.
+    Errors: TwilightError for a medium unlike the clear air that the model was fitted to, in one sentence.
+    """
+
+    def __init__(self, medium: Medium, model: ClearAirModel, observer_altitude_km: float, polarisation: bool):
+        self.medium, self.model = medium, model
+        self._polarised = polarisation
+        self._altitude_km = check_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
+        check_wavelengths(medium)
+        self._columns = AirColumns.of(medium)
+        check_air(self._columns, model)
+        self._skies: dict[float, ClearAirSkies] = {}
+        self._seen_from(self._altitude_km)
+
+    @property
+    def polarised(self) -> bool:
+        """Whether Q and U were asked for."""
+        return self._polarised
+
+    def radiance(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
+
+        Errors: TwilightError for a sun, a direction or an observer that the model does not have: -18 to 90 deg, 0 to
+        90 deg, up to 15 km above the ground.
+        """
+        return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
+
+    def stokes(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
+    ) -> np.ndarray:
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W); signs and errors as of
+        `twilight.base.conventions` and `radiance`."""
+        if not self._polarised:
+            raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
+        return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
+
+    def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
+        low, high = SUN_DEG[[0, -1]]
+        if not low <= sun_elevation_deg <= high:
+            raise TwilightError(
+                f"sun.elevation_deg is {sun_elevation_deg:g}; the compact solver allows {low:g} to {high:g}"
+            )
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        if elevation.size and not (elevation.min() >= 0.0 and elevation.max() <= 90.0):
+            raise TwilightError("the compact solver knows the sky above the horizon only: elevations from 0 to 90 deg")
+        altitude = self._altitude_km if altitude_km is None else altitude_km
+        skies = self._seen_from(check_observer(self.medium, altitude, HIGHEST_OBSERVER_KM))
+        sky = skies.sky(float(sun_elevation_deg), n_stokes > 1)
+        self.convergence = Convergence(error=sky.relative_error)
+        if elevation.ndim == 2 and elevation.size:
+            rows, columns = elevation[:, :1], azimuth[:1]
+            if (elevation == rows).all() and (azimuth == columns).all():
+                return sky.light(rows[:, 0], columns[0], True, n_stokes)
+        out = sky.light(elevation.ravel(), azimuth.ravel(), False, n_stokes)
+        return out.reshape(*elevation.shape, *out.shape[1:])
+
+    def _seen_from(self, altitude_km: float) -> ClearAirSkies:
+        """The skies of an observer, computed when one is asked for first."""
+        above = altitude_km - self.medium.bottom_km
+        if above not in self._skies:
+            while len(self._skies) >= SKIES_AT_HAND:
+                del self._skies[next(iter(self._skies))]
+            self._skies[above] = ClearAirSkies(self.model, self._columns, above)
+        return self._skies[above]
+
+
+def check_wavelengths(medium: Medium) -> None:
+    """TwilightError for wavelengths that were not fitted, and for water."""
+    if medium.has_water:
+        raise TwilightError("the compact model of clear air has land under it, and the medium has water (ground.kind)")
+    w, (low, high) = medium.wavelength_nm, WAVELENGTH_NM
+    if w.min() < low or w.max() > high:
+        raise TwilightError(
+            f"the compact model of clear air has wavelengths from {low:g} to {high:g} nm, and "
+            f"{w.min() if w.min() < low else w.max():g} nm is asked for"
+        )
+
+
+def check_air(columns: AirColumns, model: ClearAirModel) -> None:
+    """TwilightError for an air that differs from those that were fitted, which says in what."""
+    for what, values, (low, high) in zip(LIMITED, columns.limited(), model.limits.astype(float), strict=True):
+        slack = BEYOND * high + LEAST
+        wrong = (values < low - slack) | (values > high + slack)
+        if wrong.any():
+            w = int(np.argmax(wrong))
+            raise TwilightError(
+                f"the compact model of clear air is made of airs in which {what} is {max(low, 0.0):.3g} to {high:.3g}, and here it "
+                f"is {values[w]:.3g} at {columns.medium.wavelength_nm[w]:g} nm; take --solver zones"
+            )

@@ -1,0 +1,174 @@
+"""The skies of one air by the model of clear air: what is computed, times what the network gives.
+
+See :mod:`twilight.solvers.compact.clear_air` for the equation.  M, Q_k and the ratios of Stokes parameters of M are smooth
+over the sky, so they are computed at nodes and interpolated by cubic splines; phase functions are not, and are evaluated
+in every direction.  They are taken at the angle from the apparent sun: a ray towards it is bent as its light is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twilight.numerics.phase import rayleigh_matrix, rayleigh_phase
+from twilight.solvers.compact.air_columns import AirColumns
+from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, ClearAirModel
+from twilight.solvers.compact.compact_sky import spline_matrix
+from twilight.solvers.compact.diffuse_light import diffuse_light, seen
+
+BASE_ELEVATIONS = (0, 3, 6, 10, 14)
+"""Indices of the elevations at which ln M_0 is an input of the network."""
+
+BASE_AZIMUTHS = (0, 6, 12)
+"""Indices of the azimuths at which it is."""
+
+MIRRORED = 3
+"""Nodes beyond the sun's vertical on either side through which splines in azimuth go: the sky is its own mirror image."""
+
+ELEVATION_OFFSET_DEG = 1.5
+"""Splines in elevation run over the logarithm of elevation and this."""
+
+DARK = 1e-35
+"""Least radiance over F0 whose logarithm is taken [sr^-1]."""
+
+
+class RoughSkies:
+    """What is computed of the skies of one air seen by one observer, before anything that is fitted.
+
+    columns: the air; observer_km: above the ground
+    """
+
+    def __init__(self, columns: AirColumns, observer_km: float = 0.0):
+        self.columns = columns
+        self.shells, self._scattering = columns.shells(observer_km)
+        self._light = diffuse_light(self.shells, columns.diffuse_coefficients(), columns.medium.ground_albedo)
+        self.inputs = columns.inputs(observer_km)
+
+    def base_at(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """M_0 in directions, (E, A, W)."""
+        where = (sun_elevation_deg, elevation_deg, azimuth_deg)
+        return np.maximum(seen(self.shells, self._light, self._scattering, *where), DARK)
+
+    def once_at_nodes(self, sun_elevation_deg: float) -> np.ndarray:
+        """Q_k at the nodes of the sky, (3, E, A, W)."""
+        return np.maximum(self.shells.scattered_once(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG), DARK)
+
+
+def log_base(base_at: Callable[[float, np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    """ln M_0 under all suns, an input of the network, (W, B)."""
+    where = ELEVATION_DEG[list(BASE_ELEVATIONS)], AZIMUTH_DEG[list(BASE_AZIMUTHS)]
+    light = np.array([base_at(float(sun), *where) for sun in SUN_DEG])  # suns E A W
+    return np.log(light).reshape(-1, light.shape[-1]).T
+
+
+class ClearAirSkies(RoughSkies):
+    """The skies of one air seen by one observer, under every sun."""
+
+    def __init__(self, model: ClearAirModel, columns: AirColumns, observer_km: float = 0.0):
+        super().__init__(columns, observer_km)
+        self._model = model
+        *fitted, self._spread = model.at_nodes(self.inputs, log_base(self.base_at))
+        self._fitted = np.array(fitted)
+
+    def sky(self, sun_elevation_deg: float, with_polarisation: bool = False) -> ClearAirSky:
+        """The sky under one sun, from -18 to 90 deg."""
+        weight = spline_matrix(SUN_DEG, np.array([sun_elevation_deg]))[0]
+        parts = self._fitted if with_polarisation else self._fitted[:1]
+        log_ratio, *polarised = np.einsum("s,pwsea->peaw", weight, parts)
+        several = np.log(self.base_at(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG)) + log_ratio
+        once = np.log(self.once_at_nodes(sun_elevation_deg))
+        apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
+        sky = ClearAirSky(apparent, self.columns, np.concatenate([several[None], once]), np.array(polarised))
+        spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(several) / sky.at_nodes()
+        error = self._model.error_of(sun_elevation_deg, float(np.percentile(np.abs(spread), 95)))
+        return replace(sky, relative_error=error)
+
+
+@dataclass(frozen=True)
+class ClearAirSky:
+    """The sky of one sun.
+
+    sun_elevation_deg: apparent
+    columns: the air
+    logarithms (4, E, A, W): of M and of Q_k at the nodes
+    polarised (2, E, A, W): Q / M and U / M at the nodes; (0, ...) without polarisation
+    relative_error: of radiance, at 95 % of the directions, as the model estimates it
+    """
+
+    sun_elevation_deg: float
+    columns: AirColumns
+    logarithms: np.ndarray
+    polarised: np.ndarray
+    relative_error: float = 0.0
+
+    def light(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, on_grid: bool, n_stokes: int = 1) -> np.ndarray:
+        """The first n_stokes, 1 or 3, of I, Q and U over F0 [sr^-1].
+
+        on_grid: in rows (E,) times columns (A,), (E, A, n_stokes, W); otherwise in directions (D,), (D, n_stokes, W)
+        """
+        rows, columns = elevation_splines(elevation_deg), azimuth_splines(azimuth_deg)
+        how = "re,...eaw,ca->...rcw" if on_grid else "de,...eaw,da->...dw"
+        several, *once = np.exp(np.einsum(how, rows, self.logarithms, columns, optimize=True))
+        where = (elevation_deg[:, None], azimuth_deg[None]) if on_grid else (elevation_deg, azimuth_deg)
+        cosine, *turned = self._geometry(*where)
+        stokes = [several + sum(phase * part for phase, part in zip(self._phases(cosine), once, strict=True))]
+        if n_stokes > 1:
+            polarised = sum(phase * part for phase, part in zip(self._polarising(cosine), once, strict=True))
+            odd = azimuth_splines(azimuth_deg, odd=True)
+            for values, over_azimuth, turn in zip(self.polarised, (columns, odd), turned, strict=True):
+                part = np.einsum(how, rows, values, over_azimuth, optimize=True)
+                stokes.append(several * part + polarised * turn[..., None])
+        return np.stack(stokes, axis=-2)
+
+    def at_nodes(self) -> np.ndarray:
+        """L / F0 [sr^-1] at the nodes, (E, A, W)."""
+        several, *once = np.exp(self.logarithms)
+        cosine = self._geometry(ELEVATION_DEG[:, None], AZIMUTH_DEG[None])[0]
+        return several + sum(phase * part for phase, part in zip(self._phases(cosine), once, strict=True))
+
+    def _geometry(
+        self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cosine of the scattering angle, and cosine and sine of twice the angle from the vertical plane, clockwise, to
+        that of scattering."""
+        sun, elevation, azimuth = (np.radians(a) for a in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
+        cosine = np.sin(elevation) * np.sin(sun) + np.cos(elevation) * np.cos(sun) * np.cos(azimuth)
+        upright = np.cos(elevation) * np.sin(sun) - np.sin(elevation) * np.cos(sun) * np.cos(azimuth)
+        aside = -np.cos(sun) * np.sin(azimuth)
+        square = np.maximum(upright**2 + aside**2, 1e-30)
+        return np.clip(cosine, -1.0, 1.0), (upright**2 - aside**2) / square, 2.0 * upright * aside / square
+
+    def _phases(self, cosine: np.ndarray) -> list[np.ndarray]:
+        """Phase functions of air and of the aerosol below and above, (..., W) each [sr^-1]."""
+        medium = self.columns.medium
+        air = rayleigh_phase.py_func(cosine[..., None], medium.depolarisation)
+        return [air, *(np.moveaxis(phase(cosine), 0, -1) for phase in medium.phase_functions)]
+
+    def _polarising(self, cosine: np.ndarray) -> list[np.ndarray]:
+        """P12 of the same, (..., W) each [sr^-1]."""
+        medium = self.columns.medium
+        air = rayleigh_matrix.py_func(cosine[..., None], medium.depolarisation)[1]
+        return [air, *(np.moveaxis(phase.matrix(cosine)[1], 0, -1) for phase in medium.phase_functions)]
+
+
+def elevation_splines(elevation_deg: np.ndarray) -> np.ndarray:
+    """Splines through the nodes in elevation, (N, E)."""
+    return spline_matrix(np.log(ELEVATION_DEG + ELEVATION_OFFSET_DEG), np.log(elevation_deg + ELEVATION_OFFSET_DEG))
+
+
+def azimuth_splines(azimuth_deg: np.ndarray, odd: bool = False) -> np.ndarray:
+    """Splines through the nodes in azimuth and their mirror images, (N, A).
+
+    odd: of what changes its sign from one side of the sun to the other
+    """
+    turned = (np.asarray(azimuth_deg, float) + 180.0) % 360.0 - 180.0
+    count, beside = AZIMUTH_DEG.size, np.arange(MIRRORED, 0, -1)
+    nodes = np.concatenate([-AZIMUTH_DEG[beside], AZIMUTH_DEG, 360.0 - AZIMUTH_DEG[count - 1 - beside[::-1]]])
+    through = spline_matrix(nodes, np.abs(turned))
+    out = through[:, MIRRORED : MIRRORED + count].copy()
+    sign = -1.0 if odd else 1.0
+    np.add.at(out, (slice(None), beside), sign * through[:, :MIRRORED])
+    np.add.at(out, (slice(None), count - 1 - beside[::-1]), sign * through[:, MIRRORED + count :])
+    return out * np.where(turned < 0.0, sign, 1.0)[:, None]
