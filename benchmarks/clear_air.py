@@ -1,18 +1,20 @@
 """Fit the model of all clear air, and measure its errors.
 
-    python benchmarks/clear_air.py fit AIRS ROUGH [--output FILE.npz]      with the folders of benchmarks/clear_air_airs.py
-    python benchmarks/clear_air.py judge FOLDER [--airs 24]                airs that no fit takes, and their skies
-    python benchmarks/clear_air.py errors FOLDER                           writes clear_air.csv
+    python benchmarks/clear_air.py fit AIRS ROUGH [--output FILE.npz]    with the folders of clear_air_airs.py
+    python benchmarks/clear_air.py errors [--airs 24]                    writes clear_air.csv
+    python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
-`fit` needs PyTorch, takes 20 minutes and holds one air in ten out; the error that the model tells is calibrated on these.
-`judge` draws airs of other numbers, as climates have them, and solves them by `zones` at its usual quality, half a minute
-each; `errors` compares the model with them, radiance and polarisation in directions of the whole sky.
+`fit` needs PyTorch, takes 20 minutes and holds one air in ten out; the error that the model tells is calibrated on
+these.  `errors` draws airs of other numbers, as climates have them, solves those that `--folder` does not have yet by
+`zones` at its usual quality, half a minute each, and compares the model with them: radiance and polarisation over the
+whole sky.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +22,10 @@ import numpy as np
 import results
 from clear_air_airs import HIGHEST_KM, SETTINGS, drawn, drawn_medium, write
 
-
+import twilight
 from twilight import __version__
 from twilight.atmosphere.medium import Medium
+from twilight.sky import colour
 from twilight.solvers import zones
 from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import NODES, SUN_DEG, ClearAirModel
@@ -54,6 +57,14 @@ ERRORS_FROM = 100000
 """Number of the first air of `errors`."""
 CLASSES_DEG = ((20.0, 90.0), (5.0, 20.0), (0.0, 5.0), (-6.0, 0.0), (-12.0, -6.0), (-18.0, -12.0))
 """Suns of the rows of the table [deg]."""
+COLUMNS = (
+    *("sun_from_deg", "sun_to_deg", "median_percent", "p95_percent", "p95_two_shortest_percent"),
+    *("p95_two_longest_percent", "p95_worst_air_percent", "p95_degree_of_polarisation"),
+)
+"""Of the table; "two": wavelengths of each air."""
+PICTURED = (("urban", 10.0), ("desert", 1.0), ("continental-average", -4.0), ("maritime-tropical", -9.0))
+"""Climates and suns of the picture."""
+PICTURED_NM = np.linspace(385.0, 735.0, 8)
 SUNS_OF_CLASS, DIRECTIONS = 4, 60
 """Suns of each row for an air, and directions of each sky."""
 
@@ -75,7 +86,9 @@ class Data:
 def read(airs: Path, rough: Path) -> Data:
     """The samples of all airs that both folders have."""
     names = sorted(path.name for path in rough.glob("*.npz") if (airs / path.name).exists())
-    rows: dict[str, list[np.ndarray]] = {key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")}
+    rows: dict[str, list[np.ndarray]] = {
+        key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
+    }
     limited = []
     for name in names:
         with np.load(airs / name) as solved, np.load(rough / name) as computed:
@@ -137,7 +150,9 @@ def fit(data: Data) -> ClearAirModel:
         {},
     )
     standard = model.standardised(data.inputs, data.log_base)
-    scale = np.array([coefficients[train].std()] * vectors.shape[0] + [of_polarisation[train].std()] * polarisation.shape[0])
+    scale = np.array(
+        [coefficients[train].std()] * vectors.shape[0] + [of_polarisation[train].std()] * polarisation.shape[0]
+    )
     target = np.concatenate([coefficients, of_polarisation], axis=1) / scale
     members = [
         _member(torch, seed, data, train, standard, target.astype(np.float32), scale.astype(np.float32), model)
@@ -153,7 +168,9 @@ def fit(data: Data) -> ClearAirModel:
             "version": __version__,
             "airs": int(np.unique(data.number).size),
             "solver": "zones",
-            "settings": {key: getattr(SETTINGS, key) for key in ("degree", "max_degree", "altitude_density", "zenith_density")},
+            "settings": {
+                key: getattr(SETTINGS, key) for key in ("degree", "max_degree", "altitude_density", "zenith_density")
+            },
         },
     )
 
@@ -161,8 +178,8 @@ def fit(data: Data) -> ClearAirModel:
 def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, model: ClearAirModel):
     """One network: coefficients first, then light."""
     torch.manual_seed(seed)
-    sizes = [standard.shape[1]] + [WIDTH] * DEPTH
-    hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in zip(sizes[:-1], sizes[1:], strict=True))
+    sizes = [standard.shape[1], *[WIDTH] * DEPTH]
+    hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in pairwise(sizes))
     last = torch.nn.Linear(WIDTH, target.shape[1])
     torch.nn.init.zeros_(last.weight), torch.nn.init.zeros_(last.bias)
     parameters = [*hidden.parameters(), *last.parameters()]
@@ -240,7 +257,7 @@ def _errors(model: ClearAirModel, data: Data, some: np.ndarray) -> str:
     got = model.at_nodes(data.inputs[some], data.log_base[some])[:3]
     off = (got[0].reshape(some.sum(), -1) - data.ratio[some]) * data.part[some].astype(np.float32)
     percent = 100.0 * np.percentile(np.abs(off.reshape(-1, *NODES)), [50, 95], axis=(0, 2, 3))
-    turned = (np.concatenate([g.reshape(some.sum(), -1) for g in got[1:]], axis=1) - data.polarised[some])
+    turned = np.concatenate([g.reshape(some.sum(), -1) for g in got[1:]], axis=1) - data.polarised[some]
     turned *= np.tile(data.part[some].astype(np.float32), 2)
     polarised = np.percentile(np.abs(turned.reshape(-1, 2, *NODES)), 95, axis=(0, 1, 3, 4))
     return "\n".join(
@@ -249,16 +266,18 @@ def _errors(model: ClearAirModel, data: Data, some: np.ndarray) -> str:
     )
 
 
-def judge(folder: Path, first: int, step: int, count: int) -> None:
+def judge(folder: Path, count: int) -> None:
     """Write the skies of some airs of numbers from ERRORS_FROM on, in directions spread over the sky."""
     folder.mkdir(parents=True, exist_ok=True)
-    for number in range(ERRORS_FROM + first, ERRORS_FROM + count, step):
+    for number in range(ERRORS_FROM, ERRORS_FROM + count):
         path = folder / f"{number}.npz"
         if path.exists():
             continue
         medium, above_km, suns, elevation, azimuth = asked(number)
         field = zones.prepare(medium, zones.QUALITIES["standard"], observer_altitude_km=medium.bottom_km)
-        stokes = [field.stokes(sun, elevation, azimuth, observer_altitude_km=medium.bottom_km + above_km) for sun in suns]
+        stokes = [
+            field.stokes(sun, elevation, azimuth, observer_altitude_km=medium.bottom_km + above_km) for sun in suns
+        ]
         write(path, stokes=np.array(stokes))
 
 
@@ -281,7 +300,7 @@ def errors(folder: Path, model: ClearAirModel) -> None:
             right = file["stokes"]
         columns = AirColumns.of(medium)
         skies = ClearAirSkies(model, columns, above_km)
-        got = np.array([skies.sky(sun, True).light(elevation, azimuth, False, 3) for sun in suns])
+        got = np.array([skies.sky(sun, True).light(elevation, azimuth, on_grid=False, n_stokes=3) for sun in suns])
         off.append(np.abs(got[:, :, 0] / right[:, :, 0] - 1.0))
         degree = [np.hypot(one[:, :, 1], one[:, :, 2]) / one[:, :, 0] for one in (got, right)]
         turned.append(np.abs(degree[0] - degree[1]))
@@ -301,11 +320,42 @@ def errors(folder: Path, model: ClearAirModel) -> None:
         print(*rows[-1])
     results.write(
         HERE / "clear_air.csv",
-        ["sun_from_deg", "sun_to_deg", "median_percent", "p95_percent", "p95_two_shortest_percent"]
-        + ["p95_two_longest_percent", "p95_worst_air_percent", "p95_degree_of_polarisation"],
+        COLUMNS,
         rows,
         notes=[f"{len(off)} airs, {of_light[:, 0].size} radiances of each range of suns; zones standard"],
     )
+
+
+def picture(path: Path) -> None:
+    """The model, zones and the ratio of their luminances, half a sky each: azimuth 0 to 180 deg to the right."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    e, a = np.meshgrid(np.arange(1.0, 90.0, 2.0), np.arange(0.0, 180.1, 2.0), indexing="ij")
+    figure, axes = pyplot.subplots(len(PICTURED), 3, figsize=(12, 2.2 * len(PICTURED)), layout="constrained")
+    for (climate, sun), line in zip(PICTURED, axes, strict=True):
+        fields = [
+            twilight.solve(climate, wavelength_nm=PICTURED_NM, sun_elevation_deg=[sun], **how)
+            for how in ({"solver": "compact"}, {"quality": "standard"})
+        ]
+        near, true = (np.asarray(field.radiance(sun, e, a)) for field in fields)
+        xyz = [colour.spectrum_to_xyz(values, PICTURED_NM) for values in (near, true)]
+        ev = colour.auto_exposure_ev100(xyz[1][..., 1], np.cos(np.radians(e)))
+        for axis, values, name in zip(line, xyz, ("compact", "zones"), strict=False):
+            shown = colour.tone_map(colour.xyz_to_linear_rgb(values), ev)
+            axis.imshow(shown, origin="lower", extent=(0, 180, 0, 90), aspect="auto")
+            axis.set_title(f"{name}: {climate}, sun {sun:g}°", fontsize=9)
+        image = line[2].imshow(
+            100.0 * (xyz[0][..., 1] / xyz[1][..., 1] - 1.0), origin="lower", extent=(0, 180, 0, 90), aspect="auto",
+            cmap="RdBu_r", vmin=-5, vmax=5,
+        )  # fmt: skip
+        figure.colorbar(image, ax=line[2])
+        line[2].set_title(
+            f"luminance [%]; spectral 95 % {100 * np.percentile(np.abs(near / true - 1), 95):.1f}", fontsize=9
+        )
+    figure.savefig(path, dpi=80)
 
 
 def main() -> None:
@@ -315,18 +365,16 @@ def main() -> None:
     fitting.add_argument("airs", type=Path)
     fitting.add_argument("rough", type=Path)
     fitting.add_argument("--output", type=Path, default=SHIPPED)
-    judging = commands.add_parser("judge")
-    judging.add_argument("folder", type=Path)
-    judging.add_argument("--first", type=int, default=0)
-    judging.add_argument("--step", type=int, default=1)
-    judging.add_argument("--airs", type=int, default=24)
     comparing = commands.add_parser("errors")
-    comparing.add_argument("folder", type=Path)
+    comparing.add_argument("--airs", type=int, default=24)
+    comparing.add_argument("--folder", type=Path, default=HERE.parent / "out" / "clear-air")
     comparing.add_argument("--model", type=Path, default=SHIPPED)
+    commands.add_parser("picture")
     options = parser.parse_args()
-    if options.command == "judge":
-        return judge(options.folder, options.first, options.step, options.airs)
+    if options.command == "picture":
+        return picture(HERE.parent / "docs" / "clear-air.png")
     if options.command == "errors":
+        judge(options.folder, options.airs)
         return errors(options.folder, ClearAirModel.load(options.model))
     model = fit(read(options.airs, options.rough))
     model.save(options.output)

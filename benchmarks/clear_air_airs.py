@@ -3,8 +3,8 @@
     python benchmarks/clear_air_airs.py FOLDER --first 0 --step 2     and the odd ones beside it: --first 1 --step 2
 
 One file for each air, FOLDER/<number>.npz, until --count is reached or it is stopped; what is there stays.  An air is
-drawn from its number alone.  3 to 25 processor seconds an air.  `--rough FOLDER2` computes in place of it what the model
-itself computes of the airs that are there, which is to be done again when its code changes: 2 processor seconds an air.
+drawn from its number alone.  3 to 25 processor seconds an air.  `--rough FOLDER2` computes in place of it what the
+model itself computes of the airs that are there, to be done again when its code changes: a processor second an air.
 `benchmarks/clear_air.py` fits both.
 """
 
@@ -27,18 +27,25 @@ from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
 from twilight.solvers.compact.clear_air_sky import ClearAirSky, RoughSkies, log_base
 
-PROFILES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard")
+PROFILES = (
+    "tropical",
+    "midlatitude_summer",
+    "midlatitude_winter",
+    "subarctic_summer",
+    "subarctic_winter",
+    "us_standard",
+)
 TYPES = (
     *("continental_clean", "continental_average", "continental_polluted", "urban", "desert"),
     *("maritime_clean", "maritime_polluted", "maritime_tropical", "arctic", "antarctic"),
 )
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
-STRATOSPHERES = tuple(
-    f"{region}_{load}"
-    for region in ("nh_midlat", "sh_midlat", "tropical")
-    for load in ("low", "typical", "elevated", "extreme")
-) + ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
+LOADS = ("low", "typical", "elevated", "extreme")
+STRATOSPHERES = (
+    *(f"{region}_{load}" for region in ("nh_midlat", "sh_midlat", "tropical") for load in LOADS),
+    *("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic"),
+)
 WAVELENGTH_NM = (320.0, 340.0, 380.0, 440.0, 500.0, 550.0, 600.0, 650.0, 720.0, 850.0, 1000.0)
 """Of which each air has `WAVELENGTHS`."""
 WAVELENGTHS = 8
@@ -63,7 +70,8 @@ SETTINGS = zones.ZonesSettings(
     altitude_density=0.4,
     zenith_density=0.6,
     tolerance=0.02,
-    polarisation_degree=4,
+    step_density=0.3,
+    polarisation_degree=3,
     late_polarisation_degree=2,
 )
 

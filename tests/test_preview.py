@@ -1,4 +1,4 @@
-"""Previews: of every shipped climate, as wrong as they say, gone when the sky is there."""
+"""Previews: of the air that was asked for, as wrong as they say, gone when the sky is there."""
 
 from __future__ import annotations
 
@@ -9,18 +9,14 @@ from typer.testing import CliRunner
 
 from twilight.cli import preview, terminal
 from twilight.cli.app import app
-from twilight.config.library import shipped
 from twilight.config.load import load
 from twilight.engine import frames
 from twilight.scene import resolve
-from twilight.solvers.compact.compact_sky import CompactSky
-from twilight.studies.fit.compact.preview import FITTED_BY
 
-CLIMATES = sorted(shipped("climates"))
+CLIMATES = ("antarctic", "continental-average", "desert", "maritime-tropical", "pure-air", "urban")
 SUNS_DEG = (20.0, 2.0, -4.0, -12.0)
-LARGEST_BYTES = 250e3
-LARGEST_ERROR = 0.13
-"""Of haber2005, whose air ends at 35 km, in deep twilight; others are within 8 %."""
+DRAFT_ERROR = 0.03
+"""Of the skies that previews are compared with."""
 
 
 def scene(climate="continental-average", sun=-4.0, **settings):
@@ -32,58 +28,41 @@ def preview_of(config):
     return preview.preview_of(config, sun.name)
 
 
-@pytest.mark.parametrize("name", CLIMATES)
-def test_every_shipped_climate_has_a_small_model_that_says_how_wrong_it_is(name):
-    path = preview.MODELS / f"{name}.npz"
-    assert path.stat().st_size < LARGEST_BYTES
-    model = CompactSky.load(path)
-    errors = [error["p95"] for error in model.provenance["errors"]]
-    assert len(errors) >= 4 and 0.0 < min(errors) and max(errors) < LARGEST_ERROR
-    config = scene(name, 2.0)
-    made = preview_of(config)
-    assert made is not None and not made.shipped_air, "the climate is another than when its model was fitted"
-    assert made.error in errors and f"{100 * made.error:.2g} %" in made.sentence
-
-
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[] if n == "continental-average" else pytest.mark.slow) for n in CLIMATES]
 )
 def test_a_preview_is_as_near_to_the_sky_as_it_says(name):
-    """Beside `zones` as the model was fitted, at other directions than it was."""
-    lowest = CompactSky.load(preview.MODELS / f"{name}.npz").sun_elevation_deg[0]
-    suns = [sun for sun in SUNS_DEG if sun >= lowest]
-    like = {"solver": FITTED_BY, "texture": {"azimuth_count": 24, "elevation_count": 15}}
-    config = load({"version": 1, "climate": name, "sun": {"elevations_deg": suns}, **like})
+    """Beside `zones` at draft quality, whose own errors count too."""
+    like = {"solver": {"name": "zones", "quality": "draft"}, "texture": {"azimuth_count": 24, "elevation_count": 15}}
+    config = load({"version": 1, "climate": name, "sun": {"elevations_deg": list(SUNS_DEG)}, **like})
     for frame in frames(resolve(config), keep=False):
         made = preview.preview_of(config, frame.name)
-        assert made is not None
-        exact = frame.sky.normalised_radiance
-        error = np.abs(made.sky.normalised_radiance / exact - 1.0)
-        assert np.percentile(error, 95) < made.error + 0.01, frame.name
+        assert made is not None and f"{100 * made.error:.2g} %" in made.sentence
+        error = np.abs(made.sky.normalised_radiance / frame.sky.normalised_radiance - 1.0)
+        assert np.percentile(error, 95) < 1.5 * made.error + DRAFT_ERROR, frame.name
 
 
-def test_other_air_is_shown_as_shipped_and_says_so_other_ground_is_shown():
+def test_a_preview_is_of_the_very_air():
+    """A preview would show the climate as it is shipped."""
     plain = preview_of(scene())
-    hazy = preview_of(scene(**{"aerosol.optical_depth_550nm": 0.4}))
-    assert hazy.shipped_air and "as it is shipped, without what is changed here" in hazy.sentence
-    assert "shipped" not in plain.sentence
-    np.testing.assert_array_equal(hazy.sky.normalised_radiance, plain.sky.normalised_radiance)
-    bright = preview_of(scene(**{"ground.albedo": 0.8}))
-    assert not bright.shipped_air
-    assert bright.sky.normalised_radiance.mean() > 1.05 * plain.sky.normalised_radiance.mean()
+    for key, value, brighter in (("aerosol.optical_depth_550nm", 0.5, 1.02), ("ground.albedo", 0.8, 1.05)):
+        other = preview_of(scene(sun=20.0, **{key: value}))
+        assert other.climate == plain.climate
+        like = preview_of(scene(sun=20.0))
+        assert other.sky.normalised_radiance.mean() > brighter * like.sky.normalised_radiance.mean()
 
 
 @pytest.mark.parametrize(
     "settings",
     [
-        {"observer.altitude_km": 5.0},
+        {"observer.altitude_km": 20.0},
         {"output.polariser_deg": 30.0},
         {"output.files": ["h5"]},
         {"observer.view": {"kind": "fisheye", "width": 64}},
         {"solver": {"name": "zones", "max_orders": 1}},
         {"solver": {"name": "compact"}},
         {"sun.elevation_deg": -20.0},
-        {"climate": {"version": 1, "name": "my-air", "aerosol": {"type": "urban"}}},
+        {"climate": "overcast-stratus"},
     ],
 )
 def test_there_is_no_preview_of_what_the_models_do_not_show(settings):
@@ -103,9 +82,9 @@ def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys)
     path = tmp_path / "of-a-series" / preview.PREVIEW
     with preview.shown(config, sun.name, path.parent):
         said = capsys.readouterr().err
-        assert str(path) in said and "is a preview" in said and "% of what zones gives" in said
+        assert str(path) in said and "is a preview" in said and "by its own estimate within" in said
         with Image.open(path) as picture:
-            assert "a fitted model of pure-air" in picture.text["preview"]
+            assert "the model of clear air in place of pure-air" in picture.text["preview"]
     assert not path.exists()
     with pytest.raises(KeyboardInterrupt), preview.shown(config, sun.name, path.parent):
         assert path.is_file()

@@ -1,4 +1,4 @@
-"""The shipped compact model as a solver: it knows its air, says what it was not fitted for, and compiles nothing."""
+"""Models of one climate as solvers: they know their air, and say what they were not fitted for; nothing is compiled."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ A = np.array([0.0, 35.0, 180.0])
 
 
 def scene(**keys):
-    """continental-average by the compact solver, with dotted keys of the configuration changed."""
-    base = {"version": 1, "climate": "continental-average", "wavelengths": WAVELENGTHS, "solver": {"name": "compact"}}
+    """continental-average by its model, with dotted keys of the configuration changed."""
+    solver = {"name": "compact", "model": "continental-average"}
+    base = {"version": 1, "climate": "continental-average", "wavelengths": WAVELENGTHS, "solver": solver}
     return load(base, {key.replace("__", "."): value for key, value in keys.items()})
 
 
@@ -94,7 +95,7 @@ REFUSED = [
     ({"climate__ground__kind": "water"}, "water"),
     ({"observer__altitude_km": 3.0}, r"observer\.altitude_km is 3, allowed is 0 to 0.1"),
     ({"wavelengths__list_nm": [550.0, 800.0]}, "wavelengths from 380 to 740 nm, and 800 nm is asked for"),
-    ({"solver__model": "nowhere"}, "no compact model nowhere; allowed is continental-average"),
+    ({"solver__model": "nowhere"}, "no compact model nowhere; allowed is clear-air, continental-average"),
     ({"solver__model_sha256": "0"}, "is not the file that solver.model_sha256 names"),
 ]
 
@@ -125,7 +126,7 @@ def test_a_model_of_another_climate_is_a_file(tmp_path, model):
     write_model(replace(model, air=air_of_climate(load("urban"), depths)), path)
     solved = solve(resolve(scene(climate="urban", solver__model=str(path))))
     assert solved.radiance(5.0, [10.0], [0.0]).min() > 0.0
-    settings = compact.recorded(compact.CompactSettings(str(path)))
+    settings = compact.recorded(compact.CompactSettings(model=str(path)))
     assert settings.model == "urban.npz" and len(settings.model_sha256) == 64
     with pytest.raises(TwilightError, match="the compact model urban is of other air"):
         solve(resolve(scene(solver__model=str(path))))
@@ -135,64 +136,6 @@ def test_a_model_of_another_climate_is_a_file(tmp_path, model):
     write_model(replace(model, air=model.air | {"particles": model.air["particles"][1:]}), path)
     with pytest.raises(TwilightError, match=r"the arrays air_. do not fit together"):
         solve(resolve(scene(solver__model=str(path))))
-
-
-@pytest.mark.slow
-def test_a_model_is_fitted_on_first_use_and_kept(tmp_path, model, monkeypatch):
-    """What the fit itself gives is tested in test_compact.py; here it is the shipped model with the air of urban."""
-    from dataclasses import replace
-
-    from typer.testing import CliRunner
-
-    import twilight
-    from twilight.cli.app import app
-    from twilight.studies.fit.compact import own
-    from twilight.studies.fit.compact.build import CompactFit, Errors
-
-    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
-    fitted = []
-
-    def fit(config, progress=None):
-        fitted.append(config)
-        depths = [float(depth) for depth in model.optical_depth_550nm]
-        made = replace(model, air=air_of_climate(config, depths))
-        return CompactFit(made, (Errors((-18.0, 90.0), "all", 1, 0.004, 0.021, 0.1),), 432.0, 500.0)
-
-    monkeypatch.setattr(own, "fit_compact", fit)
-    words = [
-        "render",
-        "urban",
-        "--sun-elevation",
-        "5",
-        "--solver",
-        "compact",
-        "--overwrite",
-        "--output",
-        str(tmp_path / "sky"),
-    ]
-    none_kept = CliRunner().invoke(app, words)  # the tests keep nothing on disk unless they say so
-    assert none_kept.exit_code == 2 and "TWILIGHT_CACHE_GB is 0" in none_kept.stderr
-    monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
-    plan = CliRunner().invoke(app, [*words, "--plan"])
-    assert "there is no compact model of urban yet" in plan.stdout and "minutes of processor time" in plan.stdout
-    assert not fitted
-    first = CliRunner().invoke(app, words)
-    assert first.exit_code == 0, first.output
-    assert "off by 0.4 % (median), 2.1 % (95 %)" in first.stderr and len(fitted) == 1
-    assert fitted[0].climate.aerosol.type == "urban" and fitted[0].solver["polarisation"] is True
-    keys = {"aerosol.optical_depth_550nm": 0.3, "ground.albedo": 0.5, "gases.ozone.column_du": 300.0}
-    assert (
-        CliRunner().invoke(app, [*words, *(w for k, v in keys.items() for w in ("--set", f"{k}={v}"))]).exit_code == 0
-    )
-    sky = twilight.render("urban", sun_elevation_deg=5.0, solver="compact", settings=keys)
-    assert sky.provenance["configuration"]["solver"]["model"].endswith(".npz") and len(fitted) == 1
-    assert "compact models\t1\t" in CliRunner().invoke(app, ["cache"]).output
-    assert "no compact model" not in CliRunner().invoke(app, [*words, "--plan"]).stdout
-    refused = CliRunner().invoke(app, [*words, "--set", "aerosol.optical_depth_550nm=1.5"])
-    assert refused.exit_code == 2 and len(fitted) == 1  # no model holds such a load
-    assert CliRunner().invoke(app, [*words, "--set", "solver.model=continental-average"]).exit_code == 2
-    assert CliRunner().invoke(app, ["cache", "--clear"]).exit_code == 0
-    assert own.needs_fit(scene(climate="urban")) and not own.needs_fit(scene())
 
 
 def test_nothing_is_compiled_for_a_picture(tmp_path):

@@ -40,8 +40,8 @@ class Preview:
     def sentence(self) -> str:
         """What it is, and how wrong."""
         return (
-            f"the model of clear air in place of {self.climate}, by its own estimate within {100 * self.error:.2g} % in "
-            "95 % of the directions"
+            f"the model of clear air in place of {self.climate}, by its own estimate within {100 * self.error:.2g} % "
+            "in 95 % of the directions"
         )
 
 

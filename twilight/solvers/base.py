@@ -180,15 +180,22 @@ class Convergence:
 
     orders: orders of scattering that were followed; residual: largest fraction of the light that may be missing or
     wrong because no more were followed; error: how far two qualities differ at 95 % of the directions, where a target
-    was asked for, or how far off a fitted model is there by its own estimate; spectral_nodes: wavelengths, or terms of exponential sums, from which light scattered more than once
+    was asked for; spectral_nodes: wavelengths, or terms of exponential sums, from which light scattered more than once
     was interpolated, where it was, and interpolation_error: what that adds at 95 % of the directions.
     """
 
-    orders: int | None = None
-    residual: float | None = None
+    orders: int
+    residual: float
     error: float | None = None
     spectral_nodes: int | None = None
     interpolation_error: float | None = None
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """How far off a fitted model is by its own estimate: error, relative, at 95 % of the directions."""
+
+    error: float
 
 
 class Field(Protocol):
@@ -199,8 +206,8 @@ class Field(Protocol):
         """The medium that it was prepared for."""
 
     @property
-    def convergence(self) -> Convergence | None:
-        """How well it was solved so far, where the solver iterates."""
+    def convergence(self) -> Convergence | ModelError | None:
+        """How well it was solved so far, where the solver iterates, or how near a fitted model is."""
 
     @property
     def facts(self) -> Mapping[str, float]:
@@ -237,7 +244,7 @@ class Field(Protocol):
 class BareField:
     """The base of fields that do not iterate, or have nothing to say about their model."""
 
-    convergence: Convergence | None = None
+    convergence: Convergence | ModelError | None = None
     facts: Mapping[str, float] = MappingProxyType({})
 
     @property

@@ -1,10 +1,17 @@
-"""The solver compact: skies from a small fitted file, without tables or compiled code; of all clear air, or of one climate."""
+"""The solver compact: skies from a small fitted file, without compiled code; of all clear air, or of one climate."""
 
 from twilight.solvers.base import Capabilities
+from twilight.solvers.compact.derivatives import differentiate
 from twilight.solvers.compact.field import QUALITIES, CompactSettings, Field, prepare, recorded
 
 CAPABILITIES = Capabilities(
-    every_sun=True, every_observer=True, looks_down=False, stokes=True, reads_files=True, numpy_only=True
+    every_sun=True,
+    every_observer=True,
+    looks_down=False,
+    stokes=True,
+    reads_files=True,
+    numpy_only=True,
+    differentiate=differentiate,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare", "recorded"]

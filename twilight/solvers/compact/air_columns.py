@@ -1,4 +1,4 @@
-"""What the model of clear air keeps of a medium: optical depths of layers, two phase functions, numbers that name it."""
+"""What the model of clear air takes from a medium: optical depths of layers, phase functions, numbers that name it."""
 
 from __future__ import annotations
 
@@ -131,7 +131,9 @@ class AirColumns:
         step = np.diff(height)[:, None]
         depth = []
         for part in parts:
-            below = np.concatenate([np.zeros((1, part.shape[1])), np.cumsum(0.5 * step * (part[1:] + part[:-1]), axis=0)])
+            below = np.concatenate(
+                [np.zeros((1, part.shape[1])), np.cumsum(0.5 * step * (part[1:] + part[:-1]), axis=0)]
+            )
             depth.append(np.diff([[np.interp(z, height, column) for column in below.T] for z in ALTITUDE_KM], axis=0))
         moments = np.array([phase.legendre_moments(MOST_DEGREE + 1) for phase in merged.phase_functions])
         return AirColumns(np.array(depth), _forward(merged, np.array(depth), moments), moments, merged)
@@ -170,7 +172,9 @@ class AirColumns:
             observer_km,
             medium.earth_radius_km + medium.bottom_km,
         )
-        forward = 3.0 * sum((self.moments[k, :, 1] - self.forward[k]) * self.depth[row] for k, row in ((0, LOW), (1, HIGH)))
+        forward = 3.0 * sum(
+            (self.moments[k, :, 1] - self.forward[k]) * self.depth[row] for k, row in ((0, LOW), (1, HIGH))
+        )
         return shells, ((self.scattering_depth * per_km)[of], (forward * per_km)[of])
 
     def limited(self) -> np.ndarray:
@@ -253,7 +257,11 @@ class AirColumns:
         n = self.medium.n_wavelengths
         rows += [self.medium.ground_albedo[None], np.full((1, n), 1e4 * self.medium.refractivity[0].mean())]
         rows += [np.full((1, n), observer_km), np.full((1, n), np.sqrt(observer_km))]
-        rows += [_below(total, observer_km), np.sqrt(_below(d[AIR], observer_km)), np.sqrt(_below(particles, observer_km))]
+        rows += [
+            _below(total, observer_km),
+            np.sqrt(_below(d[AIR], observer_km)),
+            np.sqrt(_below(particles, observer_km)),
+        ]
         return np.concatenate(rows).T
 
 

@@ -1,4 +1,4 @@
-"""One model of all clear air: light scattered once is computed, light scattered more often is computed roughly and fitted.
+"""One model of all clear air: light scattered once is computed, light scattered more often computed roughly and fitted.
 
     L / F0 = sum_k P_k(angle from the sun) Q_k  +  M,        M = M_0 exp(sum_n c_n v_n(sun, elevation, azimuth))
 
@@ -10,8 +10,8 @@
   (:class:`twilight.solvers.compact.air_columns.AirColumns`) and of ln M_0 under all suns.  v_n: principal components of
   ln(M / M_0) in air that `zones` has solved.  Q / M and U / M, the Stokes parameters of M, are sums of the same kind.
 
-This file holds the fitted part, :mod:`twilight.solvers.compact.clear_air_sky` the sum.  `benchmarks/clear_air.py` fits the
-file `data/compact/clear-air.npz` to skies of `benchmarks/clear_air_airs.py`, and measures its errors.
+This file holds the fitted part, :mod:`twilight.solvers.compact.clear_air_sky` the sum.  `benchmarks/clear_air.py` fits
+the file `data/compact/clear-air.npz` to skies of `benchmarks/clear_air_airs.py`, and measures its errors.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import json
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,8 @@ from twilight.base.whole_files import whole_file
 FORMAT = "twilight clear air 1"
 """The array `format` of a file."""
 
-SUN_DEG = np.array(
-    [-18, -16.5, -15, -13.5, -12, -11, -10, -9, -8, -7, -6, -5, -4, -3, -2, -1, 0, 1, 2, 3.5, 5, 7.5, 10, 15, 20, 30, 40]
-    + [50, 60, 70, 80, 90]
+SUN_DEG = np.concatenate(
+    [[-18, -16.5, -15, -13.5], np.arange(-12, 3), [3.5, 5, 7.5, 10, 15], np.arange(20.0, 91.0, 10.0)]
 )
 """Elevations of the sun at which ln(M / M_0) is stored [deg]."""
 
@@ -68,8 +68,8 @@ class ClearAirModel:
     intensity_mean (P,), intensity (K, P): of ln(M / M_0) over suns, elevations and azimuths, P their product
     polarisation_mean (2 P,), polarisation (N, 2 P): the same of Q / M and U / M
     limits (L, 2): least and largest of what limits the airs that were fitted (`air_columns.LIMITED`)
-    error (2, suns): the error of radiance at 95 % of the directions of a sky is about error[0] + error[1] x spread, with
-        the standard deviation of ln M between members, times the part of M in all light, at 95 % of the nodes
+    error (2, suns): the error of radiance at 95 % of the directions of a sky is about error[0] + error[1] x spread,
+        with the standard deviation of ln M between members, times the part of M in all light, at 95 % of the nodes
     provenance: how it was fitted, and its errors in airs that it never saw
     """
 
@@ -110,7 +110,9 @@ class ClearAirModel:
             arrays[key] = (arrays[key] / scale[:, None]).astype(np.float16)
         arrays["base_vectors"] = arrays["base_vectors"].astype(np.float16)
         arrays["layers"] = np.array([[w.shape[0] for w, _ in m] + [m[-1][0].shape[1]] for m in self.members])
-        arrays["weights"] = np.concatenate([a.ravel() for m in self.members for layer in m for a in layer]).astype(np.float16)
+        arrays["weights"] = np.concatenate([a.ravel() for m in self.members for layer in m for a in layer]).astype(
+            np.float16
+        )
         with whole_file(path) as unfinished, open(unfinished, "wb") as file:
             np.savez_compressed(file, format=FORMAT, provenance=json.dumps(self.provenance), **arrays)
 
@@ -121,7 +123,7 @@ class ClearAirModel:
         return np.clip(inputs, -OUTERMOST, OUTERMOST).astype(np.float32)
 
     def at_nodes(self, air: np.ndarray, log_base: np.ndarray) -> np.ndarray:
-        """ln(M / M_0), Q / M, U / M and the spread of ln M at the nodes of all suns, (4, W, suns, elevations, azimuths)."""
+        """ln(M / M_0), Q / M, U / M and the spread of ln M at the nodes, (4, W, suns, elevations, azimuths)."""
         inputs = self.standardised(air, log_base)
         each = np.array([_member(layers, inputs) for layers in self.members])
         c, k = each.mean(axis=0), self.intensity.shape[0]
@@ -154,7 +156,7 @@ def _unpacked(shapes: np.ndarray, values: np.ndarray) -> tuple[Layers, ...]:
     members, place = [], 0
     for sizes in shapes:
         layers = []
-        for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+        for inputs, outputs in pairwise(sizes):
             weights = values[place : place + inputs * outputs].reshape(inputs, outputs)
             place += inputs * outputs
             layers.append((weights, values[place : place + outputs]))

@@ -6,7 +6,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.base import BareField, ModelError, observer_at
 from twilight.solvers.compact.air_columns import LIMITED, AirColumns
 from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_sky import ClearAirSkies
@@ -54,7 +54,7 @@ class ClearAirField(BareField):
         self._columns = AirColumns.of(medium)
         check_air(self._columns, model)
         self._skies: dict[float, ClearAirSkies] = {}
-        self._seen_from(self._altitude_km)
+        self._seen_from(self.observer_above_km(None))
 
     @property
     def polarised(self) -> bool:
@@ -89,20 +89,23 @@ class ClearAirField(BareField):
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         if elevation.size and not (elevation.min() >= 0.0 and elevation.max() <= 90.0):
             raise TwilightError("the compact solver knows the sky above the horizon only: elevations from 0 to 90 deg")
-        altitude = self._altitude_km if altitude_km is None else altitude_km
-        skies = self._seen_from(check_observer(self.medium, altitude, HIGHEST_OBSERVER_KM))
+        skies = self._seen_from(self.observer_above_km(altitude_km))
         sky = skies.sky(float(sun_elevation_deg), n_stokes > 1)
-        self.convergence = Convergence(error=sky.relative_error)
+        self.convergence = ModelError(sky.relative_error)
         if elevation.ndim == 2 and elevation.size:
             rows, columns = elevation[:, :1], azimuth[:1]
             if (elevation == rows).all() and (azimuth == columns).all():
-                return sky.light(rows[:, 0], columns[0], True, n_stokes)
-        out = sky.light(elevation.ravel(), azimuth.ravel(), False, n_stokes)
+                return sky.light(rows[:, 0], columns[0], on_grid=True, n_stokes=n_stokes)
+        out = sky.light(elevation.ravel(), azimuth.ravel(), on_grid=False, n_stokes=n_stokes)
         return out.reshape(*elevation.shape, *out.shape[1:])
 
-    def _seen_from(self, altitude_km: float) -> ClearAirSkies:
-        """The skies of an observer, computed when one is asked for first."""
-        above = altitude_km - self.medium.bottom_km
+    def observer_above_km(self, altitude_km: float | None) -> float:
+        """Altitude of an observer above the ground [km]; None: as prepared."""
+        altitude = self._altitude_km if altitude_km is None else altitude_km
+        return check_observer(self.medium, altitude, HIGHEST_OBSERVER_KM) - self.medium.bottom_km
+
+    def _seen_from(self, above: float) -> ClearAirSkies:
+        """The skies of an observer above the ground [km], computed when one is asked for first."""
         if above not in self._skies:
             while len(self._skies) >= SKIES_AT_HAND:
                 del self._skies[next(iter(self._skies))]
@@ -130,6 +133,6 @@ def check_air(columns: AirColumns, model: ClearAirModel) -> None:
         if wrong.any():
             w = int(np.argmax(wrong))
             raise TwilightError(
-                f"the compact model of clear air is made of airs in which {what} is {max(low, 0.0):.3g} to {high:.3g}, and here it "
-                f"is {values[w]:.3g} at {columns.medium.wavelength_nm[w]:g} nm; take --solver zones"
+                f"the compact model of clear air is made of airs in which {what} is {max(low, 0.0):.3g} to {high:.3g}, "
+                f"and here it is {values[w]:.3g} at {columns.medium.wavelength_nm[w]:g} nm; take --solver zones"
             )

@@ -1,8 +1,8 @@
 """The skies of one air by the model of clear air: what is computed, times what the network gives.
 
-See :mod:`twilight.solvers.compact.clear_air` for the equation.  M, Q_k and the ratios of Stokes parameters of M are smooth
-over the sky, so they are computed at nodes and interpolated by cubic splines; phase functions are not, and are evaluated
-in every direction.  They are taken at the angle from the apparent sun: a ray towards it is bent as its light is.
+See :mod:`twilight.solvers.compact.clear_air` for the equation.  M, Q_k and the ratios of Stokes parameters of M are
+smooth over the sky, so they are computed at nodes and interpolated by cubic splines; phase functions are not, and are
+evaluated in every direction, at the angle from the apparent sun: a ray towards the sun is bent as its light is.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BASE_AZIMUTHS = (0, 6, 12)
 """Indices of the azimuths at which it is."""
 
 MIRRORED = 3
-"""Nodes beyond the sun's vertical on either side through which splines in azimuth go: the sky is its own mirror image."""
+"""Nodes beyond the sun's vertical on either side through which splines in azimuth go: the sky mirrors itself there."""
 
 ELEVATION_OFFSET_DEG = 1.5
 """Splines in elevation run over the logarithm of elevation and this."""
@@ -103,7 +103,9 @@ class ClearAirSky:
     polarised: np.ndarray
     relative_error: float = 0.0
 
-    def light(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, on_grid: bool, n_stokes: int = 1) -> np.ndarray:
+    def light(
+        self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, *, on_grid: bool, n_stokes: int = 1
+    ) -> np.ndarray:
         """The first n_stokes, 1 or 3, of I, Q and U over F0 [sr^-1].
 
         on_grid: in rows (E,) times columns (A,), (E, A, n_stokes, W); otherwise in directions (D,), (D, n_stokes, W)
@@ -169,6 +171,6 @@ def azimuth_splines(azimuth_deg: np.ndarray, odd: bool = False) -> np.ndarray:
     through = spline_matrix(nodes, np.abs(turned))
     out = through[:, MIRRORED : MIRRORED + count].copy()
     sign = -1.0 if odd else 1.0
-    np.add.at(out, (slice(None), beside), sign * through[:, :MIRRORED])
-    np.add.at(out, (slice(None), count - 1 - beside[::-1]), sign * through[:, MIRRORED + count :])
+    out[:, beside] += sign * through[:, :MIRRORED]
+    out[:, count - 1 - beside[::-1]] += sign * through[:, MIRRORED + count :]
     return out * np.where(turned < 0.0, sign, 1.0)[:, None]

@@ -22,16 +22,21 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
-from twilight.solvers.compact.refracted_shells import SUBLAYERS, RefractedShells, lit_fraction, local_zenith, log_mean, sublayers
+from twilight.solvers.compact.refracted_shells import (
+    SUBLAYERS,
+    RefractedShells,
+    lit_fraction,
+    local_zenith,
+    log_mean,
+    sublayers,
+)
 
 BOUNDARY_KM = np.array(
     [0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 42, 48, 54, 63, 72, 82, 100]
 )
 """Boundaries of the layers above the ground [km]; all of them are among those of the line integrals."""
 
-ZENITH_DEG = np.concatenate(
-    [[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]]
-)
+ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
 """Local solar zenith angles of the field [deg]."""
 
 ORDERS = 4
@@ -124,7 +129,7 @@ def _rays_from(layer: int | None) -> Rays:
 
 
 def _segments(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
-    """(layer, length [km], angle at the Earth's centre in its middle [rad]) along a ray that air of `REFRACTIVITY` bends;
+    """(layer, length [km], angle at the Earth's centre in its middle [rad]) along a ray bent by air of `REFRACTIVITY`;
     the ground counts as the layer above the uppermost.
 
     layer: from its middle; None: from the ground
@@ -168,9 +173,7 @@ def _pieces(parts):
         yield (part[0], number), part
 
 
-def _operators(
-    cosine: np.ndarray, angle: np.ndarray, there: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _operators(cosine: np.ndarray, angle: np.ndarray, there: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """G for each Legendre order, (C, N C): linear interpolation in chi at each segment, averaged over azimuths; and the
     same times the cosine of azimuth."""
     count = ZENITH_DEG.size

@@ -1,4 +1,4 @@
-"""The solver compact: `prepare`, the interface of all solvers, and the field of a file that was fitted to one climate."""
+"""The solver compact: `prepare`, the interface of all solvers, and the field of a file fitted to one climate."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ def prepare(
 ) -> Field | ClearAirField:
     """The skies of a medium whose air is that of the model.
 
-    Errors: TwilightError for a model that cannot be read, an observer higher than it knows, and a medium of other air or
-    beyond the loads, ozone columns and wavelengths of the model.
+    Errors: TwilightError for a model that cannot be read, an observer higher than it knows, and a medium of other air
+    or beyond the loads, ozone columns and wavelengths of the model.
     """
     settings = settings or QUALITIES["standard"]
     if settings.model == CLEAR_AIR:

@@ -112,8 +112,8 @@ class RefractedShells:
         return way.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
 
     def _sunbeam_at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """True solar zenith angles (R,) [rad], increasing, -ln of the sunbeam (R, W) and apparent solar zenith angles (R,)
-        [rad] at boundary k."""
+        """True solar zenith angles (R,) [rad], increasing, -ln of the sunbeam (R, W) and apparent solar zenith angles
+        (R,) [rad] at boundary k."""
         right = 0.5 * np.pi
         above = right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1])
         apparent = np.append(above, right)

@@ -35,6 +35,8 @@ from twilight.transport.sunlit_ray import Phases
 class Field(BareField):
     """The sky of one medium for any sun, observer and direction."""
 
+    convergence: Convergence | None
+
     def __init__(
         self,
         grids: FieldGrids,

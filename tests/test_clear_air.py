@@ -1,0 +1,250 @@
+"""The model of all clear air: its closed forms beside quadrature, its skies beside `zones`, what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twilight
+from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.errors import TwilightError
+from twilight.config import load
+from twilight.engine import solve
+from twilight.scene import resolve
+from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, ClearAirModel
+from twilight.solvers.compact.clear_air_sky import azimuth_splines, elevation_splines
+from twilight.solvers.compact.diffuse_light import POLAR, rays_of_all_layers
+from twilight.solvers.compact.field import SHIPPED
+from twilight.solvers.compact.refracted_shells import ALTITUDE_KM, RefractedShells, sublayers
+
+WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
+SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)
+DRAFT_ERROR = 0.03
+"""Of the skies of `zones` that the model is compared with."""
+E = np.array([0.5, 10.0, 45.0, 89.0])
+A = np.array([0.0, 35.0, 120.0, 180.0])
+
+
+def scene(solver="compact", climate="urban", **settings):
+    document = {"version": 1, "climate": climate, "wavelengths": {"list_nm": WAVELENGTH_NM}, "solver": {"name": solver}}
+    return load(document, {key.replace("__", "."): value for key, value in settings.items()})
+
+
+@pytest.fixture(scope="module")
+def urban():
+    return solve(resolve(scene()))
+
+
+def exponential_shells(scale_km=8.0, depth=1e-6, refractivity=0.0, observer_km=0.0):
+    """Shells of air that thins out exponentially, of a vertical optical depth of scattering alone."""
+    layers = -np.diff(np.exp(-ALTITUDE_KM / scale_km)) * depth / np.diff(ALTITUDE_KM)
+    n = refractivity * np.exp(-sublayers(ALTITUDE_KM) / scale_km)
+    return RefractedShells(ALTITUDE_KM, layers[:, None], layers[None, :, None], n, observer_km)
+
+
+@pytest.mark.parametrize("elevation", [90.0, 30.0, 5.0, 0.0])
+def test_a_line_of_sight_through_thin_air_has_its_column(elevation):
+    """Ways through layers would not add up to the column of exponential air along a straight line."""
+    shells = exponential_shells()
+    (found,) = shells.scattered_once(90.0, np.array([elevation]), np.array([0.0])).ravel()
+    way = np.linspace(0.0, 2500.0, 200001)
+    height = np.sqrt(EARTH_RADIUS_KM**2 + way**2 + 2 * EARTH_RADIUS_KM * way * np.sin(np.radians(elevation)))
+    density = np.exp(-(height - EARTH_RADIUS_KM) / 8.0) / 8.0 * 1e-6
+    within = height - EARTH_RADIUS_KM < ALTITUDE_KM[-1]
+    assert found == pytest.approx(np.trapezoid(density * within, way), rel=0.004)
+
+
+def test_light_scattered_once_in_absorbing_air_beside_quadrature():
+    """Transmittance of the beam or of the line of sight would be wrong: the sun 20 deg up, no refraction."""
+    depth = 0.5
+    shells = exponential_shells(depth=depth)
+    elevation = 40.0
+    (found,) = shells.scattered_once(20.0, np.array([elevation]), np.array([60.0])).ravel()
+
+    def column(radius, cosine):
+        way = np.linspace(0.0, 900.0, 9001)
+        height = np.sqrt(radius**2 + way**2 + 2 * radius * way * cosine) - EARTH_RADIUS_KM
+        return np.trapezoid(np.exp(-height / 8.0) / 8.0 * depth, way)
+
+    sun = np.array([np.cos(np.radians(20.0)), 0.0, np.sin(np.radians(20.0))])
+    e, a = np.radians(elevation), np.radians(60.0)
+    line = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    way = np.linspace(0.0, 140.0, 701)
+    point = np.array([0.0, 0.0, EARTH_RADIUS_KM]) + way[:, None] * line
+    radius = np.linalg.norm(point, axis=1)
+    scattering = np.exp(-(radius - EARTH_RADIUS_KM) / 8.0) / 8.0 * depth
+    beam = np.array([column(r, p @ sun / r) for r, p in zip(radius, point, strict=True)])
+    passed = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(way) * (scattering[1:] + scattering[:-1]))])
+    exact = np.trapezoid(scattering * np.exp(-beam - passed), way)
+    assert found == pytest.approx(exact, rel=0.003)
+
+
+@pytest.mark.parametrize("k", [0, 10, 25, 40])
+def test_the_refracted_beam_carries_the_flux_of_its_sphere(k):
+    """Spreading of the beam would lose or make light: through a sphere of radius r it carries F0 pi (n r)^2."""
+    shells = exponential_shells(depth=0.0, refractivity=2.8e-4)
+    zenith = np.linspace(0.0, np.radians(95.0), 20001)
+    beam = np.exp(shells.log_sunbeam(k, zenith)[0][:, 0])
+    true, _, apparent = shells._sunbeam[k]
+    down = np.maximum(np.cos(np.interp(zenith, true, apparent)), 0.0)
+    n = 1.0 + 2.8e-4 * np.exp(-ALTITUDE_KM[k] / 8.0)
+    assert 2.0 * np.trapezoid(beam * down * np.sin(zenith), zenith) == pytest.approx(n**2, rel=1e-3)
+
+
+def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
+    """The aureole would stand beside the sun."""
+    skies = urban.blocks[0].field._seen_from(0.0)
+    for sun in (0.0, 2.0, 20.0):
+        assert skies.shells.apparent_elevation_deg(sun) - sun == pytest.approx(urban.direct(sun).bending_deg, abs=0.02)
+
+
+def test_rays_between_scatterings_see_all_directions_and_stay_in_the_air():
+    """Weights of rays would not be a mean over the sphere, or a way be negative."""
+    for rays in rays_of_all_layers():
+        assert rays.weight.sum() == pytest.approx(1.0, abs=1e-6) and rays.way_km.min() >= 0.0
+    assert rays_of_all_layers()[0].weight.size == 2 * POLAR
+
+
+@pytest.mark.parametrize(
+    ("climate", "settings"),
+    [
+        ("urban", {}),
+        pytest.param("desert", {"climate__ground__albedo": 0.4}, marks=pytest.mark.slow),
+        pytest.param("pure-air", {"climate__gases__ozone__column_du": 250.0}, marks=pytest.mark.slow),
+        pytest.param("maritime-clean", {"observer__altitude_km": 9.0}, marks=pytest.mark.slow),
+        pytest.param("volcanic-stratosphere", {}, marks=pytest.mark.slow),
+    ],
+)
+def test_its_skies_are_as_near_to_zones_as_it_says(climate, settings):
+    """The model would be worse than it says, in radiance or polarisation, in air that the fit has not seen as such."""
+    model, exact = (
+        solve(resolve(scene(solver, climate, **settings, **more)))
+        for solver, more in (("compact", {}), ("zones", {"solver__quality": "draft"}))
+    )
+    e, a = np.meshgrid(np.linspace(1.0, 89.0, 9), np.linspace(0.0, 180.0, 9), indexing="ij")
+    for sun in SUNS_DEG:
+        mine, theirs = model.stokes(sun, e, a), exact.stokes(sun, e, a)
+        told = model.blocks[0].field.convergence.error
+        assert np.percentile(np.abs(mine[..., 0, :] / theirs[..., 0, :] - 1.0), 95) < 1.5 * told + DRAFT_ERROR, sun
+        degree = [np.hypot(one[..., 1, :], one[..., 2, :]) / one[..., 0, :] for one in (mine, theirs)]
+        assert np.percentile(np.abs(degree[0] - degree[1]), 95) < 0.03, sun
+
+
+def test_a_grid_gives_what_its_directions_give_and_the_sky_is_its_own_mirror_image(urban):
+    """The fast path for grids would give another sky, or U the same sign on both sides of the sun."""
+    field = urban.blocks[0].field
+    e, a = np.meshgrid(E, A, indexing="ij")
+    for sun in (30.0, -4.0):
+        grid = field.stokes(sun, e, a)
+        assert grid.reshape(-1, *grid.shape[2:]) == pytest.approx(field.stokes(sun, e.ravel(), a.ravel()), rel=1e-9)
+        assert field.radiance(sun, e, a) == pytest.approx(grid[..., 0, :], rel=1e-12)
+        other = field.stokes(sun, e, -a)
+        sign = np.array([1.0, 1.0, -1.0])[:, None]
+        inside = (a > 0.0) & (a < 180.0)
+        assert other[inside] == pytest.approx((grid * sign)[inside], rel=1e-9)
+        assert np.abs(grid[~inside][:, 2] / grid[~inside][:, 0]).max() < 0.01
+
+
+def test_splines_meet_their_nodes():
+    """Interpolation over the sky would not go through what was computed."""
+    assert elevation_splines(ELEVATION_DEG) == pytest.approx(np.eye(ELEVATION_DEG.size), abs=1e-9)
+    assert azimuth_splines(AZIMUTH_DEG) == pytest.approx(np.eye(AZIMUTH_DEG.size), abs=1e-9)
+
+
+def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
+    """A kink would be a jump in films or fits."""
+    field = solve(resolve(scene())).blocks[0].field
+    e, a = np.meshgrid(E, A, indexing="ij")
+    suns = np.arange(-6.0, 3.0, 0.05)
+    light = np.log([field.radiance(sun, e, a) for sun in suns])
+    assert np.abs(np.diff(light, 2, axis=0)).max() < 0.03
+    depths = np.linspace(0.4, 0.42, 9)
+    by_air = [solve(resolve(scene(climate__aerosol__optical_depth_550nm=d))).radiance(-4.0, e, a) for d in depths]
+    assert np.abs(np.diff(np.log(by_air), 2, axis=0)).max() < 3e-3
+    by_height = [field.radiance(-4.0, e, a, observer_altitude_km=z) for z in np.linspace(1.9, 2.1, 9)]
+    assert np.abs(np.diff(np.log(by_height), 2, axis=0)).max() < 0.02
+
+
+REFUSED = [
+    ({"climate": "overcast-stratus"}, "the optical depth of aerosol is 0 to"),
+    ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "the refractivity of air at the ground"),
+    ({"climate": "haber2005"}, "the part of scattering by air above 39 km"),
+    ({"climate": "noctilucent"}, "the optical depth of aerosol above 60 km"),
+    ({"climate__aerosol__optical_depth_550nm": 4.0}, "the optical depth of aerosol is 0 to"),
+    ({"climate__ground__kind": "water"}, "water"),
+    ({"climate__ground__altitude_km": 4.5, "observer__altitude_km": 4.5}, "the compact model of clear air"),
+    ({"observer__altitude_km": 20.0}, r"observer\.altitude_km is 20, allowed is 0 to 15"),
+    ({"wavelengths__list_nm": [300.0, 550.0]}, "wavelengths from 320 to 1000 nm, and 300 nm is asked for"),
+    ({"solver__model_sha256": "0"}, "is not the file that solver.model_sha256 names"),
+]
+
+
+@pytest.mark.parametrize(("keys", "words"), REFUSED, ids=[" ".join(map(str, keys.items())) for keys, _ in REFUSED])
+def test_what_it_was_not_fitted_for_is_one_sentence(keys, words):
+    """The model would answer for air that it was not fitted to."""
+    with pytest.raises(TwilightError, match=words) as caught:
+        solve(resolve(scene(**{"climate": "urban", **keys})))
+    assert "\n" not in str(caught.value)
+
+
+def test_suns_and_directions_that_it_has_not(urban):
+    """It would extrapolate below its suns or below the horizon."""
+    with pytest.raises(TwilightError, match=r"sun\.elevation_deg is -19; the compact solver allows -18 to 90"):
+        urban.radiance(-19.0, [10.0], [0.0])
+    with pytest.raises(TwilightError, match="above the horizon only"):
+        urban.radiance(5.0, [-1.0], [0.0])
+    unpolarised = solve(resolve(scene(solver__polarisation=False))).blocks[0].field
+    assert not unpolarised.polarised
+    with pytest.raises(TwilightError, match="this field has no Stokes parameters"):
+        unpolarised.stokes(5.0, 10.0, 0.0)
+
+
+def test_its_file_comes_back_and_is_small_and_a_damaged_one_is_one_sentence(tmp_path):
+    """Weights would change on disk, or the wheel grow."""
+    shipped = SHIPPED / "clear-air.npz"
+    assert shipped.stat().st_size < 12e6
+    model = ClearAirModel.load(shipped)
+    model.save(tmp_path / "again.npz")
+    again = ClearAirModel.load(tmp_path / "again.npz")
+    assert again.provenance == model.provenance
+    air, base = (np.zeros((2, n)) + shift for n, shift in ((model.input_mean.size - model.base_vectors.shape[0], 0.1),
+                                                           (model.base_mean.size, -9.0)))  # fmt: skip
+    assert again.at_nodes(air, base) == pytest.approx(model.at_nodes(air, base), abs=0.02)
+    (tmp_path / "half.npz").write_bytes(shipped.read_bytes()[:100000])
+    with pytest.raises(TwilightError, match=r"half\.npz: is no model of clear air"):
+        ClearAirModel.load(tmp_path / "half.npz")
+    with pytest.raises(TwilightError, match="of this version"):
+        ClearAirModel.load(SHIPPED / "continental-average.npz")
+    assert replace(model, members=model.members[:1]).at_nodes(air, base)[3].max() == 0.0
+
+
+def test_a_sky_says_how_wrong_it_is_and_bands_of_gases_have_a_sky():
+    """The error would not reach the record, or the model stop at 720 nm where water vapour absorbs."""
+    sky = twilight.render("desert", sun_elevation_deg=-6, solver="compact", wavelength_nm=[550.0, 720.0, 760.0])
+    assert 0.002 < sky.provenance["convergence"]["error"] < 0.3
+    assert sky.normalised_radiance.min() > 0.0
+    exact = twilight.render("desert", sun_elevation_deg=-6, quality="draft", wavelength_nm=[550.0, 720.0, 760.0])
+    off = np.abs(sky.normalised_radiance / exact.normalised_radiance - 1.0)
+    assert np.median(off, axis=(0, 1)).max() < 0.08
+
+
+def test_derivatives_follow_the_model_and_zones():
+    """`field.jacobian` would be of another sky."""
+    keys = {"wavelength_nm": [450.0, 600.0], "sun_elevation_deg": [10.0, -4.0]}
+    model = twilight.solve("continental-average", solver="compact", **keys)
+    exact = twilight.solve("continental-average", quality="draft", **keys)
+    by = ["absorption", "aerosol_extinction", "ground_albedo", "ozone_column"]
+    where = ([10.0, -4.0], 45.0, 60.0)
+    mine, theirs = (field.jacobian(*where, by=by, edges_km=[0, 2, 12, 30]) for field in (model, exact))
+    for name in by:
+        scale = np.abs(theirs[name].to_numpy()).max()
+        assert mine[name].to_numpy() == pytest.approx(theirs[name].to_numpy(), abs=0.15 * scale), name
+    ground = [
+        twilight.solve("continental-average", solver="compact", settings={"ground.albedo": albedo}, **keys)
+        for albedo in (0.14, 0.16)
+    ]
+    light = [np.log(field.radiance(-4.0, 45.0, 60.0)) for field in ground]
+    found = mine.ground_albedo.sel(sun_elevation=-4.0).to_numpy().ravel()
+    assert found == pytest.approx((light[1] - light[0]).ravel() / 0.02, rel=0.05)
