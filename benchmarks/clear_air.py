@@ -1,13 +1,12 @@
 """Fit the model of all clear air, and measure its errors.
 
     python benchmarks/clear_air.py fit AIRS ROUGH [--output FILE.npz]    with the folders of clear_air_airs.py
-    python benchmarks/clear_air.py errors [--airs 24]                    writes clear_air.csv
+    python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
-`fit` needs PyTorch, takes 20 minutes and holds one air in ten out; the error that the model tells is calibrated on
-these.  `errors` draws airs of other numbers, as climates have them, solves those that `--folder` does not have yet by
-`zones` at its usual quality, half a minute each, and compares the model with them: radiance and polarisation over the
-whole sky.
+`fit` needs PyTorch, takes half an hour and holds one air in ten out: it prints the errors in these, and the error that
+the model tells is calibrated on them.  `--start FILE.npz` fits the networks of a model further, to more airs.
+`climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`).
 """
 
 from __future__ import annotations
@@ -20,16 +19,18 @@ from typing import Any
 
 import numpy as np
 import results
-from clear_air_airs import HIGHEST_KM, SETTINGS, drawn, drawn_medium, write
+from clear_air_airs import MERGED, SETTINGS, drawn
+from zones_error import CLIMATES
+from zones_error import errors as zones_errors
 
 import twilight
 from twilight import __version__
-from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
+from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
 from twilight.sky import colour
-from twilight.solvers import zones
-from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import NODES, SUN_DEG, ClearAirModel
-from twilight.solvers.compact.clear_air_sky import ClearAirSkies
+from twilight.solvers.compact.clear_air_field import ClearAirField
 
 HERE = Path(__file__).parent
 SHIPPED = HERE.parent / "twilight" / "data" / "compact" / "clear-air.npz"
@@ -39,12 +40,14 @@ SEVERAL = {"intensity": 128, "polarisation": 64, "base": 48}
 """Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
 MEMBERS, WIDTH, DEPTH = 3, 256, 3
 """Networks whose mean counts, and the width and number of their hidden layers."""
-EPOCHS, FINE_EPOCHS, BATCH = 400, 60, 128
+EPOCHS, FINE_EPOCHS, BATCH = 400, 100, 128
 RATE, FINE_RATE, DECAY = 2e-3, 3e-4, 0.1
 """Largest steps of AdamW in the fit of coefficients and of light, and its weight decay."""
 TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
 """Errors of radiance that weigh the same under each sun."""
 TOLERATED_POLARISATION = 0.01
+AS_CLIMATES_COUNT = 1.5
+"""By how much more errors count in airs with all their phase functions than in those with two (`MERGED`)."""
 LEAST_PART = 0.1
 """Part of all light that light scattered more than once counts as at least."""
 TOLD = 0.8
@@ -53,20 +56,13 @@ SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
 DARKEST = 1e-32
 """Least M over F0 that is fitted [sr^-1]."""
-ERRORS_FROM = 100000
-"""Number of the first air of `errors`."""
-CLASSES_DEG = ((20.0, 90.0), (5.0, 20.0), (0.0, 5.0), (-6.0, 0.0), (-12.0, -6.0), (-18.0, -12.0))
-"""Suns of the rows of the table [deg]."""
 COLUMNS = (
-    *("sun_from_deg", "sun_to_deg", "median_percent", "p95_percent", "p95_two_shortest_percent"),
-    *("p95_two_longest_percent", "p95_worst_air_percent", "p95_degree_of_polarisation"),
+    *("climate", "sun_elevation_deg", "median_percent", "p95_percent", "max_percent", "reference_percent"),
+    *("excess_percent", "told_percent", "p95_degree_of_polarisation"),
 )
-"""Of the table; "two": wavelengths of each air."""
 PICTURED = (("urban", 10.0), ("desert", 1.0), ("continental-average", -4.0), ("maritime-tropical", -9.0))
 """Climates and suns of the picture."""
 PICTURED_NM = np.linspace(385.0, 735.0, 8)
-SUNS_OF_CLASS, DIRECTIONS = 4, 60
-"""Suns of each row for an air, and directions of each sky."""
 
 
 @dataclass
@@ -103,7 +99,7 @@ def read(airs: Path, rough: Path) -> Data:
             rows["inputs"].append(computed["inputs"].reshape(count, -1))
             rows["log_base"].append(computed["log_base"].reshape(count, -1))
             rows["number"].append(np.full(count, int(Path(name).stem)))
-            limited.append(drawn(int(Path(name).stem))[0].limited())
+            limited.append(drawn(int(Path(name).stem))[1].limited())
     every = np.concatenate(limited, axis=1)
     limits = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
     return Data(**{key: np.concatenate(value) for key, value in rows.items()}, limits=limits)
@@ -121,12 +117,47 @@ def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return mean, (turned[:count] @ start.T).astype(np.float32)
 
 
-def fit(data: Data) -> ClearAirModel:
-    """The model of samples."""
+def fit(data: Data, start: ClearAirModel | None = None) -> ClearAirModel:
+    """The model of samples; start: a model whose patterns stay, and whose networks are fitted further."""
     import torch
 
     torch.set_num_threads(2)
     train = data.number % HELD_OUT != 0
+    if start is None:
+        model, coefficients = _patterns(data, train)
+        parts = np.split(coefficients[train], [SEVERAL["intensity"]], axis=1)
+        scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
+        target = (coefficients / scale).astype(np.float32)
+    else:
+        model, target = replace(start, limits=data.limits), None
+        scale = np.ones(start.members[0][-1][1].size, np.float32)
+    standard = model.standardised(data.inputs, data.log_base)
+    members = [
+        _member(
+            torch, seed, data, train, standard, target, scale, model, None if start is None else start.members[seed]
+        )
+        for seed in range(MEMBERS)
+    ]
+    model = replace(model, members=tuple(members))
+    for name, some in (("", ~train), (" of airs as climates have them", ~train & (data.number >= MERGED))):
+        if some.any():
+            print(f"held out{name}:\n{_errors(model, data, some)}")
+    return replace(
+        model,
+        error=_calibrated(model, data, ~train),
+        provenance={
+            "version": __version__,
+            "airs": int(np.unique(data.number).size),
+            "solver": "zones",
+            "settings": {
+                key: getattr(SETTINGS, key) for key in ("degree", "max_degree", "altitude_density", "zenith_density")
+            },
+        },
+    )
+
+
+def _patterns(data: Data, train: np.ndarray) -> tuple[ClearAirModel, np.ndarray]:
+    """A model without networks, and the coefficients of its patterns that make the samples, (N, K)."""
     by_sun = np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
     mean, vectors = components(data.ratio[train] * by_sun, SEVERAL["intensity"])
     coefficients = (data.ratio * by_sun - mean) @ vectors.T
@@ -149,39 +180,21 @@ def fit(data: Data) -> ClearAirModel:
         np.zeros((2, SUN_DEG.size)),
         {},
     )
-    standard = model.standardised(data.inputs, data.log_base)
-    scale = np.array(
-        [coefficients[train].std()] * vectors.shape[0] + [of_polarisation[train].std()] * polarisation.shape[0]
-    )
-    target = np.concatenate([coefficients, of_polarisation], axis=1) / scale
-    members = [
-        _member(torch, seed, data, train, standard, target.astype(np.float32), scale.astype(np.float32), model)
-        for seed in range(MEMBERS)
-    ]
-    model = replace(model, members=tuple(members))
-    held = ~train
-    print("held out:", _errors(model, data, held))
-    return replace(
-        model,
-        error=_calibrated(model, data, held),
-        provenance={
-            "version": __version__,
-            "airs": int(np.unique(data.number).size),
-            "solver": "zones",
-            "settings": {
-                key: getattr(SETTINGS, key) for key in ("degree", "max_degree", "altitude_density", "zenith_density")
-            },
-        },
-    )
+    return model, np.concatenate([coefficients, of_polarisation], axis=1)
 
 
-def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, model: ClearAirModel):
-    """One network: coefficients first, then light."""
+def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, model: ClearAirModel, start: Any):
+    """One network: coefficients first, unless it starts from another, then light."""
     torch.manual_seed(seed)
     sizes = [standard.shape[1], *[WIDTH] * DEPTH]
     hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in pairwise(sizes))
-    last = torch.nn.Linear(WIDTH, target.shape[1])
-    torch.nn.init.zeros_(last.weight), torch.nn.init.zeros_(last.bias)
+    last = torch.nn.Linear(WIDTH, scale.size)
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.zero_()
+        for layer, (weights, offsets) in zip([*hidden, last], start or (), strict=False):
+            layer.weight.copy_(torch.tensor(weights.T))
+            layer.bias.copy_(torch.tensor(offsets))
     parameters = [*hidden.parameters(), *last.parameters()]
 
     def network(x):
@@ -190,7 +203,7 @@ def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, m
             x = active + x if n else active
         return last(x)
 
-    x, t = torch.tensor(standard[train]), torch.tensor(target[train])
+    x = torch.tensor(standard[train])
     steps = -(-len(x) // BATCH)
 
     def epochs(count: int, rate: float, loss_of) -> None:
@@ -205,19 +218,22 @@ def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, m
                 optimiser.step()
                 schedule.step()
 
-    epochs(EPOCHS, RATE, lambda some: ((network(x[some]) - t[some]) ** 2).mean())
+    if start is None:
+        t = torch.tensor(target[train])
+        epochs(EPOCHS, RATE, lambda some: ((network(x[some]) - t[some]) ** 2).mean())
     k = model.intensity.shape[0]
     intensity, polarisation = torch.tensor(model.intensity), torch.tensor(model.polarisation)
     ratio = torch.tensor(data.ratio[train] - model.intensity_mean)
     polarised = torch.tensor(data.polarised[train] - model.polarisation_mean)
     part = torch.tensor(data.part[train])
+    counts = torch.tensor(np.where(data.number[train] < MERGED, 1.0, AS_CLIMATES_COUNT).astype(np.float32))[:, None]
     tolerated = torch.tensor(np.repeat(TOLERATED.astype(np.float32), NODES[1] * NODES[2]))
     to_light = torch.tensor(scale)
 
     def of_light(some):
         nodes = torch.randperm(ratio.shape[1])[: ratio.shape[1] // 4]
         c = network(x[some]) * to_light
-        weight = torch.clamp(part[some][:, nodes].float(), min=LEAST_PART) / tolerated[nodes]
+        weight = counts[some] * torch.clamp(part[some][:, nodes].float(), min=LEAST_PART) / tolerated[nodes]
         off = (c[:, :k] @ intensity[:, nodes] - ratio[some][:, nodes]) * weight
         both = torch.cat([nodes, nodes + ratio.shape[1]])
         turned = c[:, k:] @ polarisation[:, both] - polarised[some][:, both]
@@ -242,14 +258,9 @@ def _calibrated(model: ClearAirModel, data: Data, some: np.ndarray) -> np.ndarra
     part = data.part[some].astype(np.float32).reshape(-1, *NODES)
     off = np.abs(ratio - data.ratio[some].reshape(-1, *NODES)) * part
     sky_off, sky_spread = (np.percentile(one, 95, axis=(2, 3)) for one in (off, spread * part))
-    out = np.zeros((2, SUN_DEG.size))
-    for n in range(SUN_DEG.size):
-        near = slice(max(0, n - 1), n + 2)
-        x, y = sky_spread[:, near].ravel(), sky_off[:, near].ravel()
-        times = float(x @ y / (x @ x))
-        least = SINGLE_ERROR[n]
-        out[:, n] = least, times * float(np.quantile((y - 0.0) / np.maximum(times * x, 1e-6), TOLD))
-    return out
+    times = sky_off / np.maximum(sky_spread, 1e-9)
+    near = [slice(max(0, n - 1), n + 2) for n in range(SUN_DEG.size)]
+    return np.stack([SINGLE_ERROR, [np.quantile(times[:, suns], TOLD) for suns in near]])
 
 
 def _errors(model: ClearAirModel, data: Data, some: np.ndarray) -> str:
@@ -266,64 +277,32 @@ def _errors(model: ClearAirModel, data: Data, some: np.ndarray) -> str:
     )
 
 
-def judge(folder: Path, count: int) -> None:
-    """Write the skies of some airs of numbers from ERRORS_FROM on, in directions spread over the sky."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for number in range(ERRORS_FROM, ERRORS_FROM + count):
-        path = folder / f"{number}.npz"
-        if path.exists():
-            continue
-        medium, above_km, suns, elevation, azimuth = asked(number)
-        field = zones.prepare(medium, zones.QUALITIES["standard"], observer_altitude_km=medium.bottom_km)
-        stokes = [
-            field.stokes(sun, elevation, azimuth, observer_altitude_km=medium.bottom_km + above_km) for sun in suns
-        ]
-        write(path, stokes=np.array(stokes))
-
-
-def asked(number: int) -> tuple[Medium, float, np.ndarray, np.ndarray, np.ndarray]:
-    """The medium of a number, its observer above the ground [km], suns (S,), elevations and azimuths (D,) [deg]."""
-    rng = np.random.default_rng([33, number])
-    medium = drawn_medium(rng, vary=False)
-    above_km = 0.0 if number % 4 else float(HIGHEST_KM * rng.random() ** 2)
-    suns = np.concatenate([rng.uniform(low, high, SUNS_OF_CLASS) for low, high in CLASSES_DEG])
-    elevation = np.degrees(np.arcsin(rng.uniform(0.0, 1.0, DIRECTIONS)))
-    return medium, above_km, suns, elevation, rng.uniform(0.0, 180.0, DIRECTIONS)
-
-
-def errors(folder: Path, model: ClearAirModel) -> None:
-    """Compare the model with the skies of `judge`, and write the table."""
-    off, turned, by_air = [], [], []
-    for path in sorted(folder.glob("*.npz")):
-        medium, above_km, suns, elevation, azimuth = asked(int(path.stem))
-        with np.load(path) as file:
-            right = file["stokes"]
-        columns = AirColumns.of(medium)
-        skies = ClearAirSkies(model, columns, above_km)
-        got = np.array([skies.sky(sun, True).light(elevation, azimuth, on_grid=False, n_stokes=3) for sun in suns])
-        off.append(np.abs(got[:, :, 0] / right[:, :, 0] - 1.0))
-        degree = [np.hypot(one[:, :, 1], one[:, :, 2]) / one[:, :, 0] for one in (got, right)]
-        turned.append(np.abs(degree[0] - degree[1]))
-        by_class = np.percentile(off[-1].reshape(len(CLASSES_DEG), -1), 95, axis=1)
-        by_air.append([path.stem, f"{columns.depth[2].sum(axis=0)[3]:.2f}", f"{above_km:.1f}", *by_class])
-        print(*by_air[-1][:3], *(f"{100 * p:.1f}" for p in by_class), flush=True)
-    shape = (len(off), len(CLASSES_DEG), SUNS_OF_CLASS * DIRECTIONS, -1)
-    of_light, of_degree = (np.array(one).reshape(shape) for one in (off, turned))
-    worst = np.array([row[3:] for row in by_air]).max(axis=0)
+def climates(model: ClearAirModel) -> None:
+    """Compare the model with the reference solutions of climates, and write the table."""
     rows = []
-    for k, (low, high) in enumerate(CLASSES_DEG):
-        median, most = np.percentile(of_light[:, k], [50, 95])
-        red, blue = (np.percentile(one, 95) for one in (of_light[:, k, :, -2:], of_light[:, k, :, :2]))
-        degree = np.percentile(of_degree[:, k], 95)
-        percent = [f"{100 * value:.2f}" for value in (median, most, blue, red, worst[k])]
-        rows.append([f"{low:g}", f"{high:g}", *percent, f"{degree:.4f}"])
-        print(*rows[-1])
-    results.write(
-        HERE / "clear_air.csv",
-        COLUMNS,
-        rows,
-        notes=[f"{len(off)} airs, {of_light[:, 0].size} radiances of each range of suns; zones standard"],
-    )
+    for name, table_name in CLIMATES.items():
+        table = results.read_numbers(HERE / "reference" / f"{table_name}.csv")
+        medium = climate_medium(load_climate(name), np.unique(table["wavelength_nm"]))
+        try:
+            field = ClearAirField(medium, model, medium.bottom_km, polarisation=True)
+        except TwilightError as refused:
+            print(name, refused)
+            continue
+        for sun, median, most, largest, _, own, excess in zones_errors(field, table):
+            some = table[table["sun_elevation_deg"] == sun]
+            place = np.arange(some.size), slice(None), np.searchsorted(medium.wavelength_nm, some["wavelength_nm"])
+            light = field.stokes(sun, some["elevation_deg"], some["azimuth_deg"])[place[0], :, place[2]]
+            told = 100.0 * field.convergence.error
+            degree = np.hypot(light[:, 1], light[:, 2]) / light[:, 0]
+            right = np.hypot(some["q_per_sr"], some["u_per_sr"]) / some["radiance_per_sr"]
+            off = np.percentile(np.abs(degree - right), 95)
+            percent = (f"{value:.2f}" for value in (median, most, largest, own, excess, told))
+            rows.append([name, f"{sun:g}", *percent, f"{off:.4f}"])
+            print(*rows[-1], sep="\t", flush=True)
+    results.write(HERE / "clear_air.csv", COLUMNS, rows)
+    for sun in dict.fromkeys(row[1] for row in rows):
+        excess, told = ([float(row[k]) for row in rows if row[1] == sun] for k in (6, 7))
+        print(f"sun {sun}: excess {np.median(excess):.2f} (median climate), {max(excess):.2f} (largest); told", told)
 
 
 def picture(path: Path) -> None:
@@ -364,19 +343,17 @@ def main() -> None:
     fitting = commands.add_parser("fit")
     fitting.add_argument("airs", type=Path)
     fitting.add_argument("rough", type=Path)
+    fitting.add_argument("--start", type=Path)
     fitting.add_argument("--output", type=Path, default=SHIPPED)
-    comparing = commands.add_parser("errors")
-    comparing.add_argument("--airs", type=int, default=24)
-    comparing.add_argument("--folder", type=Path, default=HERE.parent / "out" / "clear-air")
-    comparing.add_argument("--model", type=Path, default=SHIPPED)
+    commands.add_parser("climates").add_argument("--model", type=Path, default=SHIPPED)
     commands.add_parser("picture")
     options = parser.parse_args()
+    if options.command == "climates":
+        return climates(ClearAirModel.load(options.model))
     if options.command == "picture":
         return picture(HERE.parent / "docs" / "clear-air.png")
-    if options.command == "errors":
-        judge(options.folder, options.airs)
-        return errors(options.folder, ClearAirModel.load(options.model))
-    model = fit(read(options.airs, options.rough))
+    start = None if options.start is None else ClearAirModel.load(options.start)
+    model = fit(read(options.airs, options.rough), start)
     model.save(options.output)
     print(f"wrote {options.output} ({options.output.stat().st_size / 1e6:.2f} MB)")
 

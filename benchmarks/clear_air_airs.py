@@ -1,8 +1,8 @@
 """Airs for the fit of the model of clear air: drawn, and solved by `zones` for every sun and two observers.
 
-    python benchmarks/clear_air_airs.py FOLDER --first 0 --step 2     and the odd ones beside it: --first 1 --step 2
+    python benchmarks/clear_air_airs.py FOLDER --first 6000 --step 2    the odd ones beside it: --first 6001 --step 2
 
-One file for each air, FOLDER/<number>.npz, until --count is reached or it is stopped; what is there stays.  An air is
+One file for each air, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  An air is
 drawn from its number alone.  3 to 25 processor seconds an air.  `--rough FOLDER2` computes in place of it what the
 model itself computes of the airs that are there, to be done again when its code changes: a processor second an air.
 `benchmarks/clear_air.py` fits both.
@@ -23,7 +23,7 @@ from twilight.base.whole_files import whole_file
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact.air_columns import AirColumns
+from twilight.solvers.compact.air_columns import AirColumns, two_phase_functions
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
 from twilight.solvers.compact.clear_air_sky import ClearAirSky, RoughSkies, log_base
 
@@ -51,6 +51,8 @@ WAVELENGTH_NM = (320.0, 340.0, 380.0, 440.0, 500.0, 550.0, 600.0, 650.0, 720.0, 
 WAVELENGTHS = 8
 POWER_LAW = 0.2
 """Part of the airs with an aerosol by the power law of Angstrom."""
+MERGED = 6000
+"""Airs of numbers below have one phase function below 12 km and one above in place of those of their aerosols."""
 PURE = 0.06
 """Part of the airs without any particles."""
 ODD = 0.3
@@ -157,22 +159,25 @@ def several(medium: Medium, settings: zones.ZonesSettings, observers_km: tuple[f
     )
 
 
-def drawn(number: int) -> tuple[AirColumns, tuple[float, ...]]:
-    """The air of a number, and its observers' altitudes above the ground [km]."""
+def drawn(number: int) -> tuple[Medium, AirColumns, tuple[float, ...]]:
+    """The air of a number, the same in columns, and its observers' altitudes above the ground [km]."""
     rng = np.random.default_rng([32, number])
     medium = drawn_medium(rng)
-    return AirColumns.of(medium), (0.0, float(HIGHEST_KM * rng.random() ** 2))
+    observers = (0.0, float(HIGHEST_KM * rng.random() ** 2))
+    if number < MERGED:
+        medium = two_phase_functions(medium)
+    return medium, AirColumns.of(medium), observers
 
 
 def sample(path: Path, number: int) -> None:
     """Draw an air, solve it, and write its light."""
-    columns, observers = drawn(number)
-    write(path, light=several(columns.medium, SETTINGS, observers))
+    medium, _, observers = drawn(number)
+    write(path, light=several(medium, SETTINGS, observers))
 
 
 def rough(path: Path, number: int) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
-    columns, observers = drawn(number)
+    _, columns, observers = drawn(number)
     skies = [RoughSkies(columns, above) for above in observers]
     bases = [[one.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for one in skies]
     write(
@@ -189,7 +194,8 @@ def _once(skies: RoughSkies, sun_deg: float) -> np.ndarray:
     logarithms = np.log(skies.once_at_nodes(sun_deg))
     nothing = np.full((1, *logarithms.shape[1:]), -np.inf)
     apparent = skies.shells.apparent_elevation_deg(sun_deg)
-    sky = ClearAirSky(apparent, skies.columns, np.concatenate([nothing, logarithms]), nothing[:0])
+    columns, parts = skies.columns, np.concatenate([nothing, logarithms])
+    sky = ClearAirSky(apparent, columns.medium.depolarisation, columns.phase_functions, parts, nothing[:0])
     return sky.at_nodes()
 
 
@@ -202,12 +208,12 @@ def write(path: Path, **arrays: np.ndarray) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--first", type=int, default=MERGED)
     parser.add_argument("--step", type=int, default=1)
-    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--last", type=int, default=2 * MERGED)
     parser.add_argument("--rough", type=Path)
     options = parser.parse_args()
-    for number in range(options.first, options.count, options.step):
+    for number in range(options.first, options.last, options.step):
         light = options.folder / f"{number:05d}.npz"
         path = options.rough / light.name if options.rough else light
         path.parent.mkdir(parents=True, exist_ok=True)

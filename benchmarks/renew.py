@@ -118,7 +118,9 @@ BENCHMARKS = {
     "hyperspectral_times": Benchmark(
         "hyperspectral.py times", "hyperspectral_times.csv", "time of fields of 8, 81 and 701 wavelengths"
     ),
-    "clear_air": Benchmark("clear_air.py errors", "clear_air.csv", "the model of all clear air beside `zones`"),
+    "clear_air": Benchmark(
+        "clear_air.py climates", "clear_air.csv", "the model of all clear air beside the reference solution of climates"
+    ),
     "clear_air_picture": Benchmark("clear_air.py picture", "../docs/clear-air.png", "the same as pictures"),
     "compact": Benchmark("compact.py", "compact.csv", "the model of one climate beside `zones`"),
     "cold_start": Benchmark("cold_start.py", "cold_start.csv", "how long a user waits for one sky"),

@@ -41,7 +41,8 @@ def exponential_shells(scale_km=8.0, depth=1e-6, refractivity=0.0, observer_km=0
     """Shells of air that thins out exponentially, of a vertical optical depth of scattering alone."""
     layers = -np.diff(np.exp(-ALTITUDE_KM / scale_km)) * depth / np.diff(ALTITUDE_KM)
     n = refractivity * np.exp(-sublayers(ALTITUDE_KM) / scale_km)
-    return RefractedShells(ALTITUDE_KM, layers[:, None], layers[None, :, None], n, observer_km)
+    per_km = layers[:, None]
+    return RefractedShells(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n, observer_km)
 
 
 @pytest.mark.parametrize("elevation", [90.0, 30.0, 5.0, 0.0])
@@ -87,8 +88,8 @@ def test_the_refracted_beam_carries_the_flux_of_its_sphere(k):
     shells = exponential_shells(depth=0.0, refractivity=2.8e-4)
     zenith = np.linspace(0.0, np.radians(95.0), 20001)
     beam = np.exp(shells.log_sunbeam(k, zenith)[0][:, 0])
-    true, _, apparent = shells._sunbeam[k]
-    down = np.maximum(np.cos(np.interp(zenith, true, apparent)), 0.0)
+    beams = shells._sunbeam[k]
+    down = np.maximum(np.cos(np.interp(zenith, beams.zenith_rad, beams.apparent_rad)), 0.0)
     n = 1.0 + 2.8e-4 * np.exp(-ALTITUDE_KM[k] / 8.0)
     assert 2.0 * np.trapezoid(beam * down * np.sin(zenith), zenith) == pytest.approx(n**2, rel=1e-3)
 
@@ -154,7 +155,7 @@ def test_splines_meet_their_nodes():
 
 
 def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
-    """A kink would be a jump in films or fits."""
+    """A kink would be a jump in films or fits (at 2 km, where this haze ends, light along the horizon does jump)."""
     field = solve(resolve(scene())).blocks[0].field
     e, a = np.meshgrid(E, A, indexing="ij")
     suns = np.arange(-6.0, 3.0, 0.05)
@@ -163,13 +164,13 @@ def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
     depths = np.linspace(0.4, 0.42, 9)
     by_air = [solve(resolve(scene(climate__aerosol__optical_depth_550nm=d))).radiance(-4.0, e, a) for d in depths]
     assert np.abs(np.diff(np.log(by_air), 2, axis=0)).max() < 3e-3
-    by_height = [field.radiance(-4.0, e, a, observer_altitude_km=z) for z in np.linspace(1.9, 2.1, 9)]
+    by_height = [field.radiance(-4.0, e, a, observer_altitude_km=z) for z in np.linspace(4.9, 5.1, 9)]
     assert np.abs(np.diff(np.log(by_height), 2, axis=0)).max() < 0.02
 
 
 REFUSED = [
     ({"climate": "overcast-stratus"}, "the optical depth of aerosol is 0 to"),
-    ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "the refractivity of air at the ground"),
+    ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "the part of scattering by air above 39 km"),
     ({"climate": "haber2005"}, "the part of scattering by air above 39 km"),
     ({"climate": "noctilucent"}, "the optical depth of aerosol above 60 km"),
     ({"climate__aerosol__optical_depth_550nm": 4.0}, "the optical depth of aerosol is 0 to"),

@@ -110,15 +110,25 @@ class AirColumns:
 
     depth (5, L, W): vertical optical depths of the layers, rows AIR to HIGH
     forward (2, W): fraction of each phase function in its forward peak, which counts as not scattered
+    degree: up to which both phase functions are followed
     moments (2, W, N): Legendre moments of both phase functions
     refractivity: n - 1 at the boundaries of the layers' parts
     medium: with its two phase functions
+    kinds (K, L, W): scattering by each aerosol that the medium came with, which light that is scattered once needs
+    kinds_forward (K, W): fraction of their phase functions in their forward peaks
+    kinds_moments (K, W, N): Legendre moments of their phase functions
+    phase_functions: theirs
     """
 
     depth: np.ndarray
     forward: np.ndarray
+    degree: int
     moments: np.ndarray
     medium: Medium
+    kinds: np.ndarray
+    kinds_forward: np.ndarray
+    kinds_moments: np.ndarray
+    phase_functions: tuple[PhaseFunction, ...]
 
     @staticmethod
     def of(medium: Medium) -> AirColumns:
@@ -128,15 +138,25 @@ class AirColumns:
         scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
         parts = [fine.air_scattering_per_km, fine.absorption_per_km, fine.aerosol_extinction_per_km]
         parts += [scattering * fraction for fraction in fine.aerosol_phase_fraction]
-        step = np.diff(height)[:, None]
-        depth = []
-        for part in parts:
-            below = np.concatenate(
-                [np.zeros((1, part.shape[1])), np.cumsum(0.5 * step * (part[1:] + part[:-1]), axis=0)]
-            )
-            depth.append(np.diff([[np.interp(z, height, column) for column in below.T] for z in ALTITUDE_KM], axis=0))
+        depth = [_in_layers(height, part) for part in parts]
         moments = np.array([phase.legendre_moments(MOST_DEGREE + 1) for phase in merged.phase_functions])
-        return AirColumns(np.array(depth), _forward(merged, np.array(depth), moments), moments, merged)
+        degree = _degree(np.array(depth), moments)
+        exact = medium.refined()
+        scattering = exact.aerosol_extinction_per_km * exact.aerosol_single_scattering_albedo
+        kinds = [_in_layers(height, scattering * fraction) for fraction in exact.aerosol_phase_fraction]
+        of_kinds = [phase.legendre_moments(MOST_DEGREE + 1) for phase in medium.phase_functions]
+        shape = (len(medium.phase_functions), *np.shape(depth)[1:])
+        return AirColumns(
+            np.array(depth),
+            _beyond(moments, degree),
+            int(np.ceil(degree)),
+            moments,
+            merged,
+            np.reshape(kinds, shape),
+            _beyond(np.reshape(of_kinds, (shape[0], shape[2], MOST_DEGREE + 2)), degree),
+            np.reshape(of_kinds, (shape[0], shape[2], MOST_DEGREE + 2)),
+            medium.phase_functions,
+        )
 
     @property
     def extinction_depth(self) -> np.ndarray:
@@ -153,9 +173,10 @@ class AirColumns:
     def _of_particles(self) -> np.ndarray:
         return (1.0 - self.forward[0]) * self.depth[LOW] + (1.0 - self.forward[1]) * self.depth[HIGH]
 
-    def shells(self, observer_km: float) -> tuple[RefractedShells, tuple[np.ndarray, np.ndarray]]:
-        """The shells around an observer above the ground, and in their layers the coefficient of scattering without
-        peaks, and that times three times its asymmetry [km^-1]."""
+    def _shells(
+        self, observer_km: float, extinction: np.ndarray, scattering: np.ndarray, peak: np.ndarray
+    ) -> tuple[RefractedShells, np.ndarray]:
+        """Shells around an observer from optical depths of the layers (..., L, W), and the layer of each of them."""
         boundary = ALTITUDE_KM
         if np.abs(boundary - observer_km).min() > 1e-4:
             boundary = np.sort(np.append(boundary, observer_km))
@@ -163,19 +184,16 @@ class AirColumns:
         per_km = 1.0 / np.diff(ALTITUDE_KM)[:, None]
         medium = self.medium
         middle = medium.n_wavelengths // 2
-        refractivity = medium.at(sublayers(boundary) + medium.bottom_km).refractivity[:, middle]
         shells = RefractedShells(
             boundary,
-            (self.extinction_depth * per_km)[of],
-            (self.depth[[AIR, LOW, HIGH]] * per_km)[:, of],
-            refractivity,
+            (extinction * per_km)[of],
+            (scattering * per_km)[:, of],
+            (peak * per_km)[of],
+            medium.at(sublayers(boundary) + medium.bottom_km).refractivity[:, middle],
             observer_km,
             medium.earth_radius_km + medium.bottom_km,
         )
-        forward = 3.0 * sum(
-            (self.moments[k, :, 1] - self.forward[k]) * self.depth[row] for k, row in ((0, LOW), (1, HIGH))
-        )
-        return shells, ((self.scattering_depth * per_km)[of], (forward * per_km)[of])
+        return shells, of
 
     def limited(self) -> np.ndarray:
         """What `LIMITED` names, (L, W); nan where there are no particles to have it."""
@@ -203,22 +221,41 @@ class AirColumns:
             ]
         )
 
+    def shells(self, observer_km: float) -> tuple[RefractedShells, tuple[np.ndarray, np.ndarray]]:
+        """The shells around an observer above the ground, and in their layers the coefficient of scattering without
+        peaks, and that times three times its asymmetry [km^-1]."""
+        d = self.depth
+        peak = np.einsum("kw,klw->lw", self.kinds_forward, self.kinds)
+        forward = 3.0 * np.einsum("kw,klw->lw", self.kinds_moments[:, :, 1] - self.kinds_forward, self.kinds)
+        shells, of = self._shells(
+            observer_km,
+            d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak,
+            np.concatenate([d[AIR][None], self.kinds]),
+            peak,
+        )
+        per_km = 1.0 / np.diff(ALTITUDE_KM)[:, None]
+        scattering = d[AIR] + self.kinds.sum(axis=0) - peak
+        return shells, ((scattering * per_km)[of], (forward * per_km)[of])
+
     def diffuse_coefficients(self) -> DiffuseCoefficients:
         """For `diffuse_light`: later orders by the similarity rule, the first with its phase functions."""
         place = np.searchsorted(ALTITUDE_KM, BOUNDARY_KM - 1e-9)
-        summed = np.concatenate([np.zeros((5, 1, self.depth.shape[2])), np.cumsum(self.depth, axis=1)], axis=1)
+        every = np.concatenate([self.depth, self.kinds])
+        summed = np.concatenate([np.zeros((every.shape[0], 1, every.shape[2])), np.cumsum(every, axis=1)], axis=1)
         d = np.diff(summed[:, place], axis=1)
+        of_kinds = d[self.depth.shape[0] :]
         per_km = 1.0 / np.diff(BOUNDARY_KM)[:, None]
-        asymmetry = self.moments[:, :, 1]
-        scattering = d[AIR] + (1.0 - asymmetry[0]) * d[LOW] + (1.0 - asymmetry[1]) * d[HIGH]
-        extinction = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - asymmetry[0] * d[LOW] - asymmetry[1] * d[HIGH]
+        chi = self.kinds_moments
+        ahead = np.einsum("kw,klw->lw", chi[:, :, 1], of_kinds)
+        scattering = d[AIR] + of_kinds.sum(axis=0) - ahead
+        extinction = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - ahead
         rho = self.medium.depolarisation
         of_air = [np.ones_like(rho), np.zeros_like(rho), (1.0 - rho) / (5.0 * (2.0 + rho)), np.zeros_like(rho)]
         first = []
         for order in range(ORDERS):
             # of what is scattered without the peak: (1 - f) x (chi - f)/(1 - f)
-            low, high = self.moments[:, :, order] - self.forward
-            first.append((2 * order + 1) * (of_air[order] * d[AIR] + low * d[LOW] + high * d[HIGH]) / scattering)
+            of_aerosol = np.einsum("kw,klw->lw", chi[:, :, order] - self.kinds_forward, of_kinds)
+            first.append((2 * order + 1) * (of_air[order] * d[AIR] + of_aerosol) / scattering)
         return DiffuseCoefficients(extinction * per_km, scattering * per_km, np.array(first))
 
     def inputs(self, observer_km: float) -> np.ndarray:
@@ -265,6 +302,13 @@ class AirColumns:
         return np.concatenate(rows).T
 
 
+def _in_layers(height_km: np.ndarray, per_km: np.ndarray) -> np.ndarray:
+    """Optical depths of the layers (L, W) of a coefficient (Z, W) at heights above the ground."""
+    step = np.diff(height_km)[:, None]
+    below = _summed(0.5 * step * (per_km[1:] + per_km[:-1]))
+    return np.diff([[np.interp(z, height_km, column) for column in below.T] for z in ALTITUDE_KM], axis=0)
+
+
 def _summed(depth: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((1, depth.shape[1])), np.cumsum(depth, axis=0)])
 
@@ -280,8 +324,9 @@ def _below(depth: np.ndarray, altitude_km: float) -> np.ndarray:
     return np.array([[np.interp(altitude_km, ALTITUDE_KM, column) for column in _summed(depth).T]])
 
 
-def _forward(medium: Medium, depth: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Fraction of each phase function in its forward peak, (2, W): its moment after the last that is followed."""
+def _degree(depth: np.ndarray, moments: np.ndarray) -> float:
+    """The degree to which phase functions are followed, from depths (5, L, W) and moments (2, W, N); a fraction stands
+    between two."""
     scattered = depth[LOW] + depth[HIGH]
     everything = depth[AIR] + scattered
     per_km = everything / np.diff(ALTITUDE_KM)[:, None]
@@ -303,6 +348,11 @@ def _forward(medium: Medium, depth: np.ndarray, moments: np.ndarray) -> np.ndarr
     aloft = ALTITUDE_KM[:-1] >= 10.0
     if scattered[aloft].sum(axis=0).max() > LAYER_DEPTH:
         degree = float(MOST_DEGREE)
+    return degree
+
+
+def _beyond(moments: np.ndarray, degree: float) -> np.ndarray:
+    """Fraction of each phase function in its forward peak, (K, W): its moment after the last that is followed."""
     whole = int(degree)
     share = degree - whole
     after = moments[:, :, min(whole + 2, MOST_DEGREE + 1)]

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twilight.numerics.phase import rayleigh_matrix, rayleigh_phase
+from twilight.numerics.phase import PhaseFunction, rayleigh_matrix, rayleigh_phase
 from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, ClearAirModel
 from twilight.solvers.compact.compact_sky import spline_matrix
 from twilight.solvers.compact.diffuse_light import diffuse_light, seen
+from twilight.solvers.compact.forward_peak import WidenedPeaks, forward_peaks, place_of_angle, widened
 
 BASE_ELEVATIONS = (0, 3, 6, 10, 14)
 """Indices of the elevations at which ln M_0 is an input of the network."""
@@ -29,6 +30,12 @@ MIRRORED = 3
 
 ELEVATION_OFFSET_DEG = 1.5
 """Splines in elevation run over the logarithm of elevation and this."""
+
+NEGLIGIBLE = 1e-3
+"""Part of M that is added to every Q_k before its logarithm is interpolated; times a phase function it is 1e-4 of M."""
+
+LOWEST_AUREOLE_DEG = -9.0
+"""Elevation of the sun below which light scattered once is less than 1 % of the sky, and no glow is left of the sun."""
 
 DARK = 1e-35
 """Least radiance over F0 whose logarithm is taken [sr^-1]."""
@@ -52,7 +59,7 @@ class RoughSkies:
         return np.maximum(seen(self.shells, self._light, self._scattering, *where), DARK)
 
     def once_at_nodes(self, sun_elevation_deg: float) -> np.ndarray:
-        """Q_k at the nodes of the sky, (3, E, A, W)."""
+        """Q_k at the nodes of the sky, (1 + K, E, A, W)."""
         return np.maximum(self.shells.scattered_once(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG), DARK)
 
 
@@ -69,6 +76,7 @@ class ClearAirSkies(RoughSkies):
     def __init__(self, model: ClearAirModel, columns: AirColumns, observer_km: float = 0.0):
         super().__init__(columns, observer_km)
         self._model = model
+        self._peaks = forward_peaks(columns.phase_functions, columns.kinds_forward, columns.degree)
         *fitted, self._spread = model.at_nodes(self.inputs, log_base(self.base_at))
         self._fitted = np.array(fitted)
 
@@ -78,9 +86,17 @@ class ClearAirSkies(RoughSkies):
         parts = self._fitted if with_polarisation else self._fitted[:1]
         log_ratio, *polarised = np.einsum("s,pwsea->peaw", weight, parts)
         several = np.log(self.base_at(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG)) + log_ratio
-        once = np.log(self.once_at_nodes(sun_elevation_deg))
-        apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
-        sky = ClearAirSky(apparent, self.columns, np.concatenate([several[None], once]), np.array(polarised))
+        # in the shadow ln(Q) falls without end, and splines would swing beside it
+        shells, forward = self.shells, self.columns.kinds_forward
+        once = self.once_at_nodes(sun_elevation_deg) + NEGLIGIBLE * np.exp(several)
+        apparent = shells.apparent_elevation_deg(sun_elevation_deg)
+        peaks = None
+        if forward.size and sun_elevation_deg > LOWEST_AUREOLE_DEG:
+            peaks = widened(self._peaks, *shells.depth_in_peaks(sun_elevation_deg, ELEVATION_DEG, forward))
+        logarithms = np.concatenate([several[None], np.log(once)])
+        medium = self.columns.medium
+        phases = (medium.depolarisation, self.columns.phase_functions)
+        sky = ClearAirSky(apparent, *phases, logarithms, np.array(polarised), peaks)
         spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(several) / sky.at_nodes()
         error = self._model.error_of(sun_elevation_deg, float(np.percentile(np.abs(spread), 95)))
         return replace(sky, relative_error=error)
@@ -91,16 +107,19 @@ class ClearAirSky:
     """The sky of one sun.
 
     sun_elevation_deg: apparent
-    columns: the air
-    logarithms (4, E, A, W): of M and of Q_k at the nodes
+    depolarisation (W,), phase_functions: of air and of each aerosol
+    logarithms (2 + K, E, A, W): of M and of Q_k, of air and K aerosols, at the nodes
     polarised (2, E, A, W): Q / M and U / M at the nodes; (0, ...) without polarisation
+    peaks: the widened forward peaks of the aerosol at the elevations of the nodes; None: they are left as they are
     relative_error: of radiance, at 95 % of the directions, as the model estimates it
     """
 
     sun_elevation_deg: float
-    columns: AirColumns
+    depolarisation: np.ndarray
+    phase_functions: tuple[PhaseFunction, ...]
     logarithms: np.ndarray
     polarised: np.ndarray
+    peaks: WidenedPeaks | None = None
     relative_error: float = 0.0
 
     def light(
@@ -115,7 +134,10 @@ class ClearAirSky:
         several, *once = np.exp(np.einsum(how, rows, self.logarithms, columns, optimize=True))
         where = (elevation_deg[:, None], azimuth_deg[None]) if on_grid else (elevation_deg, azimuth_deg)
         cosine, *turned = self._geometry(*where)
-        stokes = [several + sum(phase * part for phase, part in zip(self._phases(cosine), once, strict=True))]
+        phases = self._phases(cosine)
+        if self.peaks is not None:
+            phases[1:] = self._with_wide_peaks(phases[1:], cosine, rows, on_grid)
+        stokes = [several + sum(phase * part for phase, part in zip(phases, once, strict=True))]
         if n_stokes > 1:
             polarised = sum(phase * part for phase, part in zip(self._polarising(cosine), once, strict=True))
             odd = azimuth_splines(azimuth_deg, odd=True)
@@ -143,16 +165,29 @@ class ClearAirSky:
         return np.clip(cosine, -1.0, 1.0), (upright**2 - aside**2) / square, 2.0 * upright * aside / square
 
     def _phases(self, cosine: np.ndarray) -> list[np.ndarray]:
-        """Phase functions of air and of the aerosol below and above, (..., W) each [sr^-1]."""
-        medium = self.columns.medium
-        air = rayleigh_phase.py_func(cosine[..., None], medium.depolarisation)
-        return [air, *(np.moveaxis(phase(cosine), 0, -1) for phase in medium.phase_functions)]
+        """Phase functions of air and of each aerosol, (..., W) each [sr^-1]."""
+        air = rayleigh_phase.py_func(cosine[..., None], self.depolarisation)
+        return [air, *(np.moveaxis(phase(cosine), 0, -1) for phase in self.phase_functions)]
+
+    def _with_wide_peaks(
+        self, phases: list[np.ndarray], cosine: np.ndarray, rows: np.ndarray, on_grid: bool
+    ) -> list[np.ndarray]:
+        """Phase functions of the aerosol with their peaks as light from the sun has widened them."""
+        assert self.peaks is not None
+        depth = np.maximum(rows @ self.peaks.depth, 0.0)  # rows W
+        added = np.einsum("re,keaw->kraw", rows, self.peaks.added, optimize=True)
+        index, f = place_of_angle(cosine)
+        row = np.arange(rows.shape[0])[:, None] if on_grid else np.arange(rows.shape[0])
+        f, dimmed = f[..., None], np.exp(-depth[:, None] if on_grid else -depth)
+        return [
+            np.maximum(phase * dimmed + more[row, index] * (1.0 - f) + more[row, index + 1] * f, 0.0)
+            for phase, more in zip(phases, added, strict=True)
+        ]
 
     def _polarising(self, cosine: np.ndarray) -> list[np.ndarray]:
         """P12 of the same, (..., W) each [sr^-1]."""
-        medium = self.columns.medium
-        air = rayleigh_matrix.py_func(cosine[..., None], medium.depolarisation)[1]
-        return [air, *(np.moveaxis(phase.matrix(cosine)[1], 0, -1) for phase in medium.phase_functions)]
+        air = rayleigh_matrix.py_func(cosine[..., None], self.depolarisation)[1]
+        return [air, *(np.moveaxis(phase.matrix(cosine)[1], 0, -1) for phase in self.phase_functions)]
 
 
 def elevation_splines(elevation_deg: np.ndarray) -> np.ndarray:

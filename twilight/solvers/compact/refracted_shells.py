@@ -12,6 +12,8 @@ Along a line of sight ln(transmittance x sunbeam) is linear in each layer, in it
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
@@ -58,6 +60,16 @@ def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     return np.where(small, 0.5 * (a + b), (a - b) / np.where(small, 1.0, drop))
 
 
+class Sunbeams(NamedTuple):
+    """Sunbeams that come to an altitude, R of them: true and apparent solar zenith angles [rad], the true ones
+    increasing, (R,); -ln of the sunbeam over F0 and optical depth of scattering in forward peaks, (R, W)."""
+
+    zenith_rad: np.ndarray
+    depth: np.ndarray
+    apparent_rad: np.ndarray
+    peak_depth: np.ndarray
+
+
 def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Part of a way outside a shadow, from the distances to its edge at both ends, which are negative within."""
     low, high = np.minimum(first, last), np.maximum(first, last)
@@ -73,6 +85,8 @@ class RefractedShells:
         Altitudes above the ground that bound the layers; the observer's is one of them.
     extinction_per_km, scattering_per_km : (L, W), (S, L, W)
         Of the layers; scattering by each of S kinds.
+    peak_per_km : (L, W)
+        Scattering in forward peaks, which extinction leaves out.
     refractivity : (SUBLAYERS L + 1,)
         n - 1 at the boundaries of the parts of layers.
     observer_km
@@ -86,11 +100,13 @@ class RefractedShells:
         boundary_km: np.ndarray,
         extinction_per_km: np.ndarray,
         scattering_per_km: np.ndarray,
+        peak_per_km: np.ndarray,
         refractivity: np.ndarray,
         observer_km: float = 0.0,
         radius_km: float = EARTH_RADIUS_KM,
     ):
         self.boundary_km, self.extinction, self.scattering = boundary_km, extinction_per_km, scattering_per_km
+        self.peak = peak_per_km
         self.layers, self.wavelengths = extinction_per_km.shape
         self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
         radius = radius_km + sublayers(boundary_km)
@@ -111,9 +127,8 @@ class RefractedShells:
         shape = (invariant.size, self.layers, SUBLAYERS)
         return way.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
 
-    def _sunbeam_at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """True solar zenith angles (R,) [rad], increasing, -ln of the sunbeam (R, W) and apparent solar zenith angles
-        (R,) [rad] at boundary k."""
+    def _sunbeam_at(self, k: int) -> Sunbeams:
+        """The sunbeams that come to boundary k."""
         right = 0.5 * np.pi
         above = right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1])
         apparent = np.append(above, right)
@@ -132,12 +147,13 @@ class RefractedShells:
         sine = np.sin(apparent)
         factor = self._n[k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
         factor[sine < 1e-6] = 1.0
-        return true, (way * passes) @ self.extinction - np.log(factor)[:, None], apparent
+        way = way * passes
+        return Sunbeams(true, way @ self.extinction - np.log(factor)[:, None], apparent, way @ self.peak)
 
     def log_sunbeam(self, k: int, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundary k for true solar zenith angles (N,), (N, W), and how far these are from
         the shadow of the ground, (N,) [rad]; within it the logarithm is that at its edge, and the distance negative."""
-        true, depth, _ = self._sunbeam[k]
+        true, depth = self._sunbeam[k].zenith_rad, self._sunbeam[k].depth
         i = np.clip(np.searchsorted(true, zenith_rad) - 1, 0, true.size - 2)
         f = (zenith_rad - true[i]) / (true[i + 1] - true[i])
         out = -(depth[i] + (depth[i + 1] - depth[i]) * np.clip(f, 0.0, 1.0)[:, None])
@@ -145,9 +161,10 @@ class RefractedShells:
 
     def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
         """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
-        true, _, apparent = self._sunbeam[self.first]
+        beams = self._sunbeam[self.first]
         zenith = np.radians(90.0 - sun_elevation_deg)
-        return sun_elevation_deg + float(np.degrees(np.interp(zenith, true, true - apparent)))
+        lifted = np.interp(zenith, beams.zenith_rad, beams.zenith_rad - beams.apparent_rad)
+        return sun_elevation_deg + float(np.degrees(lifted))
 
     def _line(self, elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Way (E, K) [km] in the K layers above the observer, angle at the Earth's centre (E, K + 1) and optical depth
@@ -171,7 +188,13 @@ class RefractedShells:
         azimuth_deg (A,): from the sun.
         """
         way, angle, depth = self._line(elevation_deg)
-        zenith = local_zenith(sun_elevation_deg, angle, azimuth_deg)
+        mean = self._light_in_layers(local_zenith(sun_elevation_deg, angle, azimuth_deg), depth)
+        weight = way[None, :, :, None] * self.scattering[:, None, self.first :]  # S E K W
+        return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
+
+    def _light_in_layers(self, zenith: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Transmittance x sunbeam in layers (E, A, K, W), from true solar zenith angles (E, A, K + 1) [rad] at their
+        boundaries and optical depths (E, K + 1, W) up to these."""
         light, edge = np.empty((*zenith.shape, self.wavelengths)), np.empty(zenith.shape)
         for j in range(zenith.shape[2]):
             here, distance = self.log_sunbeam(self.first + j, zenith[:, :, j].ravel())
@@ -179,9 +202,31 @@ class RefractedShells:
             edge[:, :, j] = distance.reshape(zenith.shape[:2])
         light = np.maximum(light, DARK_LOG)
         lit = lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
-        mean = log_mean(light[:, :, :-1], light[:, :, 1:]) * lit
-        weight = way[None, :, :, None] * self.scattering[:, None, self.first :]  # S E K W
-        return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
+        return log_mean(light[:, :, :-1], light[:, :, 1:]) * lit
+
+    def depth_in_peaks(
+        self, sun_elevation_deg: float, elevation_deg: np.ndarray, fraction: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Optical depth of scattering in forward peaks on the way of light from the sun to the observer by lines of
+        sight in the sun's azimuth, (E, W), a mean weighted with what peaks scatter; and that by kind, (S - 1, E, W).
+
+        fraction (S - 1, W): of the scattering by each kind but the first in its peak
+        """
+        way, angle, depth = self._line(elevation_deg)
+        zenith = local_zenith(sun_elevation_deg, angle, np.zeros(1))
+        light = self._light_in_layers(zenith, depth)[:, 0]
+        scattered = way[..., None] * fraction[:, None, None] * self.scattering[1:, None, self.first :] * light
+        passed = np.cumsum(way[..., None] * self.peak[self.first :], axis=1)
+        sunlight = np.empty((*zenith.shape[::2], self.wavelengths))
+        for j in range(zenith.shape[2]):
+            beams = self._sunbeam[self.first + j]
+            for w in range(self.wavelengths):
+                sunlight[:, j, w] = np.interp(zenith[:, 0, j], beams.zenith_rad, beams.peak_depth[:, w])
+        before = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
+        on_way = 0.5 * (before + passed + sunlight[:, :-1] + sunlight[:, 1:])
+        by_kind = scattered.sum(axis=2)
+        total = by_kind.sum(axis=0)
+        return np.einsum("sekw,ekw->ew", scattered, on_way) / np.where(total > 0.0, total, 1.0), by_kind
 
     def emission_weights(self, elevation_deg: np.ndarray, coefficient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weights (E, K, W) of sources in the K layers above the observer in what lines of sight bring, and the angle
