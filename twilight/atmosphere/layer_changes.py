@@ -110,8 +110,8 @@ def soft_layers(medium: Medium, edges_km: np.ndarray) -> tuple[list[np.ndarray],
     """Levels and weights of layers between edges_km (J + 1,) [km] that go over into each other.
 
     About an edge e the weight of the layer above is f^2 (3 - 2 f), f = (z - e + r) / 2 r from 0 to 1, and that of the
-    layer below the rest, with r = RAMP_KM or half of the thinner of both: the weights of all layers add up to 1.  At the
-    ground and at the top of the air there is nothing to go over into.
+    layer below the rest, with r = RAMP_KM or half of the thinner of both: the weights of all layers add up to 1.  There
+    is no layer below the ground, nor above the top of the air, and no ramp.
 
     Returns
     -------
@@ -240,9 +240,7 @@ def _warmer(medium: Medium, edges: np.ndarray, shifted: Shifted) -> Changes:
         scattering = _towards(base.air_scattering_per_km, other.air_scattering_per_km, weight)
         absorption = base.absorption_per_km + weight * (other.absorption_per_km - base.absorption_per_km)
         changed.append(replace(base, air_scattering_per_km=scattering, absorption_per_km=absorption))
-        less, more = (
-            _towards(base.refractivity, other.refractivity, way * BENT_STEPS * weight) for way in (-1.0, 1.0)
-        )
+        less, more = (_towards(base.refractivity, other.refractivity, way * BENT_STEPS * weight) for way in (-1.0, 1.0))
         if not np.array_equal(less, more):
             bent.append((replace(base, refractivity=less), replace(base, refractivity=more)))
     step = np.full((len(changed), medium.n_wavelengths), shifted.step)

@@ -149,7 +149,7 @@ def bent_grids(grids: FieldGrids, bent: Medium, guide: Medium) -> FieldGrids:
     profile = at_wavelengths(grids.profile, slice(0, 1))
     matrix = matrix_moments(bent, scaled.forward_fraction, max(2, grids.spin2_degree))
     line = with_refraction(profile, scaled.medium) if grids.settings.bent_lines_of_sight else profile
-    # tables of one index: the most refracted medium, of this and the guide, is the reference of both
+    # the tables' reference is the most refracted of the medium and the guide: both have one index
     beam = replace(air, refractivity=scaled.medium.refractivity)
     return replace(
         grids,
@@ -215,7 +215,8 @@ class Columns:
 
         def field(of_grids: FieldGrids, of_beam: Beam) -> Field:
             converged = Convergence(1, 0.0) if self.several else None
-            return Field(of_grids, of_beam, solutions[: -(-of_grids.medium.n_wavelengths // LANES)], converged, of.observer_altitude_km)
+            blocks = solutions[: -(-of_grids.medium.n_wavelengths // LANES)]
+            return Field(of_grids, of_beam, blocks, converged, of.observer_altitude_km)
 
         self.seen = field(grids, beam)
         self.bent_step = changes.bent_step
