@@ -79,7 +79,8 @@ def jacobian(
         One or more of absorption (vertical optical depth of a layer), aerosol_extinction (the same of aerosol, whose
         albedo and phase functions stay), aerosol_albedo (single scattering albedo in a layer), aerosol_asymmetry
         (asymmetry parameter in a layer, every phase function P becoming P (1 + eps (mu - g)), or Henyey-Greenstein's of
-        the larger g), ozone_column [DU^-1], ground_albedo.
+        the larger g), temperature [K^-1] (at every altitude pressure and the number densities of absorbing gases stay;
+        air's density, refractive index and cross sections change), ozone_column [DU^-1], ground_albedo.
 
     Returns
     -------

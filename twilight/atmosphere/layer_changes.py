@@ -1,7 +1,8 @@
 """A medium with changes in single layers: what is differentiated.
 
-A layer's change is a box: the coefficient jumps at the layer's two altitudes, which become doubled levels.  How far a
-quantity moves is small enough that the light does so in proportion.
+A layer's change is a box: the coefficient jumps at the layer's two altitudes, which become doubled levels.  Temperature
+alone goes over from layer to layer (`soft_layers`), because a refractive index that jumps reflects.  How far a quantity
+moves is small enough that the light does so in proportion.
 """
 
 from __future__ import annotations
@@ -34,6 +35,16 @@ ASYMMETRY_STEP = 0.002
 """Change of the asymmetry parameter; one of Henyey-Greenstein's phase function curves by less than 0.5 %."""
 MAX_TILT = 0.45
 """Largest eps of a tilted phase function P (1 + eps (mu - g)): nowhere is it below 0.1 P."""
+RAMP_KM = 1.0
+"""Half of the altitude [km] over which the temperature of a layer goes over into that of the next, where both are twice
+as thick: tables of the sunbeam, whose nodes are 0.6 km apart, know a change that is no steeper."""
+RAMP_PARTS = 8
+"""Intervals between levels in that altitude."""
+CLOSE_KM = 1e-3
+"""Distance [km] to a level within which there is no other."""
+BENT_STEPS = 16.0
+"""Steps of temperature by which the refractive index moves each way: the light's change is then far above the rounding
+of the sunbeam's tables, and even to 0.1 % in proportion, because the difference is central."""
 GUIDE_PER_KM = 4e-4
 """Absorption [km^-1] of every other layer in the air that tables of the sunbeam are laid out for, which so know of
 every edge: twice the least jump that they hold in closed form."""
@@ -95,6 +106,37 @@ def of_layer(altitude_km: np.ndarray, low_km: float, high_km: float) -> np.ndarr
     return inside & ~((z == low_km) & first_of_two) & ~((z == high_km) & second_of_two)
 
 
+def soft_layers(medium: Medium, edges_km: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Levels and weights of layers between edges_km (J + 1,) [km] that go over into each other.
+
+    About an edge e the weight of the layer above is f^2 (3 - 2 f), f = (z - e + r) / 2 r from 0 to 1, and that of the
+    layer below the rest, with r = RAMP_KM or half of the thinner of both: the weights of all layers add up to 1.  There
+    is no layer below the ground, nor above the top of the air, and no ramp.
+
+    Returns
+    -------
+    pieces, weight
+        New levels of the medium as of `Medium.on_levels`; weight (J, L) of the layers at these levels.
+    """
+    bounds = np.array([medium.bottom_km, *edges_km, medium.top_km])
+    thickness = np.diff(bounds)
+    half = np.minimum(RAMP_KM, 0.5 * np.minimum(thickness[:-1], thickness[1:]))
+    half[edges_km <= medium.bottom_km] = 0.0
+    half[edges_km >= medium.top_km] = 0.0
+    ramps = [np.linspace(e - r, e + r, RAMP_PARTS + 1) for e, r in zip(edges_km, half, strict=True) if r > 0.0]
+    new = np.unique(np.round(ramps, 6))
+    new = new[np.abs(new[:, None] - medium.altitude_km).min(axis=1) > CLOSE_KM]
+    pieces = [medium.altitude_km[:1]]
+    for low, high in pairwise(medium.altitude_km):
+        pieces.append(np.append(new[(new > low) & (new < high)], high))
+    z = np.concatenate(pieces)
+    above = []
+    for e, r in zip(edges_km, half, strict=True):
+        f = np.clip((z - e + r) / (2.0 * r), 0.0, 1.0) if r > 0.0 else np.full(z.size, float(e <= medium.bottom_km))
+        above.append(f * f * (3.0 - 2.0 * f))
+    return pieces, -np.diff(above, axis=0)
+
+
 def layer_depth(per_km: np.ndarray, altitude_km: np.ndarray, edges_km: np.ndarray) -> np.ndarray:
     """Vertical optical depth (J, W) of each layer of a coefficient (L, W) [km^-1], at levels that hold the edges."""
     thickness = np.diff(altitude_km)[:, None]
@@ -118,14 +160,17 @@ class Shifted(NamedTuple):
 class Changes:
     """N changes of a medium at W wavelengths: of one quantity in N layers, or of one that all layers share.
 
-    base: the medium, with doubled levels at the edges; changed: it with each change; step (N, W): of each; guide: the
-    air that tables of the sunbeam are laid out for
+    base: the medium, with levels that the changes need; changed: it with each change, but with the refractive index of
+    the base; step (N, W): of each; guide: the air that tables of the sunbeam are laid out for; bent: where a change
+    moves the refractive index, the base with the index of each change bent_step less and bent_step more, else empty
     """
 
     base: Medium
     changed: tuple[Medium, ...]
     step: np.ndarray
     guide: Medium
+    bent: tuple[tuple[Medium, Medium], ...] = ()
+    bent_step: float = 1.0
 
     @property
     def n(self) -> int:
@@ -147,11 +192,16 @@ class Changes:
         )  # fmt: skip
         return columns, replace(self.guide.select(one), grid_medium=None)
 
+    def bent_columns(self, w: int) -> list[list[Medium]]:
+        """Of each change, one wavelength with less and with more of the refractive index; empty where none moves it."""
+        one = np.array([w])
+        return [[replace(medium.select(one), grid_medium=None) for medium in pair] for pair in self.bent]
+
 
 def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shifted | None = None) -> Changes:
     """The changes that differentiate by one of `solvers.base.DIFFERENTIATED` in the layers between edges_km (J + 1,).
 
-    shifted: for ozone_column, which a medium does not hold
+    shifted: for ozone_column and temperature, which a medium does not hold
     Errors: TwilightError for edges that are none.
     """
     edges = layer_edges(medium, edges_km)
@@ -161,6 +211,9 @@ def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shi
     if quantity in ("ground_albedo", "ozone_column"):
         assert shifted is not None
         return Changes(medium, (shifted.medium,), np.full((1, medium.n_wavelengths), shifted.step), medium)
+    if quantity == "temperature":
+        assert shifted is not None
+        return _warmer(medium, edges, shifted)
     base, change = with_doubled_levels(medium, edges), _IN_LAYERS.get(quantity)
     if quantity == "aerosol_asymmetry":
         base, step = with_tilted_aerosol(base)
@@ -172,6 +225,33 @@ def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shi
     steps = np.array([np.broadcast_to(h, medium.n_wavelengths) for _, h in found])
     guide = replace(base, absorption_per_km=base.absorption_per_km + GUIDE_PER_KM * np.any(insides[::2], axis=0))
     return Changes(base, tuple(m for m, _ in found), steps, guide)
+
+
+def _warmer(medium: Medium, edges: np.ndarray, shifted: Shifted) -> Changes:
+    """Each of the soft layers as in the shifted air: ln of scattering and refractivity, and absorption, by its weight.
+
+    The refractive index of `changed` is that of the base: every column shares the rays of the first, and tables of
+    sunbeams know one index.
+    """
+    pieces, weights = soft_layers(medium, edges)
+    base, other = medium.on_levels(pieces), shifted.medium.on_levels(pieces)
+    changed, bent = [], []
+    for weight in weights[:, :, None]:
+        scattering = _towards(base.air_scattering_per_km, other.air_scattering_per_km, weight)
+        absorption = base.absorption_per_km + weight * (other.absorption_per_km - base.absorption_per_km)
+        changed.append(replace(base, air_scattering_per_km=scattering, absorption_per_km=absorption))
+        less, more = (_towards(base.refractivity, other.refractivity, way * BENT_STEPS * weight) for way in (-1.0, 1.0))
+        if not np.array_equal(less, more):
+            bent.append((replace(base, refractivity=less), replace(base, refractivity=more)))
+    step = np.full((len(changed), medium.n_wavelengths), shifted.step)
+    return Changes(base, tuple(changed), step, base, tuple(bent), BENT_STEPS * shifted.step)
+
+
+def _towards(one: np.ndarray, other: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """one (other / one)^part, 0 where one of both is 0."""
+    positive = (one > 0.0) & (other > 0.0)
+    ratio = np.where(positive, other, 1.0) / np.where(positive, one, 1.0)
+    return np.where(positive, one * ratio**part, 0.0)
 
 
 def _deeper(base: Medium, inside: np.ndarray, low: float, high: float, *, key: str) -> tuple[Medium, float]:

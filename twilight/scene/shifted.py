@@ -8,10 +8,13 @@ import numpy as np
 
 from twilight.atmosphere.layer_changes import Shifted
 from twilight.base.errors import TwilightError
+from twilight.config.profile import air_profile
 from twilight.scene.medium import built_medium
 from twilight.scene.plan import make_plan
 from twilight.scene.scene import Scene
 
+KELVIN = 0.5
+"""Change of temperature [K]: the air's density is in proportion to 1/T, and its slope half a step away off by 0.1 %."""
 DOBSON = 1.0
 """Change of the ozone column [DU]."""
 
@@ -19,15 +22,29 @@ DOBSON = 1.0
 def shifted(scene: Scene, quantity: str, wavelength_nm: np.ndarray) -> Shifted | None:
     """The medium of a scene at wavelengths (W,) [nm] with more of a quantity everywhere.
 
+    temperature: KELVIN warmer.  At every altitude the pressure stays, and the number densities of ozone, nitrogen
+    dioxide and aerosol; the number density of air, and of the water vapour in it, goes as 1/T, and with it scattering,
+    refractivity and pairs of oxygen; absorption cross sections are those of the temperature.  The ozone of an overhead
+    filter is at no altitude, and stays.
     ozone_column: DOBSON more, in proportion at all altitudes.  Any other quantity is in the medium itself: None.
 
-    Errors: TwilightError for a medium without ozone.
+    Errors: TwilightError for a medium that has no temperatures, or no ozone.
     """
-    if quantity != "ozone_column":
+    if quantity not in ("temperature", "ozone_column"):
         return None
     climate = make_plan(scene.configuration, wavelength_nm).climate
     if climate.medium is not None:
         raise TwilightError(f"derivatives by {quantity}: a medium that is a table knows its coefficients alone")
+    if quantity == "temperature":
+        air = air_profile(climate)
+        thinner = air.temperature_k / (air.temperature_k + KELVIN)
+        warmer = replace(
+            air,
+            temperature_k=air.temperature_k + KELVIN,
+            air_per_cm3=air.air_per_cm3 * thinner,
+            h2o_per_cm3=air.h2o_per_cm3 * thinner,
+        )
+        return Shifted(_like(scene, built_medium(climate, wavelength_nm, warmer)), KELVIN)
     if climate.gases.ozone.treatment == "none":
         raise TwilightError("derivatives by ozone_column: gases.ozone.treatment is none, and there is no ozone")
     column = scene.medium.notes["ozone_column_du"] + DOBSON

@@ -82,6 +82,7 @@ DIFFERENTIATED = {
     "aerosol_extinction": "vertical optical depth of aerosol in the layer",
     "aerosol_albedo": "single scattering albedo of the aerosol in the layer",
     "aerosol_asymmetry": "asymmetry parameter of the aerosol in the layer",
+    "temperature": "temperature of the layer at fixed pressure",
     "ozone_column": "column of ozone",
     "ground_albedo": "albedo of the ground",
 }

@@ -45,11 +45,12 @@ from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.transport.azimuth_series import RayDirections
 from twilight.transport.lines import with_refraction
 from twilight.transport.matrix_moments import matrix_moments
-from twilight.transport.profile import prepare_profile
+from twilight.transport.profile import at_wavelengths, prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
+    from twilight.transport.beam import Beam
 
 MAX_STEPS = 150
 """Most scatterings that are followed backwards."""
@@ -138,6 +139,30 @@ def columns_grids(base: FieldGrids, columns: Medium, guide: Medium) -> FieldGrid
     )  # fmt: skip
 
 
+def bent_grids(grids: FieldGrids, bent: Medium, guide: Medium) -> FieldGrids:
+    """Grids of columns for their first column with another refractive index, along whose sunbeams and lines of sight it
+    bends; rays between two scatterings stay.
+
+    bent: the first column with that index; guide: as of `columns_grids`
+    """
+    scaled, air = delta_scaled(bent, grids.scaled.degree), delta_scaled(guide, grids.scaled.degree).medium
+    profile = at_wavelengths(grids.profile, slice(0, 1))
+    matrix = matrix_moments(bent, scaled.forward_fraction, max(2, grids.spin2_degree))
+    line = with_refraction(profile, scaled.medium) if grids.settings.bent_lines_of_sight else profile
+    # the tables' reference is the most refracted of the medium and the guide: both have one index
+    beam = replace(air, refractivity=scaled.medium.refractivity)
+    return replace(
+        grids,
+        medium=bent,
+        scaled=scaled,
+        scattering=SpeciesMoments(scaled.medium, scaled.moments, matrix),
+        profile=profile,
+        line_profile=line,
+        path_profile=at_wavelengths(grids.path_profile, slice(0, 1)),
+        layout=grids.layout._replace(profile=profile, beam=beam, bends=scaled.medium),
+    )
+
+
 def _next(operator: ScatteringOperator, light: NodeLight) -> NodeLight:
     mean = np.ascontiguousarray(light.moments[:, :, 0])
     return NodeLight(*operator.analyse(operator.next_order(mean, light.moments, light.ground))[1:])
@@ -187,10 +212,18 @@ class Columns:
             )
             one = Solution(*self.light, of.solutions[block].orders, of.solutions[block].residual)
             solutions = [one] * -(-columns.n_wavelengths // LANES)
+
+        def field(of_grids: FieldGrids, of_beam: Beam) -> Field:
+            converged = Convergence(1, 0.0) if self.several else None
+            blocks = solutions[: -(-of_grids.medium.n_wavelengths // LANES)]
+            return Field(of_grids, of_beam, blocks, converged, of.observer_altitude_km)
+
+        self.seen = field(grids, beam)
+        self.bent_step = changes.bent_step
+        bent = [[bent_grids(grids, column, guide) for column in pair] for pair in changes.bent_columns(w)]
+        self.bent = [[field(g, g.sunbeam()) for g in pair] for pair in bent]
+        if self.several:
             self._follow(beam)
-        self.seen = Field(
-            grids, beam, solutions, Convergence(1, 0.0) if self.several else None, of.observer_altitude_km
-        )
 
     def _follow(self, beam) -> None:
         """One evaluation of F in every column at the light of the field, and what K' needs to know of that light."""
@@ -224,6 +257,7 @@ class Columns:
                 operators = [BackwardOperator.of(one, 0, a, b) for a, b in pairwise(orders)]
                 self.back = [*operators, BackwardOperator.of(last, 0, self.rest, found[-1].lane(0))]
                 self.first, first = orders[0], [part.lane(0) for part in found]
+                bent = [[self._sunlit(one, of) for of in pair] for pair in self.bent]
             changed.append([_difference(part, of) for part, of in zip(found, first, strict=True)])
         step = self.step.astype(np.float32)
         self.changes = [
@@ -233,6 +267,15 @@ class Columns:
             )
             for n in range(len(first))
         ]
+        for j, (less, more) in enumerate(bent):
+            slope = _difference(more, less)
+            self.changes[0].moments[..., j] += slope.moments[..., 0] / (2.0 * self.bent_step)
+            self.changes[0].ground[..., j] += slope.ground[..., 0] / (2.0 * self.bent_step)
+
+    def _sunlit(self, operator: ScatteringOperator, bent: Field) -> NodeLight:
+        """Sunlight scattered once in the first column where the sunbeam is that of another index."""
+        sunlight = make_sunlight(bent.beam, self.grids.nodes.altitude_km, self.grids.profile.break_km)
+        return NodeLight(*operator.analyse(operator.first_order(sunlight))[1:]).lane(0)
 
     def _late(self, total: NodeLight, orders: list[NodeLight]) -> NodeLight:
         """V, all light from order N on, with the moments of late orders."""
@@ -257,6 +300,14 @@ class Columns:
                 ..., : n + 1
             ]
         slopes = (light[:, 1:] - light[:, :1]) / self.step
+        for j, pair in enumerate(self.bent):
+            for one in np.unique(sun):
+                of = sun == one
+                less, more = (
+                    field.radiance(one, elevation[of], azimuth[of], observer_altitude_km=altitude_km)[..., 0]
+                    for field in pair
+                )
+                slopes[of, j] += (more - less) / (2.0 * self.bent_step)
         if self.several and (light[:, 0] > 0.0).any():
             slopes += self._scattered(sun, elevation, azimuth, altitude_km, light[:, 0])
         lit = light[:, :1] > 0.0

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LAYER_EDGES_KM = (0.0, 2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 23.0, 26.0, 29.0, 32.0, 36.0, 42.0, 50.0, 70.0)
 """Altitudes [km] that bound the usual layers."""
-UNITS = {"ozone_column": "DU-1"}
+UNITS = {"temperature": "K-1", "ozone_column": "DU-1"}
 """Units of derivatives by quantities that have one."""
 
 
