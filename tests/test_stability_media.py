@@ -308,8 +308,8 @@ def test_single_precision_of_the_field_is_enough():
 
 
 TINY = replace(
-    ZONES, altitude_density=0.2, zenith_density=0.3, polar_directions=3, azimuth_directions=5, late_azimuth_directions=5,
-    late_polar_directions=3, max_orders=2, line_of_sight_density=0.3, step_density=0.3,
+    ZONES, altitude_density=0.2, zenith_density=0.3, polar_directions=3, azimuth_directions=5, max_orders=2,
+    late_azimuth_directions=5, late_polar_directions=3, line_of_sight_density=0.3, step_density=0.3,
 )  # fmt: skip
 
 
