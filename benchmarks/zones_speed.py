@@ -43,9 +43,9 @@ def main() -> None:
     zones.prepare(climate_medium(climate, np.array([550.0])), COARSEST).radiance(-4.0, *directions)
     medium = climate_medium(climate, np.array(WAVELENGTH_NM))
     rows = []
-    for quality, settings in zones.QUALITIES.items():
+    for quality in ("draft", OF_SKIES):
         begin = time.process_time()
-        field = zones.prepare(medium, settings)
+        field = zones.prepare(medium, zones.QUALITIES[quality])
         rows.append([f"field, {quality}", f"{time.process_time() - begin:.2f}"])
         if quality == OF_SKIES:
             kept = field

@@ -125,7 +125,7 @@ def test_very_thick_absorbing():
 
 
 def test_conservative_slab_over_white_ground_returns_all_light():
-    """Flux at the top = mu0 F0: fails if an event loses or makes energy."""
+    """Flux at the top = mu0 F0: fails if a scattering event loses or makes energy."""
     # radiance integrated over Gauss cosines, azimuths drawn evenly
     mu0 = 0.4
     mu, weight = np.polynomial.legendre.leggauss(6)

@@ -286,14 +286,14 @@ def test_extremes_converge_under_refinement(extremes_apart):
 @pytest.mark.slow
 def test_single_precision_of_the_field_is_enough():
     """zones keeps radiances, moments and interpolation weights in float32 and the geometry and single scattering in
-    float64: faint and bright lanes of one block, nine orders of magnitude apart, are those of a block of their own."""
+    float64: faint and bright wavelengths of one block, nine powers of ten apart, are those of a block of their own."""
     bright, faint = Air(aerosol=1.0, albedo=1.0, ground=1.0), Air(air=1e-9, aerosol=1e-10)
     medium, suns = medium_of(bright, faint, refractivity=0.0), (30.0, -6.0)
     solved = Problem(Scene(medium, None, solvers.load("zones"), ZONES)).solve()
     both = np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in suns])
     for w, air in enumerate((bright, faint)):
         alone = look("zones", medium_of(air, refractivity=0.0), suns)
-        np.testing.assert_allclose(both[..., w], alone[..., 0], rtol=2e-4)  # the number of events may differ
+        np.testing.assert_allclose(both[..., w], alone[..., 0], rtol=2e-4)  # the number of orders may differ
     assert np.all(both[:, 3:, 1] < 1e-6 * both[..., 0].max())  # but for the ground, lit by the sun
     # in one block, where both have the grid of the bright one
     with pytest.warns(TwilightWarning, match="need different grids"):
