@@ -3,7 +3,6 @@
     python benchmarks/hyperspectral.py                    errors in three climates, benchmarks/hyperspectral.csv
     python benchmarks/hyperspectral.py continental-average   one climate's rows anew
     python benchmarks/hyperspectral.py --quality standard ...   at another quality, into hyperspectral_standard.csv
-    python benchmarks/hyperspectral.py times              whole fields, hyperspectral_times.csv
 
 701 wavelengths from 300 to 1000 nm, 81 from 380 to 780 nm, and eight in bands of gases; every sun.  Errors: of
 wavelengths drawn at random from each spectral group, 49 directions and suns from +30 to -14 deg, 95 % and largest, of
@@ -42,8 +41,8 @@ AT_ONCE = 8
 """Wavelengths that are solved together."""
 
 
-def problem_of(climate: str, wavelength_nm: tuple[float, ...], quality: str, option: str = "auto") -> Problem:
-    solver = {"quality": quality, "polarisation": True, "expert": {"spectral_interpolation": option}}
+def problem_of(climate: str, wavelength_nm: tuple[float, ...], quality: str) -> Problem:
+    solver = {"quality": quality, "polarisation": True}
     return Problem(resolve(load(climate, {"solver": solver, "wavelengths": {"list_nm": list(wavelength_nm)}})))
 
 
@@ -111,26 +110,6 @@ COLUMNS += ["error_p95_percent", "error_max_percent", "polarisation_p95_percent"
 COLUMNS += ["interpolated_cpu_s", "solved_cpu_s"]
 
 
-def times() -> None:
-    """Processor seconds of whole fields, every sun, one sky of 49 directions from each."""
-    rows = []
-    for case, wavelength_nm in CASES.items():
-        for option in ("auto", "off"):
-            if (case, option) == ("701", "off"):
-                continue  # an hour
-            problem = problem_of("continental-average", wavelength_nm, "draft", option)
-            begin = time.process_time()
-            seconds = 0.0
-            for block in problem.blocks():
-                seconds += time.process_time() - begin
-                block.answer(-4.0, ELEVATION_DEG, AZIMUTH_DEG, polarisation=True)
-                begin = time.process_time()
-            rows.append(["continental-average", case, option, len(problem.slices), f"{seconds:.1f}"])
-            print(*rows[-1], sep="\t", flush=True)
-    columns = ["climate", "case", "spectral_interpolation", "blocks", "field_cpu_s"]
-    results.write(Path(__file__).with_name("hyperspectral_times.csv"), columns, rows)
-
-
 def main(arguments: list[str]) -> None:
     quality = "draft"
     if arguments[:1] == ["--quality"]:
@@ -150,4 +129,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    times() if sys.argv[1:] == ["times"] else main(sys.argv[1:])
+    main(sys.argv[1:])

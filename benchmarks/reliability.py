@@ -3,11 +3,11 @@
     python benchmarks/reliability.py tests [FILE ...]    run the long tests of these files, or of all, in turn
     python benchmarks/reliability.py page                write the page's tables from the tables here
 
-Each file's long tests run as `pytest -m slow tests/FILE` in one process; the processor time is that of the command with
-all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files that were not run now stay as
-they are, and then the page: slow_tests.csv, and how many odd airs (odd_air.csv, sharp_layers.csv) there were and how
-many went wrong.  A radiance of `standard` is wrong that is more than
-1 % (sharp layers 3 %) and three of the reference solution's standard errors off.
+Each file's long tests run as `pytest -m slow tests/FILE` in one process, which names the eight dearest; the processor
+time is that of the command with all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files
+that were not run now stay as they are, and then the page: slow_tests.csv, and how many odd airs (odd_air.csv,
+sharp_layers.csv) there were and how many went wrong.  A radiance of `standard` is wrong that is more than 1 % (sharp
+layers 3 %) and three of the reference solution's standard errors off.
 """
 
 from __future__ import annotations
@@ -38,12 +38,8 @@ def slow_files() -> list[str]:
 def run_tests(file: str) -> tuple[int, int, int, float]:
     """(long tests, passed, failed, processor seconds)."""
     before = os.times()
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", "slow", f"tests/{file}", "-v", "-p", "no:cacheprovider"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    words = ["-m", "pytest", "-m", "slow", f"tests/{file}", "-v", "-p", "no:cacheprovider", "--durations=8"]
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True)
     after = os.times()
     print(done.stdout[-2000:], done.stderr[-500:], flush=True)
     counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|failed|error|skipped)", done.stdout)}

@@ -76,12 +76,7 @@ BENCHMARKS = {
         "zones_study_quadrature.csv",
         "what polar angles lose of smooth light, and what the analysis of `zones` does",
     ),
-    "montecarlo_zscores": Benchmark(
-        "montecarlo_zscores.py", "montecarlo_zscores.csv", "whether Monte-Carlo's stated errors are its scatter"
-    ),
-    "smooth_index": Benchmark(
-        "smooth_index.py", "smooth_index*.csv", "how smooth the refracted sunbeam is, and its tables' error"
-    ),
+    "smooth_index": Benchmark("smooth_index.py", "smooth_index.csv", "how smooth the refracted sunbeam is"),
     "polarisation_scalar": Benchmark(
         "polarisation.py scalar", "polarisation.csv", "what leaving polarisation out costs"
     ),
@@ -103,9 +98,9 @@ BENCHMARKS = {
     ),
     "odd_air": Benchmark("odd_air.py odd 40", "odd_air.csv", "`zones` in odd air beside the reference solution"),
     "sharp_layers": Benchmark("odd_air.py layers 20", "sharp_layers.csv", "the same in layers with edges"),
-    "clouds_reference": Benchmark("clouds.py reference 15", "clouds_reference.csv", "the reference below thin clouds"),
-    "clouds": Benchmark("clouds.py", "clouds.csv", "`zones` beside it"),
-    "clouds_times": Benchmark("clouds.py times", "clouds_times.csv", "what a deck of cloud costs"),
+    "clouds": Benchmark(
+        "clouds.py", "clouds_plane.csv", "`zones` below and above decks of cloud beside doubling and adding"
+    ),
     "compare": Benchmark(
         "compare.py", "compare.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
@@ -114,9 +109,6 @@ BENCHMARKS = {
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "hyperspectral": Benchmark(
         "hyperspectral.py", "hyperspectral.csv", "error and time of light interpolated over the spectrum"
-    ),
-    "hyperspectral_times": Benchmark(
-        "hyperspectral.py times", "hyperspectral_times.csv", "time of fields of 8, 81 and 701 wavelengths"
     ),
     "clear_air": Benchmark(
         "clear_air.py climates", "clear_air.csv", "the model of all clear air beside the reference solution of climates"
@@ -146,9 +138,6 @@ BENCHMARKS = {
         "why level ground is computed too red after sunset; screens fitted to spectra; skylines in space",
     ),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
-    "estimate": Benchmark(
-        "estimate.py ../shared/data/photos", "estimate.csv", "how long a photograph's air takes to estimate"
-    ),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),
     "dawn": Benchmark("gallery.py dawn", "../docs/dawn.jpg", "the photograph of README"),
     "sunset": Benchmark("sunset.py", "../docs/sunset.jpg", "README's first picture"),

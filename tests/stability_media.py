@@ -94,7 +94,7 @@ STRUCTURES = {
     "nothing at all": lambda: medium_of(Air(air=0.0, aerosol=0.0, ground=1.0), refractivity=0.0),
     "next to nothing": lambda: medium_of(Air(air=1e-12, aerosol=1e-12)),
     "black": lambda: medium_of(Air(ozone=100.0)),
-    "black as night": lambda: medium_of(Air(ozone=1e4)),
+    "black as night": lambda: medium_of(Air(ozone=1e3)),  # exp(-1000) is 0 straight up too
 }
 
 

@@ -105,13 +105,11 @@ def test_montecarlo():
 
 @pytest.mark.slow
 def test_cells():
-    """Conservative air within 0.3 %.  In a conservative layer that its shells blur, over a white ground, up to 29 % is
-    lost."""
-    medium = white_air()
+    """Within 0.3 %.  Of a conservative layer, which its shells blur, up to 29 % would be lost."""
+    medium = white_air().select(slice(0, 1))
     field = cells.prepare(medium, replace(cells.QUALITIES["draft"], max_orders=100))
     found, _ = from_all_suns(deterministic(field), medium, 0.0, ELEVATION_DEG, points=(2, 3))
-    np.testing.assert_allclose(found[:, 0], 1.0, atol=5e-3)
-    np.testing.assert_allclose(found[:, 1], 1.0, atol=0.33)
+    np.testing.assert_allclose(found, 1.0, atol=5e-3)
 
 
 COARSE_TABLES = replace(

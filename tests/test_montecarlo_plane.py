@@ -74,8 +74,7 @@ def test_henyey_greenstein_and_haze():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("albedo", [1.0, 0.9])
-@pytest.mark.parametrize("phase", ["henyey_greenstein", "haze_l"])
+@pytest.mark.parametrize(("phase", "albedo"), [("henyey_greenstein", 1.0), ("haze_l", 0.9)])
 def test_henyey_greenstein_and_haze_closely(phase, albedo):
     """Sun at the zenith; the published radiances are 0.2 % too small forwards and 1 % too large backwards here."""
     if phase == "haze_l":
@@ -116,7 +115,7 @@ def test_haze_slanted_beam():
 @pytest.mark.slow
 def test_thick():
     """Optical depths 5 and 8: fails if long paths lose light by roulette or splitting."""
-    check([("2", "3"), ("2", "4"), ("3", "2")], 4000)
+    check([("2", "4"), ("3", "2")], 4000)
 
 
 @pytest.mark.slow
@@ -126,7 +125,7 @@ def test_very_thick_absorbing():
 
 
 def test_conservative_slab_over_white_ground_returns_all_light():
-    """Flux at the top = mu0 F0: fails if an event loses or makes energy."""
+    """Flux at the top = mu0 F0: fails if a scattering event loses or makes energy."""
     # radiance integrated over Gauss cosines, azimuths drawn evenly
     mu0 = 0.4
     mu, weight = np.polynomial.legendre.leggauss(6)

@@ -64,7 +64,7 @@ def test_light_through_a_cloud_is_within_its_error(below, truth):
 
 @pytest.mark.slow
 def test_errors_through_a_cloud_are_the_scatter_between_seeds(below, truth):
-    """Stated errors are right where a path has hundreds of events."""
+    """Stated errors are right where a path is scattered hundreds of times."""
     found = np.array([flux_down(replace(below, settings=replace(SETTINGS, seed=s, samples=128))) for s in range(12)])
     statistic = (((found[:, 0] - truth) / found[:, 1]) ** 2).sum()
     assert 1e-3 < chi2.sf(statistic, found.shape[0]) < 1.0 - 1e-3

@@ -203,6 +203,8 @@ def test_the_library_s_error_enters_the_uncertainties():
 # Files and errors -----------------------------------------------------------------------------------------------
 
 TINY = {"sun.elevation_deg": 20.0, "solver.name": "preetham"}
+FIVE_NM = [430.0, 490.0, 550.0, 610.0, 670.0]
+"""Enough for a colour; skies and photograph have the same."""
 
 
 def test_settings_replace_what_the_scene_says():
@@ -307,6 +309,7 @@ def test_the_solver_s_own_skies_are_recovered():
         "sun.elevation_deg": 8.0,
         "solver": {"name": "zones", "quality": "draft"},
         "texture.resolution_deg": 3,
+        "wavelengths.list_nm": FIVE_NM,
     }
     base = load("continental-average", settings)
     library = make_library(base, Design((OZONE, ALBEDO)), "continental_average", [8.0], 3.0)
@@ -352,7 +355,12 @@ def test_what_lay_beyond_the_horizon_is_recovered():
     """From a rendered dusk, by emulated ones: fails if the cover left no mark or its sky were interpolated wrongly."""
     base = load(
         "continental-average",
-        {"sun.elevation_deg": -3.0, "solver": {"name": "zones", "quality": "draft"}, "texture.resolution_deg": 6},
+        {
+            "sun.elevation_deg": -3.0,
+            "solver": {"name": "zones", "quality": "draft"},
+            "texture.resolution_deg": 6,
+            "wavelengths.list_nm": FIVE_NM,
+        },
     )
     design = Design((HORIZON,))
     truth = {"aerosol": 0.15, "horizon": 0.7}

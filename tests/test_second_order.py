@@ -52,8 +52,8 @@ def test_the_quadrature_has_settled():
 def test_zones(quality, allowed):
     """The first order to 1e-4; the sum of both to 1.1 % at `draft` and 1.6 % at `standard`, both at the zenith."""
     settings = replace(zones.QUALITIES[quality], polarisation=False, tolerance=0.0, degree=32)
-    for events, exact, bound in ((1, FIRST, 2e-4), (2, FIRST + SECOND, allowed)):
-        field = zones.prepare(layer(), replace(settings, max_orders=events), sun_elevations_deg=[SUN_DEG])
+    for orders, exact, bound in ((1, FIRST, 2e-4), (2, FIRST + SECOND, allowed)):
+        field = zones.prepare(layer(), replace(settings, max_orders=orders), sun_elevations_deg=[SUN_DEG])
         found = field.radiance(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG)[:, 0]
         np.testing.assert_allclose(found, exact, rtol=bound)
 

@@ -56,8 +56,8 @@ def test_thick_conservative_air_is_right_and_solved_in_tens_of_steps():
 @pytest.mark.slow
 @pytest.mark.parametrize("where", [FOG, {}, {"ground": 0.0}], ids=["fog over snow", "cloud over snow", "cloud"])
 def test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps(where):
-    """Clouds would be wrong, or take thousands of orders."""
-    _check((5.0, 20.0, 50.0, 100.0), where)
+    """Clouds would be wrong, or take thousands of orders.  Depths of 20 and 50 have tests of their own."""
+    _check((5.0, 100.0), where)
 
 
 def test_air_thicker_than_was_compared_is_said():

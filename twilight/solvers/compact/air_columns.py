@@ -53,7 +53,6 @@ ANGLES_DEG = (60.0, 90.0, 120.0, 150.0, 180.0)
 LIMITED = (
     "the optical depth of scattering by air",
     "the part of scattering by air above 39 km",
-    "the optical depth of absorption by gases above 12 km",
     "the optical depth of aerosol",
     "the optical depth of aerosol above 12 km",
     "the optical depth of aerosol above 60 km",
@@ -211,7 +210,6 @@ class AirColumns:
             [
                 d[AIR].sum(axis=0),
                 d[AIR][high].sum(axis=0) / d[AIR].sum(axis=0),
-                d[ABSORPTION][above].sum(axis=0),
                 of_aerosol,
                 d[EXTINCTION][above].sum(axis=0),
                 d[EXTINCTION][highest].sum(axis=0),

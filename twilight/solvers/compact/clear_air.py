@@ -19,10 +19,12 @@ from __future__ import annotations
 
 import functools
 import json
+import zlib
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -99,7 +101,7 @@ class ClearAirModel:
                     arrays[key] *= file[f"{key}_scale"][:, None]
                 members = _unpacked(file["layers"], file["weights"].astype(np.float32))
                 return ClearAirModel(members, provenance=json.loads(str(file["provenance"])), **arrays)
-        except (OSError, KeyError, ValueError, EOFError) as error:
+        except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as error:
             raise TwilightError(f"{path}: is no model of clear air ({error})") from None
 
     def save(self, path: Path) -> None:

@@ -6,7 +6,6 @@ import functools
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -36,8 +35,6 @@ class CompactSettings:
         `twilight fit compact` wrote for a climate
     model_sha256: of that file, hexadecimal, where it must be that one; empty: any
     """
-
-    COMMON: ClassVar[tuple[str, ...]] = ("polarisation", "model")
 
     polarisation: bool = True
     model: str = CLEAR_AIR
