@@ -50,7 +50,7 @@ AS_CLIMATES_COUNT = 1.5
 """By how much more errors count in airs with all their phase functions than in those with two (`MERGED`)."""
 LEAST_PART = 0.1
 """Part of all light that light scattered more than once counts as at least."""
-TOLD = 0.8
+TOLD = 0.95
 """Part of the skies that is at least as near as the model tells."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
@@ -144,7 +144,7 @@ def fit(data: Data, start: ClearAirModel | None = None) -> ClearAirModel:
             print(f"held out{name}:\n{_errors(model, data, some)}")
     return replace(
         model,
-        error=_calibrated(model, data, ~train),
+        error=_calibrated(model, data, ~train & (data.number >= min(MERGED, data.number.max()))),
         provenance={
             "version": __version__,
             "airs": int(np.unique(data.number).size),

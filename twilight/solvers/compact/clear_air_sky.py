@@ -130,8 +130,7 @@ class ClearAirSky:
         on_grid: in rows (E,) times columns (A,), (E, A, n_stokes, W); otherwise in directions (D,), (D, n_stokes, W)
         """
         rows, columns = elevation_splines(elevation_deg), azimuth_splines(azimuth_deg)
-        how = "re,...eaw,ca->...rcw" if on_grid else "de,...eaw,da->...dw"
-        several, *once = np.exp(np.einsum(how, rows, self.logarithms, columns, optimize=True))
+        several, *once = np.exp(_interpolated(self.logarithms, rows, columns, on_grid))
         where = (elevation_deg[:, None], azimuth_deg[None]) if on_grid else (elevation_deg, azimuth_deg)
         cosine, *turned = self._geometry(*where)
         phases = self._phases(cosine)
@@ -142,7 +141,7 @@ class ClearAirSky:
             polarised = sum(phase * part for phase, part in zip(self._polarising(cosine), once, strict=True))
             odd = azimuth_splines(azimuth_deg, odd=True)
             for values, over_azimuth, turn in zip(self.polarised, (columns, odd), turned, strict=True):
-                part = np.einsum(how, rows, values, over_azimuth, optimize=True)
+                part = _interpolated(values[None], rows, over_azimuth, on_grid)[0]
                 stokes.append(several * part + polarised * turn[..., None])
         return np.stack(stokes, axis=-2)
 
@@ -175,7 +174,7 @@ class ClearAirSky:
         """Phase functions of the aerosol with their peaks as light from the sun has widened them."""
         assert self.peaks is not None
         depth = np.maximum(rows @ self.peaks.depth, 0.0)  # rows W
-        added = np.einsum("re,keaw->kraw", rows, self.peaks.added, optimize=True)
+        added = np.moveaxis(np.tensordot(rows, self.peaks.added, (1, 1)), 1, 0)
         index, f = place_of_angle(cosine)
         row = np.arange(rows.shape[0])[:, None] if on_grid else np.arange(rows.shape[0])
         f, dimmed = f[..., None], np.exp(-depth[:, None] if on_grid else -depth)
@@ -188,6 +187,15 @@ class ClearAirSky:
         """P12 of the same, (..., W) each [sr^-1]."""
         air = rayleigh_matrix.py_func(cosine[..., None], self.depolarisation)[1]
         return [air, *(np.moveaxis(phase.matrix(cosine)[1], 0, -1) for phase in self.phase_functions)]
+
+
+def _interpolated(values: np.ndarray, rows: np.ndarray, columns: np.ndarray, on_grid: bool) -> np.ndarray:
+    """Values at the nodes (P, E, A, W) by splines over elevation (R, E) and azimuth (C, A): (P, R, C, W), or (P, R, W)
+    in directions where they are not on_grid."""
+    over_rows = np.tensordot(rows, values, (1, 1))  # R P A W
+    if on_grid:
+        return np.moveaxis(columns @ over_rows, 1, 0)
+    return np.moveaxis((columns[:, None, None] @ over_rows)[:, :, 0], 1, 0)
 
 
 def elevation_splines(elevation_deg: np.ndarray) -> np.ndarray:

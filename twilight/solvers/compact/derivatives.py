@@ -57,8 +57,11 @@ def differentiate(field: object, quantity: str, edges_km: np.ndarray, shifted: S
     """Derivatives by one of `solvers.base.DIFFERENTIATED` in the layers between edges_km (J + 1,) [km].
 
     shifted: as of `changes_of`
-    Errors: TwilightError for the model of one climate, which has no layers, and for edges that are none.
+    Errors: TwilightError for the model of one climate, which has no layers, for temperature, which changes the
+    refraction that all columns share, and for edges that are none.
     """
+    if quantity == "temperature":
+        raise TwilightError("derivatives: compact cannot differentiate by temperature; zones can")
     if not isinstance(field, ClearAirField):
         raise TwilightError("derivatives: of the compact models clear-air alone has derivatives (solver.model)")
     return Derivatives(field, changes_of(field.medium, quantity, edges_km, shifted))
