@@ -34,6 +34,9 @@ ELEVATION_OFFSET_DEG = 1.5
 NEGLIGIBLE = 1e-3
 """Part of M that is added to every Q_k before its logarithm is interpolated; times a phase function it is 1e-4 of M."""
 
+DARKEST_TERM = 1e-3
+"""Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
+
 LOWEST_AUREOLE_DEG = -9.0
 """Elevation of the sun below which light scattered once is less than 1 % of the sky, and no glow is left of the sun."""
 
@@ -97,8 +100,12 @@ class ClearAirSkies(RoughSkies):
         medium = self.columns.medium
         phases = (medium.depolarisation, self.columns.phase_functions)
         sky = ClearAirSky(apparent, *phases, logarithms, np.array(polarised), peaks)
-        spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(several) / sky.at_nodes()
-        error = self._model.error_of(sun_elevation_deg, float(np.percentile(np.abs(spread), 95)))
+        light = sky.at_nodes()
+        spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(several) / light
+        # terms of bands of gases that let no light through have no part in the sky
+        brightest = light.max(axis=(0, 1))
+        shown = spread[..., brightest > DARKEST_TERM * brightest.max()]
+        error = self._model.error_of(sun_elevation_deg, float(np.percentile(np.abs(shown), 95)))
         return replace(sky, relative_error=error)
 
 

@@ -88,7 +88,7 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field | ClearAirField:
+) -> ClimateField | ClearAirField:
     """The skies of a medium whose air is that of the model.
 
     Errors: TwilightError for a model that cannot be read, an observer higher than it knows, and a medium of other air
@@ -100,7 +100,7 @@ def prepare(
         return ClearAirField(medium, shipped_model(path), observer_altitude_km, settings.polarisation)
     check_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
     path = _checked(settings)
-    return Field(medium, _load(path, _sha256(path)), path.stem)
+    return ClimateField(medium, _load(path, _sha256(path)), path.stem)
 
 
 def _checked(settings: CompactSettings) -> Path:
@@ -111,7 +111,7 @@ def _checked(settings: CompactSettings) -> Path:
     return path
 
 
-class Field(BareField):
+class ClimateField(BareField):
     """The skies of one aerosol load, ozone column and ground, for any sun from the zenith to the end of twilight."""
 
     def __init__(self, medium: Medium, model: CompactSky, name: str):
