@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twilight.base.blas import one_blas_thread
 from twilight.numerics.phase import PhaseFunction, rayleigh_matrix, rayleigh_phase
 from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, ClearAirModel
@@ -50,6 +51,7 @@ class RoughSkies:
     columns: the air; observer_km: above the ground
     """
 
+    @one_blas_thread()
     def __init__(self, columns: AirColumns, observer_km: float = 0.0):
         self.columns = columns
         self.shells, self._scattering = columns.shells(observer_km)
@@ -76,6 +78,7 @@ def log_base(base_at: Callable[[float, np.ndarray, np.ndarray], np.ndarray]) -> 
 class ClearAirSkies(RoughSkies):
     """The skies of one air seen by one observer, under every sun."""
 
+    @one_blas_thread()
     def __init__(self, model: ClearAirModel, columns: AirColumns, observer_km: float = 0.0):
         super().__init__(columns, observer_km)
         self._model = model
@@ -83,6 +86,7 @@ class ClearAirSkies(RoughSkies):
         *fitted, self._spread = model.at_nodes(self.inputs, log_base(self.base_at))
         self._fitted = np.array(fitted)
 
+    @one_blas_thread()
     def sky(self, sun_elevation_deg: float, with_polarisation: bool = False) -> ClearAirSky:
         """The sky under one sun, from -18 to 90 deg."""
         weight = spline_matrix(SUN_DEG, np.array([sun_elevation_deg]))[0]
@@ -129,6 +133,7 @@ class ClearAirSky:
     peaks: WidenedPeaks | None = None
     relative_error: float = 0.0
 
+    @one_blas_thread()
     def light(
         self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, *, on_grid: bool, n_stokes: int = 1
     ) -> np.ndarray:
