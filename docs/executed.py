@@ -113,7 +113,7 @@ def check(text: str, plan: bool) -> list[str]:
                 words = shlex.split(line)[1:]
                 more = "--plan" if words[0] in PLANNED else "--help" if words[0] in HELPED else ""
                 failed += _call(line, [*words, more] if plan and more and more not in words else words)
-        elif not plan:
+        elif language == "python" and not plan:
             try:
                 exec(compile(code, "block", "exec"), names)
             except Exception:
