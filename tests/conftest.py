@@ -64,7 +64,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--sixth",
         type=int,
         choices=range(PARTS),
-        help="of the long tests only this sixth: files, spread by their recorded processor time",
+        help="of the long tests only this sixth: files, spread by their recorded processor time; others one by one",
     )
 
 
@@ -89,7 +89,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     known = parts()
 
     def elsewhere(item: pytest.Item) -> bool:
-        part = known.get(item.path.name, zlib.crc32(item.path.name.encode()) % PARTS)
+        part = known.get(item.path.name, zlib.crc32(item.nodeid.encode()) % PARTS)
         return item.get_closest_marker("slow") is not None and part != wanted
 
     config.hook.pytest_deselected(items=[item for item in items if elsewhere(item)])
