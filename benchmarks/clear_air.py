@@ -1,6 +1,6 @@
 """Fit the model of all clear air, and measure its errors.
 
-    python benchmarks/clear_air.py fit AIRS ROUGH [--output FILE.npz]    with the folders of clear_air_airs.py
+    python benchmarks/clear_air.py fit AIRS APPROXIMATE [--output FILE.npz]    with the folders of clear_air_airs.py
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
@@ -38,11 +38,24 @@ HELD_OUT = 10
 """One air in so many judges the fit."""
 SEVERAL = {"intensity": 128, "polarisation": 64, "base": 48}
 """Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
-MEMBERS, WIDTH, DEPTH = 3, 256, 3
-"""Networks whose mean counts, and the width and number of their hidden layers."""
-EPOCHS, FINE_EPOCHS, BATCH = 400, 100, 128
-RATE, FINE_RATE, DECAY = 2e-3, 3e-4, 0.1
-"""Largest steps of AdamW in the fit of coefficients and of light, and its weight decay."""
+MEMBERS = 3
+"""Networks whose mean counts; their spread gives the error of a sky."""
+WIDTH = 256
+"""Units of a hidden layer."""
+DEPTH = 3
+"""Hidden layers."""
+EPOCHS = 400
+"""Passes over the samples in the fit of coefficients."""
+FINE_EPOCHS = 100
+"""Passes in the fit of light that follows."""
+BATCH = 128
+"""Samples of a step."""
+RATE = 2e-3
+"""Largest step of AdamW in the fit of coefficients."""
+FINE_RATE = 3e-4
+"""Largest step in the fit of light."""
+DECAY = 0.1
+"""Weight decay of AdamW."""
 TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
 """Errors of radiance that weigh the same under each sun."""
 TOLERATED_POLARISATION = 0.01
@@ -50,7 +63,7 @@ AS_CLIMATES_COUNT = 1.5
 """By how much more errors count in airs with all their phase functions than in those with two (`MERGED`)."""
 LEAST_PART = 0.1
 """Part of all light that light scattered more than once counts as at least."""
-TOLD = 0.95
+COVERED = 0.95
 """Part of the skies that is at least as near as the model tells."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
@@ -58,7 +71,7 @@ DARKEST = 1e-32
 """Least M over F0 that is fitted [sr^-1]."""
 COLUMNS = (
     *("climate", "sun_elevation_deg", "median_percent", "p95_percent", "max_percent", "reference_percent"),
-    *("excess_percent", "told_percent", "p95_degree_of_polarisation"),
+    *("excess_percent", "estimated_percent", "p95_degree_of_polarisation"),
 )
 PICTURED = (("urban", 10.0), ("desert", 1.0), ("continental-average", -4.0), ("maritime-tropical", -9.0))
 """Climates and suns of the picture."""
@@ -79,22 +92,22 @@ class Data:
     limits: np.ndarray
 
 
-def read(airs: Path, rough: Path) -> Data:
+def read(airs: Path, approximate: Path) -> Data:
     """The samples of all airs that both folders have."""
-    names = sorted(path.name for path in rough.glob("*.npz") if (airs / path.name).exists())
+    names = sorted(path.name for path in approximate.glob("*.npz") if (airs / path.name).exists())
     rows: dict[str, list[np.ndarray]] = {
         key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
     }
     limited = []
     for name in names:
-        with np.load(airs / name) as solved, np.load(rough / name) as computed:
+        with np.load(airs / name) as solved, np.load(approximate / name) as computed:
             light = np.moveaxis(solved["light"], (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
-            base, once = (np.moveaxis(computed[key], -1, 1).astype(float) for key in ("base", "once"))
+            base, single = (np.moveaxis(computed[key], -1, 1).astype(float) for key in ("base", "single"))
             count = base.shape[0] * base.shape[1]
-            several = np.maximum(light[:, :, 0], DARKEST)
-            rows["ratio"].append(np.log(several / base).reshape(count, -1).astype(np.float32))
-            rows["part"].append((several / (several + once)).reshape(count, -1).astype(np.float16))
-            stokes = np.clip(light[:, :, 1:] / several[:, :, None], -1.0, 1.0)
+            multiple = np.maximum(light[:, :, 0], DARKEST)
+            rows["ratio"].append(np.log(multiple / base).reshape(count, -1).astype(np.float32))
+            rows["part"].append((multiple / (multiple + single)).reshape(count, -1).astype(np.float16))
+            stokes = np.clip(light[:, :, 1:] / multiple[:, :, None], -1.0, 1.0)
             rows["polarised"].append(stokes.reshape(count, -1).astype(np.float32))
             rows["inputs"].append(computed["inputs"].reshape(count, -1))
             rows["log_base"].append(computed["log_base"].reshape(count, -1))
@@ -260,7 +273,7 @@ def _calibrated(model: ClearAirModel, data: Data, some: np.ndarray) -> np.ndarra
     sky_off, sky_spread = (np.percentile(one, 95, axis=(2, 3)) for one in (off, spread * part))
     times = sky_off / np.maximum(sky_spread, 1e-9)
     near = [slice(max(0, n - 1), n + 2) for n in range(SUN_DEG.size)]
-    return np.stack([SINGLE_ERROR, [np.quantile(times[:, suns], TOLD) for suns in near]])
+    return np.stack([SINGLE_ERROR, [np.quantile(times[:, suns], COVERED) for suns in near]])
 
 
 def _errors(model: ClearAirModel, data: Data, some: np.ndarray) -> str:
@@ -292,17 +305,20 @@ def climates(model: ClearAirModel) -> None:
             some = table[table["sun_elevation_deg"] == sun]
             place = np.arange(some.size), slice(None), np.searchsorted(medium.wavelength_nm, some["wavelength_nm"])
             light = field.stokes(sun, some["elevation_deg"], some["azimuth_deg"])[place[0], :, place[2]]
-            told = 100.0 * field.convergence.error
+            estimated = 100.0 * field.convergence.error
             degree = np.hypot(light[:, 1], light[:, 2]) / light[:, 0]
             right = np.hypot(some["q_per_sr"], some["u_per_sr"]) / some["radiance_per_sr"]
             off = np.percentile(np.abs(degree - right), 95)
-            percent = (f"{value:.2f}" for value in (median, most, largest, own, excess, told))
+            percent = (f"{value:.2f}" for value in (median, most, largest, own, excess, estimated))
             rows.append([name, f"{sun:g}", *percent, f"{off:.4f}"])
             print(*rows[-1], sep="\t", flush=True)
     results.write(HERE / "clear_air.csv", COLUMNS, rows)
     for sun in dict.fromkeys(row[1] for row in rows):
-        excess, told = ([float(row[k]) for row in rows if row[1] == sun] for k in (6, 7))
-        print(f"sun {sun}: excess {np.median(excess):.2f} (median climate), {max(excess):.2f} (largest); told", told)
+        excess, estimated = ([float(row[k]) for row in rows if row[1] == sun] for k in (6, 7))
+        print(
+            f"sun {sun}: excess {np.median(excess):.2f} (median climate), {max(excess):.2f} (largest); estimated",
+            estimated,
+        )
 
 
 def picture(path: Path) -> None:
@@ -342,7 +358,7 @@ def main() -> None:
     commands = parser.add_subparsers(dest="command", required=True)
     fitting = commands.add_parser("fit")
     fitting.add_argument("airs", type=Path)
-    fitting.add_argument("rough", type=Path)
+    fitting.add_argument("approximate", type=Path)
     fitting.add_argument("--start", type=Path)
     fitting.add_argument("--output", type=Path, default=SHIPPED)
     commands.add_parser("climates").add_argument("--model", type=Path, default=SHIPPED)
@@ -353,7 +369,7 @@ def main() -> None:
     if options.command == "picture":
         return picture(HERE.parent / "docs" / "clear-air.png")
     start = None if options.start is None else ClearAirModel.load(options.start)
-    model = fit(read(options.airs, options.rough), start)
+    model = fit(read(options.airs, options.approximate), start)
     model.save(options.output)
     print(f"wrote {options.output} ({options.output.stat().st_size / 1e6:.2f} MB)")
 

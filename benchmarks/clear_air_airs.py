@@ -3,8 +3,8 @@
     python benchmarks/clear_air_airs.py FOLDER --first 6000 --step 2    the odd ones beside it: --first 6001 --step 2
 
 One file for each air, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  An air is
-drawn from its number alone.  3 to 25 processor seconds an air.  `--rough FOLDER2` computes in place of it what the
-model itself computes of the airs that are there, to be done again when its code changes: a processor second an air.
+drawn from its number alone.  3 to 25 processor seconds an air.  `--approximate FOLDER2` computes in place of it what
+the model itself computes of the airs that are there, to be done again when its code changes: a processor second each.
 `benchmarks/clear_air.py` fits both.
 """
 
@@ -13,32 +13,22 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.profiles import PROFILES
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
+from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.compact.air_columns import AirColumns, two_phase_functions
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
-from twilight.solvers.compact.clear_air_sky import ClearAirSky, RoughSkies, log_base
+from twilight.solvers.compact.clear_air_sky import ApproximateSkies, ClearAirSky, log_base
 
-PROFILES = (
-    "tropical",
-    "midlatitude_summer",
-    "midlatitude_winter",
-    "subarctic_summer",
-    "subarctic_winter",
-    "us_standard",
-)
-TYPES = (
-    *("continental_clean", "continental_average", "continental_polluted", "urban", "desert"),
-    *("maritime_clean", "maritime_polluted", "maritime_tropical", "arctic", "antarctic"),
-)
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
 LOADS = ("low", "typical", "elevated", "extreme")
@@ -88,7 +78,7 @@ def drawn_climate(rng: np.random.Generator) -> dict[str, Any]:
         law = {"exponent": (0.0, 2.2), "single_scattering_albedo": (0.8, 1.0), "asymmetry": (0.55, 0.78)}
         aerosol["angstrom"] = {key: float(rng.uniform(*limits)) for key, limits in law.items()}
     else:
-        aerosol["type"] = str(rng.choice(TYPES))
+        aerosol["type"] = str(rng.choice(get_args(AerosolType)))
         aerosol["relative_humidity_percent"] = int(rng.choice(HUMIDITIES))
     particles = {} if rng.random() < PURE else {"aerosol": aerosol, "stratosphere": stratosphere}
     return {
@@ -175,23 +165,23 @@ def sample(path: Path, number: int) -> None:
     write(path, light=several(medium, SETTINGS, observers))
 
 
-def rough(path: Path, number: int) -> None:
+def approximate(path: Path, number: int) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
     _, columns, observers = drawn(number)
-    skies = [RoughSkies(columns, above) for above in observers]
+    skies = [ApproximateSkies(columns, above) for above in observers]
     bases = [[one.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for one in skies]
     write(
         path,
         base=np.array(bases, np.float32),
-        once=np.array([[_once(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
+        single=np.array([[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
         inputs=np.array([one.inputs for one in skies], np.float32),
         log_base=np.array([log_base(one.base_at) for one in skies], np.float32),
     )
 
 
-def _once(skies: RoughSkies, sun_deg: float) -> np.ndarray:
+def _single_scattering(skies: ApproximateSkies, sun_deg: float) -> np.ndarray:
     """Light scattered once at the nodes, (E, A, W)."""
-    logarithms = np.log(skies.once_at_nodes(sun_deg))
+    logarithms = np.log(skies.single_at_nodes(sun_deg))
     nothing = np.full((1, *logarithms.shape[1:]), -np.inf)
     apparent = skies.shells.apparent_elevation_deg(sun_deg)
     columns, parts = skies.columns, np.concatenate([nothing, logarithms])
@@ -211,15 +201,15 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=MERGED)
     parser.add_argument("--step", type=int, default=1)
     parser.add_argument("--last", type=int, default=2 * MERGED)
-    parser.add_argument("--rough", type=Path)
+    parser.add_argument("--approximate", type=Path)
     options = parser.parse_args()
     for number in range(options.first, options.last, options.step):
         light = options.folder / f"{number:05d}.npz"
-        path = options.rough / light.name if options.rough else light
+        path = options.approximate / light.name if options.approximate else light
         path.parent.mkdir(parents=True, exist_ok=True)
-        if options.rough and light.exists() and not path.exists():
-            rough(path, number)
-        elif not options.rough and not path.exists():
+        if options.approximate and light.exists() and not path.exists():
+            approximate(path, number)
+        elif not options.approximate and not path.exists():
             sample(path, number)
 
 

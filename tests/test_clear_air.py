@@ -127,8 +127,8 @@ def test_its_skies_are_as_near_to_zones_as_it_says(climate, settings):
     e, a = np.meshgrid(np.linspace(1.0, 89.0, 9), np.linspace(0.0, 180.0, 9), indexing="ij")
     for sun in SUNS_DEG:
         mine, theirs = model.stokes(sun, e, a), exact.stokes(sun, e, a)
-        told = model.blocks[0].field.convergence.error
-        assert np.percentile(np.abs(mine[..., 0, :] / theirs[..., 0, :] - 1.0), 95) < 1.5 * told + DRAFT_ERROR, sun
+        estimated = model.blocks[0].field.convergence.error
+        assert np.percentile(np.abs(mine[..., 0, :] / theirs[..., 0, :] - 1.0), 95) < 1.5 * estimated + DRAFT_ERROR, sun
         degree = [np.hypot(one[..., 1, :], one[..., 2, :]) / one[..., 0, :] for one in (mine, theirs)]
         assert np.percentile(np.abs(degree[0] - degree[1]), 95) < 0.03, sun
 

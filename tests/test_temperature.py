@@ -25,7 +25,10 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 EDGES_KM = np.array([0.0, 4.0, 12.0, 26.0])
-SUNS_DEG, ELEVATIONS_DEG = np.array([0.0, 0.0, -4.0, -4.0]), np.array([90.0, 8.0, 90.0, 8.0])
+SUNS_DEG = np.array([0.0, 0.0, -4.0, -4.0])
+"""Elevation of the sun for each line of sight [deg]."""
+ELEVATIONS_DEG = np.array([90.0, 8.0, 90.0, 8.0])
+"""Elevation of each line of sight [deg]."""
 FAR = 8.0
 """Change of temperature [K] of the airs that are compared."""
 AT_K = 250.0

@@ -63,8 +63,11 @@ LIMITED = (
 )
 """What an air must have between the least and the largest that the fit saw; in the words of messages."""
 
-HIGH_KM, HIGHEST_KM = 39.0, 60.0
-"""Altitudes above the ground above which air itself must be as in nature, and without particles [km]."""
+HIGH_KM = 39.0
+"""Altitude above the ground [km]; the part of the air above it is that of nature, or the air is not clear air."""
+
+HIGHEST_KM = 60.0
+"""Altitude above the ground [km] above which no air of the fit has particles."""
 
 AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
 """Rows of optical depths: scattering by air, absorption by gases, extinction by aerosol, its scattering below and above
@@ -79,7 +82,7 @@ def two_phase_functions(medium: Medium) -> Medium:
     scattering = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
     kinds = np.array([phase.matrix(cosine) for phase in medium.phase_functions])
     kinds = kinds.reshape(len(medium.phase_functions), 4, medium.n_wavelengths, angle.size)
-    thickness = np.maximum(np.gradient(z), 1e-6) if np.all(np.diff(z) > 0) else np.maximum(_thickness(z), 1e-6)
+    thickness = np.maximum(_thickness(z), 1e-6)
     phases = []
     for name, part in (("low", ~high), ("high", high)):
         weight = np.einsum("klw,lw,l->kw", medium.aerosol_phase_fraction[:, part], scattering[part], thickness[part])
@@ -111,7 +114,6 @@ class AirColumns:
     forward (2, W): fraction of each phase function in its forward peak, which counts as not scattered
     degree: up to which both phase functions are followed
     moments (2, W, N): Legendre moments of both phase functions
-    refractivity: n - 1 at the boundaries of the layers' parts
     medium: with its two phase functions
     kinds (K, L, W): scattering by each aerosol that the medium came with, which light that is scattered once needs
     kinds_forward (K, W): fraction of their phase functions in their forward peaks
@@ -244,9 +246,9 @@ class AirColumns:
         of_kinds = d[self.depth.shape[0] :]
         per_km = 1.0 / np.diff(BOUNDARY_KM)[:, None]
         chi = self.kinds_moments
-        ahead = np.einsum("kw,klw->lw", chi[:, :, 1], of_kinds)
-        scattering = d[AIR] + of_kinds.sum(axis=0) - ahead
-        extinction = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - ahead
+        forwards = np.einsum("kw,klw->lw", chi[:, :, 1], of_kinds)
+        scattering = d[AIR] + of_kinds.sum(axis=0) - forwards
+        extinction = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - forwards
         rho = self.medium.depolarisation
         of_air = [np.ones_like(rho), np.zeros_like(rho), (1.0 - rho) / (5.0 * (2.0 + rho)), np.zeros_like(rho)]
         first = []

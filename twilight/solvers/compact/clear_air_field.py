@@ -6,8 +6,9 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.solvers.base import BareField, ModelError, observer_at
+from twilight.solvers.base import BareField, ModelError
 from twilight.solvers.compact.air_columns import LIMITED, AirColumns
+from twilight.solvers.compact.asked import checked_directions, checked_observer, rows_and_columns
 from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_sky import ClearAirSkies
 
@@ -27,18 +28,6 @@ SKIES_AT_HAND = 4
 """Observers whose skies are cached."""
 
 
-def check_observer(medium: Medium, altitude_km: float | None, highest_km: float) -> float:
-    """The altitude of an observer [km], the ground's where it is None; TwilightError for one that the model lacks."""
-    altitude = observer_at(medium, altitude_km, medium.bottom_km)
-    high = medium.bottom_km + highest_km
-    if altitude > high:
-        raise TwilightError(
-            f"the compact solver knows the sky of observers up to {highest_km:g} km above the ground: "
-            f"observer.altitude_km is {altitude:g}, allowed is {medium.bottom_km:g} to {high:g}"
-        )
-    return altitude
-
-
 class ClearAirField(BareField):
     """The skies of one medium for any sun from -18 to 90 deg and observers up to 15 km above the ground.
 
@@ -49,7 +38,7 @@ class ClearAirField(BareField):
     def __init__(self, medium: Medium, model: ClearAirModel, observer_altitude_km: float, polarisation: bool):
         self.medium, self.model = medium, model
         self._polarised = polarisation
-        self._altitude_km = check_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
+        self._altitude_km = checked_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
         check_wavelengths(medium)
         self._columns = AirColumns.of(medium)
         check_air(self._columns, model)
@@ -81,28 +70,20 @@ class ClearAirField(BareField):
         return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
 
     def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
-        low, high = SUN_DEG[[0, -1]]
-        if not low <= sun_elevation_deg <= high:
-            raise TwilightError(
-                f"sun.elevation_deg is {sun_elevation_deg:g}; the compact solver allows {low:g} to {high:g}"
-            )
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        if elevation.size and not (elevation.min() >= 0.0 and elevation.max() <= 90.0):
-            raise TwilightError("the compact solver knows the sky above the horizon only: elevations from 0 to 90 deg")
+        elevation, azimuth = checked_directions(sun_elevation_deg, SUN_DEG, elevation_deg, azimuth_deg)
         skies = self._seen_from(self.observer_above_km(altitude_km))
         sky = skies.sky(float(sun_elevation_deg), n_stokes > 1)
         self.convergence = ModelError(sky.relative_error)
-        if elevation.ndim == 2 and elevation.size:
-            rows, columns = elevation[:, :1], azimuth[:1]
-            if (elevation == rows).all() and (azimuth == columns).all():
-                return sky.light(rows[:, 0], columns[0], on_grid=True, n_stokes=n_stokes)
+        grid = rows_and_columns(elevation, azimuth)
+        if grid is not None:
+            return sky.light(*grid, on_grid=True, n_stokes=n_stokes)
         out = sky.light(elevation.ravel(), azimuth.ravel(), on_grid=False, n_stokes=n_stokes)
         return out.reshape(*elevation.shape, *out.shape[1:])
 
     def observer_above_km(self, altitude_km: float | None) -> float:
         """Altitude of an observer above the ground [km]; None: as prepared."""
         altitude = self._altitude_km if altitude_km is None else altitude_km
-        return check_observer(self.medium, altitude, HIGHEST_OBSERVER_KM) - self.medium.bottom_km
+        return checked_observer(self.medium, altitude, HIGHEST_OBSERVER_KM) - self.medium.bottom_km
 
     def _seen_from(self, above: float) -> ClearAirSkies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""

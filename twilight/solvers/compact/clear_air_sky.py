@@ -17,7 +17,7 @@ from twilight.numerics.phase import PhaseFunction, rayleigh_matrix, rayleigh_pha
 from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, ClearAirModel
 from twilight.solvers.compact.compact_sky import spline_matrix
-from twilight.solvers.compact.diffuse_light import diffuse_light, seen
+from twilight.solvers.compact.diffuse_light import diffuse_light, line_of_sight_radiance
 from twilight.solvers.compact.forward_peak import WidenedPeaks, forward_peaks, place_of_angle, widened
 
 BASE_ELEVATIONS = (0, 3, 6, 10, 14)
@@ -45,7 +45,7 @@ DARK = 1e-35
 """Least radiance over F0 whose logarithm is taken [sr^-1]."""
 
 
-class RoughSkies:
+class ApproximateSkies:
     """What is computed of the skies of one air seen by one observer, before anything that is fitted.
 
     columns: the air; observer_km: above the ground
@@ -61,9 +61,9 @@ class RoughSkies:
     def base_at(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """M_0 in directions, (E, A, W)."""
         where = (sun_elevation_deg, elevation_deg, azimuth_deg)
-        return np.maximum(seen(self.shells, self._light, self._scattering, *where), DARK)
+        return np.maximum(line_of_sight_radiance(self.shells, self._light, self._scattering, *where), DARK)
 
-    def once_at_nodes(self, sun_elevation_deg: float) -> np.ndarray:
+    def single_at_nodes(self, sun_elevation_deg: float) -> np.ndarray:
         """Q_k at the nodes of the sky, (1 + K, E, A, W)."""
         return np.maximum(self.shells.scattered_once(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG), DARK)
 
@@ -75,7 +75,7 @@ def log_base(base_at: Callable[[float, np.ndarray, np.ndarray], np.ndarray]) -> 
     return np.log(light).reshape(-1, light.shape[-1]).T
 
 
-class ClearAirSkies(RoughSkies):
+class ClearAirSkies(ApproximateSkies):
     """The skies of one air seen by one observer, under every sun."""
 
     @one_blas_thread()
@@ -92,20 +92,20 @@ class ClearAirSkies(RoughSkies):
         weight = spline_matrix(SUN_DEG, np.array([sun_elevation_deg]))[0]
         parts = self._fitted if with_polarisation else self._fitted[:1]
         log_ratio, *polarised = np.einsum("s,pwsea->peaw", weight, parts)
-        several = np.log(self.base_at(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG)) + log_ratio
+        log_multiple = np.log(self.base_at(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG)) + log_ratio
         # in the shadow ln(Q) falls without end, and splines would swing beside it
         shells, forward = self.shells, self.columns.kinds_forward
-        once = self.once_at_nodes(sun_elevation_deg) + NEGLIGIBLE * np.exp(several)
+        single = self.single_at_nodes(sun_elevation_deg) + NEGLIGIBLE * np.exp(log_multiple)
         apparent = shells.apparent_elevation_deg(sun_elevation_deg)
         peaks = None
         if forward.size and sun_elevation_deg > LOWEST_AUREOLE_DEG:
             peaks = widened(self._peaks, *shells.depth_in_peaks(sun_elevation_deg, ELEVATION_DEG, forward))
-        logarithms = np.concatenate([several[None], np.log(once)])
+        logarithms = np.concatenate([log_multiple[None], np.log(single)])
         medium = self.columns.medium
         phases = (medium.depolarisation, self.columns.phase_functions)
         sky = ClearAirSky(apparent, *phases, logarithms, np.array(polarised), peaks)
         light = sky.at_nodes()
-        spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(several) / light
+        spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(log_multiple) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
         shown = spread[..., brightest > DARKEST_TERM * brightest.max()]
@@ -142,26 +142,26 @@ class ClearAirSky:
         on_grid: in rows (E,) times columns (A,), (E, A, n_stokes, W); otherwise in directions (D,), (D, n_stokes, W)
         """
         rows, columns = elevation_splines(elevation_deg), azimuth_splines(azimuth_deg)
-        several, *once = np.exp(_interpolated(self.logarithms, rows, columns, on_grid))
+        multiple, *single = np.exp(_interpolated(self.logarithms, rows, columns, on_grid))
         where = (elevation_deg[:, None], azimuth_deg[None]) if on_grid else (elevation_deg, azimuth_deg)
         cosine, *turned = self._geometry(*where)
         phases = self._phases(cosine)
         if self.peaks is not None:
             phases[1:] = self._with_wide_peaks(phases[1:], cosine, rows, on_grid)
-        stokes = [several + sum(phase * part for phase, part in zip(phases, once, strict=True))]
+        stokes = [multiple + sum(phase * part for phase, part in zip(phases, single, strict=True))]
         if n_stokes > 1:
-            polarised = sum(phase * part for phase, part in zip(self._polarising(cosine), once, strict=True))
+            polarised = sum(phase * part for phase, part in zip(self._polarising(cosine), single, strict=True))
             odd = azimuth_splines(azimuth_deg, odd=True)
             for values, over_azimuth, turn in zip(self.polarised, (columns, odd), turned, strict=True):
                 part = _interpolated(values[None], rows, over_azimuth, on_grid)[0]
-                stokes.append(several * part + polarised * turn[..., None])
+                stokes.append(multiple * part + polarised * turn[..., None])
         return np.stack(stokes, axis=-2)
 
     def at_nodes(self) -> np.ndarray:
         """L / F0 [sr^-1] at the nodes, (E, A, W)."""
-        several, *once = np.exp(self.logarithms)
+        multiple, *single = np.exp(self.logarithms)
         cosine = self._geometry(ELEVATION_DEG[:, None], AZIMUTH_DEG[None])[0]
-        return several + sum(phase * part for phase, part in zip(self._phases(cosine), once, strict=True))
+        return multiple + sum(phase * part for phase, part in zip(self._phases(cosine), single, strict=True))
 
     def _geometry(
         self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray

@@ -1,15 +1,17 @@
-"""A first estimate of light scattered more than once: isotropic orders of scattering in spherical shells, numpy alone.
+"""A first estimate of light scattered more than once: orders of scattering in spherical shells, numpy alone.
 
 What is sought is the mean intensity J(z, chi) of light that was scattered at least once, in layers and at local solar
-zenith angles chi: one field that serves every sun.  Light scattered once comes with the phase functions up to Legendre
-order `ORDERS - 1`; from then on scattering is isotropic, the aerosol's with the similarity rule (extinction less
-asymmetry x scattering).  Over rays from a point in `POLAR` zenith angles a side, and the mean over azimuths,
+zenith angles chi: one field that serves every sun.  The first scattering has the phase functions up to Legendre order
+`ORDERS - 1`; between it and the last, scattering is isotropic, the aerosol's with the similarity rule (extinction less
+asymmetry x scattering).  Over rays from a point in `POLAR` zenith angles a side, with weights w whose sum is 1, and the
+mean over azimuths,
 
-    J_next(z, chi) = 1/2 sum_rays w sum_segments T (1 - exp(-tau)) albedo sum_chi' G(chi, chi') J(z', chi')
+    J_next(z, chi) = sum_rays w sum_segments T (1 - exp(-tau)) albedo sum_chi' G(chi, chi') J(z', chi')
 
-and with it the mean V of the radiance times the direction that it comes from, upwards and towards the sun: an observer
-who looks along e sees the source J + 3 g V.e.  G depends on geometry alone (straight rays) and is computed once.  J
-falls by orders of magnitude behind the shadow's edge, so it is interpolated in chi as a multiple of `log_reference`.
+and with it the mean V of the radiance times the direction that it comes from, upwards and towards the sun: along a line
+of sight e the last scattering sends J + 3 g V.e to the observer.  G depends on geometry alone, rays bent by air of
+`REFRACTIVITY`, and is computed once.  J falls by orders of magnitude behind the shadow's edge, so it is interpolated in
+chi as a multiple of `log_reference`.
 """
 
 from __future__ import annotations
@@ -283,7 +285,7 @@ def _sources(rays: Rays, light: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return here.reshape(-1, here.shape[-1])
 
 
-def seen(
+def line_of_sight_radiance(
     shells: RefractedShells,
     light: np.ndarray,
     coefficients: tuple[np.ndarray, np.ndarray],

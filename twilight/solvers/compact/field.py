@@ -13,8 +13,9 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.solvers.base import BareField
+from twilight.solvers.compact.asked import checked_directions, checked_observer, rows_and_columns
 from twilight.solvers.compact.clear_air import shipped_model
-from twilight.solvers.compact.clear_air_field import ClearAirField, check_observer
+from twilight.solvers.compact.clear_air_field import ClearAirField
 from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
 from twilight.solvers.compact.recognise import recognise
 
@@ -98,7 +99,7 @@ def prepare(
     if settings.model == CLEAR_AIR:
         path = _checked(settings)
         return ClearAirField(medium, shipped_model(path), observer_altitude_km, settings.polarisation)
-    check_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
+    checked_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
     path = _checked(settings)
     return ClimateField(medium, _load(path, _sha256(path)), path.stem)
 
@@ -128,15 +129,9 @@ class ClimateField(BareField):
         Errors: TwilightError for a sun or a direction that the model does not have: -18 to 90 deg, 0 to 90 deg; and for
         another observer than one on the ground.
         """
-        check_observer(self.medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
-        low, high = self.model.sun_elevation_deg[[0, -1]]
-        if not low <= sun_elevation_deg <= high:
-            raise TwilightError(
-                f"sun.elevation_deg is {sun_elevation_deg:g}; the compact solver allows {low:g} to {high:g}"
-            )
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        if elevation.size and not (elevation.min() >= 0.0 and elevation.max() <= 90.0):
-            raise TwilightError("the compact solver knows the sky above the horizon only: elevations from 0 to 90 deg")
+        checked_observer(self.medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
+        suns = self.model.sun_elevation_deg
+        elevation, azimuth = checked_directions(sun_elevation_deg, suns, elevation_deg, azimuth_deg)
         sky = self.model.sky(
             sun_elevation_deg,
             self.medium.wavelength_nm,
@@ -144,8 +139,5 @@ class ClimateField(BareField):
             self.medium.ground_albedo,
             self.air.ozone_column_du,
         )
-        if elevation.ndim == 2 and elevation.size:
-            rows, columns = elevation[:, :1], azimuth[:1]
-            if (elevation == rows).all() and (azimuth == columns).all():
-                return sky.on_grid(rows[:, 0], columns[0])
-        return sky.radiance(elevation, azimuth)
+        grid = rows_and_columns(elevation, azimuth)
+        return sky.radiance(elevation, azimuth) if grid is None else sky.on_grid(*grid)

@@ -39,36 +39,36 @@ LEAST_DEPTH = 1e-4
 
 
 class ForwardPeaks(NamedTuple):
-    """Of the two phase functions: fraction (2, W); moments p_l (2, W, N); kept (2, W, N): chi_l - f up to the degree
-    that is followed, 0 beyond."""
+    """Of K phase functions: fraction (K, W); moments p_l (K, W, N); followed (K, W, N): chi_l - f up to the degree that
+    is followed, 0 beyond."""
 
     fraction: np.ndarray
     moments: np.ndarray
-    kept: np.ndarray
+    followed: np.ndarray
 
 
 class WidenedPeaks(NamedTuple):
     """For elevations (E,) under one sun: depth x (E, W), and what is added to exp(-x) P at the angles of the tables,
-    (2, E, ANGLES, W) [sr^-1]."""
+    (K, E, ANGLES, W) [sr^-1]."""
 
     depth: np.ndarray
     added: np.ndarray
 
 
 def forward_peaks(phases: tuple[PhaseFunction, ...], fraction: np.ndarray, degree: int) -> ForwardPeaks:
-    """Peaks beyond a degree, of which fraction (2, W) is given."""
+    """Peaks beyond a degree, of which fraction (K, W) is given."""
     chi = np.array([phase.legendre_moments(HIGHEST_DEGREE) for phase in phases])
     f = fraction[..., None]
     strong = f > STRONG_FRACTION
     moments = np.clip(chi / np.maximum(f, LEAST_FRACTION), np.where(strong, -2.0, 0.0), np.where(strong, 2.0, 1.0))
     moments[..., : degree + 1] = 1.0
-    kept = chi - f
-    kept[..., degree + 1 :] = 0.0
-    return ForwardPeaks(np.where(fraction > LEAST_FRACTION, fraction, 0.0), moments, kept)
+    followed = chi - f
+    followed[..., degree + 1 :] = 0.0
+    return ForwardPeaks(np.where(fraction > LEAST_FRACTION, fraction, 0.0), moments, followed)
 
 
 def widened(peaks: ForwardPeaks, depth: np.ndarray, by_kind: np.ndarray) -> WidenedPeaks:
-    """The widened peaks for optical depths x (E, W) in peaks and what each kind scatters in them, (2, E, W)."""
+    """The widened peaks for optical depths x (E, W) in peaks and what each kind scatters in them, (K, E, W)."""
     total = by_kind.sum(axis=0)
     x = np.where((total > 0.0) & (depth >= LEAST_DEPTH), depth, 0.0)
     part = by_kind / np.where(total > 0.0, total, 1.0)
@@ -79,7 +79,7 @@ def widened(peaks: ForwardPeaks, depth: np.ndarray, by_kind: np.ndarray) -> Wide
     safe = np.where(small, 1.0, mixed * xs)
     g = np.where(small, 0.5 * none * xs * mixed, (np.exp(-xs * (1.0 - mixed)) - none) / safe - none)
     peak = (peaks.fraction[..., None] * peaks.moments)[:, None]
-    series = peak * g + (1.0 - none) * peaks.kept[:, None]  # 2 E W N
+    series = peak * g + (1.0 - none) * peaks.followed[:, None]  # 2 E W N
     return WidenedPeaks(x, np.einsum("kewl,al->keaw", series, _legendre_terms(), optimize=True))
 
 
