@@ -80,6 +80,9 @@ def render_files(
               file=sys.stderr)  # fmt: skip
     cells = [[label, *(cell(row.get(key), form) for _, key, form in TABLE[1:])] for label, row in labels.items()]
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
+    errors = [row["estimated_error"] for row in rows.values() if row.get("estimated_error")]
+    if errors:
+        print(f"by its own estimate, 95 % of the directions are within {100 * max(errors):.2g} %")
     for note in notes:
         print(note)
     names = folder.file_names()

@@ -34,6 +34,7 @@ COLUMNS = (
     "illuminance_with_sun_lux",
     "solver",
     "quality",
+    "estimated_error",
     "set_up_time_s",
     "run_time_s",
 )
@@ -77,6 +78,7 @@ def figures(sky: Sky) -> dict[str, Any]:
         "illuminance_with_sun_lux": None if sky.direct_irradiance is None else sky.illuminance_lux(direct=True),
         "solver": record.get("solver"),
         "quality": record.get("quality"),
+        "estimated_error": record.get("convergence", {}).get("error"),
         "set_up_time_s": record.get("set_up_time_s"),
         "run_time_s": record.get("run_time_s"),
     }

@@ -38,9 +38,6 @@ NEGLIGIBLE = 1e-3
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 
-LOWEST_AUREOLE_DEG = -9.0
-"""Elevation of the sun below which light scattered once is less than 1 % of the sky, and no glow is left of the sun."""
-
 DARK = 1e-35
 """Least radiance over F0 whose logarithm is taken [sr^-1]."""
 
@@ -98,7 +95,7 @@ class ClearAirSkies(ApproximateSkies):
         single = self.single_at_nodes(sun_elevation_deg) + NEGLIGIBLE * np.exp(log_multiple)
         apparent = shells.apparent_elevation_deg(sun_elevation_deg)
         peaks = None
-        if forward.size and sun_elevation_deg > LOWEST_AUREOLE_DEG:
+        if forward.size:
             peaks = widened(self._peaks, *shells.depth_in_peaks(sun_elevation_deg, ELEVATION_DEG, forward))
         logarithms = np.concatenate([log_multiple[None], np.log(single)])
         medium = self.columns.medium
