@@ -257,13 +257,15 @@ def former_names(commit: str) -> dict[str, str]:
     return {new: old for _, old, new in (line.split("\t") for line in moved.splitlines())}
 
 
-def commits_since(commit: str, files: list[str]) -> int | None:
-    """Commits after this one that changed any of these files, under their names of today or of then.
-
-    None where the history does not hold the commit: a table that was made on another branch is old.
-    """
+def in_history(commit: str, path: Path) -> str:
+    """The commit, or, where a branch was merged as one commit and lost it, the one that brought it into this file."""
     known = subprocess.run(["git", "merge-base", "--is-ancestor", commit, "HEAD"], cwd=ROOT, capture_output=True)
-    if known.returncode != 0:
+    return commit if known.returncode == 0 else _git("log", "-1", "--format=%H", f"-S{commit}", "--", str(path)).strip()
+
+
+def commits_since(commit: str, files: list[str]) -> int | None:
+    """Commits after this one that changed any of these files, by their names of today or of then (None: no commit)."""
+    if not commit:
         return None
     former = former_names(commit)
     names = [*files, *(former[file] for file in files if file in former)]
@@ -287,7 +289,8 @@ def ages() -> list[tuple[str, str, str, int | None]]:
         commit, script = stamp.groups()
         if checked := CHECKED.search(second):
             commit = checked[1]
-        count = commits_since(commit, cached_code(script)) if (HERE / script).is_file() else None
+        commit_here = in_history(commit, path)
+        count = commits_since(commit_here, cached_code(script)) if (HERE / script).is_file() else None
         found.append((path.relative_to(HERE).as_posix(), script, commit, count))
     return sorted(found, key=lambda row: -1 if row[3] is None else -row[3])
 
