@@ -93,7 +93,8 @@ def in_short() -> str:
 
 
 PARTS = {
-    "docs/accuracy.md": {"errors of zones": errors, "times": times, "prague": prague},
+    "docs/accuracy.md": {"errors of zones": errors, "times": times},
+    "docs/notes/prague-radiances.md": {"prague": prague},
     "README.md": {"in short": in_short},
 }
 
