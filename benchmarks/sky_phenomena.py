@@ -99,8 +99,8 @@ def shadow_edge_deg(air: Air, sun_elevation_deg: float) -> float | None:
     low, high = (int(np.searchsorted(p.elevation_deg, e)) for e in (belt.shadow_elevation_deg, belt.elevation_deg))
     half = 0.5 * (belt.shadow_x + belt.x)
     i = low + int(np.argmax(p.x[low + 1 : high + 1] >= half))
-    share = (half - p.x[i]) / (p.x[i + 1] - p.x[i])
-    return float(p.elevation_deg[i] + share * (p.elevation_deg[i + 1] - p.elevation_deg[i]))
+    fraction = (half - p.x[i]) / (p.x[i + 1] - p.x[i])
+    return float(p.elevation_deg[i] + fraction * (p.elevation_deg[i + 1] - p.elevation_deg[i]))
 
 
 def _antisolar(air: Air, sun_elevation_deg: float) -> VerticalCircle:

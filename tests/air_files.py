@@ -22,22 +22,22 @@ def dew_point_c(e_hpa):
     return 243.12 * y / (17.62 - y)
 
 
-def rows_of(name="midlatitude_summer", top_km=31.0):
-    """Altitude [km], p [hPa], T [K], e / p and ozone's mixing ratio of an AFGL atmosphere at its altitudes."""
+def rows_of(name="midlatitude_summer"):
+    """Altitude [km], p [hPa], T [K], e / p and ozone's mixing ratio of an AFGL atmosphere at its altitudes to 31 km."""
     a = load_profile(name)
-    k = a.altitude_km <= top_km
+    k = a.altitude_km <= 31.0
     air = a.air_per_cm3[k]
     return a.altitude_km[k], a.pressure_hpa[k], a.temperature_k[k], a.h2o_per_cm3[k] / air, a.o3_per_cm3[k] / air
 
 
-def wyoming(path, name="midlatitude_summer", top_km=31.0, when="12Z 21 Jun 2026", stamp="260621/1200", digits=1):
-    """TEXT:LIST of the University of Wyoming; more digits than it has, for comparisons."""
-    z, p, t, x, _ = rows_of(name, top_km)
+def wyoming(path, name="midlatitude_summer"):
+    """TEXT:LIST of the University of Wyoming."""
+    z, p, t, x, _ = rows_of(name)
     height = 1e3 * moist_air.geopotential_km(z, LATITUDE)
     rule = "-" * 77
     lines = [
         "<HTML>", "<TITLE>University of Wyoming - Radiosonde Data</TITLE>",
-        f"<H2>10868 Muenchen-Oberschleissheim Observations at {when}</H2>", "<PRE>", rule,
+        "<H2>10868 Muenchen-Oberschleissheim Observations at 12Z 21 Jun 2026</H2>", "<PRE>", rule,
         "   PRES   HGHT   TEMP   DWPT   RELH   MIXR   DRCT   SKNT   THTA   THTE   THTV",
         "    hPa     m      C      C      %    g/kg    deg   knot     K      K      K ", rule,
     ]  # fmt: skip
@@ -45,12 +45,12 @@ def wyoming(path, name="midlatitude_summer", top_km=31.0, when="12Z 21 Jun 2026"
         dew = dew_point_c(x[i] * p[i])
         relh = 100.0 * x[i] * p[i] / moist_air.saturation_pressure_hpa(t[i])
         mixr = 622.0 * x[i] / (1.0 - x[i])
-        row = f"{p[i]:7.{digits}f}{height[i]:7.0f}{t[i] - 273.15:7.{digits}f}{dew:7.{digits}f}{relh:7.0f}{mixr:7.2f}"
+        row = f"{p[i]:7.1f}{height[i]:7.0f}{t[i] - 273.15:7.1f}{dew:7.1f}{relh:7.0f}{mixr:7.2f}"
         lines.append(f"{row}    350      8  293.3  313.2  294.5")
     lines += [
         "</PRE><H3>Station information and sounding indices</H3><PRE>",
         "                         Station identifier: ", "                             Station number: 10868",
-        f"                           Observation time: {stamp}",
+        "                           Observation time: 260621/1200",
         f"                           Station latitude: {LATITUDE}",
         f"                          Station longitude: {LONGITUDE}",
         "                          Station elevation: 0.0", "</PRE>", "</HTML>",
@@ -59,12 +59,12 @@ def wyoming(path, name="midlatitude_summer", top_km=31.0, when="12Z 21 Jun 2026"
     return path
 
 
-def igra(path, name="midlatitude_summer", days=(20, 21, 22), top_km=31.0):
+def igra(path):
     """IGRA version 2: a sounding a day, that of the 21st with the atmosphere, the others 5 K warmer."""
-    z, p, t, x, _ = rows_of(name, top_km)
+    z, p, t, x, _ = rows_of()
     height = 1e3 * moist_air.geopotential_km(z, LATITUDE)
     lines = []
-    for day in days:
+    for day in (20, 21, 22):
         warmer = 0.0 if day == 21 else 5.0
         place = f"{round(1e4 * LATITUDE):7d} {round(1e4 * LONGITUDE):8d}"
         lines.append(f"#GMM00010868 2026 06 {day:02d} 12 1045 {z.size + 1:4d} ncdc-gts ncdc-gts {place}")
@@ -140,11 +140,11 @@ def era5(path, name="midlatitude_summer", slope_k=0.0, clouds=False, **drop):
     return path
 
 
-def merra2(path, name="midlatitude_summer"):
+def merra2(path):
     """MERRA-2 inst3_3d_asm_Np with columns of tavg1_2d_aer_Nx; under the ground values are missing."""
     import xarray
 
-    p, fields = _maps(name)
+    p, fields = _maps("midlatitude_summer")
     dims = ("time", "lev", "lat", "lon")
     upside = {key: value[:, :, ::-1] for key, value in fields.items()}
     upside["z"][:, 0] = np.nan
@@ -169,18 +169,18 @@ def cams(path):
 
     dims = ("time", "latitude", "longitude")
     depth = {"aod469": 0.30, "aod550": 0.25, "aod670": 0.19, "aod865": 0.13, "aod1240": 0.08}
-    lon = (np.array(LONGITUDES) + 0.0).tolist()
     values = {key: (dims, np.full((1, 3, 3), value)) for key, value in depth.items()}
     values["gtco3"] = (dims, np.full((1, 3, 3), 320.0 * 2.1415e-5))
-    xarray.Dataset(values, {"time": TIMES[:1], "latitude": LATITUDES, "longitude": lon}).to_netcdf(path, engine="scipy")
+    data = xarray.Dataset(values, {"time": TIMES[:1], "latitude": LATITUDES, "longitude": LONGITUDES})
+    data.to_netcdf(path, engine="scipy")
     return path
 
 
-def grib(path, name="midlatitude_summer"):
+def grib(path):
     """ERA5 in GRIB 1, a message a field and level; ozone at fewer levels."""
     import eccodes
 
-    p, fields = _maps(name)
+    p, fields = _maps("midlatitude_summer")
     codes = {"z": 129, "t": 130, "q": 133, "o3": 203}
     with open(path, "wb") as file:
         for key, param in codes.items():
@@ -213,7 +213,7 @@ AERONET_TEXT = (
 AOD = {1640: 0.060, 1020: 0.090, 870: 0.110, 675: 0.150, 500: 0.230, 440: 0.270, 380: 0.320, 340: 0.350}
 
 
-def aeronet(path, depths=AOD, hours=(6, 12, 18), exponent=1.3):
+def aeronet(path, depths=AOD, exponent=1.3):
     """AOD of version 3, all points: each measurement 0.01 above the one before; channels without a filter are -999."""
     channels = [1640, 1020, 870, 865, 779, 675, 667, 500, 490, 440, 412, 400, 380, 340]
     names = ["Date(dd:mm:yyyy)", "Time(hh:mm:ss)", "Day_of_Year", "Day_of_Year(Fraction)"]
@@ -221,7 +221,7 @@ def aeronet(path, depths=AOD, hours=(6, 12, 18), exponent=1.3):
     names += ["AERONET_Site_Name", "Site_Latitude(Degrees)", "Site_Longitude(Degrees)", "Site_Elevation(m)"]
     names += ["Exact_Wavelengths_of_AOD(um)_500nm", "AERONET_Site"]
     lines = [AERONET_TEXT + ",".join(names)]
-    for i, hour in enumerate(hours):
+    for i, hour in enumerate((6, 12, 18)):
         row = ["21:06:2026", f"{hour:02d}:10:00", "172", f"{172 + hour / 24:.6f}"]
         row += [f"{depths[nm] + 0.01 * i:.6f}" if nm in depths else "-999." for nm in channels]
         row += ["-999.", "2.100000", f"{exponent:.6f}", "Munich_University", "48.148000", "11.573000", "533.000000"]
@@ -237,8 +237,9 @@ def log_normal_volume(r, volume, median, sigma):
     return volume / (np.sqrt(2 * np.pi) * sigma) * np.exp(-0.5 * (np.log(r / median) / sigma) ** 2)
 
 
-def inversion(path, depth=(0.27, 0.15, 0.11, 0.09), index=((1.45, 1.45, 1.46, 1.46), (0.008, 0.007, 0.007, 0.007))):
+def inversion(path):
     """An inversion of version 3 with all products (.all): a fine and a coarse mode."""
+    depth, real, imaginary = (0.27, 0.15, 0.11, 0.09), (1.45, 1.45, 1.46, 1.46), (0.008, 0.007, 0.007, 0.007)
     channels = (440, 675, 870, 1020)
     v = log_normal_volume(RADII_UM, 0.05, 0.18, 0.45) + log_normal_volume(RADII_UM, 0.03, 2.6, 0.65)
     names = ["Site", "Date(dd:mm:yyyy)", "Time(hh:mm:ss)", "Day_of_Year", "Day_of_Year(Fraction)"]
@@ -249,14 +250,14 @@ def inversion(path, depth=(0.27, 0.15, 0.11, 0.09), index=((1.45, 1.45, 1.46, 1.
     names += [f"{a}[{nm}nm]" for nm in channels for a in ("180.000000", "0.000000")]
     names += ["Latitude(Degrees)", "Longitude(Degrees)"]
     row = ["Munich_University", "21:06:2026", "16:40:00", "172", "172.694444"]
-    row += [f"{value:.6f}" for value in (*depth, *[0.95] * 4, *index[0], *index[1], *v)]
+    row += [f"{value:.6f}" for value in (*depth, *[0.95] * 4, *real, *imaginary, *v)]
     row += ["0.439173", *["1.0"] * 8, "48.148000", "11.573000"]
     text = AERONET_TEXT.replace("AOD Level 1.5", "Almucantar Level 1.5 Inversion")
     path.write_text(text + ",".join(names) + "\n" + ",".join(row) + "\n")
     return path
 
 
-def woudc(path, column=318):
+def woudc(path):
     """TotalOzone of WOUDC in extended CSV, version 1."""
     path.write_text(
         "* SOFTWARE: O3Brewer 6.6\n\n#CONTENT\nClass,Category,Level,Form\nWOUDC,TotalOzone,1.0,1\n\n#DATA_GENERATION\n"
@@ -264,7 +265,7 @@ def woudc(path, column=318):
         "Type,ID,Name,Country,GAW_ID\nSTN,099,Hohenpeissenberg,DEU,HPB\n\n#INSTRUMENT\nName,Model,Number\nBrewer,MKII,010\n\n"
         "#LOCATION\nLatitude,Longitude,Height\n47.80,11.02,985\n\n#TIMESTAMP\nUTCOffset,Date,Time\n+00:00:00,2026-06-01,\n\n"
         "#DAILY\nDate,WLCode,ObsCode,ColumnO3,StdDevO3,UTC_Begin,UTC_End,UTC_Mean,nObs,mMu,ColumnSO2\n"
-        f"2026-06-20,9,0,331,2.5,05,17,11,31,1.9,0.1\n2026-06-21,9,0,{column},2.1,05,17,11,28,1.8,\n2026-06-22,9,0,,,,,,,,\n\n"
+        "2026-06-20,9,0,331,2.5,05,17,11,31,1.9,0.1\n2026-06-21,9,0,318,2.1,05,17,11,28,1.8,\n2026-06-22,9,0,,,,,,,,\n\n"
         "#TIMESTAMP\nUTCOffset,Date,Time\n+00:00:00,2026-06-30,\n\n#MONTHLY\nDate,ColumnO3,StdDevO3,Npts\n2026-06-01,330,9,29\n"
     )
     return path
@@ -296,41 +297,35 @@ def sage(path, altitude_km, extinction_per_km):
     """A solar event of SAGE III/ISS, level 2, version 5.1: compound tables."""
     import h5py
 
-    n = len(altitude_km)
-
-    def table(file, place, columns):
-        array = np.zeros(n if np.ndim(columns[0][1]) else 1, dtype=[(name, "f4") for name, _ in columns])
+    def table(columns, kind="f4"):
+        array = np.zeros(np.size(columns[0][1]), dtype=[(name, kind) for name, _ in columns])
         for name, values in columns:
             array[name] = values
-        file[place] = array
+        return array
 
-    with h5py.File(path, "w") as file:
-        header = [("Event", 2026062131), ("Year Fraction", 0.47), ("Date", 20260621), ("Latitude", 45.2),
-                  ("Longitude", 20.1), ("Time", 43015), ("Fill Value Int", -999), ("Fill Value Float", -999.0),
-                  ("Mission", 5)]  # fmt: skip
-        array = np.zeros(1, dtype=[(k, "f8") for k, _ in header])
-        for key, value in header:
-            array[key] = value
-        file["Section 1.0 - File Header/Section 1.0 - File Header"] = array
-        table(
-            file, "Section 5.0 - Altitude-based Data/Altitude Data",
+    profiles = []
+    for i, values in enumerate(extinction_per_km.T):
+        profiles += [(f"Aerosol Extinction Channel {i + 1} (km-1)", values)]
+        profiles += [(f"Aerosol Ext. Uncert. Channel {i + 1} (km-1)", 0.1 * values)]
+    sections = {
+        "Section 1.0 - File Header/Section 1.0 - File Header": table(
+            [("Event", 2026062131), ("Year Fraction", 0.47), ("Date", 20260621), ("Latitude", 45.2),
+             ("Longitude", 20.1), ("Time", 43015), ("Fill Value Int", -999), ("Fill Value Float", -999.0),
+             ("Mission", 5)], "f8",
+        ),
+        "Section 5.0 - Altitude-based Data/Altitude Data": table(
             [("Homogeneity Flags", 0 * altitude_km), ("Geometric Altitude (km)", altitude_km),
              ("Geopotential Altitude (km)", altitude_km)],
-        )  # fmt: skip
-        about = np.zeros(
-            9,
-            dtype=[
-                ("Aerosol Channels Centerline Wavelengths (nm)", "f4"),
-                ("Aerosol Channels Half-Bandwidths (nm)", "f4"),
-            ],
-        )
-        about["Aerosol Channels Centerline Wavelengths (nm)"] = SAGE_NM
-        file["Section 6.0 - Aerosol Information/Aerosol Information"] = about
-        columns = []
-        for i in range(9):
-            columns += [(f"Aerosol Extinction Channel {i + 1} (km-1)", extinction_per_km[:, i])]
-            columns += [(f"Aerosol Ext. Uncert. Channel {i + 1} (km-1)", 0.1 * extinction_per_km[:, i])]
-        table(file, "Section 6.1 - Aerosol Extinction profiles/Aerosol Extinction profiles", columns)
+        ),
+        "Section 6.0 - Aerosol Information/Aerosol Information": table(
+            [("Aerosol Channels Centerline Wavelengths (nm)", SAGE_NM),
+             ("Aerosol Channels Half-Bandwidths (nm)", np.zeros(9))],
+        ),
+        "Section 6.1 - Aerosol Extinction profiles/Aerosol Extinction profiles": table(profiles),
+    }  # fmt: skip
+    with h5py.File(path, "w") as file:
+        for place, array in sections.items():
+            file[place] = array
     return path
 
 

@@ -36,9 +36,7 @@ def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monk
     climate = load_climate(tmp_path / "mine.yaml")
     sources = climate.air.sources
     assert sources["pressure and temperature"].startswith("to 30 km sounding w.txt")
-    assert (
-        "above to 49" in sources["pressure and temperature"] and "climate's own" in sources["pressure and temperature"]
-    )
+    assert all(words in sources["pressure and temperature"] for words in ("above to 49", "climate's own"))
     assert sources["ozone column"].startswith("318 DU, WOUDC o.csv") and climate.gases.ozone.column_du == 318.0
     assert sources["aerosol sizes and index"] == "the climate's own, continental_average"
     assert "water vapour, 21 mm" in sources["not used"]

@@ -206,7 +206,7 @@ def test_exr_are_luminances(tmp_path):
     assert sorted(p.name for p in folder.iterdir()) == [f"{i:05d}.exr" for i in range(1, 6)]
     first, last = (read_latlong_exr(folder / name) for name in ("00001.exr", "00005.exr"))
     exact = Channels(NM).of(SKY.radiance(0.0, 90.0, 0.0))[1]
-    luminance = first.rgb[31, 31] @ [0.2126, 0.7152, 0.0722] * first.white_luminance
+    luminance = first.rgb[31, 31] @ [0.2126, 0.7152, 0.0722] * first.attributes["whiteLuminance"]
     assert luminance == pytest.approx(exact, rel=0.01)
     assert last.rgb[31, 31, 1] / first.rgb[31, 31, 1] == pytest.approx(10.0**-2.5, rel=0.01)
     with pytest.raises(TwilightError, match="exists; a film in EXR makes a new folder"):

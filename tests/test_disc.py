@@ -139,7 +139,7 @@ def test_a_map_keeps_the_light_of_the_disc(low_sun, renderer, width, tmp_path):
     without = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "a.exr", renderer=renderer, width=width))
     with_disc = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "b.exr", renderer=renderer, width=width, disc=True))
     added = (with_disc.rgb - without.rgb).astype(float) * pixel_solid_angle(renderer, width)[..., None]
-    luminous = added.sum(axis=(0, 1)) @ colour.REC709_LUMINANCE * with_disc.white_luminance
+    luminous = added.sum(axis=(0, 1)) @ colour.REC709_LUMINANCE * with_disc.attributes["whiteLuminance"]
     assert luminous == pytest.approx(sun_facts(low_sun)["illuminance_lux"], rel=0.02)
     assert with_disc.attributes["twilightSunDisc"] == "in the map"
     assert 1 <= (added[..., 0] > 1e-9).sum() <= (1 if width == 64 else 30) * 2

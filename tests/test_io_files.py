@@ -234,7 +234,7 @@ def test_outputs_are_written_together_and_the_panorama_is_used(tmp_path):
     from twilight.sky import colour
 
     found = read_latlong_exr(paths[2])
-    luminance = found.rgb @ colour.REC709_LUMINANCE * found.white_luminance
+    luminance = found.rgb @ colour.REC709_LUMINANCE * found.attributes["whiteLuminance"]
     np.testing.assert_allclose(luminance[:16].max(), brighter.luminance().max(), rtol=1e-4)
 
 

@@ -25,7 +25,7 @@ from twilight.scene.moons import moon_of
 from twilight.scene.scene import resolve
 from twilight.sky import colour
 from twilight.sky.bodies import Sites
-from twilight.sky.moon import Moon, MoonDisc, moon_irradiance, moon_over
+from twilight.sky.moon import Moon, MoonDisc, moon_over
 from twilight.sky.moon.disc import disc_integral, surface
 from twilight.sky.moon.light import allen_mag, band_reflectance, disc_reflectance, moon_illuminance_lux
 
@@ -90,12 +90,11 @@ def test_smooth_spectrum_keeps_the_bands():
         assert (np.diff(disc_reflectance(np.arange(300.0, 1001.0, 10.0), phase)) > 0.0).all()  # the moon is reddish
 
 
-def test_distance_and_spectrum():
-    """Inverse squares of both distances, and the solar spectrum as the one factor that is not smooth."""
+def test_light_falls_with_the_squares_of_both_distances():
+    """Of the moon from the observer, and of the sun from the moon."""
     nm = np.linspace(380.0, 720.0, 20)
-    near, far = (moon_irradiance(Moon(40, 0, 30.0, d, s), nm) for d, s in ((384400.0, 1.0), (384400.0 * 1.1, 0.98)))
-    assert_allclose(far, near / 1.1**2 / 0.98**2)
-    assert_allclose(near / spectrum.solar_irradiance(nm), Moon(40, 0, 30.0).irradiance_factor(nm))
+    near, far = Moon(40, 0, 30.0, 384400.0, 1.0), Moon(40, 0, 30.0, 384400.0 * 1.1, 0.98)
+    assert_allclose(far.irradiance_factor(nm), near.irradiance_factor(nm) / 1.1**2 / 0.98**2)
 
 
 def test_meeus_example():
@@ -186,7 +185,7 @@ def test_moonlit_sky_is_the_suns_looked_up_again():
     assert sky.sun_normalised_radiance.max() < 1e-13 < 1e-10 < sky.normalised_radiance.min()
     e, a = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
     alone = Problem(made).solve().radiance(40.0, e, np.mod(a - 150.0, 360.0))
-    moonlight = moon_irradiance(sky.moon.moon, sky.wavelength_nm)
+    moonlight = sky.moon.moon.irradiance_factor(sky.wavelength_nm) * spectrum.solar_irradiance(sky.wavelength_nm)
     assert_allclose(sky.night_radiance, alone * moonlight, rtol=2e-3)
     depth = 0.0973 + 0.030  # at 550 nm of air (Bodhaine et al. 1999) and of 334 DU of ozone (3.3e-21 cm^2)
     beam = moonlight[2] * np.exp(-depth / np.sin(np.radians(40.0)))
@@ -244,12 +243,7 @@ def test_eclipses_are_not_computed():
             {},
             "leave out elevation_deg",
         ),
-        (
-            {"elevation_deg": -30.0},
-            None,
-            {"output.files": ["moon"]},
-            "output.files: moon needs the moon",
-        ),
+        ({"elevation_deg": -30.0}, None, {"output.files": ["moon"]}, "output.files: moon needs the moon"),
     ],
 )
 def test_what_is_refused(sun, moon, more, sentence):
@@ -318,7 +312,7 @@ def test_a_map_keeps_the_light_of_the_moon(low_moon, renderer, tmp_path):
     ]
     assert [one.attributes["twilightMoonDisc"] for one in maps] == ["not in the map", "in the map"]
     added = (maps[1].rgb - maps[0].rgb).astype(float) * pixel_solid_angle(renderer, 512)[..., None]
-    lux = added.sum(axis=(0, 1)) @ colour.REC709_LUMINANCE * maps[1].white_luminance
+    lux = added.sum(axis=(0, 1)) @ colour.REC709_LUMINANCE * maps[1].attributes["whiteLuminance"]
     facts = moon_facts(low_moon, in_map=True)
     assert lux == pytest.approx(facts["illuminance_lux"], rel=0.03)  # five wavelengths; between them the map has more
     row, column = np.nonzero(added.sum(axis=-1) > 1e-3 * added.sum())

@@ -7,11 +7,11 @@ import pytest
 from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
-from twilight.io.folder import JOURNAL, Wanted, open_folder
+from twilight.io.folder import JOURNAL, RequestedSky, open_folder
 from twilight.io.netcdf import write_sky
 
-A = Wanted("a", {"climate": {"ground": {"albedo": 0.2}}, "list": [1, 2]})
-B = Wanted("b", {"climate": {"ground": {"albedo": 0.5}}, "list": [1, 2]})
+A = RequestedSky("a", {"climate": {"ground": {"albedo": 0.2}}, "list": [1, 2]})
+B = RequestedSky("b", {"climate": {"ground": {"albedo": 0.5}}, "list": [1, 2]})
 
 
 def render(root, wanted, code="1", overwrite=False, stop_after=None):
@@ -19,8 +19,8 @@ def render(root, wanted, code="1", overwrite=False, stop_after=None):
     made = []
     with open_folder(root, wanted, code, overwrite=overwrite) as folder:
         for name, one in wanted.items():
-            if name in folder.there:
-                assert folder.there[name] == {"name": name}
+            if name in folder.finished:
+                assert folder.finished[name] == {"name": name}
                 continue
             if len(made) == stop_after:
                 raise KeyboardInterrupt
@@ -31,7 +31,7 @@ def render(root, wanted, code="1", overwrite=False, stop_after=None):
             folder.add(name, one, files, {"name": name})
             made.append(name)
         if len(wanted) > 1:
-            folder.begin_once()
+            folder.begin_series_files()
     return made
 
 
@@ -40,7 +40,7 @@ def content(root):
 
 
 def test_what_is_finished_is_not_made_again(tmp_path):
-    root, series = tmp_path / "out", {f"sun{i}": Wanted(f"{i}", {"sun": i}) for i in range(5)}
+    root, series = tmp_path / "out", {f"sun{i}": RequestedSky(f"{i}", {"sun": i}) for i in range(5)}
     with pytest.raises(KeyboardInterrupt):
         render(root, series, stop_after=2)
     (root / "sun1" / "sky.png").write_bytes(b"")  # damaged meanwhile
@@ -48,9 +48,9 @@ def test_what_is_finished_is_not_made_again(tmp_path):
         journal.write('{"sky": "sun2", "ha')
     assert render(root, series) == ["sun1", "sun2", "sun3", "sun4"]
     assert render(root, series) == []
-    assert render(root, series | {"sun5": Wanted("5", {})}) == ["sun5"]  # a longer series keeps what is there
-    assert render(root, series | {"sun5": Wanted("5", {})}, code="2") == [*series, "sun5"]  # of another program
-    assert render(root, series | {"sun5": Wanted("5", {})}, code="2", overwrite=True) == [*series, "sun5"]
+    assert render(root, series | {"sun5": RequestedSky("5", {})}) == ["sun5"]  # a longer series keeps what is there
+    assert render(root, series | {"sun5": RequestedSky("5", {})}, code="2") == [*series, "sun5"]  # of another program
+    assert render(root, series | {"sun5": RequestedSky("5", {})}, code="2", overwrite=True) == [*series, "sun5"]
 
 
 def test_another_sky_is_refused_and_says_which_key_differs(tmp_path):
@@ -170,7 +170,7 @@ def test_what_a_series_has_once_is_a_renders_only_where_the_journal_says_so(tmp_
         render(other, series)
     assert content(other) == {"series.csv"}
     with open_folder(other, series, "1", overwrite=True) as folder:
-        folder.begin_once()
+        folder.begin_series_files()
         (other / "series.csv").write_text("of the render")
         (other / "frames").mkdir()
         (other / "frames" / "sky.0001.png").write_text("of the render")

@@ -123,20 +123,8 @@ def test_a_longitude_beyond_a_turn_is_the_same_place():
 
 
 def test_the_command_lists_them():
-    made = CliRunner().invoke(
-        app,
-        [
-            "times",
-            "--date",
-            "2026-06-21",
-            "--latitude",
-            "52.52",
-            "--longitude",
-            "13.41",
-            "--time-zone",
-            "Europe/Berlin",
-        ],
-    )
+    words = "times --date 2026-06-21 --latitude 52.52 --longitude 13.41 --time-zone Europe/Berlin"
+    made = CliRunner().invoke(app, words.split())
     assert made.exit_code == 0
     lines = made.output.splitlines()
     assert len(lines) == 1 + len(EVENTS)

@@ -20,7 +20,7 @@ FORMATS = Registry(
         "rgb": "twilight.io.environment_files:write_rgb",
         "spectral": "twilight.io.environment_files:write_spectral",
         "h5": "twilight.io.netcdf:write_h5",
-        "polarisation": "twilight.io.polarisation:write",
+        "polarisation": "twilight.io.polarisation:write_polarisation",
         "sun": "twilight.io.sun:write_sun",
         "moon": "twilight.io.moon:write_moon",
         "disc": "twilight.io.sun_picture:write_picture",

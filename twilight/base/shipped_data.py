@@ -15,8 +15,9 @@ def data_file(path: str) -> Traversable:
 
 
 def data_rows(path: str) -> list[dict[str, str]]:
-    """Rows of a CSV file of twilight/data, by the names of its columns."""
-    return list(csv.DictReader(data_file(path).read_text(encoding="utf-8").splitlines()))
+    """Rows of a CSV file of twilight/data, by the names of its columns; lines that begin with # are comments."""
+    lines = data_file(path).read_text(encoding="utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def data_numbers(path: str) -> tuple[tuple[str, ...], np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import secrets
 import sys
@@ -93,4 +94,11 @@ def write_csv(path: str | os.PathLike, columns: Sequence[str], rows: Iterable[Se
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
+    return Path(path)
+
+
+def write_json(path: str | os.PathLike, content: Any) -> Path:
+    """Write JSON values in UTF-8, whole or not at all.  Returns the path."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return Path(path)

@@ -84,7 +84,7 @@ def _wanted(at: str | None, latitude: float | None, longitude: float | None, zon
     """The place and time of the options."""
     from twilight.config.sun import SunAt
     from twilight.config.validate import Origins, validate
-    from twilight.io.air import Wanted
+    from twilight.io.air import PlaceAndTime
 
     if (latitude is None) != (longitude is None):
         raise TwilightError("--latitude and --longitude: give both, or neither")
@@ -92,12 +92,12 @@ def _wanted(at: str | None, latitude: float | None, longitude: float | None, zon
         within(latitude, "--latitude", -90.0, 90.0)
         within(longitude, "--longitude", -360.0, 360.0)
     if at is None:
-        return Wanted(None, latitude, longitude)
+        return PlaceAndTime(None, latitude, longitude)
     if latitude is None:
         raise TwilightError("--at: a time needs a place: give --latitude and --longitude")
     section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
     sun = validate(SunAt, section, Origins({(): "--at"}))
-    return Wanted(sun.aware(sun.at), latitude, longitude)
+    return PlaceAndTime(sun.aware(sun.at), latitude, longitude)
 
 
 app.command("from")(sentences(from_files))

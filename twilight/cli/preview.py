@@ -125,6 +125,6 @@ def draw(preview: Preview, output: Any, path: Path) -> None:
     )
     exposure: Any = "auto" if output.exposure_ev100 is None else output.exposure_ev100
     picture, ev100, _ = develop_view(preview.sky, tone, view=output.views[0], exposure=exposure)
-    facts = {"preview": preview.sentence, "view": output.views[0], "exposure_ev100": f"{ev100:.6g}"}
+    facts = {"preview": preview.sentence, "view": output.views[0], "exposure_ev100": ev100}
     label = f"PREVIEW, within {100 * preview.error:.2g} %   {label_of(preview.sky)}"
     save_png(picture, path, preview.sky, facts, label)

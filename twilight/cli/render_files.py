@@ -64,7 +64,7 @@ def render_files(
     root = output or _default_folder(cases, scene, settings, asked)
     check_folder(root)
     with open_folder(root, wanted, _code(cases), overwrite=overwrite) as folder, progress_bar() as progress:
-        first = next((one for one in asked if one.folder not in folder.there), None)
+        first = next((one for one in asked if one.folder not in folder.finished), None)
         shown = preview(first.case.config, first.sun, root / first.folder) if preview and first else nullcontext()
         with shown:
             rows = _compute(cases, asked, wanted, folder, progress)
@@ -74,7 +74,7 @@ def render_files(
             _expose_together(one_exposure, wanted, rows, folder, progress)
         labels = {one.label: rows[one.folder] for one in asked}
         once, notes = _once(asked, labels, folder, progress) if len(asked) > 1 else ([], [])
-    kept = len(folder.there)
+    kept = len(folder.finished)
     if kept:
         print(f"twilight: {kept} of {len(asked)} were there already ({JOURNAL}); --overwrite computes them again",
               file=sys.stderr)  # fmt: skip
@@ -98,7 +98,7 @@ def cell(value: Any, form: str) -> str:
 
 def _asked(cases: Sequence[Any]) -> tuple[list[_Asked], dict[str, Any]]:
     """All skies in their order, and what each is, by subfolder."""
-    from twilight.io.folder import Wanted
+    from twilight.io.folder import RequestedSky
     from twilight.io.provenance import configuration_hash
     from twilight.scene.record import resolved_configuration
     from twilight.scene.suns import count_suns, suns_of
@@ -112,7 +112,7 @@ def _asked(cases: Sequence[Any]) -> tuple[list[_Asked], dict[str, Any]]:
             if name in wanted:
                 raise TwilightError(f"sun: two suns have the name {sun.name}; they are less than 0.005 deg apart")
             configuration = resolved_configuration(case.config, sun.section)
-            wanted[name] = Wanted(configuration_hash(configuration), configuration)
+            wanted[name] = RequestedSky(configuration_hash(configuration), configuration)
             asked.append(_Asked(case, sun.name, name, label))
     return asked, wanted
 
@@ -145,7 +145,7 @@ def _compute(
     from twilight.io.series import figures
     from twilight.scene import resolve
 
-    rows = dict(folder.there)
+    rows = dict(folder.finished)
     missing = [one for one in asked if one.folder not in rows]
     done = 0
     for case in cases:
@@ -222,7 +222,7 @@ def _once(
 
     progress("the series", 1.0)
     root = folder.root
-    folder.begin_once()
+    folder.begin_series_files()
     folders = dict(zip(labels, (root / one.folder for one in asked), strict=True))
     made, notes = ["series.csv"], []
     write_table(labels, root / "series.csv")

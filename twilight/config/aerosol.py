@@ -2,56 +2,24 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from twilight.config.base import Flag, Number, Section, key
+from twilight.config.base import FilePath, Flag, Number, Section, increase, key
 
 AerosolType = Literal[
-    "continental_clean",
-    "continental_average",
-    "continental_polluted",
-    "urban",
-    "desert",
-    "maritime_clean",
-    "maritime_polluted",
-    "maritime_tropical",
-    "arctic",
-    "antarctic",
-]
+    "continental_clean", "continental_average", "continental_polluted", "urban", "desert",
+    "maritime_clean", "maritime_polluted", "maritime_tropical", "arctic", "antarctic",
+]  # fmt: skip
 Component = Literal["inso", "waso", "soot", "ssam", "sscm", "minm", "miam", "micm", "mitr", "suso"]
-
-
 StratosphereKind = Literal[
-    "background",
-    "moderate_volcanic",
-    "high_volcanic",
-    "extreme_volcanic",
-    "nh_midlat_low",
-    "nh_midlat_typical",
-    "nh_midlat_elevated",
-    "nh_midlat_extreme",
-    "sh_midlat_low",
-    "sh_midlat_typical",
-    "sh_midlat_elevated",
-    "sh_midlat_extreme",
-    "tropical_low",
-    "tropical_typical",
-    "tropical_elevated",
-    "tropical_extreme",
-]
-
-
+    "background", "moderate_volcanic", "high_volcanic", "extreme_volcanic",
+    "nh_midlat_low", "nh_midlat_typical", "nh_midlat_elevated", "nh_midlat_extreme",
+    "sh_midlat_low", "sh_midlat_typical", "sh_midlat_elevated", "sh_midlat_extreme",
+    "tropical_low", "tropical_typical", "tropical_elevated", "tropical_extreme",
+]  # fmt: skip
 AEROSOL_SOURCES = ("type", "components", "modes", "angstrom", "table")
-
-
-def one_line(path: str | None) -> str | None:
-    """The path of a file; ValueError for what cannot be one."""
-    if path is not None and ("\0" in path or "\n" in path):
-        raise ValueError("must be the path of a file")
-    return path
 
 
 class MineralTransported(Section):
@@ -96,7 +64,7 @@ class RefractiveIndex(Section):
                 f"has {len(w)} wavelength_nm, {len(self.real)} real and {len(self.imaginary)} imaginary; all need one "
                 f"number for each wavelength"
             )
-        if any(b <= a for a, b in itertools.pairwise(w)):
+        if not increase(w):
             raise ValueError("wavelength_nm must increase")
         return self
 
@@ -136,13 +104,13 @@ class Angstrom(Section):
 class OpticsTable(Section):
     """The optics of the particles from files; paths are relative to the folder of the climate's file."""
 
-    file: str = key(
+    file: FilePath = key(
         "",
         "CSV with wavelength_nm, extinction_per_km (at the base of the layer), single_scattering_albedo, and asymmetry "
         "unless phase_function is given",
         min_length=1,
     )
-    phase_function: str | None = key(
+    phase_function: FilePath | None = key(
         None,
         "CSV with wavelength_nm, angle_deg, phase_per_sr, and for polarised light p12_ratio, p33_ratio (p22_ratio, "
         "p34_ratio); unset: Henyey-Greenstein",
@@ -152,11 +120,6 @@ class OpticsTable(Section):
     phase_function_sha256: str | None = key(
         None, "the phase function's SHA-256; if given, another is an error", pattern="^[0-9a-f]{64}$"
     )
-
-    @field_validator("file", "phase_function")
-    @classmethod
-    def _is_path(cls, value: str | None) -> str | None:
-        return one_line(value)
 
 
 class OpticalDepths(Section):
@@ -174,7 +137,7 @@ class OpticalDepths(Section):
         w = self.wavelength_nm
         if len(w) != len(self.optical_depth):
             raise ValueError(f"has {len(w)} wavelength_nm but {len(self.optical_depth)} optical_depth")
-        if any(b <= a for a, b in itertools.pairwise(w)):
+        if not increase(w):
             raise ValueError("wavelength_nm must increase")
         return self
 
@@ -250,7 +213,7 @@ class Aerosol(Section):
         return self
 
 
-class ExtinctionLevels(Section):
+class StratosphereLevels(Section):
     """A measured profile of the stratosphere's extinction; above it the extinction falls as that of `kind` does."""
 
     altitude_km: tuple[Number, ...] = key(..., "above sea level, increasing", unit="km", min_length=2, max_length=500)
@@ -265,9 +228,9 @@ class ExtinctionLevels(Section):
     )
 
     @model_validator(mode="after")
-    def _match(self) -> ExtinctionLevels:
+    def _match(self) -> StratosphereLevels:
         for name in ("altitude_km", "wavelength_nm"):
-            if any(b <= a for a, b in itertools.pairwise(getattr(self, name))):
+            if not increase(getattr(self, name)):
                 raise ValueError(f"{name} must increase")
         if len(self.extinction_per_km) != len(self.altitude_km) or any(
             len(row) != len(self.wavelength_nm) for row in self.extinction_per_km
@@ -288,7 +251,7 @@ class Stratosphere(Section):
     season: Literal["spring_summer", "fall_winter"] = key("spring_summer", "half of the year, for LOWTRAN's loadings")
     upper_atmosphere: Literal["normal", "extreme"] = key("normal", "meteoric dust above 30 km, for LOWTRAN's loadings")
 
-    levels: ExtinctionLevels | None = key(
+    levels: StratosphereLevels | None = key(
         None, "a measured profile in place of that of `kind`, which must be one of SAGE III/ISS and gives what it lacks"
     )
 

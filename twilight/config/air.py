@@ -7,8 +7,7 @@ from typing import Any
 
 from pydantic import field_validator, model_validator
 
-from twilight.config.aerosol import one_line
-from twilight.config.base import Number, Section, key
+from twilight.config.base import Number, Section, key, one_line
 from twilight.config.sun import Moment
 
 AIR_FILES = ("sounding", "reanalysis", "aeronet", "ozone", "stratosphere")

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, Strict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
 
 Number = Annotated[float, Strict()]
 """A number, not text that looks like one and not true or false."""
 Integer = Annotated[int, Strict()]
 Flag = Annotated[bool, Strict()]
+
+
+def one_line(path: str) -> str:
+    """The path of a file; ValueError for what cannot be one."""
+    if "\0" in path or "\n" in path:
+        raise ValueError("must be the path of a file")
+    return path
+
+
+FilePath = Annotated[str, AfterValidator(one_line)]
+
+
+def increase(values: Iterable[Any]) -> bool:
+    """Whether each of the values is larger than the one before."""
+    return all(a < b for a, b in itertools.pairwise(values))
 
 
 class Section(BaseModel):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from twilight.config.aerosol import Aerosol, Stratosphere, one_line
+from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
-from twilight.config.base import Flag, Integer, Number, Section, key
+from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
 from twilight.config.clouds import Cloud
 
 AirProfileName = Literal[
@@ -58,7 +57,7 @@ class Layers(Section):
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
-        if b is not None and (len(b) < 2 or any(hi <= lo for lo, hi in itertools.pairwise(b))):
+        if b is not None and (len(b) < 2 or not increase(b)):
             raise ValueError("boundaries_km must start at the ground and increase up to top_km")
         return self
 
@@ -85,9 +84,9 @@ class Levels(Section):
         for name in ("pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm"):
             if len(getattr(self, name)) != len(z):
                 raise ValueError(f"has {len(z)} altitude_km but {len(getattr(self, name))} {name}")
-        if z[0] < 0.0 or z[-1] > 120.0 or any(b <= a for a, b in itertools.pairwise(z)):
+        if z[0] < 0.0 or z[-1] > 120.0 or not increase(z):
             raise ValueError("altitude_km must increase from 0 or more to at most 120 km")
-        if any(b >= a for a, b in itertools.pairwise(self.pressure_hpa)):
+        if not increase(reversed(self.pressure_hpa)):
             raise ValueError("pressure_hpa must decrease")
         return self
 
@@ -184,7 +183,7 @@ class Spectrum(Section):
         w = self.wavelength_nm
         if len(w) != len(self.albedo):
             raise ValueError(f"has {len(w)} wavelength_nm but {len(self.albedo)} albedo values")
-        if any(b <= a for a, b in itertools.pairwise(w)):
+        if not increase(w):
             raise ValueError("wavelength_nm must increase")
         return self
 
@@ -236,7 +235,7 @@ class Ground(Section):
 class TabulatedMedium(Section):
     """Air given as a table of coefficients, one row per level and wavelength, instead of by composition."""
 
-    table: str = key("", "CSV file, relative to the folder of the climate's file", min_length=1)
+    table: FilePath = key("", "CSV file, relative to the folder of the climate's file", min_length=1)
     depolarisation: Number = key(0.0, "of the air's Rayleigh phase function", unit="1", ge=0.0, le=0.5)
     phase_model: Literal["henyey_greenstein", "cornette_shanks"] = key(
         "henyey_greenstein", "of the aerosol, with the table's aerosol_asymmetry as its g"
@@ -245,7 +244,7 @@ class TabulatedMedium(Section):
 
     sha256: str | None = key(None, "the table's SHA-256; if given, another table is an error", pattern="^[0-9a-f]{64}$")
 
-    phase_function: str | None = key(
+    phase_function: FilePath | None = key(
         None,
         "CSV of the aerosol's phase function (as aerosol.table.phase_function), in place of the table's column "
         "aerosol_asymmetry",
@@ -254,11 +253,6 @@ class TabulatedMedium(Section):
     phase_function_sha256: str | None = key(
         None, "the phase function's SHA-256; if given, another is an error", pattern="^[0-9a-f]{64}$"
     )
-
-    @field_validator("table", "phase_function")
-    @classmethod
-    def _is_path(cls, value: str | None) -> str | None:
-        return one_line(value)
 
     @model_validator(mode="after")
     def _one_phase_function(self) -> TabulatedMedium:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from twilight.config.base import Number, Section, key
+from twilight.config.base import Number, Section, increase, key
 
 
 class HorizonClouds(Section):
@@ -107,7 +106,7 @@ class HorizonScreen(Section):
                     f"heights_km has {len(self.heights_km)} values and transmission {len(self.transmission)}; they "
                     "must be as many"
                 )
-            if any(b <= a for a, b in itertools.pairwise(self.heights_km)):
+            if not increase(self.heights_km):
                 raise ValueError("heights_km must increase")
         elif "from_km" in self.model_fields_set:
             raise ValueError("from_km belongs to heights_km; clouds have their own")

@@ -101,10 +101,10 @@ class _Draft:
 
 def _measured(config: Config, origins: Origins) -> dict[str, Any]:
     """The climate with what its section `air` asks for."""
-    from twilight.config.measured import wanted_of, with_measured_air  # start-up: numpy, and readers
+    from twilight.config.measured import place_and_time_of, with_measured_air  # start-up: numpy, and readers
 
     try:
-        return with_measured_air(config.climate, wanted_of(config))
+        return with_measured_air(config.climate, place_and_time_of(config))
     except TwilightError as error:
         raise TwilightError(f"{origins.describe(('climate', 'air'))[0]}: air: {error}") from None
 

@@ -43,7 +43,7 @@ from twilight.config.climate import Climate
 from twilight.config.profile import air_profile
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunInterval, SunTimes
-from twilight.io.air import KINDS, Wanted, read_air_file
+from twilight.io.air import KINDS, PlaceAndTime, read_air_file
 
 DIGITS = 6
 """Significant digits of numbers that are written into a climate."""
@@ -62,7 +62,7 @@ COLUMNS_ALONE = {"ozone": OzoneColumn, "aeronet": AerosolDepth}
 """A reanalysis may stand under these keys too: its columns alone are taken then."""
 
 
-def wanted_of(config: Config) -> Wanted:
+def place_and_time_of(config: Config) -> PlaceAndTime:
     """Place and time of the section `air`, or else of the (first) sun."""
     air, sun = config.climate.air or Air(), config.sun
     time, latitude, longitude = air.at, air.latitude_deg, air.longitude_deg
@@ -71,10 +71,10 @@ def wanted_of(config: Config) -> Wanted:
         time = sun.aware(first) if time is None else time
         if latitude is None:
             latitude, longitude = sun.latitude_deg, sun.longitude_deg
-    return Wanted(time, latitude, longitude)
+    return PlaceAndTime(time, latitude, longitude)
 
 
-def with_measured_air(climate: Climate, wanted: Wanted) -> dict[str, Any]:
+def with_measured_air(climate: Climate, wanted: PlaceAndTime) -> dict[str, Any]:
     """The climate as plain data with all that its section `air` asks for in place.
 
     Errors: TwilightError that names the file, the line where there is one, and what is allowed.
@@ -93,7 +93,7 @@ def with_measured_air(climate: Climate, wanted: Wanted) -> dict[str, Any]:
     return assemble(climate, readings, wanted, usual_ozone=air.ozone == CLIMATOLOGY)
 
 
-def read(path: str, wanted: Wanted) -> Reading:
+def read(path: str, wanted: PlaceAndTime) -> Reading:
     """What a file holds; read once as long as it does not change."""
     try:
         at = stat(path)
@@ -103,7 +103,7 @@ def read(path: str, wanted: Wanted) -> Reading:
 
 
 @lru_cache(maxsize=16)
-def _read(path: str, changed_ns: int, size: int, wanted: Wanted) -> Reading:
+def _read(path: str, changed_ns: int, size: int, wanted: PlaceAndTime) -> Reading:
     return read_air_file(Path(path), wanted)
 
 
@@ -126,7 +126,7 @@ class _Assembly:
 
 
 def assemble(
-    climate: Climate, readings: Iterable[Reading], wanted: Wanted, *, usual_ozone: bool = False
+    climate: Climate, readings: Iterable[Reading], wanted: PlaceAndTime, *, usual_ozone: bool = False
 ) -> dict[str, Any]:
     """A climate as plain data with what was read in place of its own; `air.sources` says which is which."""
     if climate.medium is not None:
@@ -189,7 +189,7 @@ def _put_profile(made: _Assembly, columns: list[AirColumn]) -> AirProfile:
 
 
 def _put_ozone(
-    made: _Assembly, columns: list[OzoneColumn], profiles: list[AirColumn], wanted: Wanted, usual: bool
+    made: _Assembly, columns: list[OzoneColumn], profiles: list[AirColumn], wanted: PlaceAndTime, usual: bool
 ) -> None:
     ozone = made.section("gases", "ozone") if columns or usual or profiles else {}
     measured = any(p.ozone is not None for p in profiles)
@@ -244,8 +244,8 @@ def _put_aerosol(made: _Assembly, sizes: list[SizeDistribution], depths: list[Ae
         if made.climate.aerosol is not None and made.climate.aerosol.type is not None:
             spec = opac_type(made.climate.aerosol.type)
             heights = {"boundary_layer_top_km": spec.boundary_layer_top_km, "scale_height_km": spec.scale_height_km}
-        kept = {k: v for k, v in (aerosol or {}).items() if k not in _PARTICLES}
-        aerosol = made.data["aerosol"] = {**heights, **kept, "modes": _modes(one)}
+        rest = {k: v for k, v in (aerosol or {}).items() if k not in _PARTICLES}
+        aerosol = made.data["aerosol"] = {**heights, **rest, "modes": _modes(one)}
         made.sources["aerosol sizes and index"] = one.source
     if not depths:
         return

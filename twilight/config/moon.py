@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 from twilight.config.base import Number, Section, key
 
 
-class Moon(Section):
-    """The moon, whose light in the air is the sun's, looked up once more for its own place in the sky."""
+class MoonSection(Section):
+    """The moon, whose light in the air is that of a sun in its place, times its irradiance over the sun's."""
 
     elevation_deg: Annotated[Number, Field(ge=-90.0, le=90.0)] | None = key(
         None, "true elevation of its centre; unset: from the place and time of the sun", unit="deg"
@@ -30,7 +30,7 @@ class Moon(Section):
     )
 
     @model_validator(mode="after")
-    def _check(self) -> Moon:
+    def _check(self) -> MoonSection:
         if self.elevation_deg is None and self.model_fields_set - {"elevation_deg"}:
             name = sorted(self.model_fields_set - {"elevation_deg"})[0]
             raise ValueError(f"{name} needs elevation_deg beside it; without it the moon stands where the time says")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from twilight.config.base import Flag, Integer, Number, Section, key
+from twilight.config.base import Flag, Integer, Number, Section, increase, key
 from twilight.config.climate import Climate
 from twilight.config.horizon import Horizon
-from twilight.config.moon import Moon
+from twilight.config.moon import MoonSection
 from twilight.config.output import Output
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
 from twilight.config.sun import Sun, SunElevation, SunElevations
@@ -57,7 +56,7 @@ class Wavelengths(Section):
         w = self.list_nm
         if w is not None and (self.min_nm, self.max_nm, self.count) != (None, None, None):
             raise ValueError("takes either list_nm or min_nm, max_nm and count, not both")
-        if w is not None and any(b <= a for a, b in itertools.pairwise(w)):
+        if w is not None and not increase(w):
             raise ValueError("list_nm must increase")
         low, high, count = self._equidistant
         if high < low or (count > 1 and high == low):
@@ -125,7 +124,7 @@ class Texture(Section):
         return round(90.0 / self.resolution_deg), 4 * round(90.0 / self.resolution_deg)
 
 
-class LightPollution(Section):
+class LightPollutionSection(Section):
     """The light of lamps in the air: a level that is known, not computed, brighter at the horizon (Garstang 1989)."""
 
     zenith_mag_per_arcsec2: Number | None = key(
@@ -136,7 +135,7 @@ class LightPollution(Section):
     )
 
     @model_validator(mode="after")
-    def _check(self) -> LightPollution:
+    def _check(self) -> LightPollutionSection:
         if (self.zenith_mag_per_arcsec2 is None) == (self.bortle_class is None):
             raise ValueError("takes one of zenith_mag_per_arcsec2 and bortle_class")
         return self
@@ -159,7 +158,7 @@ class Night(Section):
     )
     starlight: Number = key(1.0, "all stars as a smooth glow, by galactic latitude", unit="1", ge=0, le=100)
     zodiacal_light: Number = key(1.0, "sunlight on interplanetary dust", unit="1", ge=0, le=100)
-    light_pollution: LightPollution | None = key(
+    light_pollution: LightPollutionSection | None = key(
         None, "zenith_mag_per_arcsec2 or bortle_class of the place, all around the same; unset: none"
     )
     stars: Flag | None = key(
@@ -189,7 +188,7 @@ class Config(Section):
         dict, "name, quality, and any option of that solver (see `twilight solvers`)"
     )
     night: Night | None = key(None, "airglow, starlight and zodiacal light; unset: none, {}: all as usual")
-    moon: Moon | None = key(
+    moon: MoonSection | None = key(
         None,
         "the moon, its light in the air and its disc; unset: none, {}: where the place and time of the sun have it",
     )

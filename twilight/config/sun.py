@@ -3,7 +3,6 @@ interval."""
 
 from __future__ import annotations
 
-import itertools
 import re
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
@@ -11,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from twilight.base.errors import TwilightError
-from twilight.config.base import Flag, Number, Section, key
+from twilight.config.base import Flag, Number, Section, increase, key
 
 
 def _moment(value: Any) -> Any:
@@ -170,7 +169,7 @@ class SunTimes(_Place):
     @model_validator(mode="after")
     def _check(self) -> SunTimes:
         self._needs_zone(*self.times)
-        if any(self.aware(b) <= self.aware(a) for a, b in itertools.pairwise(self.times)):
+        if not increase(map(self.aware, self.times)):
             raise ValueError("times must be in their order, each once")
         return self
 

@@ -90,7 +90,7 @@ def allowed(annotation: Any, metadata: Iterable[Any] = (), unit: str = "") -> st
         if values is Any:
             return "a mapping of keys and values"
         return f"a mapping with keys {allowed(keys)} and values {allowed(values, (), unit)}"
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if _is_section(annotation):
         return f"a mapping with the keys {', '.join(annotation.model_fields)}"
     nouns = {
         bool: "true or false",
@@ -213,12 +213,11 @@ def _section(model: type[BaseModel], loc: tuple) -> type[BaseModel] | None:
             lists = (get_args(a)[0] for a in map(_bare, members) if get_origin(a) in (tuple, list))
             current = next(lists, None)
         else:
-            owners = [m for m in map(_bare, members) if isinstance(m, type) and issubclass(m, BaseModel)]
-            current = next((m.model_fields[part].annotation for m in owners if part in m.model_fields), None)
+            owners = [m.model_fields for m in map(_bare, members) if _is_section(m)]
+            current = next((fields[part].annotation for fields in owners if part in fields), None)
         if current is None:
             return None
-    models = [m for m in map(_bare, _members(current)) if isinstance(m, type) and issubclass(m, BaseModel)]
-    return models[0] if models else None
+    return next((m for m in map(_bare, _members(current)) if _is_section(m)), None)
 
 
 def _members(annotation: Any) -> Iterable[Any]:

@@ -114,9 +114,7 @@ def _hypercube(value: Any, where: str) -> Axis:
     where = f"{where}: vary: {LATIN_HYPERCUBE}"
     if not isinstance(value, Mapping):
         raise TwilightError(f"{where} must be a mapping with the keys samples, seed, ranges")
-    for key in value:
-        if key not in ("samples", "seed", "ranges"):
-            raise TwilightError(f"{where}.{key} {unknown(str(key), ('samples', 'seed', 'ranges'))}")
+    _check_keys(value, ("samples", "seed", "ranges"), where)
     samples = _whole(value.get("samples"), f"{where}.samples", 1, MAX_POINTS)
     seed = _whole(value.get("seed", 0), f"{where}.seed", 0, 2**31 - 1)
     ranges = value.get("ranges")
@@ -142,11 +140,14 @@ def _hypercube(value: Any, where: str) -> Axis:
     return Axis(LATIN_HYPERCUBE, tuple(points), tuple(f"sample-{i:0{width}d}" for i in range(samples)))
 
 
-def _range(value: Mapping[str, Any], where: str, more: tuple[str, ...] = ()) -> tuple[float, float, str]:
-    known = ("from", "to", *more, "scale")
+def _check_keys(value: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     for key in value:
         if key not in known:
             raise TwilightError(f"{where}.{key} {unknown(str(key), known)}")
+
+
+def _range(value: Mapping[str, Any], where: str, more: tuple[str, ...] = ()) -> tuple[float, float, str]:
+    _check_keys(value, ("from", "to", *more, "scale"), where)
     ends = []
     for name in ("from", "to"):
         end = value.get(name)

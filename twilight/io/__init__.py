@@ -4,7 +4,7 @@ from twilight.base.whole_files import whole_file
 from twilight.io.exr import LatLong, read_latlong_exr, read_spectral_exr, write_rgb_exr, write_spectral_exr
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_sky
 from twilight.io.outputs import write_outputs
-from twilight.io.picture import render_view, sky_exposure_ev100, write_png
+from twilight.io.picture import render_view, write_png
 from twilight.io.polarisation import write_polarisation_png
 from twilight.io.rgbe import write_hdr
 
@@ -14,7 +14,6 @@ __all__ = [
     "read_sky",
     "read_spectral_exr",
     "render_view",
-    "sky_exposure_ev100",
     "sky_to_dataset",
     "whole_file",
     "write_hdr",

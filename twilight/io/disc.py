@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,8 @@ COLOUR_STEP_NM = 10.0
 """Every wavelength has an edge of the disc of its own: colours need more of them than the sky."""
 _NODES = 24
 """Points of a row, from limb to limb, whose light is given to the pixels of a map."""
+PIXELS_AT_ONCE = 512
+"""Pixels of a picture whose points are worked on at once: it bounds memory."""
 
 
 class _Shown(NamedTuple):
@@ -39,12 +41,6 @@ def _shown(sky: Sky) -> list[_Shown]:
     return found
 
 
-@overload
-def _fine(disc: Disc) -> Disc: ...
-@overload
-def _fine(disc: MoonDisc) -> MoonDisc: ...
-@overload
-def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc: ...
 def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc:
     """The disc at wavelengths close enough for its colours, where those of the sky are far apart."""
     nm = disc.wavelength_nm
@@ -115,64 +111,41 @@ def add_to_picture(
 
     elevation_deg, azimuth_deg: broadcast to (height, width).  Each pixel holds the mean of points x points.
     """
-    for shown in _shown(sky):
-        _add_to_picture(sky, shown, picture, elevation_deg, azimuth_deg, tone, points)
-
-
-def _add_to_picture(
-    sky: Sky,
-    shown: _Shown,
-    picture: np.ndarray,
-    elevation_deg: np.ndarray,
-    azimuth_deg: np.ndarray,
-    tone: Tone,
-    points: int,
-) -> None:
     elevation, azimuth = np.broadcast_arrays(elevation_deg, azimuth_deg)
-    lower, upper = shown.disc.edges_deg()
-    down, right = _steps(elevation, azimuth)
-    around = np.mod(azimuth - shown.azimuth_deg + 180.0, 360.0) - 180.0
-    margin = 2.0 * np.nanmax(np.abs(down))
-    reach = 2.0 * shown.disc.half_width_deg().max() + 2.0 * np.nanmax(np.abs(right))
-    near = (elevation > lower - margin) & (elevation < upper + margin) & (np.abs(around) < reach)
-    if not near.any():
-        return
-    disc = _fine(shown.disc)
     offset = (np.arange(points) + 0.5) / points - 0.5
-    where = np.nonzero(near)
-    e = elevation[where][:, None, None] + down[where][:, None, None] * offset[:, None]
-    a = around[where][:, None, None] + right[where][:, None, None] * offset[None, :]
-    e, a = np.broadcast_arrays(e, a)
-    for start in range(0, e.shape[0], 512):
-        part = slice(start, start + 512)
-        light = disc.radiance(e[part], a[part]).mean(axis=(1, 2)) * shown.scale
-        picture[where[0][part], where[1][part]] += tone.see(light, disc.wavelength_nm, light_of(sky))
+    for shown in _shown(sky):
+        lower, upper = shown.disc.edges_deg()
+        down, right = _steps(elevation, azimuth)
+        around = _turn_deg(azimuth - shown.azimuth_deg)
+        margin = 2.0 * np.nanmax(np.abs(down))
+        side = 2.0 * shown.disc.half_width_deg().max() + 2.0 * np.nanmax(np.abs(right))
+        where = np.nonzero((elevation > lower - margin) & (elevation < upper + margin) & (np.abs(around) < side))
+        disc = _fine(shown.disc)
+        for start in range(0, where[0].size, PIXELS_AT_ONCE):
+            pixels = where[0][start : start + PIXELS_AT_ONCE], where[1][start : start + PIXELS_AT_ONCE]
+            e = elevation[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None]
+            a = around[pixels][:, None, None] + right[pixels][:, None, None] * offset[None, :]
+            light = disc.radiance(e, a).mean(axis=(1, 2)) * shown.scale
+            picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
 
 
 def add_to_view(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int = 8) -> None:
     """As `add_to_picture` for pixels (height, width, 3) that look along unit vectors from the sun's azimuth, in any
     projection: a pixel at a seam is taken as wide as most are."""
-    for shown in _shown(sky):
-        _add_to_view(sky, shown, picture, rays, tone, points)
-
-
-def _add_to_view(sky: Sky, shown: _Shown, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int) -> None:
-    down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
-    lower, upper = shown.disc.edges_deg()
-    middle = direction(shown.azimuth_deg, 0.5 * (lower + upper))
-    size = np.linalg.norm(down, axis=-1) + np.linalg.norm(right, axis=-1)
-    where = np.nonzero(rays @ middle > np.cos(np.radians(upper - lower) + size))
-    if not where[0].size:
-        return
-    disc = _fine(shown.disc)
     offset = (np.arange(points) + 0.5) / points - 0.5
-    for start in range(0, where[0].size, 512):
-        pixels = where[0][start : start + 512], where[1][start : start + 512]
-        ray = rays[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None, None]
-        azimuth, elevation = azimuth_elevation(ray + right[pixels][:, None, None] * offset[None, :, None])
-        around = np.mod(azimuth - shown.azimuth_deg + 180.0, 360.0) - 180.0
-        light = disc.radiance(elevation, around).mean(axis=(1, 2)) * shown.scale
-        picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
+    for shown in _shown(sky):
+        down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
+        lower, upper = shown.disc.edges_deg()
+        middle = direction(shown.azimuth_deg, 0.5 * (lower + upper))
+        size = np.linalg.norm(down, axis=-1) + np.linalg.norm(right, axis=-1)
+        where = np.nonzero(rays @ middle > np.cos(np.radians(upper - lower) + size))
+        disc = _fine(shown.disc)
+        for start in range(0, where[0].size, PIXELS_AT_ONCE):
+            pixels = where[0][start : start + PIXELS_AT_ONCE], where[1][start : start + PIXELS_AT_ONCE]
+            ray = rays[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None, None]
+            azimuth, elevation = azimuth_elevation(ray + right[pixels][:, None, None] * offset[None, :, None])
+            light = disc.radiance(elevation, _turn_deg(azimuth - shown.azimuth_deg)).mean(axis=(1, 2)) * shown.scale
+            picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
 
 
 def _within_a_pixel(steps: np.ndarray) -> np.ndarray:
@@ -183,9 +156,14 @@ def _within_a_pixel(steps: np.ndarray) -> np.ndarray:
 
 def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Change of elevation from a row to the next and of azimuth from a column to the next [deg]."""
-    turn = np.mod(np.diff(azimuth, axis=1, append=azimuth[:, :1]) + 180.0, 360.0) - 180.0
-    turn[:, -1] = turn[:, -2]
-    return np.gradient(elevation, axis=0), turn
+    right = _turn_deg(np.diff(azimuth, axis=1, append=azimuth[:, :1]))
+    right[:, -1] = right[:, -2]
+    return np.gradient(elevation, axis=0), right
+
+
+def _turn_deg(azimuth: np.ndarray) -> np.ndarray:
+    """An azimuth, or a difference of two, as an angle from -180 to 180 deg."""
+    return np.mod(azimuth + 180.0, 360.0) - 180.0
 
 
 def light_of(sky: Sky) -> Light:

@@ -6,19 +6,20 @@ from functools import lru_cache
 
 import numpy as np
 
-KEPT_VALUES = 1 << 23
-"""The pattern of pictures with more values is made anew each time."""
+MAX_CACHED_VALUES = 1 << 23
+"""The noise of pictures with more values is not cached."""
 
 
 def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
     """Display values 0..1 (height, width, K) as 8 bits, dithered by one step so that a smooth sky shows no bands.
 
-    The mean over a few pixels is the value itself.  The pattern is interleaved gradient noise (Jimenez 2014, Next
+    The mean over a few pixels is the value itself.  The noise is interleaved gradient noise (Jimenez 2014, Next
     generation post processing in Call of Duty), another part of it for each channel, so that the noise is grey in the
     mean and not in every pixel; it is fixed: equal skies give equal files.  NaN is black.  first_row: of the
     whole picture, where this is a part of it.
     """
-    noise = _noise(picture.shape, first_row) if picture.size > KEPT_VALUES else _cached_noise(picture.shape, first_row)
+    make_noise = _cached_noise if picture.size <= MAX_CACHED_VALUES else _noise
+    noise = make_noise(picture.shape, first_row)
     return np.clip(np.floor(np.nan_to_num(picture) * 255.0 + noise), 0, 255).astype(np.uint8)
 
 
@@ -32,7 +33,7 @@ def _noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _cached_noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
-    """The pictures of a film have one pattern."""
+    """The pictures of a film have the same noise."""
     noise = _noise(shape, first_row)
     noise.flags.writeable = False
     return noise

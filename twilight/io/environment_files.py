@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from twilight.io.exr import write_rgb_exr, write_spectral_exr
 from twilight.io.rendered import Options, Rendered
@@ -11,23 +12,19 @@ from twilight.io.rgbe import write_hdr
 
 def write_rgb(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.rgb.exr``, and ``sky.rgb.hdr`` for Radiance, whose tools read no EXR."""
-    size = {"renderer": options.renderer, "width": options.width, "observer": options.observer, "disc": options.disc}
-    written = [write_rgb_exr(rendered.seen, folder / "sky.rgb.exr", **size)]  # type: ignore[arg-type]
+    chosen = _map_options(options, options.width)
+    written = [write_rgb_exr(rendered.seen, folder / "sky.rgb.exr", **chosen)]
     if options.renderer == "radiance":
-        written.append(write_hdr(rendered.seen, folder / "sky.rgb.hdr", **size))  # type: ignore[arg-type]
+        written.append(write_hdr(rendered.seen, folder / "sky.rgb.hdr", **chosen))
     return written
 
 
 def write_spectral(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.spectral.exr``."""
-    path = folder / "sky.spectral.exr"
-    return [
-        write_spectral_exr(
-            rendered.fine,
-            path,
-            renderer=options.renderer,
-            width=options.spectral_width,
-            observer=options.observer,
-            disc=options.disc,
-        )
-    ]
+    chosen = _map_options(options, options.spectral_width)
+    return [write_spectral_exr(rendered.fine, folder / "sky.spectral.exr", **chosen)]
+
+
+def _map_options(options: Options, width: int) -> dict[str, Any]:
+    """What all environment maps have in common."""
+    return {"renderer": options.renderer, "width": width, "observer": options.observer, "disc": options.disc}

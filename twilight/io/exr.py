@@ -23,6 +23,8 @@ from twilight.sky.sky import Sky
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white (ITU-R BT.709)."""
+LARGEST = float(np.finfo(np.float32).max)
+"""Largest value of a channel."""
 
 _SPECTRAL_CHANNEL = re.compile(r"^S0\.(\d*,?\d*(?:[Ee][+-]?\d+)?)nm$")
 
@@ -34,20 +36,11 @@ class LatLong:
     rgb: np.ndarray
     attributes: dict[str, Any]
 
-    @property
-    def white_luminance(self) -> float:
-        """Luminance of RGB = 1, 1, 1 [cd m^-2]; 1 where the file does not say."""
-        return float(self.attributes.get("whiteLuminance", 1.0))
-
 
 def _header(sky: Sky, renderer: str, observer: str, disc: bool = False) -> dict[str, Any]:
     import OpenEXR  # start-up
 
     header: dict[str, Any] = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "software": "twilight",
-        "chromaticities": REC709_CHROMATICITIES,
         "whiteLuminance": float(spectrum.LUMINOUS_EFFICACY_LM_PER_W),
         f"{PREFIX}Renderer": renderer,
         f"{PREFIX}Colour": colour.colour_note(sky, observer),
@@ -78,6 +71,12 @@ def write_channels(path: str | Path, channels: dict[str, np.ndarray], attributes
 
     Red, green and blue are linear Rec. 709.  Errors: TwilightError.
     """
+    planes = {k: np.ascontiguousarray(np.clip(v, -LARGEST, LARGEST), dtype=np.float32) for k, v in channels.items()}
+    return _write(path, planes, attributes or {})
+
+
+def _write(path: str | Path, planes: dict[str, np.ndarray], attributes: dict[str, Any]) -> Path:
+    """Write planes (H, W) of float32 as they are."""
     import OpenEXR  # start-up
 
     header = {
@@ -85,10 +84,8 @@ def write_channels(path: str | Path, channels: dict[str, np.ndarray], attributes
         "type": OpenEXR.scanlineimage,
         "software": "twilight",
         "chromaticities": REC709_CHROMATICITIES,
-        **(attributes or {}),
+        **attributes,
     }
-    largest = float(np.finfo(np.float32).max)
-    planes = {k: np.ascontiguousarray(np.clip(v, -largest, largest), dtype=np.float32) for k, v in channels.items()}
     with whole_file(path) as temporary, OpenEXR.File(header, planes) as file:
         file.write(str(temporary))
     return Path(path)
@@ -125,30 +122,11 @@ def write_rgb_exr(
     into it for a renderer.  The chromaticity is that of the observer, the luminance that of V(lambda).  The lower
     hemisphere is the Lambertian ground.
 
-    Parameters
-    ----------
-    sky
-        The sky that is drawn.
-    path
-        The file, which is written whole or not at all.
-    renderer
-        Whose axes the map has: a name of `RENDERERS` of `twilight.io.environment`.
-    width
-        Of the picture [pixel], a multiple of 4; that of a square for `pbrt` is half of it.
-    observer
-        Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
-    disc
-        Whether the discs of sun and moon (of `Sky`) are in it, their light in the pixels that it comes from.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    TwilightError
-        For an unknown renderer or observer, another width, and a file that cannot be written.
+    path: of the file, which is written whole or not at all.  renderer: whose axes the map has, a name of `RENDERERS` of
+    `twilight.io.environment`.  width: of the picture [pixel], a multiple of 4; that of a square for `pbrt` is half of
+    it.  observer: colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.  disc: whether the discs
+    of sun and moon (of `Sky`) are in it, their light in the pixels that it comes from.
+    Errors: TwilightError for an unknown renderer or observer, another width, and a file that cannot be written.
     """
     rgb = environment_rgb(sky, renderer, width, observer, disc=disc)
     planes = {name: rgb[..., i] for i, name in enumerate("RGB")}
@@ -158,14 +136,9 @@ def write_rgb_exr(
 def write_picture_exr(planes: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
     """Write a picture of a sky that is no environment map: red, green, blue (linear Rec. 709 in the units of
     `write_rgb_exr`) and alpha, (4, H, W) float32, which is clipped in place to what that holds."""
-    import OpenEXR  # start-up
-
     header = {name: value for name, value in _header(sky, "openexr", observer).items() if name != "envmap"}
-    largest = float(np.finfo(np.float32).max)
-    np.clip(planes, -largest, largest, out=planes)
-    with whole_file(path) as temporary, OpenEXR.File(header, dict(zip("RGBA", planes, strict=True))) as file:
-        file.write(str(temporary))
-    return Path(path)
+    np.clip(planes, -LARGEST, LARGEST, out=planes)
+    return _write(path, dict(zip("RGBA", planes, strict=True)), header)
 
 
 def write_spectral_exr(
@@ -184,20 +157,7 @@ def write_spectral_exr(
     form per nm and its reference reader accepts one string only; ``twilightRadianceUnits`` states the unit,
     ``twilightWavelengthBoundsNm`` the bins.
 
-    Parameters
-    ----------
-    sky, path, renderer, width, observer, disc
-        As of `write_rgb_exr`.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    TwilightError
-        As of `write_rgb_exr`, and for wavelengths closer than 1e-6 nm.
+    Arguments: as of `write_rgb_exr`.  Errors: as there, and TwilightError for wavelengths closer than 1e-6 nm.
     """
     sun = sky.solar_irradiance
     spectra = environment(sky, sky.normalised_radiance, ground_factor(sky), renderer, width).astype(float)
@@ -299,23 +259,7 @@ def _part_bytes(path: Path, header: dict[str, Any]) -> float:
 
 
 def read_latlong_exr(path: str | Path) -> LatLong:
-    """Read an RGB environment map.
-
-    Parameters
-    ----------
-    path
-        An OpenEXR file with channels R, G, B.
-
-    Returns
-    -------
-    LatLong
-        Pixels (height, width, 3) as stored, and the file's attributes.
-
-    Raises
-    ------
-    TwilightError
-        Where the file is not a complete EXR or has no R, G, B.
-    """
+    """Read an RGB environment map; TwilightError where the file is not a complete EXR or has no R, G, B."""
     header, channels = _read(path)
     if not {"R", "G", "B"} <= channels.keys():
         raise TwilightError(f"{path}: has the channels {', '.join(sorted(channels))}, expected R, G and B")
@@ -323,26 +267,11 @@ def read_latlong_exr(path: str | Path) -> LatLong:
 
 
 def read_spectral_exr(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """Read a spectral environment map in the layout of `write_spectral_exr`.
+    """Read a spectral environment map in the layout of `write_spectral_exr`, with channels like ``S0.550,0nm``.
 
-    Parameters
-    ----------
-    path
-        An OpenEXR file with channels like ``S0.550,0nm``.
-
-    Returns
-    -------
-    wavelength_nm : (W,)
-        Wavelengths [nm], increasing.
-    values : (height, width, W)
-        Radiance in the unit that the attributes say.
-    attributes : dict
-        Of the file's header.
-
-    Raises
-    ------
-    TwilightError
-        Where the file is not a complete EXR or has no channel of the layout.
+    Returns the wavelengths (W,) [nm], increasing, the radiance (height, width, W) in the unit that the attributes say,
+    and the attributes of the file's header.
+    Errors: TwilightError where the file is not a complete EXR or has no channel of the layout.
     """
     header, channels = _read(path)
     planes = {

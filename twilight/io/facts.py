@@ -49,18 +49,20 @@ FACTS = (
 
 def coordinates_of(sky: Sky) -> dict[str, tuple[tuple[()], float, dict[str, str]]]:
     """The facts that a sky knows, as scalar coordinates of a dataset."""
-    known = ((fact, getattr(sky, fact.field)) for fact in FACTS)
     return {
         fact.variable: ((), value, attributes(fact.variable) | {**fact.more})
-        for fact, value in known
-        if value is not None
+        for fact in FACTS
+        if (value := getattr(sky, fact.field)) is not None
     }
 
 
 def header_of(sky: Sky) -> dict[str, float]:
     """The facts that a sky knows and EXR has attributes for."""
-    known = ((fact, getattr(sky, fact.field)) for fact in FACTS if fact.header)
-    return {str(fact.header): float(value * fact.header_per) for fact, value in known if value is not None}
+    return {
+        fact.header: float(value * fact.header_per)
+        for fact in FACTS
+        if fact.header and (value := getattr(sky, fact.field)) is not None
+    }
 
 
 def fields_from(number: Callable[..., float | None]) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """The folder of a render: which skies are in it, so that none is lost and none that is finished is computed again.
 
-The file `skies.jsonl` has a line for each sky whose files were begun, without any, and one where they are finished: its
-subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.  The line of
-a sky that was begun also names the files that were there before and are nobody's known.  Another line says that the
-files which a series has once are a render's.
+The file `skies.jsonl` has a line for each sky whose files were begun, with no files, and one where they are finished:
+its subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.  The
+line of a sky that was begun also names the files that were there before, of which no line tells.  Another line says
+that the files which a series has once are a render's.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NUMBERED: tuple[str, ...] = ("sky.png", "sky.rgb.exr")
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequestedSky:
     """A sky that is asked for: the hash of its configuration, and the configuration itself as JSON values."""
 
     hash: str
@@ -38,31 +38,31 @@ class Wanted:
 
 
 class RenderFolder:
-    """An open folder.  `there`: figures of the skies that are finished and asked for, by subfolder."""
+    """An open folder.  `finished`: figures of the skies that are finished and asked for, by subfolder."""
 
-    def __init__(self, root: Path, code: str, there: dict[str, dict[str, Any]], journal: Journal):
-        self.root, self.there = root, there
+    def __init__(self, root: Path, code: str, finished: dict[str, dict[str, Any]], journal: Journal):
+        self.root, self.finished = root, finished
         self._code, self._journal = code, journal
 
-    def begin(self, name: str, wanted: Wanted) -> None:
+    def begin(self, name: str, wanted: RequestedSky) -> None:
         """Note that the files of a sky will be written: those that an interrupted render leaves are this sky's."""
-        known = _lines(self.root).get(name)
-        own = _left(self.root, name, known) if known else []
+        known = _last_entries(self.root).get(name)
+        own = _remaining(self.root, name, known) if known else []
         before = [file.name for file in files_of_a_sky(self.root / name) if file not in own]
         line = {"sky": name, "hash": wanted.hash, "code": self._code, "files": {}, "before": before, "figures": {}}
         self._journal.write(line)
-        for part in _parts(self.root / name):
+        for part in _partial_files(self.root / name):
             part.unlink(missing_ok=True)
 
     def file_names(self) -> dict[str, list[str]]:
         """Names of the files of each sky that is finished, by subfolder."""
-        return {name: [Path(file).name for file in line["files"]] for name, line in _lines(self.root).items()}
+        return {name: [Path(file).name for file in line["files"]] for name, line in _last_entries(self.root).items()}
 
-    def begin_once(self) -> None:
+    def begin_series_files(self) -> None:
         """Note that the files that a series has once will be written: those that are there are then a render's."""
         self._journal.write({"once": [*SHEETS, FRAMES]})
 
-    def add(self, name: str, wanted: Wanted, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
+    def add(self, name: str, wanted: RequestedSky, files: Sequence[Path], figures: Mapping[str, Any]) -> None:
         """Note that a sky is finished: all its files are whole."""
         sizes = {file.relative_to(self.root).as_posix(): file.stat().st_size for file in files}
         line = {"sky": name, "hash": wanted.hash, "code": self._code, "files": sizes, "figures": dict(figures)}
@@ -70,7 +70,9 @@ class RenderFolder:
 
 
 @contextmanager
-def open_folder(root: Path, wanted: Mapping[str, Wanted], code: str, *, overwrite: bool) -> Iterator[RenderFolder]:
+def open_folder(
+    root: Path, wanted: Mapping[str, RequestedSky], code: str, *, overwrite: bool
+) -> Iterator[RenderFolder]:
     """The folder of a render, made where it is missing.
 
     wanted: the skies by subfolder ("" for the folder itself).  code: a digest of the program; what another program
@@ -79,36 +81,36 @@ def open_folder(root: Path, wanted: Mapping[str, Wanted], code: str, *, overwrit
     render, or where another process writes it.
     """
     try:
-        there = {} if overwrite else check_folder_content(root, wanted, code)
+        finished = {} if overwrite else check_folder_content(root, wanted, code)
         root.mkdir(parents=True, exist_ok=True)
         try:
             with open_journal(root / JOURNAL, "another render") as journal:
                 if overwrite:
                     _clear(root)
-                yield RenderFolder(root, code, there, journal)
+                yield RenderFolder(root, code, finished, journal)
         finally:
-            _leave_nothing(root)
+            _remove_if_no_sky(root)
     except OSError as error:
         raise TwilightError(f"{error.filename or root}: cannot be written ({error.strerror or error})") from error
 
 
-def check_folder_content(root: Path, wanted: Mapping[str, Wanted], code: str) -> dict[str, dict[str, Any]]:
+def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: str) -> dict[str, dict[str, Any]]:
     """Figures of the skies in a folder that need not be computed again, by subfolder; it changes nothing.
 
     Errors: TwilightError as `open_folder`.
     """
-    lines = _lines(root)
+    lines = _last_entries(root)
     for name, line in lines.items():
         if name in wanted and line["hash"] == wanted[name].hash:
             continue
-        if not _left(root, name, line):
+        if not _remaining(root, name, line):
             continue  # somebody has moved or deleted it
         _refuse(root, name, wanted)
     listed = {root / file for line in lines.values() for file in line["files"]}
     begun = {name for name, line in lines.items() if not line["files"]}
     found = [file for name in wanted if name not in begun for file in files_of_a_sky(root / name) if file not in listed]
-    if len(wanted) > 1 and not _has_once(root):
-        found += _once(root)
+    if len(wanted) > 1 and not _has_series_files(root):
+        found += _series_files(root)
     if found:
         raise TwilightError(
             f"{found[0]}: is there already, and {JOURNAL} does not say of which sky; "
@@ -132,17 +134,17 @@ def numbered_files(folder: Path) -> list[Path]:
     return sorted(file for stem, _, suffix in found for file in folder.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{suffix}"))
 
 
-def _once(root: Path) -> list[Path]:
+def _series_files(root: Path) -> list[Path]:
     """Files with the names of those that a series has once."""
     return [root / name for name in SHEETS if (root / name).is_file()] + numbered_files(root / FRAMES)
 
 
-def _has_once(root: Path) -> bool:
+def _has_series_files(root: Path) -> bool:
     """Whether those are a render's, as the journal says."""
     return any(entry.get("once") for entry in read_journal(root / JOURNAL))
 
 
-def _refuse(root: Path, name: str, wanted: Mapping[str, Wanted]) -> None:
+def _refuse(root: Path, name: str, wanted: Mapping[str, RequestedSky]) -> None:
     place = root / name
     if name in wanted:
         key = _difference(_configuration(place / "sky.h5"), wanted[name].configuration)
@@ -152,7 +154,7 @@ def _refuse(root: Path, name: str, wanted: Mapping[str, Wanted]) -> None:
     )
 
 
-def _lines(root: Path) -> dict[str, dict[str, Any]]:
+def _last_entries(root: Path) -> dict[str, dict[str, Any]]:
     """What the journal says of each sky, the last time that it was written."""
     found = {}
     for line in read_journal(root / JOURNAL):
@@ -160,14 +162,8 @@ def _lines(root: Path) -> dict[str, dict[str, Any]]:
             name, files = str(line["sky"]), {str(k): int(v) for k, v in line["files"].items()}
             line["figures"] = dict(line["figures"])
             if all(_inside(file) for file in (name, *files)):
-                before = [str(file) for file in line.get("before", [])]
-                found[name] = {
-                    **line,
-                    "files": files,
-                    "before": before,
-                    "hash": str(line["hash"]),
-                    "code": str(line["code"]),
-                }
+                texts = {key: str(line[key]) for key in ("hash", "code")}
+                found[name] = {**line, **texts, "files": files, "before": [str(f) for f in line.get("before", [])]}
     return found
 
 
@@ -180,42 +176,42 @@ def _whole(root: Path, files: Mapping[str, int]) -> bool:
     return all((root / file).is_file() and (root / file).stat().st_size == size for file, size in files.items())
 
 
-def _left(root: Path, name: str, line: Mapping[str, Any]) -> list[Path]:
+def _remaining(root: Path, name: str, line: Mapping[str, Any]) -> list[Path]:
     """Files of a sky's line that are still there; of one that was only begun, those with the names of a sky's that were
     not there before, and what was being written."""
     if line["files"]:
         return [root / file for file in line["files"] if (root / file).is_file()]
     own = [file for file in files_of_a_sky(root / name) if file.name not in line["before"]]
-    return own + _parts(root / name)
+    return own + _partial_files(root / name)
 
 
-def _parts(folder: Path) -> list[Path]:
+def _partial_files(folder: Path) -> list[Path]:
     """What a killed process was writing of a sky's files (`whole_file`)."""
     return [part for part in folder.glob(".*.part*") if any(part.name.startswith(f".{name}.") for name in file_names())]
 
 
 def _clear(root: Path) -> None:
     """Delete what renders have written, as the journal says, and the folders that are then empty."""
-    for name, line in _lines(root).items():
-        for file in _left(root, name, line):
+    for name, line in _last_entries(root).items():
+        for file in _remaining(root, name, line):
             file.unlink(missing_ok=True)
         folder = root / line["sky"]
         while folder != root:
             with suppress(OSError):
                 folder.rmdir()
             folder = folder.parent
-    if _has_once(root):
-        for file in _once(root):
+    if _has_series_files(root):
+        for file in _series_files(root):
             file.unlink(missing_ok=True)
         with suppress(OSError):
             (root / FRAMES).rmdir()
     (root / JOURNAL).write_text("", encoding="utf-8")
 
 
-def _leave_nothing(root: Path) -> None:
+def _remove_if_no_sky(root: Path) -> None:
     """A render that has finished no sky leaves no folder."""
     with suppress(OSError):
-        if not any(_left(root, name, line) for name, line in _lines(root).items()):
+        if not any(_remaining(root, name, line) for name, line in _last_entries(root).items()):
             (root / JOURNAL).unlink()
             root.rmdir()
 
@@ -232,12 +228,9 @@ def _difference(there: Any, asked: Any) -> str:
     """` (ground.albedo is 0.2, asked is 0.5)` for the first key in which two configurations differ."""
     if there is None:
         return ""
-    asked = json.loads(json.dumps(asked))
-    found = next(differences(there, asked), None)
-    if found is None:
-        return ""
-    path, a, b = found
-    return f" ({'.'.join(path).removeprefix('climate.')} is {_short(a)}, asked is {_short(b)})"
+    for path, a, b in differences(there, json.loads(json.dumps(asked))):
+        return f" ({'.'.join(path).removeprefix('climate.')} is {_short(a)}, asked is {_short(b)})"
+    return ""
 
 
 def _short(value: Any) -> str:

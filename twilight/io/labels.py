@@ -27,11 +27,9 @@ LABELS = {
         "degree",
         "of the line of sight, clockwise seen from above; a circle: .sky.interp goes on beyond its last value",
     ),
-    "solar_elevation_angle": Label(
-        "sun elevation", "degree", "true (unrefracted), of the disc's centre", "solar_elevation_angle"
-    ),
-    "sun_elevation_deg": Label(
-        "sun elevation", "degree", "true (unrefracted), of the disc's centre", "solar_elevation_angle"
+    **dict.fromkeys(
+        ("solar_elevation_angle", "sun_elevation_deg"),
+        Label("sun elevation", "degree", "true (unrefracted), of the disc's centre", "solar_elevation_angle"),
     ),
     "apparent_solar_elevation_angle": Label("apparent sun elevation", "degree", "refracted, of the disc's centre"),
     "solar_azimuth_angle": Label("sun azimuth", "degree", "clockwise from north", "solar_azimuth_angle"),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import write_json
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.io.sun import lamps
@@ -34,7 +33,6 @@ def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: boo
     factor = sky.moon.direct_irradiance / spectrum.solar_irradiance(sky.wavelength_nm, sky.solar_spectrum)
     xyz = colour.factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, 1.0, observer)
     rgb = colour.into_gamut(colour.xyz_to_linear_rgb(xyz)) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
-    low, high = PHASE_RANGE_DEG
     facts: dict[str, Any] = {
         "true_elevation_deg": moon.elevation_deg,
         "apparent_elevation_deg": sky.moon.apparent_elevation_deg,
@@ -42,7 +40,7 @@ def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: boo
         "azimuth_deg": azimuth if sky.sun_azimuth_deg is not None else None,
         "azimuth_from_sun_deg": moon.azimuth_deg,
         "phase_angle_deg": moon.phase_angle_deg,
-        "phase_angle_range_deg": [low, high],
+        "phase_angle_range_deg": [*PHASE_RANGE_DEG],
         "phase_angle_is_in_range": not moon.continued,
         "waxing": moon.waxing,
         "illuminated_fraction": moon.illuminated_fraction,
@@ -67,8 +65,4 @@ def moon_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: boo
 
 def write_moon(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``moon.json``, whole or not at all."""
-    path = folder / "moon.json"
-    facts = moon_facts(rendered.seen, options.observer, in_map=options.disc)
-    with whole_file(path) as temporary:
-        Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    return [path]
+    return [write_json(folder / "moon.json", moon_facts(rendered.seen, options.observer, in_map=options.disc))]

@@ -6,6 +6,7 @@ picture whose field is cached.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
@@ -39,6 +40,10 @@ _ATTRIBUTE_LIMIT = 60_000
 """HDF5 keeps an attribute in the object header, at most 64 KiB; longer texts become scalar variables."""
 
 
+_Variable = tuple[str, str | tuple[str, ...], Any]
+"""Name, dimensions and values."""
+
+
 class _Contents(NamedTuple):
     """What ``sky.h5`` holds: variables and coordinates as (dimensions, values[, attributes]), and its attributes."""
 
@@ -48,18 +53,7 @@ class _Contents(NamedTuple):
 
 
 def sky_to_dataset(sky: Sky) -> xarray.Dataset:
-    """The sky as an xarray Dataset with the variables and attributes of ``sky.h5``.
-
-    Parameters
-    ----------
-    sky
-        Any sky.
-
-    Returns
-    -------
-    xarray.Dataset
-        CF-1.11; the time, where the sky has one, as numpy's datetime64 in UTC.
-    """
+    """The sky with the variables and attributes of ``sky.h5``; its time, where it has one, as datetime64 in UTC."""
     import xarray  # start-up
 
     made = xarray.Dataset(*_contents(sky))
@@ -103,28 +97,25 @@ def _contents(sky: Sky) -> _Contents:
     variables: dict = {
         "wavelength_bnds": (("wavelength", "nv"), wavelength_bounds(sky.wavelength_nm, sky.solar_spectrum)),
         "elevation_bnds": (("elevation", "nv"), np.stack([edges[:-1], edges[1:]], axis=1)),
-        "radiance": (_GRID, sky.radiance, attributes("radiance")),
-        _RADIANCE: (_GRID, sky.sun_normalised_radiance, attributes(_RADIANCE)),
-        "luminance": (_DIRECTIONS, sky.luminance(), attributes("luminance")),
-        "solar_irradiance": (
-            "wavelength",
-            sky.solar_irradiance,
-            attributes("solar_irradiance") | {"source": sky.solar_spectrum},
-        ),
-        "surface_albedo": ("wavelength", sky.ground_albedo, attributes("surface_albedo")),
     }
-    if sky.standard_error is not None:
-        variables[_RADIANCE][2]["ancillary_variables"] = "standard_error"
-        variables["standard_error"] = (_GRID, sky.standard_error, attributes("standard_error"))
-    if sky.polarisation is not None:
-        variables |= _polarisation(sky)
-    if sky.night_radiance is not None:
-        variables["night_radiance"] = (_GRID, sky.night_radiance, attributes("night_radiance"))
-    if sky.direct_irradiance is not None:
-        direct = "direct_irradiance_factor"
-        variables[direct] = ("wavelength", sky.direct_irradiance, attributes(direct))
-    if sky.disc is not None:
-        variables |= _disc_variables(sky.disc)
+    for name, dims, values in (
+        ("radiance", _GRID, sky.radiance),
+        (_RADIANCE, _GRID, sky.sun_normalised_radiance),
+        ("luminance", _DIRECTIONS, sky.luminance()),
+        ("solar_irradiance", "wavelength", sky.solar_irradiance),
+        ("surface_albedo", "wavelength", sky.ground_albedo),
+        ("standard_error", _GRID, sky.standard_error),
+        *_polarisation(sky),
+        ("night_radiance", _GRID, sky.night_radiance),
+        ("direct_irradiance_factor", "wavelength", sky.direct_irradiance),
+        *_disc_variables(sky.disc),
+    ):
+        if values is not None:
+            variables[name] = (dims, values, attributes(name))
+    variables["solar_irradiance"][2]["source"] = sky.solar_spectrum
+    for letter in ("", "_q", "_u"):
+        if f"standard_error{letter}" in variables:
+            variables[f"{_RADIANCE}{letter}"][2]["ancillary_variables"] = f"standard_error{letter}"
     fields = provenance_fields(sky.provenance)
     about_all: dict = {
         "Conventions": CONVENTIONS,
@@ -144,54 +135,31 @@ def _contents(sky: Sky) -> _Contents:
     return _Contents(variables, coords, about_all)
 
 
-def _polarisation(sky: Sky) -> dict:
+def _polarisation(sky: Sky) -> Iterator[_Variable]:
     """The variables of a polarised sky."""
-    assert sky.polarisation is not None
-    found: dict = {}
+    if sky.polarisation is None:
+        return
     for i, letter in enumerate("qu"):
-        name, error = f"{_RADIANCE}_{letter}", f"standard_error_{letter}"
-        found[name] = (_GRID, sky.polarisation[:, :, i], attributes(name))
+        yield f"{_RADIANCE}_{letter}", _GRID, sky.polarisation[:, :, i]
         if sky.polarisation_error is not None:
-            found[name][2]["ancillary_variables"] = error
-            found[error] = (_GRID, sky.polarisation_error[:, :, i], attributes(error))
-    for name, values in (
-        ("degree_of_linear_polarisation", sky.degree_of_linear_polarisation),
-        ("angle_of_linear_polarisation", sky.angle_of_linear_polarisation_deg),
-    ):
-        found[name] = (_GRID, values, attributes(name))
-    return found
+            yield f"standard_error_{letter}", _GRID, sky.polarisation_error[:, :, i]
+    yield "degree_of_linear_polarisation", _GRID, sky.degree_of_linear_polarisation
+    yield "angle_of_linear_polarisation", _GRID, sky.angle_of_linear_polarisation_deg
 
 
-def _disc_variables(disc: Disc) -> dict:
+def _disc_variables(disc: Disc | None) -> Iterator[_Variable]:
     """The variables of a sky that knows the sun's disc."""
-    found: dict = {
-        "disc_elevation": ("disc_elevation", disc.elevation_deg),
-        "disc_true_elevation": (("disc_elevation", "wavelength"), disc.true_elevation_deg),
-        "disc_transmittance": (("disc_elevation", "wavelength"), disc.transmittance),
-        "disc_radius": ((), disc.radius_deg),
-    }
-    return {name: (dims, values, attributes(name)) for name, (dims, values) in found.items()}
+    if disc is not None:
+        yield "disc_elevation", "disc_elevation", disc.elevation_deg
+        yield "disc_true_elevation", ("disc_elevation", "wavelength"), disc.true_elevation_deg
+        yield "disc_transmittance", ("disc_elevation", "wavelength"), disc.transmittance
+        yield "disc_radius", (), disc.radius_deg
 
 
 def write_sky(sky: Sky, path: str | Path) -> Path:
-    """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.
+    """Write a sky as HDF5 / netCDF-4, whole or not at all; one compressed chunk per wavelength.  Returns the path.
 
-    Parameters
-    ----------
-    sky
-        Any sky.
-    path
-        The file.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    TwilightError
-        Where the file cannot be written.
+    Errors: TwilightError where the file cannot be written.
     """
     h5netcdf = interruptible_h5netcdf()
     contents = _contents(sky)
@@ -317,11 +285,6 @@ def _disc(dataset: xarray.Dataset) -> Disc | None:
     names = ("disc_elevation", "disc_true_elevation", "disc_transmittance", "disc_radius")
     if not all(name in dataset.variables for name in names):
         return None
-    return Disc(
-        dataset["wavelength"].values,
-        dataset["disc_elevation"].values,
-        dataset["disc_true_elevation"].values,
-        dataset["disc_transmittance"].values,
-        float(dataset["solar_elevation_angle"]),
-        float(dataset["disc_radius"]),
-    )
+    elevation, true, transmittance, radius = (dataset[name].values for name in names)
+    sun = float(dataset["solar_elevation_angle"])
+    return Disc(dataset["wavelength"].values, elevation, true, transmittance, sun, float(radius))

@@ -24,34 +24,14 @@ def write_outputs(
     views: Sequence[str] = (DEFAULT_VIEW,),
     **options: Any,
 ) -> list[Path]:
-    """Write files of a sky into a folder; each is whole or absent.
+    """Write files of a sky into a folder, which is made if it is not there; each is whole or absent.  Returns them.
 
-    Parameters
-    ----------
-    sky
-        What ``sky.h5`` holds.
-    folder
-        Where the files go; made if it is not there.
-    panorama
-        The same sky on a finer grid, from which pictures and environment maps are made (None: from `sky`); one of
-        `twilight.numerics.grids.latlong_grid` goes into the RGB EXR pixel by pixel.
-    view
-        What `engine.view` saw, for the file `view`.
-    files
-        Names of `twilight.base.formats.FORMATS`; None: all of them, without pictures of the polarisation, the disc and
-        a view where there is none; with `view` those of a view alone.
-    views, options
-        As of `twilight.io.rendered.Options`.
-
-    Returns
-    -------
-    list of Path
-        The files.
-
-    Raises
-    ------
-    TwilightError
-        For an unknown option, and where the folder cannot be written.
+    sky: what ``sky.h5`` holds.  panorama: the same sky on a finer grid, from which pictures and environment maps are
+    made (None: from `sky`); one of `twilight.numerics.grids.latlong_grid` goes into the RGB EXR pixel by pixel.
+    view: what `engine.view` saw, for the file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of
+    them, without pictures of the polarisation, the disc and a view where there is none; with `view` those of a view
+    alone.  views, options: as of `twilight.io.rendered.Options`.
+    Errors: TwilightError for an unknown option, and where the folder cannot be written.
     """
     folder = Path(folder)
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -10,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import whole_file, write_json
 from twilight.io.disc import add_to_picture, add_to_view, dip_deg, light_of
 from twilight.io.eight_bit import to_bytes
 from twilight.io.environment import ground_factor
@@ -24,9 +23,8 @@ from twilight.sky.sky import Sky
 from twilight.sky.tone import NAMES, Shot, Tone, tone_of
 from twilight.sky.tone.eye import adaptation_coefficient
 
-View = Literal["wide", "panorama", "fisheye"]
 VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
-DEFAULT_VIEW: View = "wide"
+DEFAULT_VIEW = "wide"
 DEFAULT_WIDTH = {"wide": 1600, "panorama": 1440, "fisheye": 720}
 """Width of each view [pixels]."""
 SHAPES = (*VIEWS, *(name for name in PROJECTIONS if name not in VIEWS))
@@ -41,34 +39,15 @@ WIDE_HORIZON = 0.86
 WIDE_EXPOSURE_STEPS = -0.3
 """Stops that the wide picture is given less (or more, negative) light than the meter says."""
 WIDE_DIP_DEG = 3.0
-"""A horizon that dips by more is kept at this height of the wide picture."""
+"""A horizon that dips by more [deg] is drawn at this height of the wide picture, which then looks down."""
 GROUND_SEEN_UP_TO_KM = 0.1
 """Observers no higher above the sphere see its ground from 0 deg down: the dip of the horizon is 0.3 deg at most."""
-
-
-def sky_exposure_ev100(sky: Sky, observer: str = colour.DEFAULT_OBSERVER) -> float:
-    """The exposure value that ``exposure="auto"`` takes for a sky (`colour.auto_exposure_ev100`), for sequences.
-
-    Parameters
-    ----------
-    sky
-        Any sky.
-    observer
-        Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
-
-    Returns
-    -------
-    float
-        EV100.
-    """
-    luminance = colour.sky_to_xyz(sky, observer=observer)[..., 1]
-    return colour.auto_exposure_ev100(luminance, np.broadcast_to(sky.solid_angle_sr()[:, None], luminance.shape))
 
 
 def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Elevation and azimuth relative to the sun [deg] of the pixel centres of a picture.
 
-    ``wide``: a cylinder, width x 9/20 width, 110 deg from side to side, the sun's azimuth in the middle, upright lines
+    ``wide``: a cylinder, width x 9/20 width, 110 deg from side to side, the sun's azimuth in the middle, vertical lines
     straight, the horizon at 0.86 of the height; (height, 1) and (1, width).
     ``panorama``: width x width / 4, horizon below, zenith above, the sun's azimuth in the middle, clockwise to the
     right; (height, 1) and (1, width).  ``fisheye``: width x width, equidistant, the zenith in the middle, the sun's
@@ -113,7 +92,7 @@ def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer
         raise TwilightError(f"exposure: {exposure} must be 'auto' or a finite exposure value at ISO 100")
     if tone_mapping not in NAMES:
         raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(NAMES)}")
-    colour.check_names(colour.DEFAULT_TONE_MAPPING, observer)
+    colour.check_observer(observer)
 
 
 def render_view(
@@ -125,24 +104,9 @@ def render_view(
     tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
 ) -> tuple[np.ndarray, float]:
-    """Develop a picture of a sky.
+    """A picture of a sky, sRGB values 0 to 1 (height, width, 3), NaN outside the circle of a fisheye, and its EV100.
 
-    Parameters
-    ----------
-    sky, view, width, exposure, tone_mapping, observer
-        As of `write_png`.
-
-    Returns
-    -------
-    display : (height, width, 3)
-        sRGB values 0 to 1; NaN outside the circle of a fisheye.
-    ev100 : float
-        The exposure value that was used.
-
-    Raises
-    ------
-    TwilightError
-        For unknown options.
+    Arguments and errors: as of `write_png`.
     """
     check_options(exposure, tone_mapping, observer)
     display, ev100, _ = develop_view(sky, tone_of(tone_mapping, observer), view=view, width=width, exposure=exposure)
@@ -239,53 +203,35 @@ def write_png(
 ) -> Path:
     """Write a picture of the sky as 8 bit sRGB PNG, whole or not at all; the provenance is in its text chunks.
 
-    Parameters
-    ----------
-    sky
-        The sky that is drawn.
-    path
-        The file.
-    view
-        What it shows: `wide`, `panorama` or `fisheye` (`view_directions`).
-    width
-        Of the picture [pixel]; None: as `DEFAULT_WIDTH` says.
-    exposure
-        Exposure value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step a factor 2, or
-        ``auto``; the value used is in the text chunk ``exposure_ev100``, for the other pictures of a sequence.
-    tone_mapping, tone_settings
-        Name of a tone of `twilight.sky.tone` and its settings; what the tone set or found is in the text chunks.
-    observer
-        Colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
-    label
-        Whether sun, climate and zenith luminance are written into the lower left corner (`label_of`).
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    TwilightError
-        For unknown options, and a file that cannot be written.
+    view: what it shows, `wide`, `panorama` or `fisheye` (`view_directions`); width: of the picture [pixel], None: as
+    `DEFAULT_WIDTH` says.
+    exposure: value at ISO 100 as on a camera (15: sunlit scene, -3: deep twilight), one step a factor 2, or ``auto``;
+    the value used is in the text chunk ``exposure_ev100``, for the other pictures of a sequence.
+    tone_mapping, tone_settings: name of a tone of `twilight.sky.tone` and its settings; what the tone set or found is
+    in the text chunks.  observer: colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.
+    label: whether sun, climate and zenith luminance are written into the lower left corner (`label_of`).
+    Errors: TwilightError for unknown options, and a file that cannot be written.
     """
     check_options(exposure, tone_mapping, observer)
     tone = tone_of(tone_mapping, observer, tone_settings)
     picture, ev100, found = develop_view(sky, tone, view=view, width=width, exposure=exposure)
     facts = {
         "view": view,
-        "exposure_ev100": f"{ev100:.6g}",
+        "exposure_ev100": ev100,
         "tone_mapping": tone_mapping,
         "colour": colour.colour_note(sky, observer),
-        **{name: value if isinstance(value, str) else f"{value:.6g}" for name, value in found.items()},
+        **found,
     }
     return save_png(picture, path, sky, facts, label_of(sky) if label else "")
 
 
-def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str], label: str = "") -> Path:
+def save_png(
+    picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str | float], label: str = ""
+) -> Path:
     """Write display values 0..1 (height, width, 3), NaN transparent, as 8 bit sRGB PNG, whole or not at all.
 
-    facts: text chunks, beside those of the sky's provenance; label: written into the lower left corner.
+    facts: text chunks, numbers with six digits, beside those of the sky's provenance; label: a line of text for the
+    lower left corner.
     """
     outside = np.isnan(picture[..., 0])
     pixels = to_bytes(picture)
@@ -296,7 +242,7 @@ def save_png(picture: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str
     return save_pixels(pixels, path, sky, facts)
 
 
-def save_pixels(pixels: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str]) -> Path:
+def save_pixels(pixels: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[str, str | float]) -> Path:
     """Write 8 bit sRGB (height, width, 3), or 4 with alpha, as PNG, whole or not at all; facts as of `save_png`."""
     from PIL import Image  # start-up
     from PIL.PngImagePlugin import PngInfo  # start-up
@@ -306,7 +252,7 @@ def save_pixels(pixels: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[s
     texts = {
         "Software": "twilight",
         "sun_elevation_deg": f"{sky.sun_elevation_deg:g}",
-        **facts,
+        **{name: value if isinstance(value, str) else f"{value:.6g}" for name, value in facts.items()},
         **{name: str(value) for name, value in provenance_fields(sky.provenance).items()},
     }
     for name, value in texts.items():
@@ -358,6 +304,4 @@ def write_luminances(sky: Sky, path: Path, options: Options) -> Path:
         },
         "sky_illuminance_lux": sky.illuminance_lux(),
     }
-    with whole_file(path) as temporary:
-        Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    return path
+    return write_json(path, facts)

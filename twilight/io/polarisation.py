@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight.base.whole_files import whole_file
-from twilight.io.picture import view_directions
-from twilight.io.provenance import provenance_fields
+from twilight.io.picture import save_pixels, view_directions
 from twilight.io.rendered import Options, Rendered
 from twilight.sky.sky import Sky
 
 WIDTH = 400
-"""Pixels of the whole sky; beside it BAR_WIDTH of the scale, its numbers, and MARGIN around."""
+"""Width and height of a map of the whole sky [pixel]; beside it BAR_WIDTH of the scale, its numbers, and MARGIN."""
 BAR_WIDTH = 14
 """Width of the colour bars [pixel]."""
 NUMBERS_WIDTH = 40
@@ -56,25 +54,9 @@ def polarisation_maps(sky: Sky, width: int = WIDTH) -> tuple[np.ndarray, np.ndar
 def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
     """Draw the whole sky, the zenith in the middle and the sun's azimuth at the bottom: degree, and angle of vibration.
 
-    Parameters
-    ----------
-    sky
-        A sky with Stokes parameters.
-    path
-        The file, which is written whole or not at all.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    TwilightError
-        For a sky without Stokes parameters.
+    The file is written whole or not at all.  Errors: TwilightError for a sky without Stokes parameters.
     """
     from PIL import Image, ImageDraw, ImageFont  # start-up
-    from PIL.PngImagePlugin import PngInfo  # start-up
 
     degree, angle, wavelength = polarisation_maps(sky)
     shown = (
@@ -99,12 +81,7 @@ def write_polarisation_png(sky: Sky, path: str | Path) -> Path:
             y = top + round((WIDTH - 1) * (1.0 - k / (ticks.size - 1)))
             draw.line((right + BAR_WIDTH, y, right + BAR_WIDTH + 3, y), fill="black")
             draw.text((right + BAR_WIDTH + 6, y), f"{tick:g}", fill="black", font=font, anchor="lm")
-    facts = PngInfo()
-    for name, value in {"Software": "twilight", **provenance_fields(sky.provenance)}.items():
-        facts.add_text(name, str(value))
-    with whole_file(path) as temporary:
-        image.save(temporary, format="PNG", pnginfo=facts)
-    return Path(path)
+    return save_pixels(np.asarray(image), path, sky, {"wavelength_nm": wavelength})
 
 
 def _coloured(fraction: np.ndarray, colours: str) -> np.ndarray:
@@ -115,6 +92,6 @@ def _coloured(fraction: np.ndarray, colours: str) -> np.ndarray:
     return np.where(np.isnan(fraction)[..., None], 255, np.round(rgb)).astype(np.uint8)
 
 
-def write(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
+def write_polarisation(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.polarisation.png``."""
     return [write_polarisation_png(rendered.fine, folder / "sky.polarisation.png")]

@@ -61,22 +61,7 @@ def write_hdr(
     expect; colours outside the gamut are moved into it.  In a scene:
     ``void colorpict sky 7 red green blue sky.rgb.hdr . 'Atan2(Dy,Dx)/PI+1' '1-Acos(Dz)/PI'``, +X east, +Y north.
 
-    Parameters
-    ----------
-    sky, path, renderer, observer, disc
-        As of `write_rgb_exr`.
-    width
-        Of the picture [pixel], 8 to 32767.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    TwilightError
-        As of `write_rgb_exr`, and for a width that the format does not have.
+    Arguments and errors: as of `write_rgb_exr`; width [pixel]: 8 to 32767, all that the format has.
     """
     if not 8 <= width < 32768:
         raise TwilightError(f"width: {width} must be between 8 and 32767 for a Radiance picture")

@@ -39,7 +39,7 @@ COLUMNS = (
     "run_time_s",
 )
 
-_EACH = (
+_PER_SKY = (
     "sun_normalised_radiance",
     "luminance",
     "standard_error",
@@ -50,16 +50,19 @@ _EACH = (
     "night_radiance",
     "direct_irradiance_factor",
 )
-_COPIES = 3
-"""Of a series' skies that are held at once: as parts, together, and while they are written."""
-_WHERE = (
+"""Variables that every sky of a series has its own values of."""
+_SUN_AND_TIME = (
     "solar_elevation_angle",
     "apparent_solar_elevation_angle",
     "solar_azimuth_angle",
     "earth_sun_distance",
     "time",
 )
-_ONCE = ("solar_irradiance", "surface_albedo")
+"""Scalars of every sky, which are coordinates of the series."""
+_COMMON = ("solar_irradiance", "surface_albedo")
+"""Variables that are the same for all skies of a series."""
+_COPIES = 3
+"""Of a series' skies that are held at once: as parts, together, and while they are written."""
 
 
 def figures(sky: Sky) -> dict[str, Any]:
@@ -109,7 +112,7 @@ def write_dataset(files: Mapping[str, Path], path: Path) -> str:
         if not _same_grid(parts[0], parts[-1]):
             return "the skies have different wavelengths or directions"
     scene = xarray.DataArray(list(files), dims="scene", name="scene", attrs=attributes("scene"))
-    _write(_concatenated(parts, scene), path)
+    _write_netcdf(_concatenated(parts, scene), path)
     return ""
 
 
@@ -130,7 +133,7 @@ def write_series(skies: Iterable[Sky], path: Path, about: Mapping[str, Any], cou
 
     made = series_to_dataset(fitting()).assign_attrs(about)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(made, path)
+    _write_netcdf(made, path)
 
 
 def _too_large(one: xarray.Dataset, count: int) -> bool:
@@ -138,9 +141,9 @@ def _too_large(one: xarray.Dataset, count: int) -> bool:
     return one.nbytes * count * _COPIES > MEMORY_FRACTION * memory_bytes()
 
 
-def _write(made: xarray.Dataset, path: Path) -> None:
+def _write_netcdf(made: xarray.Dataset, path: Path) -> None:
     encoding: dict[str, Any] = {
-        name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _EACH if name in made.variables
+        name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _PER_SKY if name in made.variables
     }
     if "time" in made.variables:
         encoding["time"] = {"units": attributes("time")["units"], "calendar": "standard", "dtype": "float64"}
@@ -173,20 +176,20 @@ def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
 
 def _of_a_series(full: xarray.Dataset) -> xarray.Dataset:
     """What a series holds of one sky's dataset."""
-    names = [name for name in (*_EACH, *_WHERE, *_ONCE) if name in full.variables]
-    return full[names].reset_coords([name for name in _WHERE if name in full.coords])
+    names = [name for name in (*_PER_SKY, *_SUN_AND_TIME, *_COMMON) if name in full.variables]
+    return full[names].reset_coords([name for name in _SUN_AND_TIME if name in full.coords])
 
 
 def _concatenated(parts: Sequence[xarray.Dataset], along: xarray.DataArray) -> xarray.Dataset:
     """Datasets of single skies along a new dimension, with what all of them know."""
     import xarray  # start-up
 
-    several = [name for name in (*_EACH, *_WHERE) if all(name in part.variables for part in parts)]
+    several = [name for name in (*_PER_SKY, *_SUN_AND_TIME) if all(name in part.variables for part in parts)]
     made = xarray.concat(
         [part[several] for part in parts], along, coords="minimal", compat="override", join="override", data_vars="all"
     )
-    made = made.set_coords([name for name in _WHERE if name in made.variables])
-    for name in (name for name in _ONCE if name in parts[0].variables):
+    made = made.set_coords([name for name in _SUN_AND_TIME if name in made.variables])
+    for name in (name for name in _COMMON if name in parts[0].variables):
         made[name] = parts[0][name]
     made.attrs = {**parts[-1].attrs, "title": f"{len(parts)} skies"}
     for name in ("configuration", "configuration_hash", "provenance", "run_time_s", "time_iso8601"):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import write_json
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.numerics import spectrum
@@ -94,8 +93,5 @@ def _mitsuba(elevation_deg: float, azimuth_deg: float, rgb: np.ndarray | None) -
 
 def write_sun(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sun.json``, whole or not at all."""
-    path = folder / "sun.json"
     facts = sun_facts(rendered.seen, options.observer, in_map=options.disc and rendered.seen.disc is not None)
-    with whole_file(path) as temporary:
-        Path(temporary).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    return [path]
+    return [write_json(folder / "sun.json", facts)]

@@ -53,9 +53,5 @@ def write_picture(rendered: Rendered, folder: Path, options: Options) -> list[Pa
     key = float(np.exp(np.log(bright).mean())) if bright.size else 1e-6
     ev100 = float(np.log2(key / (3.0 * colour.GREY_LUMINANCE_AT_EV100_0)))
     display, _ = tone.develop(picture, Shot(ev100, CLOSE_UP_DEG / CLOSE_UP_PIXELS))
-    facts = {
-        "field_deg": f"{CLOSE_UP_DEG:g}",
-        "middle_elevation_deg": f"{middle:.6g}",
-        "exposure_ev100": f"{ev100:.6g}",
-    }
+    facts = {"field_deg": CLOSE_UP_DEG, "middle_elevation_deg": middle, "exposure_ev100": ev100}
     return [save_png(display, folder / "sun.png", sky, facts)]

@@ -15,7 +15,7 @@ from twilight.io.picture import save_pixels
 from twilight.io.rendered import Options, Rendered, ViewPixels, ViewSource
 from twilight.numerics import spectrum
 from twilight.sky import colour
-from twilight.sky.tone import Light, Plain, Shot, Tone, tone_of
+from twilight.sky.tone import CurveTone, Light, Shot, Tone, tone_of
 
 DARKEST_FRACTION = 1e-3
 """Pixels darker than this fraction of the brightest 0.5 % count as space and not for the exposure."""
@@ -72,8 +72,8 @@ def picture(
 ) -> ViewPicture:
     """Paint a view: as a tone shows it at an exposure value, or at that of its own light without the sun's disc.
 
-    A tone that changes pixel by pixel (`tone.Plain`) is developed by rows, in the memory of the 8 bit picture; others
-    need the whole one.
+    A tone that changes pixel by pixel (`tone.CurveTone`) is developed by rows, in the memory of the 8 bit picture;
+    others need the whole one.
     """
 
     def channels_of(part: ViewPixels) -> np.ndarray:
@@ -84,7 +84,7 @@ def picture(
     pixels = np.empty((height, width, 4), np.uint8)
     facts: dict[str, float | str] = {}
     shot = Shot(ev100, seen.pitch_deg)
-    if isinstance(tone, Plain):
+    if isinstance(tone, CurveTone):
         for rows, part in _parts(seen):
             display, facts = tone.develop(channels_of(part), shot)
             pixels[rows] = _eight_bit(display, part, rows.start)
@@ -119,8 +119,7 @@ def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]
     assert seen is not None
     sky, tone = rendered.sky, tone_of(options.tone_mapping, options.observer, options.tone_settings)
     made = picture(seen, sky.wavelength_nm, Light(sky.solar_spectrum, sky.distance_au), tone, options.exposure)
-    facts = {"view": seen.kind, "exposure_ev100": f"{made.ev100:.6g}", "tone_mapping": options.tone_mapping}
-    facts.update({name: value if isinstance(value, str) else f"{value:.6g}" for name, value in made.facts.items()})
+    facts = {"view": seen.kind, "exposure_ev100": made.ev100, "tone_mapping": options.tone_mapping, **made.facts}
     png = save_pixels(made.pixels, folder / "sky.view.png", sky, facts)
     del made
     planes = np.zeros((4, *seen.shape), np.float32)

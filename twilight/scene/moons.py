@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.config.moon import Moon as MoonSection
+from twilight.config.moon import MoonSection
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt
 from twilight.numerics.orientation import direction

@@ -13,6 +13,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.numerics.orientation import azimuth_elevation
+from twilight.sky.ephemeris import delta_t_s
 
 AU_KM = 1.495978707e8
 """Astronomical unit [km] (IAU 2012)."""
@@ -49,7 +50,6 @@ class Sites:
 
     def __init__(self, moments: list[dt.datetime], latitude_deg: float, longitude_deg: float, altitude_km: float = 0.0):
         import erfa  # start-up
-        from pvlib import spa  # heavy: pandas
 
         for moment in moments:
             if not YEARS[0] <= moment.year <= YEARS[1]:
@@ -58,9 +58,8 @@ class Sites:
         utc = [moment.astimezone(dt.UTC) for moment in moments]
         epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
         day = np.array([(m - epoch) / dt.timedelta(days=1) for m in utc])
-        year, month = (np.array([float(getattr(m, name)) for m in utc]) for name in ("year", "month"))
         self.ut1 = (np.full(day.size, 2440587.5), day)
-        self.tt = (self.ut1[0], day + spa.calculate_deltat(year, month) / 86400.0)
+        self.tt = (self.ut1[0], day + delta_t_s(utc) / 86400.0)
         turn = erfa.c2t00b(*self.tt, *self.ut1, 0.0, 0.0)
         latitude, longitude = np.radians([latitude_deg, longitude_deg])
         here = erfa.gd2gc(1, longitude, latitude, 1000.0 * altitude_km) / 1000.0 / AU_KM

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,9 +14,8 @@ from twilight.sky.sky import Sky
 DEFAULT_OBSERVER = "cie1964_10deg"
 """The sky fills more than 4 deg of the field of view, for which the 10 deg observer is meant."""
 
-ToneMapping = Literal["photographic", "filmic", "gamma"]
 TONE_MAPPINGS: tuple[str, ...] = ("photographic", "filmic", "gamma")
-DEFAULT_TONE_MAPPING: ToneMapping = "photographic"
+DEFAULT_TONE_MAPPING = "photographic"
 
 MIDDLE_GREY = 0.18
 """Reflectance of middle grey."""
@@ -34,7 +32,7 @@ HIGHLIGHTS_OVER_MEAN = 16.0
 REC709_LUMINANCE = np.array([0.2126390059, 0.7151686788, 0.0721923154])
 """Y of the Rec. 709 primaries with a D65 white (ITU-R BT.709, full precision)."""
 
-_KEPT: WeakKeyDictionary[Sky, dict[str, np.ndarray]] = WeakKeyDictionary()
+_CACHED_XYZ: WeakKeyDictionary[Sky, dict[str, np.ndarray]] = WeakKeyDictionary()
 """XYZ of a sky's grid by observer: several files are made from the same."""
 
 _COLOUR_NEEDS_NM = (480.0, 600.0)
@@ -47,10 +45,8 @@ _COLOUR_STEP_NM = 78.0
 """Largest distance of neighbouring wavelengths [nm] for a colour."""
 
 
-def check_names(tone_mapping: str, observer: str) -> None:
-    """Raise TwilightError for a tone mapping or an observer that does not exist."""
-    if tone_mapping not in TONE_MAPPINGS:
-        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(TONE_MAPPINGS)}")
+def check_observer(observer: str) -> None:
+    """Raise TwilightError for an observer that does not exist."""
     if observer not in spectrum.OBSERVERS:
         raise TwilightError(f"observer: '{observer}' is not known, choose one of {', '.join(spectrum.OBSERVERS)}")
 
@@ -133,14 +129,14 @@ def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAU
     the 10 deg observer are adapted to the white of the 2 deg observer (``spectrum.xyz_to_rgb_matrix``) and scaled: its
     own Y is some 10 % above the luminance, for V(lambda) belongs to 2 deg.  Where ``colour_is_defined`` says no, the
     chromaticity is that of D65, grey.  ``xyz_to_linear_rgb`` with its default takes the result.  The XYZ of a sky's own
-    grid are kept as long as the sky is, and must not be written to.
+    grid are cached as long as the sky lives, and must not be written to.
     """
     if factor is None:
-        kept = _KEPT.setdefault(sky, {})
-        if observer not in kept:
-            kept[observer] = sky_to_xyz(sky, sky.normalised_radiance, observer)
-            kept[observer].flags.writeable = False
-        return kept[observer]
+        cached = _CACHED_XYZ.setdefault(sky, {})
+        if observer not in cached:
+            cached[observer] = sky_to_xyz(sky, sky.normalised_radiance, observer)
+            cached[observer].flags.writeable = False
+        return cached[observer]
     return factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
 
 
@@ -186,7 +182,7 @@ def auto_exposure_ev100(
 
     luminance [cd m^-2] and weights of one shape; zeros are left out; an all black sky gives the exposure of 1e-6
     cd m^-2.  Where the brightest 0.5 % by weight exceed ``highlights_over_mean`` times the log-mean the exposure is
-    reduced, by as much as they do: the colours of the twilight arch are kept before the dark of the rest.
+    reduced, by as much as they do: the colours of the twilight arch matter more than the dark rest.
     """
     light = np.asarray(luminance, float).ravel()
     weight = np.ones(light.shape) if solid_angle is None else np.asarray(solid_angle, float).ravel()
@@ -303,6 +299,7 @@ def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = DEFAULT_TONE_MAP
 
     ``gamma`` has no curve: what exceeds 1 after exposure is clipped.  Raises TwilightError for another name.
     """
-    check_names(tone_mapping, DEFAULT_OBSERVER)
+    if tone_mapping not in TONE_MAPPINGS:
+        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(TONE_MAPPINGS)}")
     linear = into_gamut(expose(rgb, ev100))
     return srgb_encode(_CURVES[tone_mapping](linear) if tone_mapping in _CURVES else linear)

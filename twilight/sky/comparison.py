@@ -47,7 +47,7 @@ class SkyComparison:
             )
 
     def of(self, first: ArrayLike, second: ArrayLike) -> np.ndarray:
-        """Numbers of both skies compared as this does; a ratio is NaN where the second is 0."""
+        """Numbers of both skies compared as this does; a ratio is NaN where `second` is 0."""
         one, other = np.asarray(first, float), np.asarray(second, float)
         if self.kind == "difference":
             return one - other

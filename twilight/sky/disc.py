@@ -1,6 +1,6 @@
 """The sun's disc as the observer sees it: darkened to its limb, flattened, coloured and cut off by the air.
 
-The disc is a layer of its own, never a part of the sky's radiance.  It is kept as what the refracted paths say of every
+The disc is a layer of its own, never a part of the sky's radiance.  It holds what the refracted paths say of every
 apparent elevation: from which true elevation the light of a wavelength comes, and how much of it.  Along a path
 radiance over n^2 is conserved but for extinction, so the picture of the disc is that of the disc above the air, each
 line of sight followed backwards; irradiance, flattening, dispersion and mirages follow from it.
@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from twilight.base.errors import TwilightError
 
@@ -75,12 +76,7 @@ def limb_coefficients(wavelength_nm: np.ndarray) -> np.ndarray:
 
 def limb_darkening(mu: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     """I(mu)/I(1), shape of mu (its last axis the W wavelengths, or 1)."""
-    a = limb_coefficients(wavelength_nm)
-    mu = np.asarray(mu, float)
-    value = np.zeros(np.broadcast_shapes(mu.shape, a[0].shape))
-    for row in a[::-1]:
-        value = value * mu + row
-    return value
+    return polyval(np.asarray(mu, float), limb_coefficients(wavelength_nm), tensor=False)
 
 
 def mean_limb_darkening(wavelength_nm: np.ndarray) -> np.ndarray:
@@ -121,16 +117,15 @@ class Disc:
     def radiance(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Radiance over F0 [sr^-1] in apparent directions (azimuth from the sun), broadcast shape plus (W,)."""
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        shape = elevation.shape
         out = np.zeros((elevation.size, self.wavelength_nm.size))
-        reach = self.radius_deg / max(np.cos(np.radians(min(abs(self.sun_elevation_deg) + 1.0, 89.9))), 1e-3) + 0.1
-        turn = np.mod(azimuth.ravel() + 180.0, 360.0) - 180.0
+        widest = self.radius_deg / max(np.cos(np.radians(min(abs(self.sun_elevation_deg) + 1.0, 89.9))), 1e-3) + 0.1
+        around = np.mod(azimuth.ravel() + 180.0, 360.0) - 180.0
         low, high = self.elevation_deg[[0, -1]]
-        near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high) & (np.abs(turn) <= reach))
+        near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high) & (np.abs(around) <= widest))
         if near.size:
             true, passed = self.along(elevation.ravel()[near])
-            out[near] = self._above_the_air(true, turn[near][:, None]) * passed
-        return out.reshape(*shape, self.wavelength_nm.size)
+            out[near] = self._above_the_air(true, around[near][:, None]) * passed
+        return out.reshape(*elevation.shape, self.wavelength_nm.size)
 
     def dimmed(self, factor: float) -> Disc:
         """The disc behind a filter."""
@@ -224,7 +219,4 @@ class Disc:
         norm = mean_limb_darkening(self.wavelength_nm) * np.pi * np.sin(r) ** 2
         if at is not None:
             coefficients, norm = coefficients[(slice(None), *at)], norm[at]
-        value = np.zeros(mu.shape)
-        for row in coefficients[::-1]:
-            value = value * mu + row
-        return np.where(inside, value / norm, 0.0)
+        return np.where(inside, polyval(mu, coefficients, tensor=False) / norm, 0.0)

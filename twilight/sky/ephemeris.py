@@ -27,6 +27,21 @@ class SunPosition(NamedTuple):
     distance_au: float | np.ndarray
 
 
+def zone_of(name: str) -> ZoneInfo:
+    """The time zone of an IANA name; TwilightError for any other."""
+    try:
+        return ZoneInfo(name)
+    except (KeyError, ValueError, OSError):
+        raise TwilightError(f"time zone: '{name}' is not an IANA name such as Europe/Berlin or UTC") from None
+
+
+def delta_t_s(moments: Sequence[dt.datetime]) -> np.ndarray:
+    """TT - UT1 of moments in UTC [s], by the polynomials of Espenak and Meeus."""
+    from pvlib import spa  # start-up: pvlib takes pandas
+
+    return spa.calculate_deltat(*np.array([(m.year, m.month) for m in moments], dtype=float).reshape(-1, 2).T)
+
+
 def parse_time(time: dt.datetime | str, time_zone: str | None = None) -> dt.datetime:
     """A moment in UTC from a datetime or 'YYYY-MM-DDTHH:MM[:SS]', with its own offset or in the named time zone.
 
@@ -49,10 +64,7 @@ def parse_time(time: dt.datetime | str, time_zone: str | None = None) -> dt.date
             raise TwilightError(
                 f"time: '{time}' has no time zone; add an offset (2003-12-08T16:30+01:00) or a zone (Europe/Berlin)"
             )
-        try:
-            zone = ZoneInfo(time_zone)
-        except (KeyError, ValueError, OSError):
-            raise TwilightError(f"time zone: '{time_zone}' is not an IANA name such as Europe/Berlin or UTC") from None
+        zone = zone_of(time_zone)
         moment = moment.replace(tzinfo=zone)
         utc = moment.astimezone(dt.UTC)
         if utc.astimezone(zone).replace(tzinfo=None) != moment.replace(tzinfo=None):
@@ -99,9 +111,7 @@ def sun_position(
 
     epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
     unix = np.array([(m - epoch) / dt.timedelta(seconds=1) for m in moments], dtype=float)
-    year = np.array([m.year for m in moments], dtype=float)
-    month = np.array([m.month for m in moments], dtype=float)
-    delta_t = spa.calculate_deltat(year, month)
+    delta_t = delta_t_s(moments)
     # pressure and refraction 0: the apparent elevation of SPA is not used
     _, _, _, elevation, azimuth, _ = spa.solar_position_numpy(
         unix, float(latitude_deg), longitude, 1000.0 * float(altitude_km), 0.0, 12.0, delta_t, 0.0, numthreads=1

@@ -105,19 +105,19 @@ class Sky(SkyLight):
         step = 360.0 / azimuth.size
         if not 0 <= azimuth[0] < step or np.abs(np.diff(azimuth) - step).max(initial=0.0) > 1e-6:
             raise TwilightError("sky: azimuth_deg must be uniform over 0 to 360, the first within one step of 0")
-        for key, expected in (("standard_error", shape), ("direct_irradiance", shape[2:]), ("night_radiance", shape)):
-            value = getattr(self, key)
-            if value is not None:
+        stokes = (*shape[:2], 2, shape[2])
+        for key, expected, lowest in (
+            ("standard_error", shape, 0.0),
+            ("direct_irradiance", shape[2:], 0.0),
+            ("night_radiance", shape, 0.0),
+            ("polarisation", stokes, -np.inf),
+            ("polarisation_error", stokes, -np.inf),
+        ):
+            if (value := getattr(self, key)) is not None:
                 value = np.asarray(value)
-                if value.shape != expected or not np.isfinite(value).all() or (value < 0).any():
-                    raise TwilightError(f"sky: {key} must have shape {expected} and be finite and not negative")
-                object.__setattr__(self, key, value)
-        for key in ("polarisation", "polarisation_error"):
-            value = getattr(self, key)
-            if value is not None:
-                value = np.asarray(value)
-                if value.shape != (*shape[:2], 2, shape[2]) or not np.isfinite(value).all():
-                    raise TwilightError(f"sky: {key} must have shape {(*shape[:2], 2, shape[2])} and be finite")
+                if value.shape != expected or not np.isfinite(value).all() or (value < lowest).any():
+                    sign = " and not negative" if lowest == 0.0 else ""
+                    raise TwilightError(f"sky: {key} must have shape {expected} and be finite{sign}")
                 object.__setattr__(self, key, value)
         albedo = np.zeros(wavelength.size) if self.ground_albedo is None else np.asarray(self.ground_albedo, float)
         albedo = np.broadcast_to(albedo, (wavelength.size,)).copy()

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 
 import numpy as np
+
+from twilight.base.shipped_data import data_file, data_rows
 
 EPOCH = 1991.25
 """Julian year of the catalogue's positions."""
 _MAS = np.pi / 180.0 / 3.6e6
+"""One thousandth of an arcsecond [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +47,9 @@ class Stars:
 
 @cache
 def _table() -> dict[str, np.ndarray]:
-    folder = resources.files("twilight.data") / "stars"
-    with np.load(io.BytesIO((folder / "hipparcos2_bright.npz").read_bytes())) as stored:
+    with np.load(io.BytesIO(data_file("stars/hipparcos2_bright.npz").read_bytes())) as stored:
         table = {name: stored[name] for name in stored.files}
-    names = {int(r["hip"]): r["name"] for r in csv.DictReader((folder / "names.csv").read_text("utf-8").splitlines())}
+    names = {int(row["hip"]): row["name"] for row in data_rows("stars/names.csv")}
     table["name"] = np.array([names.get(int(hip), "") for hip in table["hip"]])
     return table
 
@@ -66,12 +66,10 @@ def bright_stars(year: float, faintest_mag: float = 6.6) -> Stars:
     outwards = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
     east = np.stack([-np.sin(ra), np.cos(ra), np.zeros(n)], axis=-1)
     north = np.cross(outwards, east)
-    years = year - EPOCH
-    moved = (
-        outwards
-        + (years * _MAS * table["pm_ra_mas_per_year"][:n].astype(float))[:, None] * east
-        + (years * _MAS * table["pm_dec_mas_per_year"][:n].astype(float))[:, None] * north
+    by_ra, by_dec = (
+        ((year - EPOCH) * _MAS * table[f"pm_{axis}_mas_per_year"][:n].astype(float))[:, None] for axis in ("ra", "dec")
     )
+    moved = outwards + by_ra * east + by_dec * north
     moved /= np.linalg.norm(moved, axis=1, keepdims=True)
     return Stars(moved, table["hp_mag"][:n].astype(float), table["hip"][:n], table["name"][:n])
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 import datetime as dt
 import re
 from typing import NamedTuple
-from zoneinfo import ZoneInfo
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.sky.ephemeris import sun_position
+from twilight.sky.ephemeris import sun_position, zone_of
 
 SUNRISE_DEG = -0.8333
 """True elevation [deg] of the sun's centre when its upper limb stands on a level horizon: 34' of standard refraction
@@ -72,8 +71,8 @@ def time_of(
     except ValueError:
         raise TwilightError(f"at: '{found['date']}' is not a date") from None
     if found["event"]:
-        side, elevation = EVENTS[found["event"].lower()]
         name = found["event"].lower()
+        side, elevation = EVENTS[name]
     else:
         side, elevation = found["side"].lower(), float(found["deg"].replace("−", "-"))
         name = f"{side} at {elevation:g} deg"
@@ -106,15 +105,8 @@ def twilight_times(
 def today_at(longitude_deg: float, time_zone: str | None = None) -> dt.date:
     """The date now, on the clocks of a zone or by the mean solar time of a place."""
     if time_zone is not None:
-        return dt.datetime.now(_zone(time_zone)).date()
+        return dt.datetime.now(zone_of(time_zone)).date()
     return (dt.datetime.now(dt.UTC) + _solar_offset(longitude_deg)).date()
-
-
-def _zone(name: str) -> ZoneInfo:
-    try:
-        return ZoneInfo(name)
-    except (KeyError, ValueError, OSError):
-        raise TwilightError(f"time zone: '{name}' is not an IANA name such as Europe/Berlin or UTC") from None
 
 
 def _solar_offset(longitude_deg: float) -> dt.timedelta:
@@ -127,7 +119,7 @@ class _Day:
 
     def __init__(self, date: dt.date, latitude_deg: float, longitude_deg: float, zone: str | None, altitude_km: float):
         self.place = (latitude_deg, longitude_deg, altitude_km)
-        self.zone = None if zone is None else _zone(zone)
+        self.zone = None if zone is None else zone_of(zone)
         try:
             clock = dt.datetime.combine(date, dt.time(12), tzinfo=dt.UTC) - _solar_offset(longitude_deg)
             if self.zone is not None:

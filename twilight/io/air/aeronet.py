@@ -13,15 +13,16 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from twilight.atmosphere.measured.parts import AerosolDepth, Reading, SizeDistribution, WaterColumn
+from twilight.atmosphere.measured.parts import AerosolDepth, Part, Reading, SizeDistribution, WaterColumn
 from twilight.base.errors import TwilightError
 from twilight.io.air.lines import moment, number, read_lines
-from twilight.io.air.wanted import Wanted, spoken
+from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
 HEAD = "AERONET Version 3"
 MISSING = (-999.0, -9999.0)
@@ -42,11 +43,13 @@ def is_aeronet(lines: list[str]) -> bool:
     return bool(lines) and lines[0].startswith(HEAD)
 
 
+@dataclass(frozen=True)
 class _Row:
-    """One measurement: its line and its values by the names of the columns."""
+    """One measurement: its line, counted from 1, and its values by the names of the columns."""
 
-    def __init__(self, path: Path, line: int, values: dict[str, str]):
-        self.path, self.line, self.values = path, line, values
+    path: Path
+    line: int
+    values: dict[str, str]
 
     def get(self, name: str, low: float, high: float) -> float:
         """A number, NaN where it is missing or not given."""
@@ -71,7 +74,7 @@ class _Row:
         return found[0], found[1]
 
 
-def read_aeronet(path: Path, wanted: Wanted) -> Reading:
+def read_aeronet(path: Path, wanted: PlaceAndTime) -> Reading:
     """Optical depths and water, or sizes and index, of the measurement of a file that is nearest in time.
 
     Errors: TwilightError with the file and the line for what is not in the format.
@@ -112,35 +115,35 @@ def read_aeronet(path: Path, wanted: Wanted) -> Reading:
     site = row.values.get("AERONET_Site", row.values.get("Site", site)).strip()
     kind = "inversion" if inversion else "AOD"
     source = f"AERONET {kind} {path.name}: {site}, {spoken(times[chosen])}{wanted.away(times[chosen], *row.place)}"
-    return Reading("aeronet", tuple(make(source) for make in parts))
+    return Reading("aeronet", tuple(replace(part, source=source) for part in parts))
 
 
-def _depths(row: _Row) -> list:
-    """What makes the parts of a row of optical depths; empty where it has none."""
-    found: list[tuple[float, float]] = []
+def _depths(row: _Row) -> list[Part]:
+    """The parts of a row of optical depths, without their source; empty where it has none."""
+    found: dict[float, float] = {}
     for name in row.values:
         if (match := DEPTH.fullmatch(name)) is None:
             continue
         one = row.get(name, -0.1, 20.0)
         if np.isfinite(one) and one > 0.0:
             exact = row.get(EXACT.format(match[1]), 0.2, 5.0)
-            found.append((round(1e3 * exact, 2) if np.isfinite(exact) else float(match[1]), one))
+            found[round(1e3 * exact, 2) if np.isfinite(exact) else float(match[1])] = one
     if not found:
         return []
-    nm, depth = np.array(sorted(dict(found).items())).T
+    nm, depth = np.array(sorted(found.items())).T
     if nm.size == 1:  # the exponent stands for a second channel
         exponent = row.get(EXPONENT, -3.0, 6.0)
         if np.isfinite(exponent):
             nm, depth = np.array([1.0, 2.0]) * nm[0], np.array([1.0, 2.0**-exponent]) * depth[0]
-    makers = [lambda source: AerosolDepth(source, nm, depth)]
+    parts: list[Part] = [AerosolDepth("", nm, depth)]
     water = row.get("Precipitable_Water(cm)", -0.1, 15.0)
     if np.isfinite(water) and water > 0.0:
-        makers.append(lambda source: WaterColumn(source, MM_PER_CM * water))  # type: ignore[arg-type,return-value]
-    return makers
+        parts.append(WaterColumn("", MM_PER_CM * water))
+    return parts
 
 
-def _sizes(row: _Row) -> list:
-    """What makes the parts of a row of an inversion; empty where it has none."""
+def _sizes(row: _Row) -> list[Part]:
+    """The part of a row of an inversion, without its source; empty where it has none."""
     radii = [name for name in row.values if RADIUS.fullmatch(name)]
     volume = np.array([row.get(name, 0.0, 1e3) for name in radii])
     channels = sorted(
@@ -157,4 +160,4 @@ def _sizes(row: _Row) -> list:
     order = np.argsort(radius)
     nm = np.array(channels, dtype=float)[good]
     index = real[good] - 1j * imaginary[good]
-    return [lambda source: SizeDistribution(source, radius[order], volume[order], nm, index, depth[good])]
+    return [SizeDistribution("", radius[order], volume[order], nm, index, depth[good])]

@@ -21,8 +21,8 @@ import numpy as np
 
 from twilight.atmosphere.measured.parts import ExtinctionProfile, Reading
 from twilight.base.errors import TwilightError
-from twilight.io.air.lines import number, read_lines
-from twilight.io.air.wanted import Wanted, spoken
+from twilight.io.air.lines import number, read_lines, reason
+from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
 SAGE_MARK = "Section 6.1 - Aerosol Extinction profiles"
 OSIRIS_MARK = "HDFEOS/SWATHS/OSIRIS\\Odin Aerosol MART"
@@ -47,7 +47,7 @@ def hdf5_kind(path: Path) -> str:
         with h5py.File(path, "r") as file:
             return "sage" if SAGE_MARK in file else "osiris" if OSIRIS_MARK in file else "map"
     except (OSError, RuntimeError, KeyError) as error:
-        raise TwilightError(f"{path}: is damaged, or no HDF5: {' '.join(str(error).split())[:200]}") from None
+        raise TwilightError(f"{path}: is damaged, or no HDF5: {reason(error)}") from None
 
 
 def is_table(lines: list[str]) -> bool:
@@ -57,7 +57,7 @@ def is_table(lines: list[str]) -> bool:
     return "altitude_km" in names and any(TABLE_COLUMN.fullmatch(name) for name in names)
 
 
-def read_extinction(path: Path, kind: str, wanted: Wanted) -> Reading:
+def read_extinction(path: Path, kind: str, wanted: PlaceAndTime) -> Reading:
     """The profile of a file that is nearest.
 
     kind: `sage`, `osiris` or `table`.  Errors: TwilightError with the file and the table.
@@ -70,9 +70,7 @@ def read_extinction(path: Path, kind: str, wanted: Wanted) -> Reading:
         with h5py.File(path, "r") as file:
             return Reading("stratosphere", ((_sage if kind == "sage" else _osiris)(path, file, wanted),))
     except (KeyError, ValueError, IndexError, TypeError, OSError, RuntimeError, OverflowError) as error:
-        raise TwilightError(
-            f"{path}: lacks what a file of {kind.upper()} has: {' '.join(str(error).split())[:200]}"
-        ) from None
+        raise TwilightError(f"{path}: lacks what a file of {kind.upper()} has: {reason(error)}") from None
 
 
 def _cleaned(path: Path, source: str, altitude_km: np.ndarray, nm: np.ndarray, per_km: np.ndarray) -> ExtinctionProfile:
@@ -90,29 +88,26 @@ def _cleaned(path: Path, source: str, altitude_km: np.ndarray, nm: np.ndarray, p
     return ExtinctionProfile(source, altitude_km[good], nm[order], values[good][:, order])
 
 
-def _sage(path: Path, file: Any, wanted: Wanted) -> ExtinctionProfile:
+def _sage(path: Path, file: Any, wanted: PlaceAndTime) -> ExtinctionProfile:
     table = np.asarray(file[f"{SAGE_MARK}/Aerosol Extinction profiles"])
     about = np.asarray(file["Section 6.0 - Aerosol Information/Aerosol Information"])
     altitude = np.asarray(file["Section 5.0 - Altitude-based Data/Altitude Data"])["Geometric Altitude (km)"]
     header = np.asarray(file["Section 1.0 - File Header/Section 1.0 - File Header"])[0]
     nm = np.asarray(about["Aerosol Channels Centerline Wavelengths (nm)"], dtype=float)
-    per_km = np.stack([table[f"Aerosol Extinction Channel {i + 1} (km-1)"] for i in range(nm.size)], axis=1).astype(
-        float
-    )
-    event, date, latitude, longitude, clock = (header[i] for i in (0, 2, 3, 4, 5))
+    columns = [table[f"Aerosol Extinction Channel {i + 1} (km-1)"] for i in range(nm.size)]
+    per_km = np.stack(columns, axis=1).astype(float)
+    event, date, north, east, clock = (float(header[i]) for i in (0, 2, 3, 4, 5))
     time = datetime.strptime(f"{int(date):08d}{int(clock):06d}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-    away = wanted.away(time, float(latitude), float(longitude))
-    where = f"{float(latitude):.1f} N {float(longitude):.1f} E"
-    source = f"SAGE III/ISS {path.name}: event {int(event)}, {where}, {spoken(time)}{away}"
+    where = f"{north:.1f} N {east:.1f} E, {spoken(time)}{wanted.away(time, north, east)}"
+    source = f"SAGE III/ISS {path.name}: event {int(event)}, {where}"
     return _cleaned(path, source, np.asarray(altitude[: len(per_km)], dtype=float), nm, per_km)
 
 
-def _osiris(path: Path, file: Any, wanted: Wanted) -> ExtinctionProfile:
+def _osiris(path: Path, file: Any, wanted: PlaceAndTime) -> ExtinctionProfile:
     swath = file[OSIRIS_MARK]
-    place = swath["Geolocation Fields"]
-    altitude = np.asarray(place["Altitude"], dtype=float)
-    latitude, longitude, seconds = (
-        np.atleast_1d(np.asarray(place[k], dtype=float)) for k in ("Latitude", "Longitude", "Time")
+    altitude, latitude, longitude, seconds = (
+        np.atleast_1d(np.asarray(swath[f"Geolocation Fields/{name}"], dtype=float))
+        for name in ("Altitude", "Latitude", "Longitude", "Time")
     )
     per_km = np.asarray(swath["Data Fields/AerosolExtinction"], dtype=float)
     per_km = per_km if per_km.shape == (latitude.size, altitude.size) else per_km.T
@@ -121,15 +116,13 @@ def _osiris(path: Path, file: Any, wanted: Wanted) -> ExtinctionProfile:
         raise TwilightError(f"{path}: has no scan with extinction")
     scans = np.flatnonzero(usable)
     times = [OSIRIS_EPOCH + timedelta(seconds=float(seconds[i])) for i in scans]
+    places = [(float(latitude[i]), float(longitude[i] + 180.0) % 360.0 - 180.0) for i in scans]
     if wanted.latitude_deg is not None:
-        apart = [wanted.km_to(float(latitude[i]), float(longitude[i] + 180.0) % 360.0 - 180.0) or 0.0 for i in scans]
-        chosen = int(np.argmin(apart))
+        chosen = int(np.argmin([wanted.km_to(*place) or 0.0 for place in places]))
     else:
         chosen = wanted.nearest(times, path, "scans")
-    i, time = int(scans[chosen]), times[chosen]
-    east = float(longitude[i] + 180.0) % 360.0 - 180.0
-    away = wanted.away(time, float(latitude[i]), east)
-    source = f"OSIRIS {path.name}: {latitude[i]:.1f} N {east:.1f} E, {spoken(time)}{away}"
+    i, time, (north, east) = int(scans[chosen]), times[chosen], places[chosen]
+    source = f"OSIRIS {path.name}: {north:.1f} N {east:.1f} E, {spoken(time)}{wanted.away(time, north, east)}"
     return _cleaned(path, source, altitude, np.array([OSIRIS_NM]), per_km[i][:, None])
 
 

@@ -36,7 +36,8 @@ from twilight.atmosphere.measured.parts import (
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
-from twilight.io.air.wanted import Wanted, spoken
+from twilight.io.air.lines import reason
+from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
 COORDINATES = {
     "latitude": ("latitude", "lat", "Latitude"),
@@ -71,6 +72,7 @@ MERRA_DEPTH = "TOTEXTTAU"
 MERRA_EXPONENT = "TOTANGSTR"
 """Its Angstrom exponent between 470 and 870 nm."""
 MERRA_NM = (470.0, 550.0, 870.0)
+"""Wavelengths that stand for these two [nm]; without the exponent 550 nm alone."""
 
 COVER = ("cc", "CLOUD")
 """Fraction of cloud on the pressure levels."""
@@ -88,7 +90,7 @@ MOST_STEPS_OUTSIDE = 0.51
 """A point may be so far outside a map, in its own steps: maps are of cells."""
 
 
-def read_gridded(path: Path, content: str, wanted: Wanted) -> Reading:
+def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     """What a map holds at a place and time.
 
     content: `netcdf`, `netcdf3` or `grib`.  Errors: TwilightError with the file and the variable.
@@ -110,8 +112,7 @@ def read_gridded(path: Path, content: str, wanted: Wanted) -> Reading:
     except TwilightError:
         raise
     except Exception as error:  # values are read only now, and what a damaged file raises depends on the library
-        reason = " ".join(str(error).split())[:200]
-        raise TwilightError(f"{path}: is damaged, or not the map that its names promise: {reason}") from None
+        raise TwilightError(f"{path}: is damaged, or not the map that its names promise: {reason(error)}") from None
     finally:
         for data in datasets:
             data.close()
@@ -168,10 +169,8 @@ def _open(path: Path, content: str) -> list[Any]:
     except TwilightError:
         raise
     except Exception as error:  # what a damaged file raises depends on the library that reads it
-        reason = " ".join(str(error).split())[:200]
-        raise TwilightError(
-            f"{path}: is damaged, or no {'GRIB' if content == 'grib' else 'netCDF'}: {reason}"
-        ) from None
+        name = "GRIB" if content == "grib" else "netCDF"
+        raise TwilightError(f"{path}: is damaged, or no {name}: {reason(error)}") from None
 
 
 def _name(data: Any) -> str:
@@ -186,7 +185,7 @@ def _coordinate(data: Any, kind: str) -> str | None:
     return next((name for name in COORDINATES[kind] if name in data.variables), None)
 
 
-def _at_the_place(path: Path, data: Any, wanted: Wanted) -> tuple[dict[str, Any], np.ndarray | None, str]:
+def _at_the_place(path: Path, data: Any, wanted: PlaceAndTime) -> tuple[dict[str, Any], np.ndarray | None, str]:
     """Values of all variables at the place and time, by pressure where they have it; the pressures; and where."""
     words = []
     latitude, longitude = (_coordinate(data, kind) for kind in ("latitude", "longitude"))
@@ -204,8 +203,8 @@ def _at_the_place(path: Path, data: Any, wanted: Wanted) -> tuple[dict[str, Any]
         )
     if lat.size * lon.size > 1 or wanted.latitude_deg is not None:
         there = wanted.place(path)
-        weights.append((latitude, _between(path, latitude, lat, there[0], "deg")))
-        weights.append((longitude, _between(path, longitude, lon, there[1], "deg", turn=360.0)))
+        weights.append((_dimension(data, latitude), _between(path, latitude, lat, there[0], "deg")))
+        weights.append((_dimension(data, longitude), _between(path, longitude, lon, there[1], "deg", turn=360.0)))
         words.append(f"{there[0]:g} N {there[1]:g} E" if lat.size * lon.size > 1 else f"{lat[0]:g} N {lon[0]:g} E")
     time = _coordinate(data, "time")
     if time is not None:
@@ -216,7 +215,7 @@ def _at_the_place(path: Path, data: Any, wanted: Wanted) -> tuple[dict[str, Any]
                 moments = [datetime.fromtimestamp(s, UTC) for s in seconds]
                 wanted.nearest(moments, path, "times")  # a sentence where no time is asked for
                 assert wanted.time is not None
-                weights.append((time, _between(path, time, seconds, wanted.time.timestamp(), "s")))
+                weights.append((_dimension(data, time), _between(path, time, seconds, wanted.time.timestamp(), "s")))
                 words.append(spoken(wanted.time))
             else:
                 moment = datetime.fromtimestamp(float(seconds[0]), UTC)
@@ -227,15 +226,12 @@ def _at_the_place(path: Path, data: Any, wanted: Wanted) -> tuple[dict[str, Any]
         levels = np.atleast_1d(data[pressure].values).astype(float)
         if str(data[pressure].attrs.get("units", "hPa")).strip().lower() in ("pa", "pascal", "pascals"):
             levels = levels / 100.0
-    wide = {dim for _, dim in _dims(data, [w[0] for w in weights])}
     found: dict[str, Any] = {}
     for name in data.data_vars:
         variable = data[name]
         if not np.issubdtype(variable.dtype, np.number):
             continue
-        value = _weighted(variable, [(dim, w) for (c, w), dim in zip(weights, _dims_of(data, weights), strict=True)])
-        value = value.squeeze()
-        value = _first_known(value, pressure, wide)
+        value = _first_known(_weighted(variable, weights).squeeze())
         on_levels = value.ndim == 1 and pressure is not None and value.dims == data[pressure].dims
         if value.ndim == 0:
             found[str(name)] = float(value)
@@ -248,13 +244,9 @@ def _at_the_place(path: Path, data: Any, wanted: Wanted) -> tuple[dict[str, Any]
     return found, levels, " ".join(words)
 
 
-def _dims_of(data: Any, weights: list[tuple[str, Any]]) -> list[str]:
-    """The dimension of each coordinate; its own name where it has none."""
-    return [str(data[name].dims[0]) if data[name].dims else name for name, _ in weights]
-
-
-def _dims(data: Any, names: list[str]) -> list[tuple[str, str]]:
-    return [(name, str(data[name].dims[0])) for name in names if data[name].dims]
+def _dimension(data: Any, name: str) -> str:
+    """The dimension of a coordinate; its own name where it has none."""
+    return str(data[name].dims[0]) if data[name].dims else name
 
 
 def _weighted(variable: Any, weights: list[tuple[str, list[tuple[int, float]]]]) -> Any:
@@ -265,13 +257,12 @@ def _weighted(variable: Any, weights: list[tuple[str, list[tuple[int, float]]]])
     return variable
 
 
-def _first_known(value: Any, pressure: str | None, placed: set[str]) -> Any:
+def _first_known(value: Any) -> Any:
     """Of versions of one field (ERA5's expver) the first that has numbers."""
-    extra = [dim for dim in value.dims if dim == "expver"]
-    for dim in extra:
-        pieces = [value.isel({dim: i}) for i in range(value.sizes[dim])]
-        value = next((piece for piece in pieces if bool(np.isfinite(piece).any())), pieces[0])
-    return value
+    if "expver" not in value.dims:
+        return value
+    versions = [value.isel(expver=i) for i in range(value.sizes["expver"])]
+    return next((version for version in versions if bool(np.isfinite(version).any())), versions[0])
 
 
 def _between(
@@ -308,12 +299,16 @@ def _one(columns: dict[str, Any], names: tuple[str, ...]) -> Any:
     return next((columns[name] for name in names if name in columns), None)
 
 
-def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: Wanted) -> AirColumn:
+def _height_m(columns: dict[str, Any]) -> Any:
+    """Geopotential height of the pressure levels [m], None where the file has none."""
+    height, geopotential = _one(columns, HEIGHT_M), _one(columns, GEOPOTENTIAL)
+    return geopotential / moist_air.STANDARD_GRAVITY if height is None and geopotential is not None else height
+
+
+def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> AirColumn:
     """Pressure levels as a column of air at geometric altitudes."""
     temperature = np.asarray(_one(columns, TEMPERATURE), dtype=float)
-    height_m, geopotential = _one(columns, HEIGHT_M), _one(columns, GEOPOTENTIAL)
-    if height_m is None and geopotential is not None:
-        height_m = geopotential / moist_air.STANDARD_GRAVITY
+    height_m = _height_m(columns)
     if height_m is None:
         raise TwilightError(
             f"{path}: has temperature and no altitude of the pressure levels; download z (geopotential) too, or H, gh "
@@ -346,17 +341,14 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     )
 
 
-def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: Wanted) -> list[Part]:
+def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> list[Part]:
     """Water and ice of the clouds, each pressure level for the air half way to its neighbours."""
     cover, liquid, ice = (_one(columns, names) for names in (COVER, LIQUID, ICE))
-    height = _one(columns, HEIGHT_M)
-    height = columns["z"] / moist_air.STANDARD_GRAVITY if height is None else height
+    height = _height_m(columns)
     if cover is None or (liquid is None and ice is None) or np.ndim(cover) == 0 or np.ndim(height) == 0:
         return []
-    nothing = np.zeros_like(pressure_hpa)
-    rows = np.stack(
-        [pressure_hpa, height, cover, nothing if liquid is None else liquid, nothing if ice is None else ice]
-    )
+    liquid, ice = (np.zeros_like(pressure_hpa) if water is None else water for water in (liquid, ice))
+    rows = np.stack([pressure_hpa, height, cover, liquid, ice])
     rows = rows[:, np.all(np.isfinite(rows), axis=0)]
     p, h, cc, water, frozen = rows[:, np.argsort(-rows[0])]
     if p.size < 2:
@@ -364,11 +356,8 @@ def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], want
     z = moist_air.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
     edge_p, edge_z = (np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]]) for x in (p, z))
     kg_of_air = -100.0 * np.diff(edge_p) / moist_air.STANDARD_GRAVITY
-    return [
-        CloudWater(
-            source, edge_z[:-1], edge_z[1:], cc, np.maximum(water, 0.0) * kg_of_air, np.maximum(frozen, 0.0) * kg_of_air
-        )
-    ]
+    water, frozen = (np.maximum(one, 0.0) * kg_of_air for one in (water, frozen))
+    return [CloudWater(source, edge_z[:-1], edge_z[1:], cc, water, frozen)]
 
 
 def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[Part]:

@@ -13,14 +13,14 @@ MAX_BYTES = 400_000_000
 """Largest file of text that is read."""
 
 
-def read_bytes(path: Path, count: int | None = None) -> bytes:
-    """The content of a file, or its first bytes; of the one file in a zip archive where it is one."""
+def read_bytes(path: Path, count: int = -1) -> bytes:
+    """The first bytes of a file, -1: all; of the one file in a zip archive where it is one."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise TwilightError(f"{path}: is larger than {MAX_BYTES // 1_000_000} MB, which is the most allowed")
         if not zipfile.is_zipfile(path):
             with open(path, "rb") as file:
-                return file.read() if count is None else file.read(count)
+                return file.read(count)
         with zipfile.ZipFile(path) as archive:
             members = [info for info in archive.infolist() if not info.is_dir()]
             if len(members) != 1 or members[0].file_size > MAX_BYTES:
@@ -28,7 +28,7 @@ def read_bytes(path: Path, count: int | None = None) -> bytes:
                     f"{path}: holds {len(members)} files; allowed is one of {MAX_BYTES // 1_000_000} MB at most"
                 )
             with archive.open(members[0]) as file:
-                return file.read() if count is None else file.read(count)
+                return file.read(count)
     except (OSError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise TwilightError(f"{path}: cannot be read: {reason}") from None
@@ -72,13 +72,15 @@ def number(
     return value
 
 
-def moment(path: Path, line: int, text: str, *patterns: str) -> datetime:
-    """A time in UTC by one of the patterns of `strptime`; TwilightError with the file and the line."""
-    for pattern in patterns:
-        try:
-            return datetime.strptime(text.strip(), pattern).replace(tzinfo=UTC)
-        except ValueError:
-            continue
-    raise TwilightError(
-        f"{path}: line {line}: `{text.strip()[:60]}` is no time such as {datetime(2026, 6, 21, 12):{patterns[0]}}"
-    )
+def moment(path: Path, line: int, text: str, layout: str) -> datetime:
+    """A time in UTC, in a layout of `strptime`; TwilightError with the file and the line."""
+    try:
+        return datetime.strptime(text.strip(), layout).replace(tzinfo=UTC)
+    except ValueError:
+        example = f"{datetime(2026, 6, 21, 12):{layout}}"
+        raise TwilightError(f"{path}: line {line}: `{text.strip()[:60]}` is no time such as {example}") from None
+
+
+def reason(error: Exception) -> str:
+    """What a library says of a damaged file, on one line of 200 characters at most."""
+    return " ".join(str(error).split())[:200]

@@ -8,7 +8,7 @@ from twilight.atmosphere.measured.parts import Reading
 from twilight.base.errors import TwilightError
 from twilight.io.air import aeronet, extinction, gridded, sounding, woudc
 from twilight.io.air.lines import read_bytes, read_lines
-from twilight.io.air.wanted import Wanted
+from twilight.io.air.place_and_time import PlaceAndTime
 
 KINDS = {
     "sounding": "a sounding (University of Wyoming's text list, IGRA version 2)",
@@ -29,7 +29,7 @@ NETCDF3 = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
 """First bytes of a NetCDF-3 file: classic, 64-bit offset, 64-bit data."""
 
 
-def read_air_file(path: Path, wanted: Wanted) -> Reading:
+def read_air_file(path: Path, wanted: PlaceAndTime) -> Reading:
     """What a file holds of the air at a place and time.
 
     Errors: TwilightError that names the file, the line where there is one, and what is allowed.

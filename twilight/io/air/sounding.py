@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from twilight.atmosphere.measured import moist_air
 from twilight.atmosphere.measured.parts import AirColumn, Reading
 from twilight.base.errors import TwilightError
 from twilight.io.air.lines import moment, number, read_lines
-from twilight.io.air.wanted import Wanted, spoken
+from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
 WYOMING_HEAD = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH")
 WYOMING_COLUMNS = (("PRES", 0.001, 1100.0, "hPa"), ("HGHT", -500.0, 80000.0, "m"), ("TEMP", -130.0, 60.0, "C"),
@@ -56,7 +56,7 @@ def is_igra(lines: list[str]) -> bool:
     return bool(lines) and IGRA_HEAD.match(lines[0]) is not None
 
 
-def read_sounding(path: Path, wanted: Wanted) -> Reading:
+def read_sounding(path: Path, wanted: PlaceAndTime) -> Reading:
     """The sounding of a file that is nearest in time.
 
     Errors: TwilightError with the file and the line for what is not in the format.
@@ -145,7 +145,7 @@ def _wyoming_rows(path: Path, lines: list[str], head: int, end: int) -> Iterator
             yield pressure, height, kelvin, water
 
 
-def _igra(path: Path, lines: list[str], wanted: Wanted) -> Iterator[_Sounding]:
+def _igra(path: Path, lines: list[str], wanted: PlaceAndTime) -> Iterator[_Sounding]:
     """The soundings within a day of the time that is wanted, or else the nearest one; all where no time is."""
     heads = []
     i = 0
@@ -165,7 +165,7 @@ def _igra(path: Path, lines: list[str], wanted: Wanted) -> Iterator[_Sounding]:
                 f"{path}: line {i + 1}: says {count} levels follow, and the file ends after {len(lines) - i - 1}"
             )
         hour = int(number(path, i + 1, "HOUR (columns 25 to 26)", line[24:26], 0, HOURS_MISSING))
-        time = moment(path, i + 1, line[13:23], "%Y %m %d").replace(tzinfo=UTC)
+        time = moment(path, i + 1, line[13:23], "%Y %m %d")
         release = line[27:31]
         if hour != HOURS_MISSING:
             time = time.replace(hour=min(hour, 23))

@@ -15,7 +15,7 @@ from pathlib import Path
 from twilight.atmosphere.measured.parts import OzoneColumn, Reading
 from twilight.base.errors import TwilightError
 from twilight.io.air.lines import moment, number, read_lines
-from twilight.io.air.wanted import Wanted
+from twilight.io.air.place_and_time import PlaceAndTime
 
 HEAD = "#CONTENT"
 Table = list[tuple[int, dict[str, str]]]
@@ -47,7 +47,7 @@ def _tables(lines: list[str]) -> dict[str, Table]:
     return tables
 
 
-def read_woudc(path: Path, wanted: Wanted) -> Reading:
+def read_woudc(path: Path, wanted: PlaceAndTime) -> Reading:
     """The ozone column of the day that is nearest.
 
     Errors: TwilightError with the file and the line for what is not in the format.

@@ -104,9 +104,9 @@ class MoonDisc:
         radius = np.sin(np.radians(self.path.radius_deg))
         x = np.cos(t) * np.sin(a) / radius
         y = (np.sin(t) * np.cos(m) - np.cos(t) * np.sin(m) * np.cos(a)) / radius
-        ahead = np.cos(t) * np.cos(m) * np.cos(a) + np.sin(t) * np.sin(m) > 0.0
+        in_front = np.cos(t) * np.cos(m) * np.cos(a) + np.sin(t) * np.sin(m) > 0.0
         return np.where(
-            ahead, surface(x, y, towards_sun(self.moon, self.sun_elevation_deg), self.moon.phase_angle_deg), 0.0
+            in_front, surface(x, y, towards_sun(self.moon, self.sun_elevation_deg), self.moon.phase_angle_deg), 0.0
         )
 
 
@@ -164,16 +164,16 @@ class MoonSeen:
 
 
 def lit_parts(phase_angle_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places x (towards the sun), y and shares of the light of LIT_NODES parts of the lit disc of radius 1.
+    """Places x (towards the sun), y and fractions of the light of LIT_NODES parts of the lit disc of radius 1.
 
     Gauss-Legendre in the angle along the limb and between terminator and limb, by the brightness of `surface`.
     """
     angle, weight = np.polynomial.legendre.leggauss(LIT_NODES[0])
     along = 0.5 * np.pi * angle
-    across, share = np.polynomial.legendre.leggauss(LIT_NODES[1])
+    across, weight_across = np.polynomial.legendre.leggauss(LIT_NODES[1])
     c = -np.cos(np.radians(min(phase_angle_deg, 179.9)))
     x = np.cos(along)[:, None] * (c + (1.0 - c) * 0.5 * (across + 1.0))
     y = np.broadcast_to(np.sin(along)[:, None], x.shape)
-    area = (weight * np.cos(along) ** 2)[:, None] * share
+    area = (weight * np.cos(along) ** 2)[:, None] * weight_across
     light = surface(x, y, (1.0, 0.0), min(phase_angle_deg, 179.9)) * area
     return x.ravel(), y.ravel(), (light / light.sum()).ravel()

@@ -81,16 +81,6 @@ class Moon:
         return self.reflectance(wavelength_nm) * MEAN_SOLID_ANGLE_SR / np.pi * nearer
 
 
-def moon_irradiance(
-    moon: Moon, wavelength_nm: np.ndarray, solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
-) -> np.ndarray:
-    """Spectral irradiance of the moon above the air, normal to its light [W m^-2 nm^-1], (W,): bin means.
-
-    As `disc_reflectance`; the sun's lines are in it.
-    """
-    return moon.irradiance_factor(wavelength_nm) * spectrum.solar_irradiance(wavelength_nm, solar_spectrum)
-
-
 def moon_illuminance_lux(moon: Moon, solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM) -> float:
     """Illuminance above the air, normal to the light [lx], by V(lambda) at 1 nm."""
     factor = moon.irradiance_factor(spectrum.VISIBLE_NM) * spectrum.colour_matching_functions("cie1931_2deg")[:, 1]

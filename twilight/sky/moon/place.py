@@ -24,15 +24,15 @@ def moon_over(
     """
     site = Sites([moment], latitude_deg, longitude_deg, altitude_km)
     found, sun = site.body("moon"), site.sun()
-    # east of the sun along the ecliptic: the evening moon waxes
-    ahead = float(np.cross(sun.towards[0], found.towards[0]) @ ECLIPTIC_NORTH)
+    # the evening moon waxes
+    east_of_sun = float(np.cross(sun.towards[0], found.towards[0]) @ ECLIPTIC_NORTH)
     return Moon(
         float(found.elevation_deg[0]),
         float((found.azimuth_deg[0] - sun_azimuth_deg) % 360.0),
         float(found.phase_angle_deg[0]),
         float(found.distance_au[0] * AU_KM),
         float(found.sun_distance_au[0]),
-        ahead > 0.0,
+        east_of_sun > 0.0,
     )
 
 

@@ -57,11 +57,10 @@ def night_radiance(
     * Airglow: lines and continuum of layers at 90 to 250 km, brighter towards the horizon by van Rhijn's function.
     * Starlight with diffuse galactic light by galactic latitude, with the sun's spectrum.
     * Zodiacal light by ecliptic longitude from the sun and latitude, Leinert et al. 1998.
-
     * Light pollution, by elevation alone: of lamps, in the air.
 
-    Then the scene's own air dims the first three and scatters some of them in (``night.veil``).  Where `place` or the
-    sun's azimuth is not known, starlight is its mean over the sky and the ecliptic stands at 60 deg to the horizon.
+    The scene's own air dims all but the lamps and scatters some of that light in (``night.veil``).  Where `place` or
+    the sun's azimuth is not known, starlight is its mean over the sky and the ecliptic stands at 60 deg to the horizon.
     Validity: brightness to some 20 %; real nights differ by a factor 2, and cities by any factor.
     """
     levels = levels or NightLevels()

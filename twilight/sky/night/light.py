@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.shipped_data import data_numbers, data_rows
 from twilight.numerics import spectrum
 
 RAYLEIGH_PHOTONS = 1e10 / (4.0 * np.pi)
@@ -29,6 +28,7 @@ GALACTIC_LIGHT_FRACTION = 0.25
 et al. 1998 sec. 11)."""
 
 CONTINUUM_NM = np.array([300.0, 366.0, 438.0, 500.0, 545.0, 641.0, 720.0, 798.0, 1000.0])
+"""Wavelengths of CONTINUUM_RAYLEIGH_PER_NM [nm]."""
 CONTINUUM_RAYLEIGH_PER_NM = np.array([0.3, 0.3, 5.6, 4.0, 4.0, 12.1, 5.8, 5.8, 5.8])
 """Airglow between the lines of ``airglow_lines.csv``, with the weak OH bands that are not in it.  What is left of the
 night sky at Paranal in UBVRI at solar maximum (Patat 2003, A&A 400, 1183: 22.28, 22.64, 21.61, 20.87, 19.71) after
@@ -45,18 +45,13 @@ def photon_energy_j(wavelength_nm: np.ndarray) -> np.ndarray:
     return _PLANCK_TIMES_LIGHT_J_NM / np.asarray(wavelength_nm, float)
 
 
-def _rows(name: str) -> list[list[str]]:
-    text = resources.files("twilight").joinpath(f"data/night/{name}").read_text(encoding="utf-8")
-    return list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
-
-
 # Airglow --------------------------------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=1)
 def _lines() -> np.ndarray:
     """centre_nm, width_nm, rayleigh, altitude_km of every line, (N, 4)."""
-    return np.array([[float(x) for x in row[1:]] for row in _rows("airglow_lines.csv")[1:]])
+    return np.array([[float(x) for x in [*row.values()][1:]] for row in data_rows("night/airglow_lines.csv")])
 
 
 def airglow_layers() -> np.ndarray:
@@ -90,8 +85,8 @@ def _continuum_integral() -> tuple[np.ndarray, np.ndarray]:
 def van_rhijn(elevation_deg: np.ndarray, layer_km: float, observer_km: float = 0.0) -> np.ndarray:
     """Path through a thin layer over its thickness (van Rhijn 1921): 1/sqrt(1 - ((R + z) cos e / (R + h))^2).
 
-    Counts every crossing ahead: one for an observer below the layer; none, or one each way, from above it; a line of
-    sight that ends on the ground crosses nothing beyond.
+    Counts every crossing of the line of sight: one for an observer below the layer; none, or one each way, from above
+    it; a line of sight that ends on the ground crosses nothing beyond.
     """
     e = np.radians(np.asarray(elevation_deg, float))
     lowest = (EARTH_RADIUS_KM + observer_km) * np.cos(e)  # distance of the line from the Earth's centre
@@ -126,15 +121,14 @@ def starlight_s10(galactic_latitude_deg: np.ndarray | None) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _zodiacal_table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rows = _rows("zodiacal_light.csv")
-    latitude = np.array([float(x) for x in rows[0][1:]])
-    longitude = np.array([float(row[0]) for row in rows[1:]])
-    table = np.array([[float(x) if x else np.nan for x in row[1:]] for row in rows[1:]])
+    """Ecliptic longitude from the sun (L,) and latitude (B,) [deg], and ln of the light (L, B)."""
+    (_, *latitudes), numbers = data_numbers("night/zodiacal_light.csv")
+    longitude, table = numbers[:, 0], numbers[:, 1:].copy()
     # next to the sun: the value at the nearest measured longitude
     for column in table.T:
         measured = np.isfinite(column)
         column[~measured] = column[measured][0]
-    return longitude, latitude, np.log(table)
+    return longitude, np.array(latitudes, float), np.log(table)
 
 
 def zodiacal_500nm(longitude_from_sun_deg: np.ndarray, ecliptic_latitude_deg: np.ndarray) -> np.ndarray:

@@ -118,13 +118,13 @@ class Raster:
         """(pixel (M,), point (M,), fraction of the point's irradiance that is the pixel's radiance (M,) [sr^-1]).
 
         towards (N, 3): directions of the points.  A point is a Gauss curve over the sky, SPREAD_PIXELS of the largest
-        distance between neighbouring pixels there: whatever the projection is, its light is kept within 1 %.
+        distance between neighbouring pixels there: whatever the projection is, its light is conserved within 1 %.
         """
         none = np.zeros(0, int), np.zeros(0, int), np.zeros(0)
         if not self._pixel.size or not len(towards):
             return none
-        reach = WIDEST * SPREAD_PIXELS
-        near, nearest = self._tree.query(towards, distance_upper_bound=reach * float(self._step.max()))
+        widest = WIDEST * SPREAD_PIXELS * float(self._step.max())
+        near, nearest = self._tree.query(towards, distance_upper_bound=widest)
         seen = np.flatnonzero(np.isfinite(near))
         width = SPREAD_PIXELS * self._step[nearest[seen]]
         lists = self._tree.query_ball_point(towards[seen], WIDEST * width)
@@ -165,16 +165,12 @@ def _spacing(rays: np.ndarray, otherwise: float) -> np.ndarray:
 def precession(years: float) -> np.ndarray:
     """Matrix (3, 3) from the equator and equinox of J2000 to those of a date (Meeus 1998 ch. 21)."""
     t = years / 100.0
-    zeta, z, theta = np.radians(
-        np.array(
-            [
-                t * (2306.2181 + t * (0.30188 + t * 0.017998)),
-                t * (2306.2181 + t * (1.09468 + t * 0.018203)),
-                t * (2004.3109 - t * (0.42665 + t * 0.041833)),
-            ]
-        )
-        / 3600.0
+    arcsec = (
+        t * (2306.2181 + t * (0.30188 + t * 0.017998)),
+        t * (2306.2181 + t * (1.09468 + t * 0.018203)),
+        t * (2004.3109 - t * (0.42665 + t * 0.041833)),
     )
+    zeta, z, theta = np.radians(np.array(arcsec) / 3600.0)
 
     def about_pole(angle: float) -> np.ndarray:
         c, s = np.cos(angle), np.sin(angle)

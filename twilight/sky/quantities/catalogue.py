@@ -66,9 +66,9 @@ QUANTITIES = {
               "photosynthetic photon flux density, 400 to 700 nm (McCree 1972)"),
         _eyes("uv_index", "uv_index", "1", "surface", ("erythema",), "uv_index",
               "UV index, ISO/CIE 17166:2019, from 300 nm on"),
-        Quantity("cct", "cct_k", "K", _BOTH, ("photopic",), lambda light: light.cct_duv()[0],
+        Quantity("cct", "cct_k", "K", _BOTH, ("photopic",), lambda light: light.cct_duv[0],
                  "correlated colour temperature (Ohno 2014)"),
-        Quantity("duv", "duv", "1", _BOTH, ("photopic",), lambda light: light.cct_duv()[1],
+        Quantity("duv", "duv", "1", _BOTH, ("photopic",), lambda light: light.cct_duv[1],
                  "distance from Planck's locus in (u, v) of CIE 1960 (Ohno 2014)"),
     )
 }  # fmt: skip
@@ -78,16 +78,9 @@ QUANTITIES = {
 def quantity(which: str | Quantity) -> Quantity:
     """A quantity by its name.
 
-    Parameters
-    ----------
-    which
-        One of `QUANTITIES`, in small letters or large; `in:NAME`, the energy within a response, and `photons:NAME`, its
-        photons; else a band of `responses.response`, whose magnitude is meant, in AB or Vega with `NAME:AB`.
-
-    Raises
-    ------
-    TwilightError
-        For a name that is none.
+    which: one of `QUANTITIES`, in small letters or large; `in:NAME`, the energy within a response, and `photons:NAME`,
+    its photons; else a band of `responses.response`, whose magnitude is meant, in AB or Vega with `NAME:AB`.
+    Errors: TwilightError for a name that is none.
     """
     if isinstance(which, Quantity):
         return which

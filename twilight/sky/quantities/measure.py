@@ -7,8 +7,8 @@ at 1 nm and the response are multiplied in afterwards (`twilight.numerics.spectr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -27,9 +27,11 @@ VEGA_MAGNITUDE = 0.023
 AB_JANSKY = 3631.0
 """Flux density of AB magnitude 0 [Jy] (Oke & Gunn 1983)."""
 _LIGHT_NM_PER_S = 2.99792458e17
+"""Speed of light (SI 2019)."""
 _PHOTON_J_NM = 6.62607015e-34 * _LIGHT_NM_PER_S
 """h c [J nm] (SI 2019)."""
 _AVOGADRO = 6.02214076e23
+"""Particles in a mole (SI 2019)."""
 ALPHA_OPIC_D65_W_PER_LM = dict(zip(ALPHA_OPIC, (0.8173e-3, 1.4558e-3, 1.6289e-3, 1.4497e-3, 1.3262e-3), strict=True))
 """Efficacy of luminous radiation of daylight D65 for the five receptors, CIE S 026:2018 table 1 [W lm^-1]."""
 UV_INDEX_M2_PER_W = 40.0
@@ -49,7 +51,6 @@ class Spectra:
     solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM
     distance_au: float = 1.0
     where: str = "the sky"
-    _known: dict = field(default_factory=dict, repr=False)
 
     def weighted(self, which: Response, weight: np.ndarray | None = None) -> np.ndarray:
         """Integral of light times a response over wavelength, (...): of energy in W m^-2 (sr^-1) where the response is
@@ -67,14 +68,12 @@ class Spectra:
     def within(self, which: object) -> np.ndarray:
         """Energy within a response, integral of L R over wavelength [W m^-2 (sr^-1)], (...)."""
         found = response(which)
-        weight = np.interp(found.grid_nm, found.wavelength_nm, found.value, left=0.0, right=0.0)
-        return self.weighted(found, weight)
+        return self.weighted(found, found.on_grid())
 
     def photons(self, which: object) -> np.ndarray:
         """Photons within a response, integral of L R wavelength / (h c) [s^-1 m^-2 (sr^-1)], (...)."""
         found = response(which)
-        weight = np.interp(found.grid_nm, found.wavelength_nm, found.value, left=0.0, right=0.0)
-        return self.weighted(found, weight * found.grid_nm) / _PHOTON_J_NM
+        return self.weighted(found, found.on_grid() * found.grid_nm) / _PHOTON_J_NM
 
     def magnitude(self, band: object, system: str | None = None) -> np.ndarray:
         """Surface brightness of a radiance [mag arcsec^-2], (...); infinite where there is no light.
@@ -113,15 +112,13 @@ class Spectra:
         """UV index of an irradiance, (...): 40 m^2/W times the erythemal irradiance from 300 nm on."""
         return UV_INDEX_M2_PER_W * self.weighted(response("erythema"))
 
+    @cached_property
     def cct_duv(self) -> tuple[np.ndarray, np.ndarray]:
         """Correlated colour temperature [K] and distance from Planck's locus in (u, v) of CIE 1960, (...) each."""
-        if "cct" not in self._known:
-            check_covered(response("photopic"), self.wavelength_nm, self.where)
-            functions = spectrum.colour_matching_functions("cie1931_2deg")
-            sun = spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)[:, None]
-            xyz = spectrum.integrate(self.factor, self.wavelength_nm, functions * sun)
-            self._known["cct"] = correlated_colour_temperature(xyz)
-        return self._known["cct"]
+        check_covered(response("photopic"), self.wavelength_nm, self.where)
+        functions = spectrum.colour_matching_functions("cie1931_2deg")
+        sun = spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)[:, None]
+        return correlated_colour_temperature(spectrum.integrate(self.factor, self.wavelength_nm, functions * sun))
 
 
 def zero_point(band: Response, system: str | None = None) -> float:
@@ -142,9 +139,9 @@ def _zero_point(band: Response, system: str) -> float:
         irradiance = AB_JANSKY * 1e-26 * _LIGHT_NM_PER_S / nm**2
     else:
         grid, of_vega = vega()
-        if band.grid_nm[-1] > grid[-1]:
+        if nm[-1] > grid[-1]:
             raise TwilightError(
-                f"magnitude: Vega is known to {grid[-1]:g} nm, and {band.name} reaches {band.grid_nm[-1]:g} nm; take AB"
+                f"magnitude: Vega is known to {grid[-1]:g} nm, and {band.name} reaches {nm[-1]:g} nm; take AB"
             )
         irradiance = of_vega[np.searchsorted(grid, nm)] * 10.0 ** (0.4 * VEGA_MAGNITUDE)
     return float((irradiance * band.energy_weight() * _trapezoid(nm.size)).sum())
@@ -157,21 +154,24 @@ def _trapezoid(count: int) -> np.ndarray:
     return weight
 
 
+def _sunlit_weight(which: Response) -> np.ndarray:
+    """A response to energy times the solar spectrum at `grid_nm`, with the weights of the trapezoidal rule, (G,)."""
+    return which.energy_weight() * _trapezoid(which.grid_nm.size) * spectrum.solar_at(which.grid_nm)
+
+
 def uncovered(which: Response, wavelength_nm: np.ndarray) -> float:
     """Fraction of a response, weighted with sunlight, that is beyond the first and the last wavelength."""
-    nm = which.grid_nm
-    weight = which.energy_weight() * _trapezoid(nm.size) * spectrum.solar_at(nm)
+    nm, weight = which.grid_nm, _sunlit_weight(which)
     inside = (nm >= wavelength_nm[0]) & (nm <= wavelength_nm[-1])
     return float(1.0 - weight[inside].sum() / weight.sum())
 
 
 def needed_nm(which: Response, most: float = MAX_UNCOVERED) -> tuple[float, float]:
     """The wavelengths [nm] that enclose all of a response but `most`, half of that on either side."""
-    nm = which.grid_nm
-    weight = which.energy_weight() * _trapezoid(nm.size) * spectrum.solar_at(nm)
-    share = np.cumsum(weight) / weight.sum()
-    low = nm[int(np.searchsorted(share, 0.5 * most))]
-    return float(low), float(nm[int(np.searchsorted(share, 1.0 - 0.5 * most))])
+    nm, weight = which.grid_nm, _sunlit_weight(which)
+    below = np.cumsum(weight) / weight.sum()
+    low, high = (nm[int(np.searchsorted(below, fraction))] for fraction in (0.5 * most, 1.0 - 0.5 * most))
+    return float(low), float(high)
 
 
 def check_covered(which: Response, wavelength_nm: np.ndarray, where: str = "the sky") -> None:
@@ -179,13 +179,10 @@ def check_covered(which: Response, wavelength_nm: np.ndarray, where: str = "the 
     if uncovered(which, wavelength_nm) <= MAX_UNCOVERED:
         return
     low, high = needed_nm(which)
-    there = (
-        f"{wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm" if len(wavelength_nm) > 1 else f"{wavelength_nm[0]:g} nm"
-    )
+    there = " to ".join(f"{nm:g}" for nm in dict.fromkeys((wavelength_nm[0], wavelength_nm[-1])))
     raise TwilightError(
         f"{which.name}: {uncovered(which, wavelength_nm):.0%} of its light is beyond the wavelengths of {where}, "
-        f"{there}; "
-        f"wavelengths from {np.floor(low):g} to {np.ceil(high):g} nm would cover it"
+        f"{there} nm; wavelengths from {np.floor(low):g} to {np.ceil(high):g} nm would cover it"
         + (" (twilight computes 300 to 1000 nm)" if low < 300.0 or high > 1000.0 else "")
     )
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
+from twilight.base.shipped_data import data_numbers, data_rows
 from twilight.numerics import spectrum
 
 JOHNSON_COUSINS = ("U", "B", "V", "R", "I")
@@ -68,11 +68,13 @@ class Response:
         low, high = max(np.floor(self.wavelength_nm[0]), solar[0]), min(np.ceil(self.wavelength_nm[-1]), solar[-1])
         return np.arange(low, high + 1.0)
 
+    def on_grid(self) -> np.ndarray:
+        """`value` at `grid_nm`, (G,)."""
+        return np.interp(self.grid_nm, self.wavelength_nm, self.value, left=0.0, right=0.0)
+
     def energy_weight(self) -> np.ndarray:
         """Its response to energy at `grid_nm`, (G,); of a response to photons with the wavelength [nm] as a factor."""
-        nm = self.grid_nm
-        weight = np.interp(nm, self.wavelength_nm, self.value, left=0.0, right=0.0)
-        return weight * nm if self.per == "photon" else weight
+        return self.on_grid() * self.grid_nm if self.per == "photon" else self.on_grid()
 
     def of_photons(self) -> Response:
         """The same curve as a response to photons, 1 where that is largest: of a filter, optics and detector."""
@@ -84,8 +86,8 @@ class Response:
 @lru_cache(maxsize=1)
 def _bands() -> dict[str, Response]:
     found: dict[str, list[tuple[float, float]]] = {}
-    for name, nm, value in _rows("bands.csv"):
-        found.setdefault(name, []).append((float(nm), float(value)))
+    for row in data_rows("photometry/bands.csv"):
+        found.setdefault(row["band"], []).append((float(row["wavelength_nm"]), float(row["response"])))
     out = {}
     for name, pairs in found.items():
         nm, value = np.array(pairs).T
@@ -94,17 +96,17 @@ def _bands() -> dict[str, Response]:
         source = "Bessell 1990" if johnson else "DR3, Riello et al. 2021" if system == "Vega" else (
             "Doi et al. 2010" if name.startswith("sdss") else "LSST throughputs 1.9")  # fmt: skip
         out[name] = Response(name, nm, value, "energy" if johnson else "photon", system, source)
-    nm, value = np.array(_rows("sqm.csv"), float).T
+    nm, value = data_numbers("photometry/sqm.csv")[1].T
     out["SQM"] = Response("SQM", nm, value, "energy", "Vega", "Illumina's sqm.dat")
     return out
 
 
 @lru_cache(maxsize=1)
 def _receptors() -> dict[str, Response]:
-    table = np.array(_rows("alpha_opic.csv"), float).T
+    nm, *columns = data_numbers("photometry/alpha_opic.csv")[1].T
     made = {
-        name: Response(name, table[0], column, source="CIE S 026:2018")
-        for name, column in zip(ALPHA_OPIC, table[1:], strict=True)
+        name: Response(name, nm, column, source="CIE S 026:2018")
+        for name, column in zip(ALPHA_OPIC, columns, strict=True)
     }
     photopic = spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
     made["photopic"] = Response("photopic", spectrum.VISIBLE_NM, photopic, source="CIE 018:2019")
@@ -149,16 +151,9 @@ def names() -> list[str]:
 def response(which: Any) -> Response:
     """A response by its name, file, or arrays.
 
-    Parameters
-    ----------
-    which
-        One of `names`; a name of speclite's such as decam2014-g (needs that package); the path of a CSV with the
-        columns wavelength [nm] and response to energy; a pair of arrays of the same; or a `Response`.
-
-    Raises
-    ------
-    TwilightError
-        For a name that is not known, and a curve that is none.
+    which: one of `names`; a name of speclite's such as decam2014-g (needs that package); the path of a CSV with the
+    columns wavelength [nm] and response to energy; a pair of arrays of the same; or a `Response`.
+    Errors: TwilightError for a name that is not known, and a curve that is none.
     """
     if isinstance(which, Response):
         return which
@@ -211,10 +206,9 @@ def _file(path: Path) -> Response:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise TwilightError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'it is no text'})") from None
-    rows = [row for row in csv.reader(line for line in lines if line.strip() and not line.startswith("#"))]
+    rows = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
     try:
-        numbers = np.array([[float(x) for x in row[:2]] for row in (rows[1:] if not _is_numbers(rows[:1]) else rows)])
-        nm, value = numbers.T
+        nm, value = np.array([[float(x) for x in row[:2]] for row in rows[0 if _is_numbers(rows[:1]) else 1 :]]).T
     except ValueError:
         raise TwilightError(f"{path}: needs two columns of numbers, wavelength [nm] and response to energy") from None
     return Response(path.stem, nm, value, source=str(path))
@@ -227,13 +221,8 @@ def _is_numbers(rows: Iterable[list[str]]) -> bool:
         return False
 
 
-def _rows(name: str) -> list[list[str]]:
-    text = resources.files("twilight").joinpath(f"data/photometry/{name}").read_text(encoding="utf-8")
-    return list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))[1:]
-
-
 @lru_cache(maxsize=1)
 def vega() -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths [nm] (step 1) and Vega's irradiance above the air [W m^-2 nm^-1], 280 to 1150 nm."""
-    nm, irradiance = np.array(_rows("vega.csv"), float).T
+    nm, irradiance = data_numbers("photometry/vega.csv")[1].T
     return nm, irradiance

@@ -1,4 +1,4 @@
-"""From light to a picture: `plain` curves of luminance and colour, `eye` as a person sees it, `camera` as one takes it.
+"""From light to a picture: curves of luminance and colour, `eye` as a person sees it, `camera` as one takes it.
 
 A tone says what it measures of a spectrum (``see``, a linear functional with K channels, the second of them luminance
 [cd m^-2]) and makes a picture of a field of these (``develop``).
@@ -55,7 +55,7 @@ class Tone(Protocol):
 
 
 @dataclass(frozen=True)
-class Plain:
+class CurveTone:
     """The curves of ``colour.tone_map``."""
 
     highlights_over_mean: ClassVar[float] = colour.HIGHLIGHTS_OVER_MEAN
@@ -82,7 +82,7 @@ def tone_of(name: str, observer: str, settings: Mapping[str, Mapping[str, Any]] 
         return Camera(**given)
     if name not in NAMES:
         raise TwilightError(f"tone_mapping: '{name}' is not known, choose one of {', '.join(NAMES)}")
-    return Plain(name, observer)
+    return CurveTone(name, observer)
 
 
 def to_display(linear: np.ndarray, white: float = np.inf) -> np.ndarray:

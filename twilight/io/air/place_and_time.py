@@ -12,7 +12,7 @@ from twilight.base.errors import TwilightError
 
 
 @dataclass(frozen=True)
-class Wanted:
+class PlaceAndTime:
     """A time (aware) and a place [deg], north and east positive; None where not given."""
 
     time: datetime | None = None
