@@ -4,8 +4,8 @@
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
-`fit` needs PyTorch, takes half an hour and holds one air in ten out: it prints the errors in these, and the error that
-the model tells is calibrated on them.  `--start FILE.npz` fits the networks of a model further, to more airs.
+`fit` needs PyTorch, takes half an hour and holds one air in ten out: it prints the errors in these, and calibrates the
+model's estimate of its error on them.  `--start FILE.npz` fits the networks of a model further, to more airs.
 `climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`).
 """
 
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import results
 from clear_air_airs import MERGED, SETTINGS, drawn
+from compact import draw_beside
 from zones_error import CLIMATES
 from zones_error import errors as zones_errors
 
@@ -28,7 +29,6 @@ from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
-from twilight.sky import colour
 from twilight.solvers.compact.clear_air import NODES, SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_field import ClearAirField
 
@@ -36,7 +36,7 @@ HERE = Path(__file__).parent
 SHIPPED = HERE.parent / "twilight" / "data" / "compact" / "clear-air.npz"
 HELD_OUT = 10
 """One air in so many judges the fit."""
-SEVERAL = {"intensity": 128, "polarisation": 64, "base": 48}
+COMPONENTS = {"intensity": 128, "polarisation": 64, "base": 48}
 """Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
 MEMBERS = 3
 """Networks whose mean counts; their spread gives the error of a sky."""
@@ -59,12 +59,13 @@ DECAY = 0.1
 TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
 """Errors of radiance that weigh the same under each sun."""
 TOLERATED_POLARISATION = 0.01
-AS_CLIMATES_COUNT = 1.5
-"""By how much more errors count in airs with all their phase functions than in those with two (`MERGED`)."""
+"""Error of Q / I and U / I that weighs as much."""
+WEIGHT_OF_ALL_PHASES = 1.5
+"""Weight of errors in airs with all their phase functions over those in airs with two (`MERGED`)."""
 LEAST_PART = 0.1
-"""Part of all light that light scattered more than once counts as at least."""
+"""Fraction of all light that light scattered more than once counts as at least."""
 COVERED = 0.95
-"""Part of the skies that is at least as near as the model tells."""
+"""Fraction of the skies whose error is at most the one that the model estimates."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
 DARKEST = 1e-32
@@ -131,14 +132,14 @@ def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fit(data: Data, start: ClearAirModel | None = None) -> ClearAirModel:
-    """The model of samples; start: a model whose patterns stay, and whose networks are fitted further."""
+    """The model of samples; start: a model whose principal components stay, and whose networks are fitted further."""
     import torch
 
     torch.set_num_threads(2)
     train = data.number % HELD_OUT != 0
     if start is None:
-        model, coefficients = _patterns(data, train)
-        parts = np.split(coefficients[train], [SEVERAL["intensity"]], axis=1)
+        model, coefficients = _without_networks(data, train)
+        parts = np.split(coefficients[train], [COMPONENTS["intensity"]], axis=1)
         scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
         target = (coefficients / scale).astype(np.float32)
     else:
@@ -169,15 +170,15 @@ def fit(data: Data, start: ClearAirModel | None = None) -> ClearAirModel:
     )
 
 
-def _patterns(data: Data, train: np.ndarray) -> tuple[ClearAirModel, np.ndarray]:
-    """A model without networks, and the coefficients of its patterns that make the samples, (N, K)."""
+def _without_networks(data: Data, train: np.ndarray) -> tuple[ClearAirModel, np.ndarray]:
+    """A model without networks, and the coefficients of its principal components that make the samples, (N, K)."""
     by_sun = np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
-    mean, vectors = components(data.ratio[train] * by_sun, SEVERAL["intensity"])
+    mean, vectors = components(data.ratio[train] * by_sun, COMPONENTS["intensity"])
     coefficients = (data.ratio * by_sun - mean) @ vectors.T
     intensity_mean, intensity = mean / by_sun, vectors / by_sun
-    polarisation_mean, polarisation = components(data.polarised[train], SEVERAL["polarisation"])
+    polarisation_mean, polarisation = components(data.polarised[train], COMPONENTS["polarisation"])
     of_polarisation = (data.polarised - polarisation_mean) @ polarisation.T
-    base_mean, base_vectors = components(data.log_base[train], SEVERAL["base"])
+    base_mean, base_vectors = components(data.log_base[train], COMPONENTS["base"])
     inputs = np.concatenate([data.inputs, (data.log_base - base_mean) @ base_vectors.T], axis=1)
     model = ClearAirModel(
         (),
@@ -239,7 +240,7 @@ def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, m
     ratio = torch.tensor(data.ratio[train] - model.intensity_mean)
     polarised = torch.tensor(data.polarised[train] - model.polarisation_mean)
     part = torch.tensor(data.part[train])
-    counts = torch.tensor(np.where(data.number[train] < MERGED, 1.0, AS_CLIMATES_COUNT).astype(np.float32))[:, None]
+    counts = torch.tensor(np.where(data.number[train] < MERGED, 1.0, WEIGHT_OF_ALL_PHASES).astype(np.float32))[:, None]
     tolerated = torch.tensor(np.repeat(TOLERATED.astype(np.float32), NODES[1] * NODES[2]))
     to_light = torch.tensor(scale)
 
@@ -266,7 +267,7 @@ def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, m
 
 
 def _calibrated(model: ClearAirModel, data: Data, some: np.ndarray) -> np.ndarray:
-    """How the error of a sky follows from the spread of the members, (2, suns): four skies in five are nearer."""
+    """`ClearAirModel.error`, by which COVERED of the skies are at least as near as estimated, (2, suns)."""
     ratio, _, _, spread = model.at_nodes(data.inputs[some], data.log_base[some])
     part = data.part[some].astype(np.float32).reshape(-1, *NODES)
     off = np.abs(ratio - data.ratio[some].reshape(-1, *NODES)) * part
@@ -336,20 +337,9 @@ def picture(path: Path) -> None:
             for how in ({"solver": "compact"}, {"quality": "standard"})
         ]
         near, true = (np.asarray(field.radiance(sun, e, a)) for field in fields)
-        xyz = [colour.spectrum_to_xyz(values, PICTURED_NM) for values in (near, true)]
-        ev = colour.auto_exposure_ev100(xyz[1][..., 1], np.cos(np.radians(e)))
-        for axis, values, name in zip(line, xyz, ("compact", "zones"), strict=False):
-            shown = colour.tone_map(colour.xyz_to_linear_rgb(values), ev)
-            axis.imshow(shown, origin="lower", extent=(0, 180, 0, 90), aspect="auto")
-            axis.set_title(f"{name}: {climate}, sun {sun:g}°", fontsize=9)
-        image = line[2].imshow(
-            100.0 * (xyz[0][..., 1] / xyz[1][..., 1] - 1.0), origin="lower", extent=(0, 180, 0, 90), aspect="auto",
-            cmap="RdBu_r", vmin=-5, vmax=5,
-        )  # fmt: skip
-        figure.colorbar(image, ax=line[2])
-        line[2].set_title(
-            f"luminance [%]; spectral 95 % {100 * np.percentile(np.abs(near / true - 1), 95):.1f}", fontsize=9
-        )
+        titles = [f"{name}: {climate}, sun {sun:g}°" for name in ("compact", "zones")]
+        titles.append(f"luminance [%]; spectral 95 % {100 * np.percentile(np.abs(near / true - 1), 95):.1f}")
+        draw_beside(figure, line, (near, true), PICTURED_NM, e, titles, 5.0)
     figure.savefig(path, dpi=80)
 
 

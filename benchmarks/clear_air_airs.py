@@ -27,7 +27,7 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.compact.air_columns import AirColumns, two_phase_functions
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
-from twilight.solvers.compact.clear_air_sky import ApproximateSkies, ClearAirSky, log_base
+from twilight.solvers.compact.clear_air_sky import ApproximateSkies, ClearAirSky
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -175,7 +175,7 @@ def approximate(path: Path, number: int) -> None:
         base=np.array(bases, np.float32),
         single=np.array([[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
         inputs=np.array([one.inputs for one in skies], np.float32),
-        log_base=np.array([log_base(one.base_at) for one in skies], np.float32),
+        log_base=np.array([one.log_base() for one in skies], np.float32),
     )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,27 +81,39 @@ def picture(model: CompactSky, quality: str, path: Path) -> None:
     rows, columns = np.arange(0.5 * STEP_DEG, 90.0, STEP_DEG), np.arange(0.0, 180.1, STEP_DEG)
     e, a = np.meshgrid(rows, columns, indexing="ij")
     figure, axes = pyplot.subplots(len(SUNS_DEG), 3, figsize=(12, 2.1 * len(SUNS_DEG)), layout="constrained")
-    solid_angle = np.cos(np.radians(e))
     for sun, line in zip(SUNS_DEG, axes, strict=True):
         near = model.sky(sun, WAVELENGTHS_NM, PICTURED.optical_depth_550nm, PICTURED.ground_albedo).radiance(e, a)
         true = field.radiance(sun, e, a)
-        xyz = [colour.spectrum_to_xyz(values, WAVELENGTHS_NM) for values in (near, true)]
-        ev = colour.auto_exposure_ev100(xyz[1][..., 1], solid_angle)
-        for axis, values, name in zip(line, xyz, ("compact", f"zones {quality}"), strict=False):
-            shown = colour.tone_map(colour.xyz_to_linear_rgb(values), ev)
-            axis.imshow(shown, origin="lower", extent=(0, 180, 0, 90), aspect="auto")
-            axis.set_title(f"{name}, sun {sun:g}°", fontsize=9)
         percent = 100.0 * (near / true - 1.0)
         worst = percent.reshape(-1, percent.shape[-1])[np.abs(percent).argmax() // percent.shape[-1]]
-        image = line[2].imshow(
-            100.0 * (xyz[0][..., 1] / xyz[1][..., 1] - 1.0), origin="lower", extent=(0, 180, 0, 90), aspect="auto",
-            cmap="RdBu_r", vmin=-3, vmax=3,
-        )  # fmt: skip
-        figure.colorbar(image, ax=line[2])
         median, p95 = np.percentile(np.abs(percent), [50, 95])
-        line[2].set_title(f"luminance [%]; spectral median {median:.2f}, 95 % {p95:.2f}", fontsize=9)
+        titles = [f"{name}, sun {sun:g}°" for name in ("compact", f"zones {quality}")]
+        titles.append(f"luminance [%]; spectral median {median:.2f}, 95 % {p95:.2f}")
+        draw_beside(figure, line, (near, true), WAVELENGTHS_NM, e, titles, 3.0)
         print(f"sun {sun:g}: median {median:.2f} %, 95 % {p95:.2f} %, worst {np.abs(worst).max():.1f} %")
     figure.savefig(path, dpi=80)
+
+
+def draw_beside(
+    figure: Any,
+    axes: Sequence[Any],
+    skies: tuple[np.ndarray, np.ndarray],
+    wavelength_nm: np.ndarray,
+    elevation_deg: np.ndarray,
+    titles: Sequence[str],
+    largest_percent: float,
+) -> None:
+    """Two skies (E, A, W), half a sky each, at the exposure of the second, and the difference of their luminances."""
+    xyz = [colour.spectrum_to_xyz(sky, wavelength_nm) for sky in skies]
+    ev = colour.auto_exposure_ev100(xyz[1][..., 1], np.cos(np.radians(elevation_deg)))
+    half_sky: dict[str, Any] = {"origin": "lower", "extent": (0, 180, 0, 90), "aspect": "auto"}
+    for axis, values in zip(axes, xyz, strict=False):
+        axis.imshow(colour.tone_map(colour.xyz_to_linear_rgb(values), ev), **half_sky)
+    percent = 100.0 * (xyz[0][..., 1] / xyz[1][..., 1] - 1.0)
+    image = axes[2].imshow(percent, cmap="RdBu_r", vmin=-largest_percent, vmax=largest_percent, **half_sky)
+    figure.colorbar(image, ax=axes[2])
+    for axis, title in zip(axes, titles, strict=True):
+        axis.set_title(title, fontsize=9)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from twilight.solvers import sasktran2, zones
 from twilight.studies.compare.reference_solution import read_references
 from twilight.studies.frontier.measure import Measurement, excess_percent
 from twilight.studies.frontier.search import Point, frontier, search
-from twilight.studies.frontier.space import ZONES, Dimension, Space
+from twilight.studies.frontier.space import ZONES, SearchedOption, Space
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "frontier_peers.csv"
@@ -49,20 +49,20 @@ PLAIN = replace(sasktran2.QUALITIES["draft"], threads=1)
 QUICK = replace(PLAIN, discrete_ordinates=True, zenith_step_deg=2.0, single_step_km=0.05, single_growth=0.1)
 SASKTRAN2 = Space(
     dimensions=(
-        Dimension("discrete_ordinates", 0, 1),
-        Dimension("polarisation", 0, 1),
-        Dimension("refraction", 0, 1),
-        Dimension("delta_scaling", 0, 1),
-        Dimension("streams", 4, 40, choices=tuple(range(4, 41, 2))),
-        Dimension("incoming", 26, 590, choices=LEBEDEV),
-        Dimension("outgoing", 26, 590, choices=LEBEDEV),
-        Dimension("single_step_km", 0.005, 0.5, whole=False),
-        Dimension("single_growth", 0.01, 0.3, whole=False),
-        Dimension("multiple_step_km", 0.25, 4.0, whole=False),
-        Dimension("source_step_km", 0.25, 4.0, whole=False),
-        Dimension("source_growth", 0.05, 0.6, whole=False),
-        Dimension("zenith_step_deg", 0.2, 10.0, whole=False),
-        Dimension("tolerance", 1e-4, 3e-2, whole=False),
+        SearchedOption("discrete_ordinates", 0, 1),
+        SearchedOption("polarisation", 0, 1),
+        SearchedOption("refraction", 0, 1),
+        SearchedOption("delta_scaling", 0, 1),
+        SearchedOption("streams", 4, 40, choices=tuple(range(4, 41, 2))),
+        SearchedOption("incoming", 26, 590, choices=LEBEDEV),
+        SearchedOption("outgoing", 26, 590, choices=LEBEDEV),
+        SearchedOption("single_step_km", 0.005, 0.5, whole=False),
+        SearchedOption("single_growth", 0.01, 0.3, whole=False),
+        SearchedOption("multiple_step_km", 0.25, 4.0, whole=False),
+        SearchedOption("source_step_km", 0.25, 4.0, whole=False),
+        SearchedOption("source_growth", 0.05, 0.6, whole=False),
+        SearchedOption("zenith_step_deg", 0.2, 10.0, whole=False),
+        SearchedOption("tolerance", 1e-4, 3e-2, whole=False),
     ),
     starts={
         "discrete ordinates": QUICK,

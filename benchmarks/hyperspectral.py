@@ -118,8 +118,8 @@ def main(arguments: list[str]) -> None:
     wanted = [a for a in arguments if a in CLIMATES] or list(CLIMATES)
     cases = [a for a in arguments if a in CASES] or list(CASES)
     path = Path(__file__).with_name(name)
-    kept = results.read_rows(path) if path.exists() and len(arguments) else []
-    rows = [list(row.values()) for row in kept if row["climate"] not in wanted or row["case"] not in cases]
+    stored = results.read_rows(path) if path.exists() and len(arguments) else []
+    rows = [list(row.values()) for row in stored if row["climate"] not in wanted or row["case"] not in cases]
     for climate in wanted:
         for case in cases:
             rows += compare(climate, case, quality)

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from results import write
 
+from twilight.base.progress import silent
 from twilight.engine.solve import Problem
 from twilight.scene import resolve
 from twilight.studies.export.prague import SUN_DEG, PragueMaker
@@ -60,7 +61,7 @@ def main() -> None:
         return fields[v, b]
 
     begin = time.process_time()
-    made = PragueMaker(axes, nodes, 9, False).make(field_of, lambda doing, share: None)
+    made = PragueMaker(axes, nodes, 9, False).make(field_of, silent)
     spent = time.process_time() - begin
     with tempfile.TemporaryDirectory() as folder:
         size = write_prague(Path(folder) / "sky.dat", made)

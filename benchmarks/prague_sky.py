@@ -34,7 +34,7 @@ DEPTHS = np.linspace(0.02, 0.4, 20)
 
 
 @dataclass(frozen=True)
-class Case:
+class PublishedSky:
     """A sky of theirs: radiance [W m-2 sr-1 nm-1] and transmittance from the ground to space in a direction [deg]."""
 
     name: str
@@ -48,33 +48,33 @@ class Case:
 
 
 AT_45 = (2.6225886464e-01, 4.0168201340e-01, 5.9302223884e-01, 6.8508113960e-01, 7.4315036866e-01, 8.2037396166e-01)
-CASES = (
-    Case("45 deg, away from the sun", math.degrees(0.5236), 45.0, 180.0, 0.5, 0.0,
+PUBLISHED = (
+    PublishedSky("45 deg, away from the sun", math.degrees(0.5236), 45.0, 180.0, 0.5, 0.0,
          (5.3107873172e-02, 5.6294252337e-02, 5.8964049089e-02, 3.2599713676e-02, 1.9265830095e-02, 1.2149839803e-02),
          AT_45),
-    Case("zenith", math.degrees(0.5236), 90.0, 0.0, 0.5, 0.0,
+    PublishedSky("zenith", math.degrees(0.5236), 90.0, 0.0, 0.5, 0.0,
          (4.8186861721e-02, 5.0425723522e-02, 5.4639955885e-02, 3.2298205668e-02, 2.0553615445e-02, 1.3661244550e-02),
          (3.8806037351e-01, 5.2700578388e-01, 6.9319275102e-01, 7.6748312617e-01, 8.1297748038e-01, 8.6946032117e-01)),
-    Case("horizon below the sun", math.degrees(0.5236), 0.0, 0.0, 0.5, 0.0,
+    PublishedSky("horizon below the sun", math.degrees(0.5236), 0.0, 0.0, 0.5, 0.0,
          (8.1679884518e-02, 1.4069905245e-01, 3.3032219097e-01, 3.3906134031e-01, 3.1930071062e-01, 2.9045508795e-01),
          AT_45),
-    Case("twilight, 45 deg above the sun", math.degrees(-0.05), 45.0, 0.0, 0.5, 0.0,
+    PublishedSky("twilight, 45 deg above the sun", math.degrees(-0.05), 45.0, 0.0, 0.5, 0.0,
          (3.7268466788e-04, 6.3494761833e-04, 1.0555130013e-03, 5.1896359629e-04, 3.5488616557e-04, 5.3453233851e-04),
          AT_45),
-    Case("clearer air, 100 m, 45 deg, away", math.degrees(0.5236), 45.0, 180.0, 0.2, 0.1,
+    PublishedSky("clearer air, 100 m, 45 deg, away", math.degrees(0.5236), 45.0, 180.0, 0.2, 0.1,
          (4.4284411690e-02, 4.5185516640e-02, 4.3990858779e-02, 2.2686369986e-02, 1.2535600923e-02, 7.4289074652e-03),
          (3.2105589852e-01, 4.8018432995e-01, 6.8234902643e-01, 7.6644676630e-01, 8.1459429167e-01, 8.8573679226e-01)),
 )  # fmt: skip
-TWILIGHT = CASES[3:4]
+TWILIGHT = PUBLISHED[3:4]
 STRAIGHT = {"refraction.model": "none"}
 """Settings under which light goes straight."""
 NO_STRATOSPHERE = {"aerosol.stratosphere": "none"}
 """Settings without the background of stratospheric aerosol."""
-AIRS: dict[str, tuple[dict, tuple[Case, ...]]] = {
-    "as it is": ({}, CASES),
+AIRS: dict[str, tuple[dict, tuple[PublishedSky, ...]]] = {
+    "as it is": ({}, PUBLISHED),
     "without refraction": (STRAIGHT, TWILIGHT),
     "without stratospheric aerosol": (NO_STRATOSPHERE, TWILIGHT),
-    "without either": (STRAIGHT | NO_STRATOSPHERE, CASES),
+    "without either": (STRAIGHT | NO_STRATOSPHERE, PUBLISHED),
 }
 """What is changed in our air, and the skies that are computed in it."""
 COMMON = {"atmosphere.profile": "us_standard"}
@@ -88,14 +88,14 @@ def in_channels(values: np.ndarray) -> np.ndarray:
     return values.reshape(*values.shape[:-1], len(CENTRES_NM), len(WITHIN_NM)).mean(axis=-1)
 
 
-def transmittance(settings: dict, case: Case) -> np.ndarray:
+def transmittance(settings: dict, case: PublishedSky) -> np.ndarray:
     """Of a slant line from the ground to space, at the wavelengths (18,); flat layers serve 45 deg and more."""
     depth = twilight.medium("continental-average", WAVELENGTHS_NM, settings).optical_depth()
     sine = 1.0 if case.name == "zenith" else math.sin(math.radians(45.0))
     return np.exp(-depth / sine)
 
 
-def fitted_depth(settings: dict, case: Case) -> float:
+def fitted_depth(settings: dict, case: PublishedSky) -> float:
     """The aerosol's optical depth at 550 nm under which the transmittance is theirs in FITTED_CHANNEL."""
     found = [
         in_channels(transmittance({**settings, "aerosol.optical_depth_550nm": float(d)}, case))[FITTED_CHANNEL]
@@ -111,7 +111,7 @@ def main() -> None:
         skies: dict[tuple[float, float], twilight.Solved] = {}
         for case in cases:
             settings = {**COMMON, **changed}
-            of_air = CASES[0] if case.altitude_km == 0.0 else case
+            of_air = PUBLISHED[0] if case.altitude_km == 0.0 else case
             depth = fitted_depth(settings, of_air)
             key = case.albedo, case.altitude_km
             if key not in skies:

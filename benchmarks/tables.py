@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from results import write
 
+from twilight.base.progress import silent
 from twilight.config import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -31,10 +32,6 @@ def directions(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Elevations and azimuths [deg], uniform over the sky above 0.3 deg."""
     random = np.random.default_rng(1)
     return np.degrees(np.arcsin(random.uniform(0.005, 1.0, count))), random.uniform(0.0, 180.0, count)
-
-
-def quiet(doing: str, share: float) -> None:
-    """No progress is told."""
 
 
 def errors(options: argparse.Namespace) -> None:
@@ -55,7 +52,7 @@ def errors(options: argparse.Namespace) -> None:
             print(*rows[-1], flush=True)
 
     sizes = replace(sky_tables.SkyTableSizes(), altitude_km=(0.0,))
-    made = sky_tables.fill(source, sizes, {}, quiet)
+    made = sky_tables.fill(source, sizes, {}, silent)
     add(
         "twilight",
         len(sky_tables.SkyTableSizes().altitude_km) * made.n_bytes,
@@ -64,7 +61,7 @@ def errors(options: argparse.Namespace) -> None:
     layouts = {"bruneton2017": (radius, radius + source.medium.top_km), "takram": TAKRAM_KM}
     for layout, radii in layouts.items():
         his = bruneton.fill(
-            source, np.ones(3), mapping=bruneton.make_mapping(*radii), scale=1.0, facts={}, progress=quiet, rows=1
+            source, np.ones(3), mapping=bruneton.make_mapping(*radii), scale=1.0, facts={}, progress=silent, rows=1
         )
         size = sum(len(content) for content in his.files("dat", False).values())
 

@@ -26,14 +26,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.target import (
-    LAST_DAY_DEG,
-    LAST_TWILIGHT_DEG,
-    MEASURED,
-    UNSEEN,
-    expected_error,
-    kind_of,
-)
+from twilight.solvers.zones.target import LAST_DAY_DEG, LAST_TWILIGHT_DEG, MEASURED, UNSEEN, expected_error, kind_of
 
 TABLE = Path(__file__).parent / "target_error.csv"
 RANGES = ("day", "twilight", "deep")

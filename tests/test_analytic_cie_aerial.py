@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 from twilight.base.errors import TwilightError
 from twilight.solvers.analytic import aerial, cie, preetham
-from twilight.solvers.analytic.aerial import PreethamAerialPerspective, path_integrals
+from twilight.solvers.analytic.aerial import aerial_perspective, path_integrals
 from twilight.solvers.analytic.cie import CieSettings
 from twilight.solvers.analytic.ground import hemisphere
 from twilight.solvers.analytic.perez import angles
@@ -58,9 +58,8 @@ def test_every_type_is_finite_and_positive(sky_type):
 
 def test_zenith_luminance_and_colour_can_be_set():
     """Zenith luminance or colour temperature would do nothing."""
-    field = cie.prepare(
-        turbid(), CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0, colour_temperature_k=6504.0)
-    )
+    settings = CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0, colour_temperature_k=6504.0)
+    field = cie.prepare(turbid(), settings)
     sky = as_sky(field, 50.0)
     zenith = sky.resample([85.0, 90.0], [0.0, 180.0]).luminance()[1, 0]
     assert zenith == pytest.approx(1234.0, rel=0.05)
@@ -75,9 +74,8 @@ def test_flat_spectrum_is_constant_in_wavelength():
     sky = as_sky(cie.prepare(turbid(), CieSettings(sky_type=16, spectrum="flat")), 50.0)
     radiance = sky.radiance[3, 4]
     assert radiance / radiance.mean() == pytest.approx(1.0, abs=0.01)
-    assert sky.luminance()[3, 4] == pytest.approx(
-        cie.prepare(turbid(), CieSettings(sky_type=16)).luminance(50.0, sky.elevation_deg[3], 40.0), rel=0.01
-    )
+    daylight = cie.prepare(turbid(), CieSettings(sky_type=16)).luminance(50.0, sky.elevation_deg[3], 40.0)
+    assert sky.luminance()[3, 4] == pytest.approx(daylight, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -128,17 +126,16 @@ def test_closed_form_against_quadrature(turbidity, height, cosine, distance):
         return np.exp(-decay * height) * x * (1.0 if abs(a) < 1e-9 else -np.expm1(-a) / a)
 
     pairs = ((aerial.HAZE_DECAY_PER_KM, made.haze[0]), (aerial.AIR_DECAY_PER_KM, made.air[0]))
+
+    def depths(j, x):
+        return haze[j] * column(aerial.HAZE_DECAY_PER_KM, x), clean[j] * column(aerial.AIR_DECAY_PER_KM, x)
+
     for j in range(3):
-        depth = (
-            haze[j] * column(aerial.HAZE_DECAY_PER_KM, distance),
-            clean[j] * column(aerial.AIR_DECAY_PER_KM, distance),
-        )
-        assert (made.haze_depth[0, j], made.air_depth[0, j]) == pytest.approx(depth, rel=1e-10)
+        assert (made.haze_depth[0, j], made.air_depth[0, j]) == pytest.approx(depths(j, distance), rel=1e-10)
         for decay, value in pairs:
 
             def integrand(x, j=j, decay=decay):
-                tau = haze[j] * column(aerial.HAZE_DECAY_PER_KM, x) + clean[j] * column(aerial.AIR_DECAY_PER_KM, x)
-                return np.exp(-decay * (height + x * cosine) - tau)
+                return np.exp(-decay * (height + x * cosine) - sum(depths(j, x)))
 
             edges = np.linspace(0.0, distance, 9)
             exact = sum(quad(integrand, p, q, epsrel=1e-9)[0] for p, q in pairwise(edges))
@@ -161,16 +158,15 @@ def test_phase_functions_integrate_to_one():
     assert 2 * np.pi * weight @ haze == pytest.approx(1.0, abs=2e-3)
     assert 2 * np.pi * weight @ aerial.air_phase(np.arccos(mu)) == pytest.approx(1.0, abs=1e-9)
     # the table itself, at one of its nodes: eta / (2 pi K)
-    assert aerial.haze_phase(np.radians(90.0), np.array([550.0])) == pytest.approx(
-        0.1320 / (2 * np.pi * 0.677739), rel=3e-3
-    )
+    node = aerial.haze_phase(np.radians(90.0), np.array([550.0]))
+    assert node == pytest.approx(0.1320 / (2 * np.pi * 0.677739), rel=3e-3)
 
 
 def test_a_uniform_sky_over_level_ground_fills_half_of_what_the_air_takes():
     """Level ray, no haze, no sun: air sees the upper half of all directions, so Lin = (1 - tau) / 2."""
-    made = PreethamAerialPerspective(THREE_NM, 0.0)
     sky = lambda e, a: np.ones((e.size, 3))  # noqa: E731
-    transmittance, light = made(sky, np.zeros(3), 40.0, 0.0, 0.0, np.array([0.0, 90.0]), 30.0)
+    where = 40.0, 0.0, 0.0, np.array([0.0, 90.0]), 30.0
+    light, transmittance = aerial_perspective(THREE_NM, 0.0, sky, np.zeros(3), *where)
     np.testing.assert_allclose(light, 0.5 * (1 - transmittance), rtol=1e-6)
 
 

@@ -67,9 +67,8 @@ def test_the_papers_procedure_gives_the_papers_skies_back():
     assert error.luminance_p95 < 0.03 and error.distribution_p95 < 0.01 and error.chromaticity_p95 < 2e-3
     own = load_coefficients("preetham1999")
     for t in (2.0, 4.0, 6.0):
-        np.testing.assert_allclose(
-            made.parameters("luminance", t), own.parameters("luminance", t), rtol=0.02, atol=0.02
-        )
+        found, exact = (one.parameters("luminance", t) for one in (made, own))
+        np.testing.assert_allclose(found, exact, rtol=0.02, atol=0.02)
     # and the paper's own set is exact on them, which is what errors are measured from
     assert error_of(own, skies).luminance_p95 < 1e-12
     doubled = [ColourSky(**{**vars(s), "luminance": s.luminance / 2}) for s in skies]
@@ -120,10 +119,8 @@ def test_air_that_cannot_have_a_turbidity_is_refused():
 @pytest.mark.slow
 def test_a_refit_is_nearer_to_computed_skies_than_the_paper():
     """On the paper's own haze: what is left is the form, and skies between the fitted ones are no worse."""
-    config = load(
-        "pure-air",
-        {"solver": {"name": "zones", "quality": "draft"}, "wavelengths.list_nm": [420.0, 500.0, 580.0, 660.0]},
-    )
+    settings = {"solver.name": "zones", "solver.quality": "draft", "wavelengths.list_nm": [420.0, 500.0, 580.0, 660.0]}
+    config = load("pure-air", settings)
     zenith = [0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0]
     truth = compute_truth(config, [2.0, 4.0, 6.0], zenith, 120, "preetham1999")
     held_out = compute_truth(config, [3.0, 5.0], [20.0, 50.0, 75.0], 120, "preetham1999")
@@ -153,17 +150,8 @@ def small(monkeypatch, tmp_path):
 
 def test_the_command_writes_a_set_that_the_solver_takes(small):
     """`twilight fit perez` would write a file that the solver refuses."""
-    result = small.run(
-        "pure-air",
-        "--haze",
-        "preetham1999",
-        "--solver",
-        "preetham",
-        "--set",
-        "wavelengths.count=16",
-        "--output",
-        str(small.path),
-    )
+    scene = ["pure-air", "--haze", "preetham1999", "--solver", "preetham", "--set", "wavelengths.count=16"]
+    result = small.run(*scene, "--output", str(small.path))
     assert result.exit_code == 0, result.output
     data = yaml.safe_load(small.path.read_text(encoding="utf-8"))
     assert data["fit"]["solver"] == "preetham" and data["fit"]["directions"] == 90
@@ -195,9 +183,8 @@ def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
     write_sky(as_sky(field, 30.0, 5.0), tmp_path / "sky.h5")
     again = small.run(str(tmp_path / "sky.h5"), "--per-sky", "--output", str(tmp_path / "b.yaml"))
     assert again.exit_code == 0, again.output
-    np.testing.assert_allclose(
-        load_coefficients(str(tmp_path / "b.yaml")).parameters("x", 1.0), made.parameters("x", 1.0), rtol=0.1, atol=0.02
-    )
+    reread = load_coefficients(str(tmp_path / "b.yaml")).parameters("x", 1.0)
+    np.testing.assert_allclose(reread, made.parameters("x", 1.0), rtol=0.1, atol=0.02)
 
 
 @pytest.mark.parametrize(

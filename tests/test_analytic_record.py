@@ -54,10 +54,8 @@ def test_a_shipped_set_is_recorded_by_its_name():
 def test_other_coefficients_than_recorded_are_refused(tmp_path):
     """A record would be repeated with other coefficients."""
     path = coefficients(tmp_path)
-    wanted = SUN | {
-        "solver.coefficients": str(path),
-        "solver.coefficients_sha256": recorded(path)["coefficients_sha256"],
-    }
+    sha256 = recorded(path)["coefficients_sha256"]
+    wanted = SUN | {"solver.coefficients": str(path), "solver.coefficients_sha256": sha256}
     assert run(resolve(load("continental-average", wanted))).radiance.min() > 0.0
     coefficients(tmp_path, "# changed\n")
     with pytest.raises(TwilightError, match=r"mine\.yaml: is not the file that solver\.coefficients_sha256 names"):

@@ -37,12 +37,11 @@ def urban():
     return solve(resolve(scene()))
 
 
-def exponential_shells(scale_km=8.0, depth=1e-6, refractivity=0.0, observer_km=0.0):
-    """Shells of air that thins out exponentially, of a vertical optical depth of scattering alone."""
-    layers = -np.diff(np.exp(-ALTITUDE_KM / scale_km)) * depth / np.diff(ALTITUDE_KM)
-    n = refractivity * np.exp(-sublayers(ALTITUDE_KM) / scale_km)
-    per_km = layers[:, None]
-    return RefractedShells(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n, observer_km)
+def exponential_shells(depth=1e-6, refractivity=0.0):
+    """Shells of air of a scale height of 8 km and a vertical optical depth of scattering alone."""
+    per_km = -np.diff(np.exp(-ALTITUDE_KM / 8.0))[:, None] * depth / np.diff(ALTITUDE_KM)[:, None]
+    n = refractivity * np.exp(-sublayers(ALTITUDE_KM) / 8.0)
+    return RefractedShells(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n)
 
 
 @pytest.mark.parametrize("elevation", [90.0, 30.0, 5.0, 0.0])
@@ -104,7 +103,7 @@ def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
 def test_rays_between_scatterings_see_all_directions_and_stay_in_the_air():
     """Weights of rays would not be a mean over the sphere, or a way be negative."""
     for rays in rays_of_all_layers():
-        assert rays.weight.sum() == pytest.approx(1.0, abs=1e-6) and rays.way_km.min() >= 0.0
+        assert rays.weight.sum() == pytest.approx(1.0, abs=1e-6) and rays.length_km.min() >= 0.0
     assert rays_of_all_layers()[0].weight.size == 2 * POLAR
 
 
@@ -210,8 +209,8 @@ def test_its_file_comes_back_and_is_small_and_a_damaged_one_is_one_sentence(tmp_
     model.save(tmp_path / "again.npz")
     again = ClearAirModel.load(tmp_path / "again.npz")
     assert again.provenance == model.provenance
-    air, base = (np.zeros((2, n)) + shift for n, shift in ((model.input_mean.size - model.base_vectors.shape[0], 0.1),
-                                                           (model.base_mean.size, -9.0)))  # fmt: skip
+    air = np.full((2, model.input_mean.size - model.base_vectors.shape[0]), 0.1)
+    base = np.full((2, model.base_mean.size), -9.0)
     assert again.at_nodes(air, base) == pytest.approx(model.at_nodes(air, base), abs=0.02)
     (tmp_path / "half.npz").write_bytes(shipped.read_bytes()[:100000])
     with pytest.raises(TwilightError, match=r"half\.npz: is no model of clear air"):
@@ -242,10 +241,9 @@ def test_derivatives_follow_the_model_and_zones():
     for name in by:
         scale = np.abs(theirs[name].to_numpy()).max()
         assert mine[name].to_numpy() == pytest.approx(theirs[name].to_numpy(), abs=0.15 * scale), name
-    ground = [
-        twilight.solve("continental-average", solver="compact", settings={"ground.albedo": albedo}, **keys)
-        for albedo in (0.14, 0.16)
-    ]
-    light = [np.log(field.radiance(-4.0, 45.0, 60.0)) for field in ground]
+    light = []
+    for albedo in (0.14, 0.16):
+        field = twilight.solve("continental-average", solver="compact", settings={"ground.albedo": albedo}, **keys)
+        light.append(np.log(field.radiance(-4.0, 45.0, 60.0)))
     found = mine.ground_albedo.sel(sun_elevation=-4.0).to_numpy().ravel()
     assert found == pytest.approx((light[1] - light[0]).ravel() / 0.02, rel=0.05)

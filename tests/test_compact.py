@@ -22,6 +22,8 @@ from twilight.studies.fit.compact import build, training
 GRID = SkySplines(
     elevation_intervals=12, azimuth_intervals=8, angle_intervals=10, elevation_power=2.0, angle_scale_deg=2.0
 )
+REFERENCE_DU = 334.3453955433108
+"""Ozone column of the climate's profile."""
 SUNS = (-18.0, -15.0, -12.0, -9.0, -6.0, -3.0, 0.0, 5.0, 15.0, 30.0, 50.0, 90.0)
 
 
@@ -38,10 +40,6 @@ def toy_sky(sun, e, a, wavelength, air):
     r = toy_returned(wavelength, air.optical_depth_550nm)
     ground = 0.2 * np.exp(shape - 0.2 * (ozone - 1.0) - 0.1 * np.cos(e_rad)[:, None])
     return dark + air.ground_albedo / (1.0 - air.ground_albedo * r) * ground
-
-
-REFERENCE_DU = 334.3453955433108
-"""Of the climate's profile."""
 
 
 def toy_returned(wavelength, depth):
@@ -67,8 +65,8 @@ def toy():
     patch.setattr(training, "SUNS_DEG", SUNS)
     patch.setattr(build, "GRID", GRID)
     patch.setattr(build, "GROUND_SUNS", 1)
-    told = []
-    yield build.fit_compact(load("continental-average"), progress=lambda doing, share: told.append(share)), told
+    reported = []
+    yield build.fit_compact(load("continental-average"), progress=lambda _, part: reported.append(part)), reported
     patch.undo()
 
 
@@ -101,7 +99,7 @@ def test_splines_over_the_sky_are_those_of_scipy():
     assert got == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("n", [2, 3, 4, 5, 9])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 9])
 def test_the_spline_between_nodes_is_not_a_knot(n):
     nodes = np.cumsum(np.random.default_rng(n).uniform(0.5, 2.0, n))
     values = np.random.default_rng(0).normal(size=n)
@@ -114,15 +112,11 @@ def test_the_spline_between_nodes_is_not_a_knot(n):
     assert got == pytest.approx(expected, abs=1e-9)
 
 
-def test_one_node_is_a_constant():
-    assert spline_matrix(np.array([3.0]), np.array([3.0])) == pytest.approx(np.array([[1.0]]))
-
-
 def test_a_fit_finds_the_sky_it_was_made_of(toy):
-    fit, told = toy
+    fit, reported = toy
     whole = next(e for e in fit.errors if e.part == "all" and e.sun_elevation_deg == (-18.0, 90.0))
     assert whole.median < 0.004 and whole.p95 < 0.02
-    assert told == sorted(told) and told[-1] <= 1.0
+    assert reported == sorted(reported) and reported[-1] <= 1.0
 
 
 def test_a_fit_finds_what_the_air_sends_back_to_the_ground(toy):
@@ -213,25 +207,22 @@ def test_directions_below_the_horizon_are_refused(shipped):
 
 
 def test_files_that_are_no_model_are_refused_in_a_sentence(shipped, tmp_path):
-    text, other, cut = tmp_path / "text.npz", tmp_path / "other.npz", tmp_path / "cut.npz"
-    text.write_text("not a model")
-    np.savez(other, format="something else")
+    (tmp_path / "text.npz").write_text("not a model")
+    np.savez(tmp_path / "other.npz", format="something else")
     arrays = shipped.arrays()
-    np.savez(cut, **(arrays | {"dark_sun": arrays["dark_sun"][:, :-1]}))
-    whole = tmp_path / "whole.npz"
-    build.write_model(shipped, whole)
-    torn = tmp_path / "torn.npz"
-    torn.write_bytes(whole.read_bytes()[:5000])
-    for path, words in (
-        (text, "is not a compact sky"),
-        (other, "is not a compact sky of format"),
-        (cut, "the arrays dark_. do not fit together"),
-        (torn, "is not a compact sky"),
-        (tmp_path / "missing.npz", "cannot be read: No such file"),
+    np.savez(tmp_path / "cut.npz", **(arrays | {"dark_sun": arrays["dark_sun"][:, :-1]}))
+    build.write_model(shipped, tmp_path / "whole.npz")
+    (tmp_path / "torn.npz").write_bytes((tmp_path / "whole.npz").read_bytes()[:5000])
+    for name, words in (
+        ("text.npz", "is not a compact sky"),
+        ("other.npz", "is not a compact sky of format"),
+        ("cut.npz", "the arrays dark_. do not fit together"),
+        ("torn.npz", "is not a compact sky"),
+        ("missing.npz", "cannot be read: No such file"),
     ):
         with pytest.raises(CompactSkyError, match=words) as caught:
-            CompactSky.load(path)
-        assert str(path) in str(caught.value)
+            CompactSky.load(tmp_path / name)
+        assert str(tmp_path / name) in str(caught.value)
 
 
 def test_the_shipped_model_is_small_and_as_near_as_it_says(shipped):
@@ -262,22 +253,9 @@ def test_more_ozone_makes_twilight_bluer(shipped):
     assert much[0] / much[1] > 1.3 * little[0] / little[1]
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"solver.name": "cells"}, "solver.name is cells; a compact sky takes zones"),
-        ({"observer.altitude_km": 2.0}, "observer.altitude_km is 2"),
-    ],
-)
-def test_what_cannot_be_fitted_is_refused(settings, words):
-    with pytest.raises(TwilightError, match=words):
-        build.fit_compact(load("continental-average", settings))
-
-
 def test_a_climate_is_fitted_at_its_own_load_and_between_loads_of_haze_along_the_horizon():
     loads = training.optical_depths(load("urban"))
-    own = load("urban").climate
-    depth = training.climate_medium(own, np.array([550.0])).optical_depth("aerosol")[0]
+    depth = training.climate_medium(load("urban").climate, np.array([550.0])).optical_depth("aerosol")[0]
     assert depth in loads and 0.6 < depth < 0.7
     assert np.all(np.diff(loads) > 0.0) and (loads[0], loads[-1]) == (0.01, 0.8)
     near = load("urban", {"climate.aerosol.optical_depth_550nm": 0.51})
@@ -291,14 +269,21 @@ def test_a_climate_is_fitted_at_its_own_load_and_between_loads_of_haze_along_the
         assert np.abs(at @ light(np.array(training.OPTICAL_DEPTHS)) - light(between)).max() < allowed
 
 
-def test_air_without_aerosol_and_loads_that_are_none_are_refused():
-    with pytest.raises(TwilightError, match="pure-air: has no aerosol"):
-        build.fit_compact(load("pure-air"))
-    for depths in ((0.1, 0.2, 0.3), (0.1, 0.1, 0.2, 0.3), (0.0, 0.1, 0.2, 0.3)):
-        with pytest.raises(TwilightError, match="--optical-depths"):
-            build.fit_compact(load("continental-average"), depths)
-    with pytest.raises(TwilightError, match="stratospheric aerosol's own"):
-        build.fit_compact(load("continental-average"), (0.001, 0.1, 0.2, 0.3))
+@pytest.mark.parametrize(
+    ("climate", "settings", "depths", "words"),
+    [
+        ("continental-average", {"solver.name": "cells"}, None, "solver.name is cells; a compact sky takes zones"),
+        ("continental-average", {"observer.altitude_km": 2.0}, None, "observer.altitude_km is 2"),
+        ("pure-air", {}, None, "pure-air: has no aerosol"),
+        ("continental-average", {}, (0.1, 0.2, 0.3), "--optical-depths"),
+        ("continental-average", {}, (0.1, 0.1, 0.2, 0.3), "--optical-depths"),
+        ("continental-average", {}, (0.0, 0.1, 0.2, 0.3), "--optical-depths"),
+        ("continental-average", {}, (0.001, 0.1, 0.2, 0.3), "stratospheric aerosol's own"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(climate, settings, depths, words):
+    with pytest.raises(TwilightError, match=words):
+        build.fit_compact(load(climate, settings), depths)
 
 
 def test_the_command_refuses_what_does_nothing():
@@ -319,17 +304,13 @@ def test_the_command_refuses_what_does_nothing():
 
 @pytest.mark.slow
 def test_the_shipped_model_is_near_the_solver_of_today(shipped):
-    config = load("continental-average", {"solver.quality": "draft", "solver.polarisation": True})
     from twilight.solvers import zones
 
     rng = np.random.default_rng(11)
-    air = training.TrainingAir(0.13, 0.25, 300.0)
     skies = training.compute_skies(
-        config, zones, replace(zones.QUALITIES["draft"], polarisation=True), air, [405.0, 477.0, 550.0, 602.0, 700.0],
-        [-14.5, -7.1, -3.1, 0.7, 22.0], lambda sun: training.random_directions(rng, sun),
+        load("continental-average"), zones, replace(zones.QUALITIES["draft"], polarisation=True),
+        training.TrainingAir(0.13, 0.25, 300.0), [405.0, 477.0, 550.0, 602.0, 700.0], [-14.5, -7.1, -3.1, 0.7, 22.0],
+        lambda sun: training.random_directions(rng, sun),
     )  # fmt: skip
-    errors = []
-    for i, sun in enumerate(skies.sun_elevation_deg):
-        sky = shipped.sky(sun, skies.wavelength_nm, air.optical_depth_550nm, air.ground_albedo, air.ozone_column_du)
-        errors.append(np.abs(sky.radiance(skies.elevation_deg[i], skies.azimuth_deg[i]) / skies.radiance[i] - 1.0))
-    assert np.median(errors) < 0.02 and np.percentile(errors, 95) < 0.06
+    error = build.errors_of(shipped, [skies])[0]
+    assert error.median < 0.02 and error.p95 < 0.06

@@ -18,7 +18,7 @@ from twilight.studies.compare.reference_solution import ReferenceSolution
 from twilight.studies.frontier import report, search
 from twilight.studies.frontier.measure import Measurement, excess_percent
 from twilight.studies.frontier.search import Point, frontier
-from twilight.studies.frontier.space import ZONES, Dimension, Space
+from twilight.studies.frontier.space import ZONES, SearchedOption, Space
 
 NOT_SEARCHED = {
     *("max_orders", "polarisation", "refraction", "bent_lines_of_sight", "bent_paths", "target_error", "field_file"),
@@ -43,7 +43,7 @@ def test_qualities_and_starts_lie_in_the_space(settings):
 
 def test_neighbours_take_what_the_solver_takes():
     """A switch goes to the other side, a choice to another one of its kind."""
-    space = Space((Dimension("on", 0, 1), Dimension("rule", 6, 110, choices=(6, 26, 110))), {})
+    space = Space((SearchedOption("on", 0, 1), SearchedOption("rule", 6, 110, choices=(6, 26, 110))), {})
     rng = np.random.default_rng(2)
     found = [space.neighbour({"on": 1, "rule": 26}, rng) for _ in range(300)]
     assert {p["on"] for p in found} == {0, 1} and {p["rule"] for p in found} <= {6, 26, 110}
@@ -57,9 +57,8 @@ def test_the_frontier_is_what_nothing_beats():
     ]
     best = frontier(points)
     for p in points:
-        beaten = any(
-            q.processor_s <= p.processor_s and q.error_percent <= p.error_percent and q is not p for q in points
-        )
+        others = (q for q in points if q is not p)
+        beaten = any(q.processor_s <= p.processor_s and q.error_percent <= p.error_percent for q in others)
         assert beaten != any(p is b for b in best)
 
 
@@ -67,26 +66,25 @@ def test_the_noise_of_the_reference_is_no_error():
     rng = np.random.default_rng(1)
     right = rng.uniform(1.0, 3.0, (4000, 2))
     noise = 0.02 * right
-    reference = ReferenceSolution(
-        np.zeros(4000), np.zeros(4000), np.array([450.0, 550.0]), right + noise * rng.normal(size=right.shape), noise
-    )
+    radiance = right + noise * rng.normal(size=right.shape)
+    reference = ReferenceSolution(np.zeros(4000), np.zeros(4000), np.array([450.0, 550.0]), radiance, noise)
     assert excess_percent(right, reference) < 0.6
     assert excess_percent(1.05 * right, reference) == pytest.approx(1.96 * 5.0, rel=0.03)
 
 
 class Air:
-    """A scene whose error and time follow from two options by a formula."""
+    """A scene whose error and time follow from two options by a formula; cost: factor on the time."""
 
-    def __init__(self, name, dearness):
-        self.name, self.dearness, self.physics, self.asked = name, dearness, ZonesSettings(), 0
+    def __init__(self, name, cost):
+        self.name, self.cost, self.physics, self.measured = name, cost, ZonesSettings(), 0
 
     def warm_up(self):
         pass
 
     def measure(self, settings):
-        self.asked += 1
-        cost = settings.degree * settings.altitude_density
-        return Measurement(self.dearness * cost, {30.0: 1.0 / cost, -6.0: 90.0 / cost * settings.beam_density**2})
+        self.measured += 1
+        size = settings.degree * settings.altitude_density
+        return Measurement(self.cost * size, {30.0: 1.0 / size, -6.0: 90.0 / size * settings.beam_density**2})
 
 
 def test_the_search_goes_beyond_its_starts_and_gives_up_early(tmp_path):
@@ -94,7 +92,7 @@ def test_the_search_goes_beyond_its_starts_and_gives_up_early(tmp_path):
     points = list(search.search(airs, QUALITIES, budget_s=1e9, most_points=60, seed=1))
     assert [p.origin for p in points[:4]] == [*QUALITIES, "search"]
     assert all(p.complete for p in points[:3])
-    assert airs[0].asked < airs[1].asked == 60  # the cheap one first, and some never reach the dear one
+    assert airs[0].measured < airs[1].measured == 60  # the cheap one first, and some never reach the dear one
     best = frontier(points)
     assert any(p.origin == "search" for p in best)
     again = list(search.search([Air("dear", 5.0), Air("cheap", 1.0)], QUALITIES, budget_s=1e9, most_points=8, seed=1))
@@ -125,14 +123,12 @@ def test_a_search_goes_on_from_its_table(tmp_path):
     assert [(p.values, p.origin, p.complete) for p in known] == [(p.values, p.origin, p.complete) for p in first]
     again = [Air("dear", 5.0), Air("cheap", 1.0)]
     more = list(search.search(again, QUALITIES, budget_s=1e9, most_points=30, known=known, seed=1))
-    assert len(more) == 10 and {p.origin for p in more} == {"search"} and again[1].asked == 10
-    with pytest.raises(TwilightError, match=r"points\.csv: is not of the same scenes: dear"):
-        report.read_points(tmp_path / "points.csv", ["cheap"])
+    assert len(more) == 10 and {p.origin for p in more} == {"search"} and again[1].measured == 10
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(TwilightError, match=r"other\.csv: is no table of points"):
-        report.read_points(tmp_path / "other.csv", ["cheap"])
-    with pytest.raises(TwilightError, match=r"none\.csv: cannot be read"):
-        report.read_points(tmp_path / "none.csv", ["cheap"])
+    wrong = {"points": "is not of the same scenes: dear", "other": "is no table of points", "none": "cannot be read"}
+    for name, words in wrong.items():
+        with pytest.raises(TwilightError, match=rf"{name}\.csv: {words}"):
+            report.read_points(tmp_path / f"{name}.csv", ["cheap"])
 
 
 def test_slow_settings_are_given_up():

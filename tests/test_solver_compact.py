@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,24 +44,15 @@ def model():
 @pytest.mark.parametrize(("albedo", "ozone"), [(0.0, 250.0), (0.3, 334.0)])
 def test_load_ozone_and_albedo_are_read_from_the_medium(model, load_550, albedo, ozone):
     """A model would give the sky of another load, ozone column or ground."""
-    solved = solve(
-        resolve(
-            scene(
-                climate__aerosol__optical_depth_550nm=load_550,
-                climate__ground__albedo=albedo,
-                climate__gases__ozone__column_du=ozone,
-            )
-        )
-    )
+    keys = {"aerosol__optical_depth_550nm": load_550, "ground__albedo": albedo, "gases__ozone__column_du": ozone}
+    solved = solve(resolve(scene(**{f"climate__{key}": value for key, value in keys.items()})))
     facts = solved.blocks[0].field.facts
     assert facts["aerosol_optical_depth_550nm"] == pytest.approx(load_550, rel=0.005)
     assert facts["ozone_column_du"] == pytest.approx(ozone, rel=0.01)
     e, a = np.meshgrid(E, A, indexing="ij")
     for sun in (40.0, -5.0):
-        mine = solved.radiance(sun, e, a)
-        assert mine == pytest.approx(
-            model.sky(sun, WAVELENGTHS["list_nm"], load_550, albedo, ozone).radiance(e, a), rel=0.01
-        )
+        truth = model.sky(sun, WAVELENGTHS["list_nm"], load_550, albedo, ozone).radiance(e, a)
+        assert solved.radiance(sun, e, a) == pytest.approx(truth, rel=0.01)
 
 
 def test_a_grid_gives_what_its_directions_give(model):
@@ -118,9 +110,7 @@ def test_suns_and_directions_that_it_has_not():
 
 
 def test_a_model_of_another_climate_is_a_file(tmp_path, model):
-    """Its air is that of the climate; what it says of the light here is still the shipped model's."""
-    from dataclasses import replace
-
+    """Its air is that of the climate; its light, here, is still that of the shipped model."""
     path = tmp_path / "urban.npz"
     depths = [float(depth) for depth in model.optical_depth_550nm]
     write_model(replace(model, air=air_of_climate(load("urban"), depths)), path)
@@ -130,12 +120,11 @@ def test_a_model_of_another_climate_is_a_file(tmp_path, model):
     assert settings.model == "urban.npz" and len(settings.model_sha256) == 64
     with pytest.raises(TwilightError, match="the compact model urban is of other air"):
         solve(resolve(scene(solver__model=str(path))))
-    write_model(replace(model, air={}), path)
-    with pytest.raises(TwilightError, match="does not say of which air it is"):
-        solve(resolve(scene(solver__model=str(path))))
-    write_model(replace(model, air=model.air | {"particles": model.air["particles"][1:]}), path)
-    with pytest.raises(TwilightError, match=r"the arrays air_. do not fit together"):
-        solve(resolve(scene(solver__model=str(path))))
+    cut = model.air | {"particles": model.air["particles"][1:]}
+    for air, words in (({}, "does not say of which air it is"), (cut, r"the arrays air_. do not fit together")):
+        write_model(replace(model, air=air), path)
+        with pytest.raises(TwilightError, match=words):
+            solve(resolve(scene(solver__model=str(path))))
 
 
 def test_nothing_is_compiled_for_a_picture(tmp_path):

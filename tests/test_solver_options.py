@@ -34,14 +34,8 @@ def test_options_for_experts_are_set_under_expert():
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        (
-            {"solver.degree": 7},
-            r"solver\.degree is an option for experts: write solver\.expert\.degree",
-        ),
-        (
-            {"solver.expert.max_orders": 3},
-            r"expert\.max_orders stands among the first: write solver\.max_orders",
-        ),
+        ({"solver.degree": 7}, r"solver\.degree is an option for experts: write solver\.expert\.degree"),
+        ({"solver.expert.max_orders": 3}, r"expert\.max_orders stands among the first: write solver\.max_orders"),
         ({"solver.expert.degrees": 7}, r"solver\.expert\.degrees is not a key of zones; did you mean degree\?"),
         ({"solver.expert": 7}, r"solver\.expert must be a mapping of options of zones, got 7"),
         ({"solver.expert.degree": "many"}, r"solver\.expert\.degree must be a whole number, got 'many'"),

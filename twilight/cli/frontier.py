@@ -112,7 +112,7 @@ def _one(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
 def _case(scene: str, config: Any, table: Path | None, suns: list[float] | None, progress: Any) -> Any:
     from twilight.studies.compare.directions import sun_elevations
     from twilight.studies.compare.reference_solution import read_references, some_suns
-    from twilight.studies.frontier.measure import Case
+    from twilight.studies.frontier.measure import ZonesScene
 
     name = Path(scene).stem
     own = "sun" in config.model_fields_set
@@ -120,6 +120,6 @@ def _case(scene: str, config: Any, table: Path | None, suns: list[float] | None,
         stored = read_references(table)
         wanted = suns if suns is not None else (sun_elevations(config) if own else None)
         references = some_suns(stored, wanted, str(table))
-        return Case.of_table(name, config, references, None if wanted is None else tuple(wanted))
+        return ZonesScene.of_table(name, config, references, None if wanted is None else tuple(wanted))
     wanted = suns if suns is not None else (sun_elevations(config) if own else None)
-    return Case.of_scene(name, config, None if wanted is None else tuple(wanted), progress)
+    return ZonesScene.of_scene(name, config, None if wanted is None else tuple(wanted), progress)

@@ -87,8 +87,9 @@ DIFFERENTIATED = {
     "ground_albedo": "albedo of the ground",
 }
 """What light is differentiated by, in words."""
+
 OF_ALL_AIR = ("ozone_column", "ground_albedo")
-"""Those of them that belong to no layer."""
+"""Names in DIFFERENTIATED that belong to no layer."""
 
 
 class Derivatives(Protocol):

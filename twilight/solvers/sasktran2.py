@@ -61,13 +61,8 @@ class Sasktran2Settings:
     """
 
     COMMON: ClassVar[tuple[str, ...]] = (
-        "polarisation",
-        "zenith_step_deg",
-        "incoming",
-        "outgoing",
-        "streams",
-        "threads",
-    )
+        "polarisation", "zenith_step_deg", "incoming", "outgoing", "streams", "threads",
+    )  # fmt: skip
 
     single_step_km: float = 0.02
     single_growth: float = 0.05
@@ -275,8 +270,8 @@ def _engine(
     sources = source_altitudes(medium, s.source_step_km, s.source_growth)
     config.successive_orders_altitude_grid_m = 1000.0 * sources
     grid = (s.single_step_km, s.single_growth) if single else (s.multiple_step_km, s.multiple_growth)
-    three = not single and grid[1] > 0.0
-    config.num_stokes = 3 if three or s.polarisation else 1
+    traces_suns = not single and grid[1] > 0.0  # every sun ray, which takes three Stokes parameters
+    config.num_stokes = 3 if traces_suns or s.polarisation else 1
     z = levels(medium, *grid)
     sun, elevation, azimuth = rays
     reference = 90.0 - 0.5 * (sun.min() + sun.max())
@@ -302,7 +297,7 @@ def _engine(
         )
     atmosphere = sk.Atmosphere(geometry, config, wavelengths_nm=medium.wavelength_nm, calculate_derivatives=False)
     extinction, albedo, moments = optics(medium, z, config.num_singlescatter_moments, s.polarisation)
-    if three and not s.polarisation:
+    if traces_suns and not s.polarisation:
         scalar, moments = moments, np.zeros((4 * moments.shape[0], *moments.shape[1:]))
         moments[::4] = scalar
     atmosphere["air"] = sk.constituent.Manual(extinction, albedo, moments)

@@ -18,7 +18,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.analytic.coefficients import load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity
-from twilight.solvers.analytic.ground import ground_radiance, hemisphere
+from twilight.solvers.analytic.ground import hemisphere, sky_and_ground
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 from twilight.solvers.analytic.perez import angles, cie, traditional_overcast
 from twilight.solvers.analytic.shipped_tables import table
@@ -27,6 +27,7 @@ from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, chec
 
 CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
+
 TRADITIONAL_OVERCAST = 16
 """Type of the traditional overcast sky."""
 
@@ -115,24 +116,20 @@ class Field(BareField):
         Errors: TwilightError for a sun below the horizon.
         """
         check_sun(sun_elevation_deg, "cie")
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        e, a = elevation.ravel(), azimuth.ravel()
-        out = np.empty((e.size, self.medium.n_wavelengths))
-        up = e >= 0.0
         spectral = self._spectrum(sun_elevation_deg)
-        out[up] = self.luminance(sun_elevation_deg, e[up], a[up])[:, None] * spectral
-        if not up.all():
-            direct = np.zeros_like(spectral)
-            if self.turbidity is not None:
-                direct = direct_transmittance(self.medium.wavelength_nm, 90.0 - sun_elevation_deg, self.turbidity)
-            out[~up] = ground_radiance(
-                lambda e, a: self.luminance(sun_elevation_deg, e, a)[:, None] * spectral,
-                direct,
-                sun_elevation_deg,
-                self.medium.ground_albedo,
-            )
+
+        def sky(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+            return self.luminance(sun_elevation_deg, elevation_deg, azimuth_deg)[:, None] * spectral
+
+        def sunlight() -> np.ndarray:
+            if self.turbidity is None:
+                return np.zeros_like(spectral)
+            return direct_transmittance(self.medium.wavelength_nm, 90.0 - sun_elevation_deg, self.turbidity)
+
+        albedo = self.medium.ground_albedo
+        out = sky_and_ground(sky, sunlight, sun_elevation_deg, albedo, elevation_deg, azimuth_deg)
         self._progress("sky", 1.0)
-        return out.reshape(*elevation.shape, out.shape[1])
+        return out
 
     def luminance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Luminance [cd m^-2] of directions at or above the horizon."""

@@ -113,12 +113,9 @@ class SkyCoefficients:
         made["luminance"]["zenith_kcd_per_m2"] = dict(zip(ZENITH_LUMINANCE, rows, strict=True))
         return made
 
+    @np.errstate(all="ignore")  # what overflows is not finite, and found
     def check(self, where: str) -> None:
         """Raise TwilightError where a luminance is not positive or a chromaticity not one, anywhere in the range."""
-        with np.errstate(all="ignore"):  # what overflows is not finite, and found
-            self._check(where)
-
-    def _check(self, where: str) -> None:
         elevation, azimuth = np.meshgrid([0.0, 1.0, 3.0, 10.0, 30.0, 60.0, 90.0], np.linspace(0.0, 180.0, 13))
         for turbidity in np.linspace(*self.turbidity, 9):
             for quantity in QUANTITIES:

@@ -25,6 +25,7 @@ NARROWEST_BIN_NM = 10.0
 
 SINGULAR = -1e-3
 """Largest value of the denominator of M1 and M2; at 0 no mixture of the basis has that chromaticity."""
+
 _CHUNK = 100_000
 """Directions that are handled at once, so that large pictures need little memory."""
 

@@ -20,17 +20,27 @@ def hemisphere(elevations: int = 12, azimuths: int = 24) -> tuple[np.ndarray, np
     return e.ravel(), a.ravel(), solid
 
 
-def ground_radiance(
+def sky_and_ground(
     sky: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    direct: np.ndarray,
+    sunlight: Callable[[], np.ndarray],
     sun_elevation_deg: float,
     albedo: np.ndarray,
+    elevation_deg,
+    azimuth_deg,
 ) -> np.ndarray:
-    """Sun-normalised radiance [sr^-1], (W,), of the ground: albedo / pi times the irradiance of sky and sun.
+    """Sun-normalised radiance [sr^-1], shape of the directions plus (W,), of the sky and, below the horizon, of the
+    ground: albedo / pi times the irradiance of sky and sun.
 
-    sky(elevation_deg, azimuth_deg) gives (N, W); direct (W,) is the sun at normal incidence over F0.
+    sky(elevation_deg, azimuth_deg) gives (N, W); sunlight() the direct sunlight at normal incidence over F0, (W,).
     """
-    elevation, azimuth, solid = hemisphere()
-    sine = np.sin(np.radians(elevation))
-    irradiance = (solid * sine) @ sky(elevation, azimuth) + direct * max(np.sin(np.radians(sun_elevation_deg)), 0.0)
-    return albedo / np.pi * irradiance
+    elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+    e, a = elevation.ravel(), azimuth.ravel()
+    out = np.empty((e.size, albedo.size))
+    up = e >= 0.0
+    out[up] = sky(e[up], a[up])
+    if not up.all():
+        sky_e, sky_a, solid = hemisphere()
+        sine = np.sin(np.radians(sky_e))
+        direct = sunlight() * max(np.sin(np.radians(sun_elevation_deg)), 0.0)
+        out[~up] = albedo / np.pi * ((solid * sine) @ sky(sky_e, sky_a) + direct)
+    return out.reshape(*elevation.shape, albedo.size)

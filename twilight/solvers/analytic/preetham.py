@@ -9,6 +9,7 @@ the medium's albedo under this sky and this sun.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -17,20 +18,16 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
-from twilight.solvers.analytic.aerial import PreethamAerialPerspective
+from twilight.solvers.analytic.aerial import aerial_perspective
 from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins
-from twilight.solvers.analytic.ground import ground_radiance
+from twilight.solvers.analytic.ground import sky_and_ground
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
 from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 CAPABILITIES = Capabilities(
-    below_horizon=False,
-    wavelengths_at_once=ALL_WAVELENGTHS,
-    formula=True,
-    reads_files=True,
-    finite_segments=True,
+    below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True, reads_files=True, finite_segments=True
 )
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
@@ -116,15 +113,11 @@ class Field(BareField):
         Errors: TwilightError for a sun below the horizon or outside the fit of the coefficients.
         """
         self._check(sun_elevation_deg)
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        e, a = elevation.ravel(), azimuth.ravel()
-        out = np.empty((e.size, self.medium.n_wavelengths))
-        up = e >= 0.0
-        out[up] = self._sky(sun_elevation_deg, e[up], a[up])
-        if not up.all():
-            out[~up] = self._ground(sun_elevation_deg)
+        sky, sunlight = (partial(light, sun_elevation_deg) for light in (self._sky, self.sunlight))
+        albedo = self.medium.ground_albedo
+        out = sky_and_ground(sky, sunlight, sun_elevation_deg, albedo, elevation_deg, azimuth_deg)
         self._progress("sky", 1.0)
-        return out.reshape(*elevation.shape, out.shape[1])
+        return out
 
     def sunlight(self, sun_elevation_deg: float) -> np.ndarray:
         """The model's own direct sunlight at the ground at normal incidence over F0, (W,)."""
@@ -142,13 +135,14 @@ class Field(BareField):
     ) -> tuple[np.ndarray, np.ndarray]:
         """(inscattered sun-normalised radiance [sr^-1], transmittance) over a distance, directions plus (W,) each.
 
-        What is seen of an object is the first plus its own radiance times the second (Preetham 1999 sec. 4).
+        An object is seen as the inscattered light plus transmittance times its own radiance (Preetham 1999 sec. 4).
         Rays must end above or on the ground: TwilightError otherwise.
         """
         self._check(sun_elevation_deg)
-        perspective = PreethamAerialPerspective(self.medium.wavelength_nm, self.turbidity)
-        passed, light = perspective(
-            lambda e, a: self._sky(sun_elevation_deg, e, a),
+        return aerial_perspective(
+            self.medium.wavelength_nm,
+            self.turbidity,
+            partial(self._sky, sun_elevation_deg),
             self.sunlight(sun_elevation_deg),
             sun_elevation_deg,
             self.height_km,
@@ -156,7 +150,6 @@ class Field(BareField):
             azimuth_deg,
             distance_km,
         )
-        return light, passed
 
     def _check(self, sun_elevation_deg: float) -> None:
         lowest, highest = (90.0 - z for z in reversed(self.coefficients.sun_zenith_deg))
@@ -165,11 +158,3 @@ class Field(BareField):
     def _sky(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         luminance, x, y = self.coefficients.sky(self.turbidity, sun_elevation_deg, elevation_deg, azimuth_deg)
         return self._bins.from_chromaticity(luminance, x, y)
-
-    def _ground(self, sun_elevation_deg: float) -> np.ndarray:
-        return ground_radiance(
-            lambda e, a: self._sky(sun_elevation_deg, e, a),
-            self.sunlight(sun_elevation_deg),
-            sun_elevation_deg,
-            self.medium.ground_albedo,
-        )

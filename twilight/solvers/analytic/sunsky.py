@@ -28,6 +28,7 @@ TURBIDITY = (1.0, 10.0)
 
 CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True, package="mitsuba")
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
+
 WAVELENGTHS_PER_CALL = 4
 """Wavelengths that one call of the emitter takes."""
 

@@ -1,4 +1,4 @@
-"""What the model of clear air takes from a medium: optical depths of layers, phase functions, numbers that name it."""
+"""What the model of clear air reads from a medium: optical depths of layers, phase functions, inputs of the network."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ LEAST_DEGREE = 12
 """Degree of the Legendre series that phase functions are followed to; the peak beyond counts as not scattered."""
 
 MOST_DEGREE = 16
-"""Degree to which it grows beside coarse particles, as that of `zones` does (`directions.degree_needed`)."""
+"""Degree to which LEAST_DEGREE grows beside coarse particles, as that of `zones` does (`directions.degree_needed`)."""
 
 MOST_PEAK = 0.055
-"""Fraction of the scattering in the peak up to which it does not grow."""
+"""Fraction of the scattering in the peak up to which the degree does not grow."""
 
 HAZE_DEPTHS = (3.0, 5.0)
-"""Vertical optical depths of scattering between which its growth ends."""
+"""Vertical optical depths of scattering between which the growth of the degree ends."""
 
 LAYER_DEPTH = 0.02
 """Optical depth of scattering above 10 km from which the degree is the largest: below a volcano's layer."""
@@ -61,10 +61,10 @@ LIMITED = (
     "the asymmetry parameter of the aerosol above 12 km",
     "the refractivity of air at the ground, in 1e-4",
 )
-"""What an air must have between the least and the largest that the fit saw; in the words of messages."""
+"""What must lie between the least and the largest value that the fit saw; in the words of messages."""
 
 HIGH_KM = 39.0
-"""Altitude above the ground [km]; the part of the air above it is that of nature, or the air is not clear air."""
+"""Altitude above the ground [km] above which the fraction of scattering by air tells real from invented profiles."""
 
 HIGHEST_KM = 60.0
 """Altitude above the ground [km] above which no air of the fit has particles."""
@@ -80,14 +80,14 @@ def two_phase_functions(medium: Medium) -> Medium:
     cosine, z = np.cos(angle), medium.altitude_km
     high = z - medium.bottom_km > SPLIT_KM
     scattering = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
-    kinds = np.array([phase.matrix(cosine) for phase in medium.phase_functions])
-    kinds = kinds.reshape(len(medium.phase_functions), 4, medium.n_wavelengths, angle.size)
+    matrices = np.array([phase.matrix(cosine) for phase in medium.phase_functions])
+    matrices = matrices.reshape(len(medium.phase_functions), 4, medium.n_wavelengths, angle.size)
     thickness = np.maximum(_thickness(z), 1e-6)
     phases = []
     for name, part in (("low", ~high), ("high", high)):
         weight = np.einsum("klw,lw,l->kw", medium.aerosol_phase_fraction[:, part], scattering[part], thickness[part])
         total = weight.sum(axis=0)
-        mixed = np.einsum("kw,kiwn->iwn", weight / np.maximum(total, 1e-30), kinds)
+        mixed = np.einsum("kw,kiwn->iwn", weight / np.maximum(total, 1e-30), matrices)
         mixed[0, total <= 0.0] = 1.0 / (4.0 * np.pi)
         sine = np.sin(angle)
         norm = 2.0 * np.pi * np.trapezoid(mixed[0] * sine, angle, axis=1)
@@ -101,7 +101,7 @@ def two_phase_functions(medium: Medium) -> Medium:
 
 
 def _thickness(altitude_km: np.ndarray) -> np.ndarray:
-    """Half the distance of the levels beside each level."""
+    """Thickness of air that each level stands for: half the distance between the levels beside it [km]."""
     step = np.diff(altitude_km)
     return 0.5 * (np.append(step, step[-1:]) + np.append(step[:1], step))
 
@@ -115,10 +115,10 @@ class AirColumns:
     degree: up to which both phase functions are followed
     moments (2, W, N): Legendre moments of both phase functions
     medium: with its two phase functions
-    kinds (K, L, W): scattering by each aerosol that the medium came with, which light that is scattered once needs
-    kinds_forward (K, W): fraction of their phase functions in their forward peaks
-    kinds_moments (K, W, N): Legendre moments of their phase functions
-    phase_functions: theirs
+    aerosol_depth (K, L, W): optical depths of scattering by each aerosol that the medium came with
+    aerosol_forward (K, W): fraction of phase_functions in their forward peaks
+    aerosol_moments (K, W, N): Legendre moments of phase_functions
+    phase_functions: of the aerosols that the medium came with
     """
 
     depth: np.ndarray
@@ -126,9 +126,9 @@ class AirColumns:
     degree: int
     moments: np.ndarray
     medium: Medium
-    kinds: np.ndarray
-    kinds_forward: np.ndarray
-    kinds_moments: np.ndarray
+    aerosol_depth: np.ndarray
+    aerosol_forward: np.ndarray
+    aerosol_moments: np.ndarray
     phase_functions: tuple[PhaseFunction, ...]
 
     @staticmethod
@@ -144,57 +144,21 @@ class AirColumns:
         degree = _degree(np.array(depth), moments)
         exact = medium.refined()
         scattering = exact.aerosol_extinction_per_km * exact.aerosol_single_scattering_albedo
-        kinds = [_in_layers(height, scattering * fraction) for fraction in exact.aerosol_phase_fraction]
-        of_kinds = [phase.legendre_moments(MOST_DEGREE + 1) for phase in medium.phase_functions]
+        aerosol_depth = [_in_layers(height, scattering * fraction) for fraction in exact.aerosol_phase_fraction]
         shape = (len(medium.phase_functions), *np.shape(depth)[1:])
+        of_aerosols = [phase.legendre_moments(MOST_DEGREE + 1) for phase in medium.phase_functions]
+        aerosol_moments = np.reshape(of_aerosols, (shape[0], shape[2], MOST_DEGREE + 2))
         return AirColumns(
             np.array(depth),
-            _beyond(moments, degree),
+            _peak_fraction(moments, degree),
             int(np.ceil(degree)),
             moments,
             merged,
-            np.reshape(kinds, shape),
-            _beyond(np.reshape(of_kinds, (shape[0], shape[2], MOST_DEGREE + 2)), degree),
-            np.reshape(of_kinds, (shape[0], shape[2], MOST_DEGREE + 2)),
+            np.reshape(aerosol_depth, shape),
+            _peak_fraction(aerosol_moments, degree),
+            aerosol_moments,
             medium.phase_functions,
         )
-
-    @property
-    def extinction_depth(self) -> np.ndarray:
-        """Optical depth of the layers without forward peaks, (L, W)."""
-        d = self.depth
-        return d[AIR] + d[ABSORPTION] + d[EXTINCTION] - self.forward[0] * d[LOW] - self.forward[1] * d[HIGH]
-
-    @property
-    def scattering_depth(self) -> np.ndarray:
-        """Optical depth of scattering without forward peaks, (L, W)."""
-        return self.depth[AIR] + self._of_particles
-
-    @property
-    def _of_particles(self) -> np.ndarray:
-        return (1.0 - self.forward[0]) * self.depth[LOW] + (1.0 - self.forward[1]) * self.depth[HIGH]
-
-    def _shells(
-        self, observer_km: float, extinction: np.ndarray, scattering: np.ndarray, peak: np.ndarray
-    ) -> tuple[RefractedShells, np.ndarray]:
-        """Shells around an observer from optical depths of the layers (..., L, W), and the layer of each of them."""
-        boundary = ALTITUDE_KM
-        if np.abs(boundary - observer_km).min() > 1e-4:
-            boundary = np.sort(np.append(boundary, observer_km))
-        of = np.searchsorted(ALTITUDE_KM, 0.5 * (boundary[1:] + boundary[:-1])) - 1
-        per_km = 1.0 / np.diff(ALTITUDE_KM)[:, None]
-        medium = self.medium
-        middle = medium.n_wavelengths // 2
-        shells = RefractedShells(
-            boundary,
-            (extinction * per_km)[of],
-            (scattering * per_km)[:, of],
-            (peak * per_km)[of],
-            medium.at(sublayers(boundary) + medium.bottom_km).refractivity[:, middle],
-            observer_km,
-            medium.earth_radius_km + medium.bottom_km,
-        )
-        return shells, of
 
     def limited(self) -> np.ndarray:
         """What `LIMITED` names, (L, W); nan where there are no particles to have it."""
@@ -224,37 +188,45 @@ class AirColumns:
     def shells(self, observer_km: float) -> tuple[RefractedShells, tuple[np.ndarray, np.ndarray]]:
         """The shells around an observer above the ground, and in their layers the coefficient of scattering without
         peaks, and that times three times its asymmetry [km^-1]."""
-        d = self.depth
-        peak = np.einsum("kw,klw->lw", self.kinds_forward, self.kinds)
-        forward = 3.0 * np.einsum("kw,klw->lw", self.kinds_moments[:, :, 1] - self.kinds_forward, self.kinds)
-        shells, of = self._shells(
-            observer_km,
-            d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak,
-            np.concatenate([d[AIR][None], self.kinds]),
-            peak,
-        )
+        boundary = ALTITUDE_KM
+        if np.abs(boundary - observer_km).min() > 1e-4:
+            boundary = np.sort(np.append(boundary, observer_km))
+        layer = np.searchsorted(ALTITUDE_KM, 0.5 * (boundary[1:] + boundary[:-1])) - 1
         per_km = 1.0 / np.diff(ALTITUDE_KM)[:, None]
-        scattering = d[AIR] + self.kinds.sum(axis=0) - peak
-        return shells, ((scattering * per_km)[of], (forward * per_km)[of])
+        d, medium = self.depth, self.medium
+        peak = np.einsum("kw,klw->lw", self.aerosol_forward, self.aerosol_depth)
+        forward = 3.0 * np.einsum(
+            "kw,klw->lw", self.aerosol_moments[:, :, 1] - self.aerosol_forward, self.aerosol_depth
+        )
+        shells = RefractedShells(
+            boundary,
+            ((d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak) * per_km)[layer],
+            (np.concatenate([d[AIR][None], self.aerosol_depth]) * per_km)[:, layer],
+            (peak * per_km)[layer],
+            medium.at(sublayers(boundary) + medium.bottom_km).refractivity[:, medium.n_wavelengths // 2],
+            observer_km,
+            medium.earth_radius_km + medium.bottom_km,
+        )
+        scattering = d[AIR] + self.aerosol_depth.sum(axis=0) - peak
+        return shells, ((scattering * per_km)[layer], (forward * per_km)[layer])
 
     def diffuse_coefficients(self) -> DiffuseCoefficients:
         """For `diffuse_light`: later orders by the similarity rule, the first with its phase functions."""
         place = np.searchsorted(ALTITUDE_KM, BOUNDARY_KM - 1e-9)
-        every = np.concatenate([self.depth, self.kinds])
-        summed = np.concatenate([np.zeros((every.shape[0], 1, every.shape[2])), np.cumsum(every, axis=1)], axis=1)
-        d = np.diff(summed[:, place], axis=1)
-        of_kinds = d[self.depth.shape[0] :]
+        every = np.concatenate([self.depth, self.aerosol_depth])
+        d = np.diff(_summed(every)[:, place], axis=1)
+        of_aerosols = d[self.depth.shape[0] :]
         per_km = 1.0 / np.diff(BOUNDARY_KM)[:, None]
-        chi = self.kinds_moments
-        forwards = np.einsum("kw,klw->lw", chi[:, :, 1], of_kinds)
-        scattering = d[AIR] + of_kinds.sum(axis=0) - forwards
+        chi = self.aerosol_moments
+        forwards = np.einsum("kw,klw->lw", chi[:, :, 1], of_aerosols)
+        scattering = d[AIR] + of_aerosols.sum(axis=0) - forwards
         extinction = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - forwards
         rho = self.medium.depolarisation
         of_air = [np.ones_like(rho), np.zeros_like(rho), (1.0 - rho) / (5.0 * (2.0 + rho)), np.zeros_like(rho)]
         first = []
         for order in range(ORDERS):
             # of what is scattered without the peak: (1 - f) x (chi - f)/(1 - f)
-            of_aerosol = np.einsum("kw,klw->lw", chi[:, :, order] - self.kinds_forward, of_kinds)
+            of_aerosol = np.einsum("kw,klw->lw", chi[:, :, order] - self.aerosol_forward, of_aerosols)
             first.append((2 * order + 1) * (of_air[order] * d[AIR] + of_aerosol) / scattering)
         return DiffuseCoefficients(extinction * per_km, scattering * per_km, np.array(first))
 
@@ -262,7 +234,8 @@ class AirColumns:
         """Inputs of the network that name the air, (W, F)."""
         d, f = self.depth, self.forward
         absorbed = np.maximum(d[EXTINCTION] - d[LOW] - d[HIGH], 0.0)
-        particles, total = self._of_particles, self.extinction_depth
+        particles = (1.0 - f[0]) * d[LOW] + (1.0 - f[1]) * d[HIGH]
+        total = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - f[0] * d[LOW] - f[1] * d[HIGH]  # extinction without peaks
         every = tuple(range(SLAB_KM.size))
         rows = [
             np.sqrt(np.maximum(_slabs(particles, every), 0.0)),
@@ -310,7 +283,8 @@ def _in_layers(height_km: np.ndarray, per_km: np.ndarray) -> np.ndarray:
 
 
 def _summed(depth: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.zeros((1, depth.shape[1])), np.cumsum(depth, axis=0)])
+    """Optical depths (..., L + 1, W) below the boundaries of layers, from those of the layers (..., L, W)."""
+    return np.concatenate([np.zeros_like(depth[..., :1, :]), np.cumsum(depth, axis=-2)], axis=-2)
 
 
 def _slabs(depth: np.ndarray, slabs: tuple[int, ...]) -> np.ndarray:
@@ -351,9 +325,9 @@ def _degree(depth: np.ndarray, moments: np.ndarray) -> float:
     return degree
 
 
-def _beyond(moments: np.ndarray, degree: float) -> np.ndarray:
+def _peak_fraction(moments: np.ndarray, degree: float) -> np.ndarray:
     """Fraction of each phase function in its forward peak, (K, W): its moment after the last that is followed."""
     whole = int(degree)
-    share = degree - whole
+    rest = degree - whole
     after = moments[:, :, min(whole + 2, MOST_DEGREE + 1)]
-    return np.clip((1.0 - share) * moments[:, :, whole + 1] + share * after, 0.0, 0.999)
+    return np.clip((1.0 - rest) * moments[:, :, whole + 1] + rest * after, 0.0, 0.999)

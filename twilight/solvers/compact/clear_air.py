@@ -17,7 +17,6 @@ the file `data/compact/clear-air.npz` to skies of `benchmarks/clear_air_airs.py`
 
 from __future__ import annotations
 
-import functools
 import json
 import zlib
 from dataclasses import dataclass
@@ -46,7 +45,7 @@ AZIMUTH_DEG = np.array([0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180.0]
 """Azimuths of the nodes from the sun [deg]."""
 
 NODES = (SUN_DEG.size, ELEVATION_DEG.size, AZIMUTH_DEG.size)
-"""Nodes of the patterns."""
+"""Numbers of suns, elevations and azimuths at which light is stored."""
 
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs of the network are cut off."""
@@ -62,10 +61,10 @@ Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 
 @dataclass(frozen=True)
 class ClearAirModel:
-    """The fitted part: a network of several members, and the patterns that it gives coefficients of.
+    """The fitted part: a network of several members, and the principal components that it gives coefficients of.
 
-    members: for each member its layers, as (weights (I, O), offsets (O,)); silu with a way around every layer but the
-        first and the last; the members' mean counts
+    members: for each member its layers, as (weights (I, O), offsets (O,)); hidden layers with the activation silu, all
+        but the first residual: their input is added to their output; the members' mean counts
     input_mean, input_scale (F,): inputs are standardised with them
     base_mean (B,), base_vectors (N, B): principal components of ln M_0, which are inputs too
     intensity_mean (P,), intensity (K, P): of ln(M / M_0) over suns, elevations and azimuths, P their product
@@ -105,7 +104,7 @@ class ClearAirModel:
             raise TwilightError(f"{path}: is no model of clear air ({error})") from None
 
     def save(self, path: Path) -> None:
-        """Write a file: patterns and weights as half floats."""
+        """Write a file: principal components and weights as half floats."""
         arrays: dict[str, Any] = {key: getattr(self, key).astype(np.float32) for key in ARRAYS}
         for key in ("intensity", "polarisation"):
             scale = np.abs(arrays[key]).max(axis=1)
@@ -128,7 +127,7 @@ class ClearAirModel:
     def at_nodes(self, air: np.ndarray, log_base: np.ndarray) -> np.ndarray:
         """ln(M / M_0), Q / M, U / M and the spread of ln M at the nodes, (4, W, suns, elevations, azimuths)."""
         inputs = self.standardised(air, log_base)
-        each = np.array([_member(layers, inputs) for layers in self.members])
+        each = np.array([_outputs(layers, inputs) for layers in self.members])
         c, k = each.mean(axis=0), self.intensity.shape[0]
         intensity = self.intensity_mean + c[:, :k] @ self.intensity
         polarisation = self.polarisation_mean + c[:, k:] @ self.polarisation
@@ -143,15 +142,14 @@ class ClearAirModel:
         return float(least + times * spread)
 
 
-def _member(layers: Layers, inputs: np.ndarray) -> np.ndarray:
-    hidden = inputs
-    for n, (weights, offsets) in enumerate(layers):
+def _outputs(layers: Layers, hidden: np.ndarray) -> np.ndarray:
+    """Outputs (W, K + N) of a member for standardised inputs (W, F)."""
+    *before, (last_weights, last_offsets) = layers
+    for n, (weights, offsets) in enumerate(before):
         linear = hidden @ weights + offsets
-        if n == len(layers) - 1:
-            return linear
         active = linear / (1.0 + np.exp(-linear))
         hidden = active + hidden if n else active
-    raise AssertionError("a member without layers")
+    return hidden @ last_weights + last_offsets
 
 
 def _unpacked(shapes: np.ndarray, values: np.ndarray) -> tuple[Layers, ...]:
@@ -166,9 +164,3 @@ def _unpacked(shapes: np.ndarray, values: np.ndarray) -> tuple[Layers, ...]:
             place += outputs
         members.append(tuple(layers))
     return tuple(members)
-
-
-@functools.lru_cache(maxsize=1)
-def shipped_model(path: Path) -> ClearAirModel:
-    """The model that comes with the package, read once."""
-    return ClearAirModel.load(path)

@@ -8,7 +8,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.solvers.base import BareField, ModelError
 from twilight.solvers.compact.air_columns import LIMITED, AirColumns
-from twilight.solvers.compact.asked import checked_directions, checked_observer, rows_and_columns
+from twilight.solvers.compact.checks import check_medium, checked_directions, checked_observer, rows_and_columns
 from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_sky import ClearAirSkies
 
@@ -18,13 +18,13 @@ HIGHEST_OBSERVER_KM = 15.0
 WAVELENGTH_NM = (320.0, 1000.0)
 """Wavelengths of the airs that were fitted."""
 
-BEYOND = 0.05
+RELATIVE_SLACK = 0.05
 """How far beyond the fitted airs an air may be, relative to the largest of them."""
 
-LEAST = 1e-7
-"""How far beyond them an air may be in any case: rounding."""
+ROUNDING = 1e-7
+"""How far beyond the fitted airs an air may be in any case."""
 
-SKIES_AT_HAND = 4
+CACHED_OBSERVERS = 4
 """Observers whose skies are cached."""
 
 
@@ -39,7 +39,7 @@ class ClearAirField(BareField):
         self.medium, self.model = medium, model
         self._polarised = polarisation
         self._altitude_km = checked_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
-        check_wavelengths(medium)
+        check_medium(medium, "the compact model of clear air", *WAVELENGTH_NM)
         self._columns = AirColumns.of(medium)
         check_air(self._columns, model)
         self._skies: dict[float, ClearAirSkies] = {}
@@ -88,28 +88,16 @@ class ClearAirField(BareField):
     def _seen_from(self, above: float) -> ClearAirSkies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
         if above not in self._skies:
-            while len(self._skies) >= SKIES_AT_HAND:
+            if len(self._skies) == CACHED_OBSERVERS:
                 del self._skies[next(iter(self._skies))]
             self._skies[above] = ClearAirSkies(self.model, self._columns, above)
         return self._skies[above]
 
 
-def check_wavelengths(medium: Medium) -> None:
-    """TwilightError for wavelengths that were not fitted, and for water."""
-    if medium.has_water:
-        raise TwilightError("the compact model of clear air has land under it, and the medium has water (ground.kind)")
-    w, (low, high) = medium.wavelength_nm, WAVELENGTH_NM
-    if w.min() < low or w.max() > high:
-        raise TwilightError(
-            f"the compact model of clear air has wavelengths from {low:g} to {high:g} nm, and "
-            f"{w.min() if w.min() < low else w.max():g} nm is asked for"
-        )
-
-
 def check_air(columns: AirColumns, model: ClearAirModel) -> None:
     """TwilightError for an air that differs from those that were fitted, which says in what."""
     for what, values, (low, high) in zip(LIMITED, columns.limited(), model.limits.astype(float), strict=True):
-        slack = BEYOND * high + LEAST
+        slack = RELATIVE_SLACK * high + ROUNDING
         wrong = (values < low - slack) | (values > high + slack)
         if wrong.any():
             w = int(np.argmax(wrong))

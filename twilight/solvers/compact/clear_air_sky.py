@@ -7,7 +7,6 @@ evaluated in every direction, at the angle from the apparent sun: a ray towards 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,20 +19,20 @@ from twilight.solvers.compact.compact_sky import spline_matrix
 from twilight.solvers.compact.diffuse_light import diffuse_light, line_of_sight_radiance
 from twilight.solvers.compact.forward_peak import WidenedPeaks, forward_peaks, place_of_angle, widened
 
-BASE_ELEVATIONS = (0, 3, 6, 10, 14)
-"""Indices of the elevations at which ln M_0 is an input of the network."""
+BASE_ELEVATION_DEG = ELEVATION_DEG[[0, 3, 6, 10, 14]]
+"""Elevations at which ln M_0 is an input of the network [deg]."""
 
-BASE_AZIMUTHS = (0, 6, 12)
-"""Indices of the azimuths at which it is."""
+BASE_AZIMUTH_DEG = AZIMUTH_DEG[[0, 6, 12]]
+"""Azimuths from the sun at which ln M_0 is an input of the network [deg]."""
 
 MIRRORED = 3
 """Nodes beyond the sun's vertical on either side through which splines in azimuth go: the sky mirrors itself there."""
 
 ELEVATION_OFFSET_DEG = 1.5
-"""Splines in elevation run over the logarithm of elevation and this."""
+"""Splines in elevation run over ln(elevation + ELEVATION_OFFSET_DEG)."""
 
 NEGLIGIBLE = 1e-3
-"""Part of M that is added to every Q_k before its logarithm is interpolated; times a phase function it is 1e-4 of M."""
+"""Fraction of M that is added to every Q_k before its logarithm is interpolated; times a phase function, 1e-4 of M."""
 
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
@@ -64,12 +63,10 @@ class ApproximateSkies:
         """Q_k at the nodes of the sky, (1 + K, E, A, W)."""
         return np.maximum(self.shells.scattered_once(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG), DARK)
 
-
-def log_base(base_at: Callable[[float, np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """ln M_0 under all suns, an input of the network, (W, B)."""
-    where = ELEVATION_DEG[list(BASE_ELEVATIONS)], AZIMUTH_DEG[list(BASE_AZIMUTHS)]
-    light = np.array([base_at(float(sun), *where) for sun in SUN_DEG])  # suns E A W
-    return np.log(light).reshape(-1, light.shape[-1]).T
+    def log_base(self) -> np.ndarray:
+        """ln M_0 under all suns, an input of the network, (W, B)."""
+        light = np.array([self.base_at(float(sun), BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG) for sun in SUN_DEG])
+        return np.log(light).reshape(-1, light.shape[-1]).T
 
 
 class ClearAirSkies(ApproximateSkies):
@@ -79,8 +76,8 @@ class ClearAirSkies(ApproximateSkies):
     def __init__(self, model: ClearAirModel, columns: AirColumns, observer_km: float = 0.0):
         super().__init__(columns, observer_km)
         self._model = model
-        self._peaks = forward_peaks(columns.phase_functions, columns.kinds_forward, columns.degree)
-        *fitted, self._spread = model.at_nodes(self.inputs, log_base(self.base_at))
+        self._peaks = forward_peaks(columns.phase_functions, columns.aerosol_forward, columns.degree)
+        *fitted, self._spread = model.at_nodes(self.inputs, self.log_base())
         self._fitted = np.array(fitted)
 
     @one_blas_thread()
@@ -91,7 +88,7 @@ class ClearAirSkies(ApproximateSkies):
         log_ratio, *polarised = np.einsum("s,pwsea->peaw", weight, parts)
         log_multiple = np.log(self.base_at(sun_elevation_deg, ELEVATION_DEG, AZIMUTH_DEG)) + log_ratio
         # in the shadow ln(Q) falls without end, and splines would swing beside it
-        shells, forward = self.shells, self.columns.kinds_forward
+        shells, forward = self.shells, self.columns.aerosol_forward
         single = self.single_at_nodes(sun_elevation_deg) + NEGLIGIBLE * np.exp(log_multiple)
         apparent = shells.apparent_elevation_deg(sun_elevation_deg)
         peaks = None
@@ -105,8 +102,8 @@ class ClearAirSkies(ApproximateSkies):
         spread = np.einsum("s,wsea->eaw", weight, self._spread) * np.exp(log_multiple) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
-        shown = spread[..., brightest > DARKEST_TERM * brightest.max()]
-        error = self._model.error_of(sun_elevation_deg, float(np.percentile(np.abs(shown), 95)))
+        counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
+        error = self._model.error_of(sun_elevation_deg, float(np.percentile(np.abs(counted), 95)))
         return replace(sky, relative_error=error)
 
 
@@ -141,17 +138,17 @@ class ClearAirSky:
         rows, columns = elevation_splines(elevation_deg), azimuth_splines(azimuth_deg)
         multiple, *single = np.exp(_interpolated(self.logarithms, rows, columns, on_grid))
         where = (elevation_deg[:, None], azimuth_deg[None]) if on_grid else (elevation_deg, azimuth_deg)
-        cosine, *turned = self._geometry(*where)
+        cosine, *double_angle = self._geometry(*where)
         phases = self._phases(cosine)
         if self.peaks is not None:
-            phases[1:] = self._with_wide_peaks(phases[1:], cosine, rows, on_grid)
+            phases[1:] = self._with_widened_peaks(phases[1:], cosine, rows, on_grid)
         stokes = [multiple + sum(phase * part for phase, part in zip(phases, single, strict=True))]
         if n_stokes > 1:
-            polarised = sum(phase * part for phase, part in zip(self._polarising(cosine), single, strict=True))
+            polarised = sum(phase * part for phase, part in zip(self._polarising_phases(cosine), single, strict=True))
             odd = azimuth_splines(azimuth_deg, odd=True)
-            for values, over_azimuth, turn in zip(self.polarised, (columns, odd), turned, strict=True):
+            for values, over_azimuth, rotation in zip(self.polarised, (columns, odd), double_angle, strict=True):
                 part = _interpolated(values[None], rows, over_azimuth, on_grid)[0]
-                stokes.append(multiple * part + polarised * turn[..., None])
+                stokes.append(multiple * part + polarised * rotation[..., None])
         return np.stack(stokes, axis=-2)
 
     def at_nodes(self) -> np.ndarray:
@@ -163,21 +160,23 @@ class ClearAirSky:
     def _geometry(
         self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Cosine of the scattering angle, and cosine and sine of twice the angle from the vertical plane, clockwise, to
-        that of scattering."""
+        """Cosine of the scattering angle; cosine and sine of twice the angle, clockwise, from the vertical plane of the
+        line of sight to the plane of scattering."""
         sun, elevation, azimuth = (np.radians(a) for a in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
         cosine = np.sin(elevation) * np.sin(sun) + np.cos(elevation) * np.cos(sun) * np.cos(azimuth)
-        upright = np.cos(elevation) * np.sin(sun) - np.sin(elevation) * np.cos(sun) * np.cos(azimuth)
-        aside = -np.cos(sun) * np.sin(azimuth)
-        square = np.maximum(upright**2 + aside**2, 1e-30)
-        return np.clip(cosine, -1.0, 1.0), (upright**2 - aside**2) / square, 2.0 * upright * aside / square
+        # across the line of sight, the sun's direction has these components in the vertical plane and beside it
+        vertical = np.cos(elevation) * np.sin(sun) - np.sin(elevation) * np.cos(sun) * np.cos(azimuth)
+        horizontal = -np.cos(sun) * np.sin(azimuth)
+        square = np.maximum(vertical**2 + horizontal**2, 1e-30)
+        cos_double = (vertical**2 - horizontal**2) / square
+        return np.clip(cosine, -1.0, 1.0), cos_double, 2.0 * vertical * horizontal / square
 
     def _phases(self, cosine: np.ndarray) -> list[np.ndarray]:
         """Phase functions of air and of each aerosol, (..., W) each [sr^-1]."""
         air = rayleigh_phase.py_func(cosine[..., None], self.depolarisation)
         return [air, *(np.moveaxis(phase(cosine), 0, -1) for phase in self.phase_functions)]
 
-    def _with_wide_peaks(
+    def _with_widened_peaks(
         self, phases: list[np.ndarray], cosine: np.ndarray, rows: np.ndarray, on_grid: bool
     ) -> list[np.ndarray]:
         """Phase functions of the aerosol with their peaks as light from the sun has widened them."""
@@ -192,8 +191,8 @@ class ClearAirSky:
             for phase, more in zip(phases, added, strict=True)
         ]
 
-    def _polarising(self, cosine: np.ndarray) -> list[np.ndarray]:
-        """P12 of the same, (..., W) each [sr^-1]."""
+    def _polarising_phases(self, cosine: np.ndarray) -> list[np.ndarray]:
+        """P12 of air and of each aerosol, (..., W) each [sr^-1]."""
         air = rayleigh_matrix.py_func(cosine[..., None], self.depolarisation)[1]
         return [air, *(np.moveaxis(phase.matrix(cosine)[1], 0, -1) for phase in self.phase_functions)]
 
@@ -217,12 +216,12 @@ def azimuth_splines(azimuth_deg: np.ndarray, odd: bool = False) -> np.ndarray:
 
     odd: of what changes its sign from one side of the sun to the other
     """
-    turned = (np.asarray(azimuth_deg, float) + 180.0) % 360.0 - 180.0
+    wrapped = (np.asarray(azimuth_deg, float) + 180.0) % 360.0 - 180.0
     count, beside = AZIMUTH_DEG.size, np.arange(MIRRORED, 0, -1)
     nodes = np.concatenate([-AZIMUTH_DEG[beside], AZIMUTH_DEG, 360.0 - AZIMUTH_DEG[count - 1 - beside[::-1]]])
-    through = spline_matrix(nodes, np.abs(turned))
+    through = spline_matrix(nodes, np.abs(wrapped))
     out = through[:, MIRRORED : MIRRORED + count].copy()
     sign = -1.0 if odd else 1.0
     out[:, beside] += sign * through[:, :MIRRORED]
     out[:, count - 1 - beside[::-1]] += sign * through[:, MIRRORED + count :]
-    return out * np.where(turned < 0.0, sign, 1.0)[:, None]
+    return out * np.where(wrapped < 0.0, sign, 1.0)[:, None]

@@ -137,19 +137,19 @@ class SkySplines:
         return out
 
     def _rows(self, elevation_deg) -> tuple[np.ndarray, np.ndarray]:
-        """Index and value (4, D) of the splines over elevations (D,) [deg]."""
+        """Index and value (4, D) of the splines over elevations (D,) [deg] that are not 0."""
         e, n_e = np.asarray(elevation_deg, float), self.elevation_intervals
         return _bspline((np.clip(e, 0.0, 90.0) / 90.0) ** (1.0 / self.elevation_power) * n_e, n_e)
 
     def _columns(self, azimuth_deg) -> tuple[np.ndarray, np.ndarray]:
-        """The same over azimuths (D,) [deg], which are mirrored at 0 and 180 deg."""
+        """Index and value (4, D) over azimuths (D,) [deg], which are mirrored at 0 and 180 deg."""
         n_a = self.azimuth_intervals
         column, of_column = _bspline(_folded(azimuth_deg) / 180.0 * n_a, n_a)
         column = np.abs(column - 1)
         return np.where(column > n_a, 2 * n_a - column, column), of_column
 
     def _rings(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> tuple[np.ndarray, np.ndarray]:
-        """The same over the angle from the sun, of directions (D,)."""
+        """Index and value (4, D) over the angle from the sun, of directions (D,)."""
         e, n_t = np.asarray(elevation_deg, float), self.angle_intervals
         half_e, half_a = np.radians(0.5 * (e - sun_elevation_deg)), np.radians(0.5 * _folded(azimuth_deg))
         cosines = np.cos(np.radians(e)) * np.cos(np.radians(sun_elevation_deg))
@@ -424,9 +424,7 @@ class OneSky:
             For a direction below the horizon.
         """
         e, a = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        _check_range("elevation_deg", e, 0.0, 90.0, " deg")
-        if not np.isfinite(a).all():
-            raise CompactSkyError("azimuth_deg must be finite")
+        _check_directions(e, a)
         flat_e, flat_a = e.ravel(), a.ravel()
         out = np.empty((flat_e.size, self.dark.shape[1]))
         for start in range(0, flat_e.size, _CHUNK):
@@ -443,9 +441,7 @@ class OneSky:
         The same as `radiance` in these directions, several times faster, with the same errors.
         """
         e, a = (np.atleast_1d(np.asarray(angle, float)) for angle in (elevation_deg, azimuth_deg))
-        _check_range("elevation_deg", e, 0.0, 90.0, " deg")
-        if not np.isfinite(a).all():
-            raise CompactSkyError("azimuth_deg must be finite")
+        _check_directions(e, a)
         out = np.exp(self.grid.on_rows_and_columns(self.sun_elevation_deg, e, a, self.dark))
         if self.ground is not None:
             added = self.grid.on_rows_and_columns(self.sun_elevation_deg, e, a, self.ground)
@@ -475,6 +471,12 @@ def _sums(index: np.ndarray, value: np.ndarray, coefficients: np.ndarray) -> np.
     for rows, weight in zip(index, value, strict=True):
         out += weight[:, None] * coefficients[rows]
     return out
+
+
+def _check_directions(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> None:
+    _check_range("elevation_deg", elevation_deg, 0.0, 90.0, " deg")
+    if not np.isfinite(azimuth_deg).all():
+        raise CompactSkyError("azimuth_deg must be finite")
 
 
 def _check_range(name: str, values: np.ndarray, low: float, high: float, unit: str) -> None:

@@ -1,7 +1,7 @@
 """Derivatives of the light of the model of clear air.
 
-The model is smooth in what names an air, and takes all wavelengths at once: the medium of one wavelength and the same
-with a little more of each parameter are its columns, so N derivatives of a wavelength cost one air of N + 1 columns.
+The model is smooth in its inputs, and evaluates all wavelengths at once: the medium of one wavelength and the same
+with a little more of each parameter stand as wavelengths, so N derivatives cost one air of N + 1 wavelengths.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from twilight.solvers.compact.clear_air_sky import ClearAirSkies
 
 
 class Derivatives:
-    """Of a field, by N parameters."""
+    """Derivatives of the light of a field by N parameters."""
 
     def __init__(self, field: ClearAirField, changes: Changes):
         self._field, self._changes = field, changes
@@ -37,7 +37,7 @@ class Derivatives:
         )
         above_km = self._field.observer_above_km(observer_altitude_km)
         if above_km not in self._skies:
-            self._skies = {above_km: [self._of(w, above_km) for w in range(self._changes.base.n_wavelengths)]}
+            self._skies = {above_km: [self._skies_at(w, above_km) for w in range(self._changes.base.n_wavelengths)]}
         out = np.empty((suns.size, self._changes.n, self._changes.base.n_wavelengths))
         for sun in np.unique(suns):
             here = np.flatnonzero(suns.ravel() == sun)
@@ -47,8 +47,8 @@ class Derivatives:
                 out[here, :, w] = (light[:, 1:] - light[:, :1]) / self._changes.step[:, w]
         return out.reshape(*suns.shape, *out.shape[1:]), None
 
-    def _of(self, w: int, above_km: float) -> ClearAirSkies:
-        """The skies of one wavelength without and with each change, as columns."""
+    def _skies_at(self, w: int, above_km: float) -> ClearAirSkies:
+        """The skies of wavelength w without and with each change, each of which stands as a wavelength."""
         columns, _ = self._changes.columns(w)
         return ClearAirSkies(self._field.model, AirColumns.of(columns), above_km)
 

@@ -17,7 +17,6 @@ chi as a multiple of `log_reference`.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from typing import NamedTuple
 
@@ -48,7 +47,7 @@ POLAR = 8
 """Zenith angles of rays a side."""
 
 POWER = 3
-"""Gauss's rule runs over the root of this order of their cosine: light in deep twilight comes along the horizon."""
+"""Gauss's rule runs over the root of this order of the rays' cosine: light in deep twilight comes along the horizon."""
 
 AZIMUTHS = 8
 """Azimuths of rays over half a turn."""
@@ -57,7 +56,7 @@ REFRACTIVITY = 2.8e-4
 """n - 1 at the ground of the air that bends rays between scatterings."""
 
 REFRACTIVITY_SCALE_KM = 8.0
-"""Its scale height [km]."""
+"""Scale height of REFRACTIVITY [km]."""
 
 LONGEST = 0.02
 """Longest segment of a ray, as an angle at the Earth's centre [rad]."""
@@ -72,7 +71,7 @@ DECAY_DEG = 88.0
 """Zenith angle from which on `log_reference` falls."""
 
 DECAY = 1.1
-"""Its slope beyond 8 deg more [deg^-1]."""
+"""Slope of `log_reference` from 8 deg beyond DECAY_DEG on [deg^-1]."""
 
 
 def log_reference(zenith_deg: np.ndarray) -> np.ndarray:
@@ -85,9 +84,9 @@ class Rays(NamedTuple):
     """Rays from the middle of a layer, or from the ground: N segments of all of them.
 
     shape: of arrays over rays and segments, (Q, S)
-    layer, way_km, ground (Q, S): layer of a segment, its length, and whether it is the ground itself
+    layer, length_km, ground (Q, S): layer of a segment, its length, and whether it is the ground itself
     weight (Q,): of the rays in the mean over the sphere, or in the irradiance of the ground over pi
-    there (Q S,): which segments exist
+    exists (Q S,): which segments exist
     cosine, sine (N,): of the zenith angle of each segment's ray
     operator: `ORDERS` of (C, N C), from sources at the segments to zenith angles, for each Legendre order
     towards_sun: the same times the cosine of the ray's azimuth from the sun
@@ -95,10 +94,10 @@ class Rays(NamedTuple):
 
     shape: tuple[int, int]
     layer: np.ndarray
-    way_km: np.ndarray
+    length_km: np.ndarray
     ground: np.ndarray
     weight: np.ndarray
-    there: np.ndarray
+    exists: np.ndarray
     cosine: np.ndarray
     sine: np.ndarray
     operator: list[np.ndarray]
@@ -119,22 +118,30 @@ def _rays_from(layer: int | None) -> Rays:
     weight = 2.0 * up * weight if layer is None else 0.5 * np.concatenate([weight[::-1], weight])
     lines = [_segments(float(c), layer) for c in cosine]
     shape = (len(lines), max(map(len, lines)))
-    number, way, angle = np.zeros(shape, int), np.zeros(shape), np.zeros(shape)
-    there = np.zeros(shape, bool)
+    number, length, angle = np.zeros(shape, int), np.zeros(shape), np.zeros(shape)
+    exists = np.zeros(shape, bool)
     for q, line in enumerate(lines):
-        for s, (j, length, phi) in enumerate(line):
-            number[q, s], way[q, s], angle[q, s], there[q, s] = j, length, phi, True
-    ground = there & (number == BOUNDARY_KM.size - 1)
-    up = cosine[np.nonzero(there)[0]].astype(np.float32)
-    operators = _operators(cosine, angle, there)
-    return Rays(shape, number, way, ground, weight, there.ravel(), up, np.sqrt(1.0 - up * up), *operators)
+        exists[q, : len(line)] = True
+        for s, segment in enumerate(line):
+            number[q, s], length[q, s], angle[q, s] = segment.layer, segment.length_km, segment.angle_rad
+    ground = exists & (number == BOUNDARY_KM.size - 1)
+    up = cosine[np.nonzero(exists)[0]].astype(np.float32)
+    operators = _operators(cosine, angle, exists)
+    return Rays(shape, number, length, ground, weight, exists.ravel(), up, np.sqrt(1.0 - up * up), *operators)
 
 
-def _segments(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
-    """(layer, length [km], angle at the Earth's centre in its middle [rad]) along a ray bent by air of `REFRACTIVITY`;
-    the ground counts as the layer above the uppermost.
+class Segment(NamedTuple):
+    """Part of a ray in one layer; angle_rad: at the Earth's centre, from the ray's start to the segment's middle."""
 
-    layer: from its middle; None: from the ground
+    layer: int
+    length_km: float
+    angle_rad: float
+
+
+def _segments(cosine: float, layer: int | None) -> list[Segment]:
+    """Segments of a ray bent by air of `REFRACTIVITY`; the ground counts as the layer above the uppermost.
+
+    layer: where the ray starts, in the middle; None: from the ground
     """
     part = sublayers(BOUNDARY_KM)
     radius = EARTH_RADIUS_KM + part
@@ -144,45 +151,41 @@ def _segments(cosine: float, layer: int | None) -> list[tuple[int, float, float]
     first = 0 if layer is None else SUBLAYERS * layer + SUBLAYERS // 2
     b = x[first] * math.sqrt(1.0 - cosine * cosine)
     beyond = np.maximum(x, b)
-    way = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
+    path = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
     angle = np.diff(np.arccos(b / beyond)) * mean / slope
-    passed = list(range(first, way.size))
+    passed = list(range(first, path.size))
     if cosine < 0.0:
-        below = [i for i in range(first - 1, -1, -1) if way[i] > 0.0]
+        below = [i for i in range(first - 1, -1, -1) if path[i] > 0.0]
         hit = b < x[0]
         passed = below if hit else below + below[::-1] + passed
     else:
         hit = False
-    out, turned = [], 0.0
+    groups: list[list[Segment]] = []
+    total = spanned = 0.0  # angles of the ray so far, and of the last group, which is of one layer and at most LONGEST
     for i in passed:
-        out.append((i // SUBLAYERS, float(way[i]), turned + 0.5 * angle[i], float(angle[i])))
-        turned += angle[i]
-    joined: list[tuple[int, float, float]] = []
-    for here, group in itertools.groupby(_pieces(out), key=lambda piece: piece[0]):
-        pieces = [piece[1] for piece in group]
-        length = sum(piece[1] for piece in pieces)
-        joined.append((here[0], length, sum(piece[1] * piece[2] for piece in pieces) / length))
-    return [*joined, (BOUNDARY_KM.size - 1, 0.0, turned)] if hit else joined
+        segment = Segment(i // SUBLAYERS, float(path[i]), total + 0.5 * angle[i])
+        if not groups or groups[-1][0].layer != segment.layer or spanned + angle[i] > LONGEST:
+            groups.append([])
+            spanned = 0.0
+        groups[-1].append(segment)
+        spanned += angle[i]
+        total += angle[i]
+    out = []
+    for group in groups:
+        length = sum(one.length_km for one in group)
+        mean_angle = sum(one.length_km * one.angle_rad for one in group) / length
+        out.append(Segment(group[0].layer, length, mean_angle))
+    return [*out, Segment(BOUNDARY_KM.size - 1, 0.0, total)] if hit else out
 
 
-def _pieces(parts):
-    """Parts of a ray with the number of the segment that each belongs to: one layer, and not longer than LONGEST."""
-    number, last, turned = 0, None, 0.0
-    for part in parts:
-        if part[0] != last or turned + part[3] > LONGEST:
-            number, last, turned = number + 1, part[0], 0.0
-        turned += part[3]
-        yield (part[0], number), part
-
-
-def _operators(cosine: np.ndarray, angle: np.ndarray, there: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _operators(cosine: np.ndarray, angle: np.ndarray, exists: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """G for each Legendre order, (C, N C): linear interpolation in chi at each segment, averaged over azimuths; and the
     same times the cosine of azimuth."""
     count = ZENITH_DEG.size
     azimuth = np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
     chi = np.radians(ZENITH_DEG)[:, None, None]
-    ray, _ = np.nonzero(there)
-    phi, mu = angle[there][:, None], cosine[ray][:, None]
+    ray, _ = np.nonzero(exists)
+    phi, mu = angle[exists][:, None], cosine[ray][:, None]
     local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth
     zenith = np.minimum(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))), ZENITH_DEG[-1] - 1e-6)  # C N A
     toward_sun = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.sin(chi) * azimuth
@@ -190,23 +193,19 @@ def _operators(cosine: np.ndarray, angle: np.ndarray, there: np.ndarray) -> tupl
     f = (zenith - ZENITH_DEG[below]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])
     reference, at_nodes = np.exp(log_reference(zenith)) / AZIMUTHS, np.exp(-log_reference(ZENITH_DEG))
     row = (np.arange(count)[:, None] * phi.size + np.arange(phi.size)[None])[:, :, None] * count
-    place = np.concatenate([(row + below).ravel(), (row + below + 1).ravel()])
+    index = np.concatenate([(row + below).ravel(), (row + below + 1).ravel()])
     low, high = (1.0 - f) * reference * at_nodes[below], f * reference * at_nodes[below + 1]
     out: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for order in range(ORDERS):
         series = np.polynomial.legendre.legval(toward_sun, np.eye(ORDERS)[order])
         for operators, by in zip(out, (series, series * azimuth), strict=True):
             values = np.concatenate([(low * by).ravel(), (high * by).ravel()])
-            summed = np.bincount(place, values, minlength=count * phi.size * count)
+            summed = np.bincount(index, values, minlength=count * phi.size * count)
             operators.append(summed.reshape(count, -1).astype(np.float32))
     return out
 
 
-def diffuse_light(
-    shells: RefractedShells,
-    coefficients: DiffuseCoefficients,
-    ground_albedo: np.ndarray,
-) -> np.ndarray:
+def diffuse_light(shells: RefractedShells, coefficients: DiffuseCoefficients, ground_albedo: np.ndarray) -> np.ndarray:
     """Light scattered at least once, over F0, in layers between BOUNDARY_KM, (3, L, C, W): its mean intensity, and the
     mean of its radiance times the direction that it comes from, upwards and horizontally towards the sun."""
     c = coefficients
@@ -247,7 +246,7 @@ def diffuse_light(
 
 
 def positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
-    """The sum of the first term of a series, which is not negative, and further ones, kept positive without a kink."""
+    """The sum of the first term of a series, at least 0, and further ones; never negative, without a kink."""
     ratio = further / np.maximum(first, 1e-35)
     return first * np.where(ratio > 0.0, 1.0 + ratio, np.exp(np.minimum(ratio, 0.0)))
 
@@ -272,16 +271,16 @@ class DiffuseCoefficients(NamedTuple):
 
 
 def _weights(rays: Rays, extinction: np.ndarray, albedo: np.ndarray) -> np.ndarray:
-    """Part of the source of each segment in what a ray brings, times its weight, (N, W)."""
-    depth = np.where(rays.ground[..., None], 60.0, extinction[rays.layer] * rays.way_km[..., None])
+    """Radiance that a ray brings per mean intensity in each segment, times the weight of the ray, (N, W)."""
+    depth = np.where(rays.ground[..., None], 60.0, extinction[rays.layer] * rays.length_km[..., None])
     passed = np.cumsum(depth, axis=1) - depth
     out = np.exp(-passed) * -np.expm1(-depth) * albedo[rays.layer] * rays.weight[:, None, None]
-    return out.reshape(-1, out.shape[-1])[rays.there].astype(np.float32)
+    return out.reshape(-1, out.shape[-1])[rays.exists].astype(np.float32)
 
 
 def _sources(rays: Rays, light: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Sources (N C, W) at the segments, from light (L + 1, C, W)."""
-    here = light[rays.layer.ravel()[rays.there]].astype(np.float32, copy=False) * weight[:, None, :]
+    here = light[rays.layer.ravel()[rays.exists]].astype(np.float32, copy=False) * weight[:, None, :]
     return here.reshape(-1, here.shape[-1])
 
 

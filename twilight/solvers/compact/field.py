@@ -13,8 +13,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.solvers.base import BareField
-from twilight.solvers.compact.asked import checked_directions, checked_observer, rows_and_columns
-from twilight.solvers.compact.clear_air import shipped_model
+from twilight.solvers.compact.checks import checked_directions, checked_observer, rows_and_columns
+from twilight.solvers.compact.clear_air import ClearAirModel
 from twilight.solvers.compact.clear_air_field import ClearAirField
 from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
 from twilight.solvers.compact.recognise import recognise
@@ -23,7 +23,7 @@ SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact"
 """Folder of the models that come with the package."""
 
 HIGHEST_OBSERVER_KM = 0.1
-"""Above the ground: up to here the sky is that seen from the ground, of models of one climate."""
+"""Altitude above the ground [km] up to which models of one climate give the sky seen from the ground."""
 
 CLEAR_AIR = "clear-air"
 """Name of the model of all clear air."""
@@ -67,9 +67,14 @@ def _sha256(path: Path) -> str:
         raise TwilightError(f"solver.model: {path}: cannot be read: {error.strerror or error}") from None
 
 
+@functools.lru_cache(maxsize=1)
+def _clear_air_model(path: Path) -> ClearAirModel:
+    return ClearAirModel.load(path)
+
+
 @functools.lru_cache(maxsize=4)
-def _load(path: Path, sha256: str) -> CompactSky:
-    """A model, cached for the next sky as long as its file is the same."""
+def _climate_model(path: Path, sha256: str) -> CompactSky:
+    """The model of a file, cached as long as the file is the same."""
     try:
         return CompactSky.load(path)
     except CompactSkyError as error:
@@ -96,20 +101,13 @@ def prepare(
     or beyond the loads, ozone columns and wavelengths of the model.
     """
     settings = settings or QUALITIES["standard"]
-    if settings.model == CLEAR_AIR:
-        path = _checked(settings)
-        return ClearAirField(medium, shipped_model(path), observer_altitude_km, settings.polarisation)
-    checked_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
-    path = _checked(settings)
-    return ClimateField(medium, _load(path, _sha256(path)), path.stem)
-
-
-def _checked(settings: CompactSettings) -> Path:
-    """The file of the settings' model; TwilightError where it is not the one that they name by its content."""
     path = _path(settings.model)
     if settings.model_sha256 and settings.model_sha256 != _sha256(path):
         raise TwilightError(f"solver.model: {path.name} is not the file that solver.model_sha256 names")
-    return path
+    if settings.model == CLEAR_AIR:
+        return ClearAirField(medium, _clear_air_model(path), observer_altitude_km, settings.polarisation)
+    checked_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
+    return ClimateField(medium, _climate_model(path, _sha256(path)), path.stem)
 
 
 class ClimateField(BareField):

@@ -32,10 +32,11 @@ LEAST_FRACTION = 1e-6
 """Fraction in a peak below which there is none."""
 
 STRONG_FRACTION = 0.01
-"""Fraction from which on moments of a peak are taken as they are: of a smaller one they are errors of quadrature."""
+"""Fraction from which on moments of a peak may be negative or above 1: those of a smaller one are errors of
+quadrature."""
 
 LEAST_DEPTH = 1e-4
-"""Optical depth in peaks below which they are not widened."""
+"""Optical depth of scattering in peaks below which peaks are not widened."""
 
 
 class ForwardPeaks(NamedTuple):
@@ -68,7 +69,8 @@ def forward_peaks(phases: tuple[PhaseFunction, ...], fraction: np.ndarray, degre
 
 
 def widened(peaks: ForwardPeaks, depth: np.ndarray, by_kind: np.ndarray) -> WidenedPeaks:
-    """The widened peaks for optical depths x (E, W) in peaks and what each kind scatters in them, (K, E, W)."""
+    """The widened peaks; depth (E, W): optical depth x in peaks; by_kind (K, E, W): light that each aerosol scatters in
+    its peak, which weighs the mixture."""
     total = by_kind.sum(axis=0)
     x = np.where((total > 0.0) & (depth >= LEAST_DEPTH), depth, 0.0)
     part = by_kind / np.where(total > 0.0, total, 1.0)

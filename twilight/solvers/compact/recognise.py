@@ -1,6 +1,6 @@
 """Whether a medium is of the air that a compact model was fitted to: its aerosol load and ozone, or what differs.
 
-A model keeps of its air what decides about the light, each as a vertical column: optical depths, altitudes, albedo and
+A model stores what decides about the light in its air, each as a vertical column: optical depths, altitudes, albedo and
 phase function of the particles, at its wavelengths and aerosol loads.  A medium's load and ozone are found from its
 optical depths; then every column of it has to be that of the model's air with this load and ozone.
 """
@@ -15,9 +15,10 @@ import numpy as np
 from twilight.atmosphere.levels import vertical_integral
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
+from twilight.solvers.compact.checks import check_medium
 from twilight.solvers.compact.compact_sky import CompactSky
 
-SEEN_UNDER_DEG = (5.0, 90.0, 170.0)
+COMPARED_ANGLES_DEG = (5.0, 90.0, 170.0)
 """Scattering angles at which phase functions are compared [deg]."""
 
 TOLERANCE = 0.02
@@ -39,7 +40,7 @@ PARTICLES = (
     "the aerosol's optical depth",
     "the aerosol's single scattering albedo",
     "the mean altitude of the aerosol",
-    *(f"the aerosol's phase function at {angle:g} deg" for angle in SEEN_UNDER_DEG),
+    *(f"the aerosol's phase function at {angle:g} deg" for angle in COMPARED_ANGLES_DEG),
 )
 """Rows of the array `particles`, as messages name them."""
 
@@ -50,10 +51,6 @@ PLACE = ("the altitude of the ground", "the refractivity of the air at the groun
 """Numbers of the array `place`, as messages name them."""
 
 
-class OtherAir(TwilightError):
-    """A medium is of other air than a model's."""
-
-
 @dataclass(frozen=True)
 class Recognised:
     """The aerosol optical depth at 550 nm and the ozone column [DU] of a medium; None: the model's own."""
@@ -62,10 +59,10 @@ class Recognised:
     ozone_column_du: float | None
 
 
-def air_of(
+def stored_air(
     loaded: Sequence[Medium], wavelength_nm: np.ndarray, without_ozone: np.ndarray, of_ozone: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What a model keeps of its air, for `CompactSky.air`.
+    """The columns of a model's air, as `CompactSky.air` holds them.
 
     loaded: the medium at each of the model's aerosol loads, at wavelengths of their own; wavelength_nm (W,): of the
     optical depths of gases without ozone, and of the reference column of ozone, (W,) each.
@@ -92,16 +89,8 @@ def recognise(medium: Medium, model: CompactSky, name: str) -> Recognised:
             f"the compact model {name} does not say of which air it is; fit it again: twilight fit compact"
         )
     _check_arrays(model, name)
-    if medium.has_water:
-        raise TwilightError(f"the compact model {name} has land under it, and the medium has water (ground.kind)")
-    w = medium.wavelength_nm
-    low, high = float(model.wavelength_nm[0]), float(model.wavelength_nm[-1])
-    if w.min() < low or w.max() > high:
-        raise TwilightError(
-            f"the compact model {name} has wavelengths from {low:g} to {high:g} nm, and "
-            f"{w.min() if w.min() < low else w.max():g} nm is asked for"
-        )
-    nodes = air["particles_wavelength_nm"]
+    check_medium(medium, f"the compact model {name}", *model.wavelength_nm[[0, -1]])
+    w, nodes = medium.wavelength_nm, air["particles_wavelength_nm"]
     columns = _columns_of_particles(medium)
     expected = np.stack([[np.interp(w, nodes, of) for of in row.T] for row in air["particles"].astype(float)])
     # the load: where the optical depth of the model's air is that of the medium
@@ -116,12 +105,12 @@ def recognise(medium: Medium, model: CompactSky, name: str) -> Recognised:
         )
     load = float(np.interp(depth, depths, loads))
     at_load = np.array([[np.interp(load, loads, column) for column in row.T] for row in expected])
-    for what, mine, its in zip(PARTICLES, _particles(columns), _particles(at_load), strict=True):
-        _check(what, mine, its, w, name)
-    for what, mine, its in zip(AIR, _air(medium), air["air"], strict=True):
-        _check(what, mine, np.exp(np.interp(np.log(w), np.log(nodes), np.log(its))), w, name)
-    for what, mine, its in zip(PLACE, _place(medium), air["place"], strict=True):
-        _check(what, np.array([mine]), np.array([its]), w[:1], name)
+    for what, found, stored in zip(PARTICLES, _particles(columns), _particles(at_load), strict=True):
+        _check_column(what, found, stored, w, name)
+    for what, found, stored in zip(AIR, _air(medium), air["air"], strict=True):
+        _check_column(what, found, np.exp(np.interp(np.log(w), np.log(nodes), np.log(stored))), w, name)
+    for what, found, stored in zip(PLACE, _place(medium), air["place"], strict=True):
+        _check_column(what, np.array([found]), np.array([stored]), w[:1], name)
     return Recognised(load, _ozone(medium, model, name))
 
 
@@ -147,7 +136,7 @@ def _ozone(medium: Medium, model: CompactSky, name: str) -> float | None:
     ozone_factor = 1.0
     if ozone.max() >= LEAST_OZONE_DEPTH:
         ozone_factor = float(ozone @ (absorbed - others) / (ozone @ ozone))
-    _check("the optical depth of its gases", absorbed, others + ozone_factor * ozone, w, name)
+    _check_column("the optical depth of its gases", absorbed, others + ozone_factor * ozone, w, name)
     if ozone.max() < LEAST_OZONE_DEPTH:
         return None
     column, low, high = ozone_factor * model.ozone_reference_du, *model.ozone_column_du[[0, -1]]
@@ -160,18 +149,18 @@ def _ozone(medium: Medium, model: CompactSky, name: str) -> float | None:
     return float(np.clip(column, low, high))
 
 
-def _check(what: str, mine: np.ndarray, its: np.ndarray, wavelength_nm: np.ndarray, name: str) -> None:
-    """OtherAir where a column of a medium (W,) is not that of the model's air."""
-    wrong = np.abs(mine - its) > TOLERANCE * np.abs(its) + LEAST_DEPTH
+def _check_column(what: str, found: np.ndarray, stored: np.ndarray, wavelength_nm: np.ndarray, name: str) -> None:
+    """TwilightError where a column of a medium (W,) is not that of the model's air."""
+    wrong = np.abs(found - stored) > TOLERANCE * np.abs(stored) + LEAST_DEPTH
     if wrong.any():
-        w = int(np.argmax(np.abs(mine - its) * wrong))
-        raise OtherAir(
-            f"the compact model {name} is of other air: {what} is {mine[w]:.4g} here at {wavelength_nm[w]:g} nm, and "
-            f"{its[w]:.4g} in the model's; take --solver zones, or fit a model of this climate: twilight fit compact"
+        w = int(np.argmax(np.abs(found - stored) * wrong))
+        raise TwilightError(
+            f"the compact model {name} is of other air: {what} is {found[w]:.4g} here at {wavelength_nm[w]:g} nm, and "
+            f"{stored[w]:.4g} in the model's; take --solver zones, or fit a model of this climate: twilight fit compact"
         )
 
 
-def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+def _fraction(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
     return np.where(whole > 0.0, part / np.where(whole > 0.0, whole, 1.0), 0.0)
 
 
@@ -181,7 +170,7 @@ def _columns_of_particles(medium: Medium) -> np.ndarray:
     extinction = medium.aerosol_extinction_per_km
     scattering = extinction * medium.aerosol_single_scattering_albedo
     height = (medium.altitude_km - medium.bottom_km)[:, None]
-    cosine = np.cos(np.radians(SEEN_UNDER_DEG))
+    cosine = np.cos(np.radians(COMPARED_ANGLES_DEG))
     phases = np.zeros((cosine.size, medium.n_wavelengths))
     for fraction, phase in zip(medium.aerosol_phase_fraction, medium.phase_functions, strict=True):
         phases += vertical_integral(scattering * fraction, medium.altitude_km) * phase(cosine).T
@@ -194,7 +183,7 @@ def _particles(columns: np.ndarray) -> np.ndarray:
     """PARTICLES (P, W) from their columns; the altitude from 1 km below the ground, that its ratios mean something."""
     depth, scattered, height, *phases = columns
     return np.stack(
-        [depth, _ratio(scattered, depth), 1.0 + _ratio(height, depth), *(_ratio(p, scattered) for p in phases)]
+        [depth, _fraction(scattered, depth), 1.0 + _fraction(height, depth), *(_fraction(p, scattered) for p in phases)]
     )
 
 
@@ -203,7 +192,7 @@ def _air(medium: Medium) -> np.ndarray:
     height = (medium.altitude_km - medium.bottom_km)[:, None]
     scattering, z = medium.air_scattering_per_km, medium.altitude_km
     depth = vertical_integral(scattering, z)
-    return np.stack([depth, _ratio(vertical_integral(scattering * height, z), depth)])
+    return np.stack([depth, _fraction(vertical_integral(scattering * height, z), depth)])
 
 
 def _place(medium: Medium) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Light scattered once in refracting spherical shells, by closed forms along rays and numpy alone.
 
 Between two altitudes n r is taken as linear in r.  With b = n r sin(zenith angle), the invariant of a refracted ray
-(Bouguer), and x = n r, the way through a layer and the angle at the Earth's centre are then
+(Bouguer), and x = n r, the path through a layer and the angle at the Earth's centre are then
 
     s = [sqrt(x^2 - b^2)] / (dx/dr),      phi = n [arccos(b / x)] / (dx/dr),
 
@@ -31,7 +31,7 @@ ALTITUDE_KM = np.concatenate(
 """Boundaries of the model's layers above the ground [km]."""
 
 SUBLAYERS = 4
-"""Parts of each layer in which n r is linear: of 6 the sunbeam differs by less than 0.1 %."""
+"""Parts of each layer in which n r is linear; with 6 the sunbeam differs by less than 0.1 %."""
 
 STEEPEST_DEG = 0.03
 """Elevation of the lowest ray from above that a table holds, beside the horizontal one [deg]."""
@@ -71,7 +71,7 @@ class Sunbeams(NamedTuple):
 
 
 def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Part of a way outside a shadow, from the distances to its edge at both ends, which are negative within."""
+    """Fraction of a segment outside a shadow, from the distances of its ends to the edge, which are negative within."""
     low, high = np.minimum(first, last), np.maximum(first, last)
     return np.clip(high / np.maximum(high - low, 1e-12), 0.0, 1.0) * (high > 0.0)
 
@@ -84,7 +84,7 @@ class RefractedShells:
     boundary_km : (L + 1,)
         Altitudes above the ground that bound the layers; the observer's is one of them.
     extinction_per_km, scattering_per_km : (L, W), (S, L, W)
-        Of the layers; scattering by each of S kinds.
+        Of the layers; scattering by each of S kinds, air and S - 1 aerosols.
     peak_per_km : (L, W)
         Scattering in forward peaks, which extinction leaves out.
     refractivity : (SUBLAYERS L + 1,)
@@ -117,15 +117,15 @@ class RefractedShells:
         self._boundary_x = self._x[::SUBLAYERS]
         self._sunbeam = [self._sunbeam_at(k) for k in range(boundary_km.size)]
 
-    def _legs(self, invariant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Way [km] and angle at the Earth's centre [rad] of rays (B,) through each layer, (B, L), on one side of the
-        lowest point."""
+    def _through_layers(self, invariant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest
+        point.  invariant (B,): n r sin(zenith angle) of the rays [km]"""
         b = invariant[:, None]
         x = np.maximum(self._x[None], b)
-        way = np.diff(np.sqrt(np.maximum(x * x - b * b, 0.0)), axis=1) / self._slope
+        path = np.diff(np.sqrt(np.maximum(x * x - b * b, 0.0)), axis=1) / self._slope
         angle = np.diff(np.arccos(np.minimum(b / x, 1.0)), axis=1) * (self._index / self._slope)
         shape = (invariant.size, self.layers, SUBLAYERS)
-        return way.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
+        return path.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
 
     def _sunbeam_at(self, k: int) -> Sunbeams:
         """The sunbeams that come to boundary k."""
@@ -138,7 +138,7 @@ class RefractedShells:
             even, grazing = np.linspace(0.0, 1.0, 3 * n + 1)[1:], 1.0 - np.geomspace(1e-4, 0.5, n)
             apparent = np.concatenate([apparent, right + deepest * np.unique(np.concatenate([even, grazing]))])
         below = apparent > right
-        way, angle = self._legs(self._boundary_x[k] * np.sin(apparent))
+        path, angle = self._through_layers(self._boundary_x[k] * np.sin(apparent))
         # layers above once; those below the point twice, down and up again
         passes = np.where(np.arange(self.layers) >= k, 1.0, np.where(below[:, None], 2.0, 0.0))
         leaving = np.arcsin(np.minimum(self._boundary_x[k] * np.sin(apparent) / self._boundary_x[-1], 1.0))
@@ -147,8 +147,8 @@ class RefractedShells:
         sine = np.sin(apparent)
         factor = self._n[k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
         factor[sine < 1e-6] = 1.0
-        way = way * passes
-        return Sunbeams(true, way @ self.extinction - np.log(factor)[:, None], apparent, way @ self.peak)
+        path = path * passes
+        return Sunbeams(true, path @ self.extinction - np.log(factor)[:, None], apparent, path @ self.peak)
 
     def log_sunbeam(self, k: int, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundary k for true solar zenith angles (N,), (N, W), and how far these are from
@@ -167,14 +167,14 @@ class RefractedShells:
         return sun_elevation_deg + float(np.degrees(lifted))
 
     def _line(self, elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Way (E, K) [km] in the K layers above the observer, angle at the Earth's centre (E, K + 1) and optical depth
+        """Path (E, K) [km] in the K layers above the observer; angle at the Earth's centre (E, K + 1) and optical depth
         (E, K + 1, W) up to each boundary."""
-        way, angle = self._legs(self._boundary_x[self.first] * np.cos(np.radians(elevation_deg)))
-        way, angle = way[:, self.first :], angle[:, self.first :]
-        depth = np.cumsum(way[:, :, None] * self.extinction[self.first :], axis=1)
+        path, angle = self._through_layers(self._boundary_x[self.first] * np.cos(np.radians(elevation_deg)))
+        path, angle = path[:, self.first :], angle[:, self.first :]
+        depth = np.cumsum(path[:, :, None] * self.extinction[self.first :], axis=1)
         start = np.zeros((elevation_deg.size, 1))
         return (
-            way,
+            path,
             np.concatenate([start, np.cumsum(angle, axis=1)], axis=1),
             np.concatenate([np.zeros((*start.shape, self.wavelengths)), depth], axis=1),
         )
@@ -187,9 +187,9 @@ class RefractedShells:
         Times phase functions [sr^-1] they are light scattered once, L / F0.  elevation_deg (E,): apparent;
         azimuth_deg (A,): from the sun.
         """
-        way, angle, depth = self._line(elevation_deg)
+        path, angle, depth = self._line(elevation_deg)
         mean = self._light_in_layers(local_zenith(sun_elevation_deg, angle, azimuth_deg), depth)
-        weight = way[None, :, :, None] * self.scattering[:, None, self.first :]  # S E K W
+        weight = path[None, :, :, None] * self.scattering[:, None, self.first :]  # S E K W
         return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
 
     def _light_in_layers(self, zenith: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -207,26 +207,27 @@ class RefractedShells:
     def depth_in_peaks(
         self, sun_elevation_deg: float, elevation_deg: np.ndarray, fraction: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Optical depth of scattering in forward peaks on the way of light from the sun to the observer by lines of
-        sight in the sun's azimuth, (E, W), a mean weighted with what peaks scatter; and that by kind, (S - 1, E, W).
+        """Optical depth of scattering in forward peaks on the path of light from the sun to the observer by lines of
+        sight in the sun's azimuth, (E, W), a mean weighted with the light that peaks scatter; and that light by kind,
+        (S - 1, E, W).
 
-        fraction (S - 1, W): of the scattering by each kind but the first in its peak
+        fraction (S - 1, W): of the scattering by each aerosol in its peak
         """
-        way, angle, depth = self._line(elevation_deg)
+        path, angle, depth = self._line(elevation_deg)
         zenith = local_zenith(sun_elevation_deg, angle, np.zeros(1))
         light = self._light_in_layers(zenith, depth)[:, 0]
-        scattered = way[..., None] * fraction[:, None, None] * self.scattering[1:, None, self.first :] * light
-        passed = np.cumsum(way[..., None] * self.peak[self.first :], axis=1)
+        scattered = path[..., None] * fraction[:, None, None] * self.scattering[1:, None, self.first :] * light
+        passed = np.cumsum(path[..., None] * self.peak[self.first :], axis=1)
         sunlight = np.empty((*zenith.shape[::2], self.wavelengths))
         for j in range(zenith.shape[2]):
             beams = self._sunbeam[self.first + j]
             for w in range(self.wavelengths):
                 sunlight[:, j, w] = np.interp(zenith[:, 0, j], beams.zenith_rad, beams.peak_depth[:, w])
         before = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
-        on_way = 0.5 * (before + passed + sunlight[:, :-1] + sunlight[:, 1:])
+        mean_depth = 0.5 * (before + passed + sunlight[:, :-1] + sunlight[:, 1:])
         by_kind = scattered.sum(axis=2)
         total = by_kind.sum(axis=0)
-        return np.einsum("sekw,ekw->ew", scattered, on_way) / np.where(total > 0.0, total, 1.0), by_kind
+        return np.einsum("sekw,ekw->ew", scattered, mean_depth) / np.where(total > 0.0, total, 1.0), by_kind
 
     def emission_weights(self, elevation_deg: np.ndarray, coefficient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weights (E, K, W) of sources in the K layers above the observer in what lines of sight bring, and the angle
@@ -234,11 +235,11 @@ class RefractedShells:
 
         coefficient (L, W): of the scattering that sources are multiplied with [km^-1]
         """
-        way, angle, depth = self._line(elevation_deg)
+        path, angle, depth = self._line(elevation_deg)
         extinction = self.extinction[self.first :]
-        inside = way[:, :, None] * extinction
-        path = np.where(inside > 1e-6, -np.expm1(-inside) / np.maximum(extinction, 1e-30), way[:, :, None])
-        return np.exp(-depth[:, :-1]) * path * coefficient[self.first :], 0.5 * (angle[:, 1:] + angle[:, :-1])
+        inside = path[:, :, None] * extinction
+        seen = np.where(inside > 1e-6, -np.expm1(-inside) / np.maximum(extinction, 1e-30), path[:, :, None])
+        return np.exp(-depth[:, :-1]) * seen * coefficient[self.first :], 0.5 * (angle[:, 1:] + angle[:, :-1])
 
 
 def sublayers(boundary_km: np.ndarray) -> np.ndarray:

@@ -8,8 +8,10 @@ from twilight.solvers.compact.compact_sky import SkySplines
 
 SMOOTH = 1e-3
 """Weight of the curvature of the splines' coefficients: it decides only where data do not."""
+
 TIE = 1e-5
-"""Weight of the coefficients themselves, which decides what the splines over the sky and around the sun share."""
+"""Weight of the size of the coefficients, which decides how light is divided between the splines over elevation and
+azimuth and those around the sun."""
 
 
 def spline_coefficients(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -134,13 +135,8 @@ class Field(BareField):
         values = []
         for part, log in zip(self.parts, self.logarithmic, strict=True):
             out = np.zeros((rays.mu.size, part.shape[-1]))
-            in_slices(
-                lambda a, b, part=part, log=log, out=out: read(  # type: ignore[misc]
-                    self.mapping, part, log, rays.height_km, rays.mu, rays.mu_s, rays.nu, rays.ground,
-                    out, a, b,
-                ),
-                rays.mu.size,
-            )  # fmt: skip
+            where = rays.height_km, rays.mu, rays.mu_s, rays.nu, rays.ground
+            in_slices(partial(read, self.mapping, part, log, *where, out), rays.mu.size)
             values.append(out)
         phase = species_phase(self.medium, self.scaled.forward_fraction, rays.nu)
         light = np.einsum("dsw,sdw->dw", phase, np.stack(values))
@@ -249,6 +245,4 @@ class ViewRays:
         there = mapping.bottom_km + height
         mu = np.clip((r * self.mu + distance_km) / there, -1.0, 1.0)
         mu_s = np.clip((r * self.mu_s + distance_km * self.nu) / there, -1.0, 1.0)
-        return ViewRays._inside(
-            mapping, height, mu, mu_s, self.nu, self.entry_km, self.hits, self.ground, self.shape
-        )  # fmt: skip
+        return ViewRays._inside(mapping, height, mu, mu_s, self.nu, self.entry_km, self.hits, self.ground, self.shape)

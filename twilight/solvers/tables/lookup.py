@@ -36,6 +36,16 @@ def _split(position, count):
     return i, position - i
 
 
+@njit(cache=True, inline="always")
+def _bilinear(table, x, y, out):
+    """The values (W,) of a table (X, Y, W) at a position, into out; x, y: in texels."""
+    i, f = _split(x, table.shape[0])
+    j, g = _split(y, table.shape[1])
+    a, b, c, d = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
+    for w in range(out.size):
+        out[w] = a * table[i, j, w] + b * table[i, j + 1, w] + c * table[i + 1, j, w] + d * table[i + 1, j + 1, w]
+
+
 @njit(cache=True)
 def optical_depth_to_top(mapping, depth, height_km, mu, out):
     """Optical depth (W,) to the top of a ray that does not meet the ground, into out; bilinear.
@@ -43,11 +53,7 @@ def optical_depth_to_top(mapping, depth, height_km, mu, out):
     depth (r, mu, W): -ln T at the texels; the logarithm is what stays finite in dense air.
     """
     x, y = transmittance_texels(mapping, height_km, mu)
-    i, f = _split(x, mapping.n_t_r)
-    j, g = _split(y, mapping.n_t_mu)
-    a, b, c, d = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
-    for w in range(out.size):
-        out[w] = a * depth[i, j, w] + b * depth[i, j + 1, w] + c * depth[i + 1, j, w] + d * depth[i + 1, j + 1, w]
+    _bilinear(depth, x, y, out)
 
 
 @njit(cache=True)
@@ -74,11 +80,7 @@ def sunlight(mapping, depth, screen, height_km, mu_s, out):
 def irradiance(mapping, table, height_km, mu_s, out):
     """E (W,) of the sky alone, bilinear; table (r, mu_s, W)."""
     x, y = irradiance_texels(mapping, height_km, mu_s)
-    i, f = _split(x, mapping.n_e_r)
-    j, g = _split(y, mapping.n_e_mu_s)
-    a, b, c, d = (1.0 - f) * (1.0 - g), (1.0 - f) * g, f * (1.0 - g), f * g
-    for w in range(out.size):
-        out[w] = a * table[i, j, w] + b * table[i, j + 1, w] + c * table[i + 1, j, w] + d * table[i + 1, j + 1, w]
+    _bilinear(table, x, y, out)
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})

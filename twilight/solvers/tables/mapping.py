@@ -31,6 +31,7 @@ MAPPINGS = {"bruneton2008": BRUNETON_2008, "bruneton2017": BRUNETON_2017}
 
 TRANSMITTANCE_TEXELS = 64, 256
 """Texels of T along r and mu (Bruneton 2017)."""
+
 IRRADIANCE_TEXELS = 16, 64
 """Texels of E along r and mu_s (Bruneton 2017)."""
 

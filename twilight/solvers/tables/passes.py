@@ -22,7 +22,7 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.numerics.geometry import distance_to_sphere
-from twilight.solvers.tables.lookup import irradiance, optical_depth_to_top, scattering, sunlight
+from twilight.solvers.tables.lookup import irradiance, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
     distance_to_top_km,
@@ -218,7 +218,7 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
     amplitude = np.empty((degree + 1, n_w))
     harmonic = np.empty((n_coefficient, n_w))
     gain = np.empty((degree + 1, n_w))
-    turn = math.pi / azimuth.size * 2.0
+    azimuth_weight = math.pi / azimuth.size * 2.0
     for i in range(begin, end):
         r = mapping.bottom_km + heights[i]
         for n in range(degree + 1):
@@ -254,7 +254,7 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
                             amplitude[n, w] += before * light[w]
                         before, here = here, 2.0 * c * here - before
                 for e in range(n_coefficient):
-                    factor = turn * node_weight[i, q] * polar[i, q, e]
+                    factor = azimuth_weight * node_weight[i, q] * polar[i, q, e]
                     for w in range(n_w):
                         harmonic[e, w] += factor * amplitude[orders[1, e], w]
             for m in range(mapping.n_mu):
@@ -282,12 +282,12 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
 def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin, end):
     """E (r, mu_s, W) of the last order of light from the sky.
 
-    incoming: `Incoming`; node_mu, node_weight (Q,): over the upper hemisphere; azimuth (A,) [rad]: as in `Directions`.
+    incoming: `Incoming`; node_mu, node_weight (Q,): over the upper hemisphere; azimuth (A,) [rad]: over half a turn.
     """
     n_w = out.shape[2]
     light, scratch = np.empty(n_w), np.empty(n_w)
     cosines = np.empty(max(2, incoming.moments.shape[1]))
-    turn = math.pi / azimuth.size * 2.0
+    azimuth_weight = math.pi / azimuth.size * 2.0
     for i in range(begin, end):
         height = mapping.thickness_km * i / (mapping.n_e_r - 1)
         for j in range(mapping.n_e_mu_s):
@@ -298,14 +298,14 @@ def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin
                     nu = mu * mu_s + math.cos(azimuth[p]) * math.sqrt((1.0 - mu * mu) * max(0.0, 1.0 - mu_s * mu_s))
                     incident(mapping, incoming, cosines, light, height, mu, mu_s, nu, False, scratch)
                     for w in range(n_w):
-                        out[i, j, w] += turn * node_weight[q] * mu * light[w]
+                        out[i, j, w] += azimuth_weight * node_weight[q] * mu * light[w]
 
 
 @njit(cache=True, nogil=True)
 def fill_scattering(profile, mapping, source, logarithmic, texels, fineness, out, begin, end):
     """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels.
 
-    source (r, mu_s, nu, mu, W): J, or its logarithm; texels: `Texels`.  logarithmic: which of the two.
+    source (r, mu_s, nu, mu, W): J, or, where logarithmic, ln J; texels: `Texels`.
     """
     heights, view, sun, nus = texels
     n_w = out.shape[4]
@@ -345,9 +345,3 @@ def read(mapping, table, logarithmic, height, mu, mu_s, nu, ground, out, begin, 
     """
     for d in range(begin, end):
         scattering(mapping, table, logarithmic, height[d], mu[d], mu_s[d], nu[d], ground[d], out[d])
-
-
-__all__ = [
-    "depths", "distance_to_top_km", "fill_depth", "fill_irradiance", "fill_scattering", "fill_single", "fill_source",
-    "optical_depth_to_top", "read",
-]  # fmt: skip

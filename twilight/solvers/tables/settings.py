@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from twilight.base.errors import TwilightError
+from twilight.solvers.base import check_ranges
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,7 @@ class TablesSettings:
             "azimuth_directions": (3, 128),
             "step_density": (0.2, 10.0),
         }
-        for key, (low, high) in ranges.items():
-            value = getattr(self, key)
-            if not low <= value <= high:
-                raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
+        check_ranges(self, ranges)
         if self.scattering_mu % 2:
             raise TwilightError(
                 f"solver.expert.scattering_mu is {self.scattering_mu}; it must be even: half looks down"

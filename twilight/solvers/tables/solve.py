@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -85,15 +86,12 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     screen = screen_table(medium.screen, ray_profile(medium, refraction=False), 0, medium.wavelength_nm)
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
     progress("transmittance", 0.0)
-    in_slices(lambda a, b: fill_depth(profile, mapping, depth, a, b), mapping.n_t_r)
+    in_slices(partial(fill_depth, profile, mapping, depth), mapping.n_t_r)
     shape = (mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, n_w)
     single = np.zeros((scaled.moments.shape[0], *shape), np.float32)
     progress("single scattering", 0.05)
     fineness = settings.step_density
-    in_slices(
-        lambda a, b: fill_single(profile, mapping, depth, screen, texels, fineness, single, a, b),
-        mapping.n_r,
-    )
+    in_slices(partial(fill_single, profile, mapping, depth, screen, texels, fineness, single), mapping.n_r)
     logarithmic = settings.interpolation == "logarithmic"
     directions, up_mu, up_weight = _quadrature(mapping, texels, settings)
     coefficients = medium.at(medium.bottom_km + texels.heights)
@@ -110,10 +108,7 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         progress(f"order of scattering {number}", 0.1 + 0.9 * (number - 1) / settings.max_orders)
         from_sky = np.zeros_like(lit)
         in_slices(
-            lambda a, b, last=last, out=from_sky: fill_irradiance(  # type: ignore[misc]
-                mapping, last, up_mu, up_weight, directions.azimuth, out, a, b
-            ),
-            mapping.n_e_r,
+            partial(fill_irradiance, mapping, last, up_mu, up_weight, directions.azimuth, from_sky), mapping.n_e_r
         )
         by_order.append(from_sky)
         if number == settings.max_orders:
@@ -121,18 +116,13 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
         source = np.zeros(shape, np.float32)
         ground = LitGround(medium.ground_albedo, lit, number == 1)
         in_slices(
-            lambda a, b, last=last, ground=ground, out=source: fill_source(  # type: ignore[misc]
-                profile, mapping, depth, screen, last, scatterers, ground, texels, directions, out, a, b
-            ),
+            partial(fill_source, profile, mapping, depth, screen, last, scatterers, ground, texels, directions, source),
             mapping.n_r,
         )
         source = stored(source, logarithmic)
         scattered = np.zeros(shape, np.float32)
         in_slices(
-            lambda a, b, source=source, out=scattered: fill_scattering(  # type: ignore[misc]
-                profile, mapping, source, logarithmic, texels, fineness, out, a, b
-            ),
-            mapping.n_r,
+            partial(fill_scattering, profile, mapping, source, logarithmic, texels, fineness, scattered), mapping.n_r
         )
         total += scattered
         last, lit = Incoming(stored(scattered, logarithmic)[None], logarithmic, radiance), from_sky

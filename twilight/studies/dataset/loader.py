@@ -22,7 +22,7 @@ from twilight.studies.dataset.draw import AIR, PARTS, SPLIT
 from twilight.studies.sweep.store import COMPUTED
 
 RADIANCE = "sun_normalised_radiance"
-CHUNKS_HELD = 16
+CACHED_AIRS = 16
 """Airs whose skies are kept in memory."""
 
 
@@ -80,7 +80,7 @@ class SkyDataset:
         if "solar_elevation_angle" in self._columns:
             self._columns.pop("sun_elevation_deg", None)  # the same
         self.names = tuple(self._columns)
-        self._sky = functools.lru_cache(CHUNKS_HELD)(self._read)
+        self._sky = functools.lru_cache(CACHED_AIRS)(self._read)
 
     def _group(self) -> Any:
         import zarr  # start-up
@@ -131,12 +131,12 @@ class SkyDataset:
     def batches(self, size: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Every sky once, in batches of inputs (n, names) and targets (n, elevation, azimuth, wavelength).
 
-        Airs come in a random order, `CHUNKS_HELD` at a time, whose skies are mixed.
+        Airs come in a random order, `CACHED_AIRS` at a time, whose skies are mixed.
         """
         random = np.random.default_rng(seed)
         airs = random.permutation(np.unique(self.airs))
-        for start in range(0, airs.size, CHUNKS_HELD):
-            skies = random.permutation(np.flatnonzero(np.isin(self.airs, airs[start : start + CHUNKS_HELD])))
+        for start in range(0, airs.size, CACHED_AIRS):
+            skies = random.permutation(np.flatnonzero(np.isin(self.airs, airs[start : start + CACHED_AIRS])))
             for first in range(0, skies.size, size):
                 pairs = [self[int(i)] for i in skies[first : first + size]]
                 yield np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])

@@ -31,8 +31,7 @@ BOUNDS = {
 """Lowest and highest A to E.  B and D stay negative, so that the horizon is finite and the sun's glow falls with the
 angle; C and E of the chromaticities stay small, for they cancel each other where they are large."""
 SMALLEST = 1e-9
-"""The formula is held above this during the search."""
-
+"""Least value of the formula during the search, so that it has a logarithm."""
 
 ANY_TURBIDITY = (1.0, 100.0)
 """Range of turbidity of coefficients that do not depend on it."""

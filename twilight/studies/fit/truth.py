@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 AUREOLE_DEG = 2.5
 """Directions this close to the sun are left out: five parameters cannot follow the forward peak of an aerosol."""
 HAZES = ("climate", "preetham1999")
+"""Aerosols of the skies: that of the climate, or that of Preetham 1999."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,12 @@ class ColourSky:
 
     def quantity(self, name: str) -> np.ndarray:
         """`luminance`, `x` or `y`."""
-        return {"luminance": self.luminance, "x": self.x, "y": self.y}[name]
+        return getattr(self, name)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Skies of several turbidities and suns, and the time they took on this machine [s]."""
+    """Skies of several turbidities and suns, and the time that they took [s], of the processor and by the clock."""
 
     skies: tuple[ColourSky, ...]
     cpu_s: float
@@ -171,23 +172,11 @@ def compute_truth(
     """Skies of all turbidities and suns by the configuration's solver, `directions` each."""
     tell = progress or silent
     begin = time.process_time(), time.perf_counter()
-    skies = list(_skies(config, turbidities, sun_zenith_deg, directions, haze, tell))
-    return Truth(tuple(skies), time.process_time() - begin[0], time.perf_counter() - begin[1])
-
-
-def _skies(
-    config: Config,
-    turbidities: Sequence[float],
-    sun_zenith_deg: Sequence[float],
-    directions: int,
-    haze: str,
-    tell: Progress,
-) -> Iterator[ColourSky]:
     name, _, settings = config.chosen_solver
     elevation, azimuth = spiral(directions)
     weight = np.full(directions, 1.0 / directions)
     steps = len(turbidities) * (1 + len(sun_zenith_deg))
-    done = 0
+    done, skies = 0, []
     for turbidity in turbidities:
         label = f"turbidity {turbidity:g}"
         tell(label, done / steps)
@@ -199,4 +188,6 @@ def _skies(
             tell(f"{label}, sun {90 - zenith:g} deg", done / steps)
             factor = solved.radiance(90.0 - zenith, elevation, azimuth)
             done += 1
-            yield colour_sky(factor, medium.wavelength_nm, elevation, azimuth, weight, 90.0 - zenith, turbidity)
+            about = medium.wavelength_nm, elevation, azimuth, weight, 90.0 - zenith, turbidity
+            skies.append(colour_sky(factor, *about))
+    return Truth(tuple(skies), time.process_time() - begin[0], time.perf_counter() - begin[1])

@@ -29,16 +29,16 @@ AZIMUTH_DEG = (0.0, 15.0, 45.0, 90.0, 135.0, 180.0)
 SUN_ELEVATIONS_DEG = (30.0, 10.0, 5.0, 0.0, -4.0, -6.0, -9.0, -12.0, -18.0)
 """Suns [deg] at which a scene is judged that names none; its field then serves every sun."""
 ALLOWED = (1.0, 5.0 / 3.0, 2.5)
-"""How large an error weighs the same: with the sun above LAST_DAY_DEG, down to LAST_TWILIGHT_DEG, below.  The lower
-the sun, the less light there is, and the larger the noise of stored references."""
+"""Factors of errors that weigh the same: with the sun above LAST_DAY_DEG, down to LAST_TWILIGHT_DEG, and below.  The
+lower the sun, the less light there is, and the larger the noise of stored references."""
 MAX_WAVELENGTHS = 8
 """Most wavelengths of a scene that are solved: as many as a field takes at once."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What settings came to on a scene: processor seconds of its field, error [%] of each sun's sky, and the most
-    memory [MiB] that the process held meanwhile (on Linux; elsewhere in all its life)."""
+    """Settings on a scene: processor seconds of its field, error [%] of each sun's sky, and the most memory [MiB] that
+    the process held meanwhile (on Linux; elsewhere in all its life)."""
 
     processor_s: float
     error_percent: Mapping[float, float]
@@ -46,16 +46,16 @@ class Measurement:
 
     @property
     def worst_percent(self) -> float:
-        """Largest error of a sun [%], that of a low one divided by what is ALLOWED it."""
+        """Largest error of a sun [%], each over the factor of ALLOWED for that sun."""
         return max(error / allowed(sun) for sun, error in self.error_percent.items())
 
 
 @dataclass(frozen=True)
-class Case:
-    """A scene, and radiances that are taken for right.
+class ZonesScene:
+    """A scene of `zones`, and the radiances by which settings are judged.
 
     suns: those that the field is made for; None: every sun
-    physics: the scene's own settings, of which those are kept that are not searched
+    physics: the scene's own settings, from which come those that are not searched
     """
 
     name: str
@@ -66,13 +66,13 @@ class Case:
     physics: ZonesSettings
 
     @staticmethod
-    def of_table(name: str, config: Config, references: Mapping[float, ReferenceSolution], suns) -> Case:
+    def of_table(name: str, config: Config, references: Mapping[float, ReferenceSolution], suns) -> ZonesScene:
         """Judged by stored references, at their wavelengths and in their directions."""
         wavelength_nm = next(iter(references.values())).wavelength_nm
-        return Case(name, config, wavelength_nm, suns, references, config.chosen_solver.settings)
+        return ZonesScene(name, config, wavelength_nm, suns, references, config.chosen_solver.settings)
 
     @staticmethod
-    def of_scene(name: str, config: Config, suns: tuple[float, ...] | None, progress: Progress) -> Case:
+    def of_scene(name: str, config: Config, suns: tuple[float, ...] | None, progress: Progress) -> ZonesScene:
         """Judged by quality `reference` of `zones`: what settings leave out, not what is wrong with the method."""
         physics = config.chosen_solver.settings
         nm = wavelengths_of(config)
@@ -86,7 +86,7 @@ class Case:
         for sun in suns or SUN_ELEVATIONS_DEG:
             radiance = solved.radiance(sun, e, a)
             found[sun] = ReferenceSolution(e, a, nm, radiance, np.zeros_like(radiance))
-        return Case(name, config, nm, suns, found, physics)
+        return ZonesScene(name, config, nm, suns, found, physics)
 
     def measure(self, settings: ZonesSettings, progress: Progress = silent) -> Measurement:
         """Solve the field and judge every sun's sky; the first call in a process compiles, and its time counts it."""

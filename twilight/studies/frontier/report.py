@@ -16,7 +16,7 @@ from twilight.studies.frontier.space import ZONES
 SUN = "error_percent_sun_"
 """How the columns of errors begin."""
 LEAST_PERCENT = 0.01
-"""Errors below this are drawn here."""
+"""Smallest error of the picture [%]; smaller ones are drawn there."""
 COLOURS = {"tried": "#56B4E9", "frontier": "#D55E00", "start": "#000000"}
 
 
@@ -36,18 +36,9 @@ def write_tables(points: Sequence[Point], folder: Path) -> None:
             rows.append([*what, f"{m.processor_s:.3f}", f"{m.peak_mib:.0f}", f"{m.worst_percent:.3f}", *by_sun, *where])
     write_csv(folder / "points.csv", columns, rows)
     head = ["point", "origin", "processor_s", "peak_mib", "error_percent"]
-    lines = [
-        [
-            next(n for n, q in enumerate(points) if q is p),
-            p.origin,
-            f"{p.processor_s:.3f}",
-            f"{p.peak_mib:.0f}",
-            f"{p.error_percent:.3f}",
-            *(f"{p.values[key]:g}" for key in keys),
-        ]
-        for p in best
-    ]
-    write_csv(folder / "frontier.csv", [*head, *keys], lines)
+    lines = _frontier_rows(points, 3)
+    values = ([f"{p.values[key]:g}" for key in keys] for p in best)
+    write_csv(folder / "frontier.csv", [*head, *keys], [a + b for a, b in zip(lines, values, strict=True)])
 
 
 def read_points(path: Path, scenes: Sequence[str]) -> list[Point]:
@@ -78,14 +69,13 @@ def read_points(path: Path, scenes: Sequence[str]) -> list[Point]:
 
 def printed(points: Sequence[Point]) -> list[list[str]]:
     """Rows (point, origin, processor time, memory, error) of the frontier for the terminal."""
+    return _frontier_rows(points, 2)
+
+
+def _frontier_rows(points: Sequence[Point], digits: int) -> list[list[str]]:
+    number = {id(p): str(n) for n, p in enumerate(points)}
     return [
-        [
-            str(next(n for n, q in enumerate(points) if q is p)),
-            p.origin,
-            f"{p.processor_s:.2f}",
-            f"{p.peak_mib:.0f}",
-            f"{p.error_percent:.2f}",
-        ]
+        [number[id(p)], p.origin, f"{p.processor_s:.{digits}f}", f"{p.peak_mib:.0f}", f"{p.error_percent:.{digits}f}"]
         for p in frontier(points)
     ]
 
@@ -111,7 +101,9 @@ def draw(points: Sequence[Point], path: Path, title: str) -> None:
             ("start", [p for p in points if p.complete and p.origin != "search"]),
         ):
             label = f"tried ({given_up} more were given up)" if name == "tried" and given_up else name
-            _marks(axes, some, COLOURS[name], label, size=22 if name == "start" else 14)
+            size = 22 if name == "start" else 14
+            if some:
+                axes.scatter(*_along(some), s=size, color=COLOURS[name], label=label, linewidths=0)
         axes.step(*_along(best), where="post", color=COLOURS["frontier"], linewidth=1.6, label="frontier")
         for p in points:
             if p.complete and p.origin in ("draft", "standard", "reference"):
@@ -138,8 +130,3 @@ def _place(point: Point) -> tuple[float, float]:
 def _along(points: Sequence[Point]) -> tuple[list[float], list[float]]:
     places = [_place(p) for p in points]
     return [x for x, _ in places], [y for _, y in places]
-
-
-def _marks(axes: Any, points: Sequence[Point], colour: str, label: str, size: float) -> None:
-    if points:
-        axes.scatter(*_along(points), s=size, color=colour, label=label, linewidths=0)

@@ -29,19 +29,19 @@ MARGIN = 1.06
 uncertain by about as much."""
 STARTUP_POINTS = 10
 """Points measured before proposals follow from them."""
-ON_BOUND = 0.02
+LEAST_ERROR_PERCENT = 0.02
 """Smallest error [%] that counts: below it, differences from the reference are rounding."""
 
 
-class Judged(Protocol):
-    """A scene that settings are tried on; `measure.Case` is one."""
+class JudgedScene(Protocol):
+    """A scene that settings are tried on; `measure.ZonesScene` is one."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def physics(self) -> Any:
-        """The scene's own settings, of which those are kept that are not searched."""
+        """The scene's own settings, from which come those that are not searched."""
 
     def measure(self, settings: Any) -> Measurement: ...
 
@@ -51,7 +51,7 @@ class Judged(Protocol):
 
 @dataclass
 class Point:
-    """Settings that were tried: where they come from, and what they came to on each scene by its name."""
+    """Settings that were tried: where they come from, and what was measured on each scene by its name."""
 
     values: Values
     origin: str
@@ -94,7 +94,7 @@ def check_installed() -> None:
 
 
 def search(
-    cases: Sequence[Judged],
+    scenes: Sequence[JudgedScene],
     starts: Mapping[str, Any],
     *,
     budget_s: float,
@@ -109,8 +109,8 @@ def search(
 
     Parameters
     ----------
-    cases
-        Scenes to be served by the same settings; they need names of their own.
+    scenes
+        Scenes to be served by the same settings, each of another name.
     starts
         Settings to begin with, by name.
     budget_s
@@ -126,18 +126,18 @@ def search(
     """
     import optuna  # optional
 
-    names = [case.name for case in cases]
+    names = [scene.name for scene in scenes]
     if len(set(names)) < len(names):
         raise TwilightError(f"{max(names, key=names.count)}: is given twice")
-    for case in cases[:1]:
-        case.warm_up()
+    if scenes:
+        scenes[0].warm_up()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     sampler = optuna.samplers.TPESampler(seed=seed + len(known), n_startup_trials=STARTUP_POINTS, multivariate=True)
     study = optuna.create_study(directions=["minimize", "minimize"], sampler=sampler)
     done = list(known)
     for point in done:
         study.add_trial(_trial(point, space))
-    order, spent = _cheapest_first(cases, done), 0.0
+    order, spent = _cheapest_first(scenes, done), 0.0
     left = [name for name in starts if name not in {point.origin for point in done}]
     for number in range(len(done), most_points):
         origin = left.pop(0) if left else "search"
@@ -151,30 +151,30 @@ def search(
         trial = study.ask()
         point = Point(space.within({d.key: _suggest(trial, d) for d in space.dimensions}), origin)
         tell = part_of(progress, min(spent / max(budget_s, 1.0), 0.99), 0.0, f"point {number + 1}:")
-        for case in order:
-            tell(case.name, 0.0)
-            point.found[case.name] = case.measure(space.settings_at(point.values, case.physics))
-            spent += point.found[case.name].processor_s
+        for scene in order:
+            tell(scene.name, 0.0)
+            point.found[scene.name] = scene.measure(space.settings_at(point.values, scene.physics))
+            spent += point.found[scene.name].processor_s
             if point.processor_s > longest_s or (origin == "search" and _beaten(point, done)):
                 break
-        point.complete = len(point.found) == len(cases)
+        point.complete = len(point.found) == len(scenes)
         if point.complete:
-            study.tell(trial, _aims(point))
+            study.tell(trial, _objectives(point))
         else:
             study.tell(trial, state=optuna.trial.TrialState.PRUNED)
         done.append(point)
-        order = _cheapest_first(cases, done)
+        order = _cheapest_first(scenes, done)
         yield point
 
 
-def _cheapest_first(cases: Sequence[Judged], done: Sequence[Point]) -> list[Judged]:
-    """The scenes by what they took at the first point that was measured on all."""
+def _cheapest_first(scenes: Sequence[JudgedScene], done: Sequence[Point]) -> list[JudgedScene]:
+    """The scenes by processor time at the first point that was measured on all."""
     first = next((point for point in done if point.complete), None)
-    return list(cases) if first is None else sorted(cases, key=lambda case: first.found[case.name].processor_s)
+    return list(scenes) if first is None else sorted(scenes, key=lambda scene: first.found[scene.name].processor_s)
 
 
-def _aims(point: Point) -> list[float]:
-    return [math.log(point.processor_s), math.log(max(point.error_percent, ON_BOUND))]
+def _objectives(point: Point) -> list[float]:
+    return [math.log(point.processor_s), math.log(max(point.error_percent, LEAST_ERROR_PERCENT))]
 
 
 def _trial(point: Point, space: Space) -> optuna.trial.FrozenTrial:
@@ -187,7 +187,7 @@ def _trial(point: Point, space: Space) -> optuna.trial.FrozenTrial:
         distributions={
             d.key: Int(int(d.low), int(d.high)) if d.whole else Float(d.low, d.high, log=True) for d in space.dimensions
         },
-        values=_aims(point) if point.complete else None,
+        values=_objectives(point) if point.complete else None,
         state=optuna.trial.TrialState.COMPLETE if point.complete else optuna.trial.TrialState.PRUNED,
     )
 

@@ -23,7 +23,7 @@ Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Dimension:
+class SearchedOption:
     """An option of the settings and the range that is searched; whole numbers, or on a logarithmic scale.
 
     choices: the numbers that the solver takes, in ascending sequence; none given: all between low and high
@@ -60,7 +60,7 @@ class Space:
     settle: moves values that the solver refuses beside each other
     """
 
-    dimensions: tuple[Dimension, ...]
+    dimensions: tuple[SearchedOption, ...]
     starts: Mapping[str, Any]
     settle: Callable[[dict[str, float]], dict[str, float]] = _as_they_are
 
@@ -104,23 +104,23 @@ def _late_counts(values: dict[str, float]) -> dict[str, float]:
 
 ZONES = Space(
     dimensions=(
-        Dimension("degree", 8, 40),
-        Dimension("max_degree", 12, 40),
-        Dimension("polar_directions", 7, 24),
-        Dimension("azimuth_directions", 6, 18),
-        Dimension("early_orders", 1, 4),
-        Dimension("late_degree", 3, 12),
-        Dimension("late_polar_directions", 4, 12),
-        Dimension("late_azimuth_directions", 4, 12),
-        Dimension("polarisation_degree", 3, 20),
-        Dimension("late_polarisation_degree", 2, 10),
-        Dimension("altitude_density", 0.3, 2.0, whole=False),
-        Dimension("zenith_density", 0.4, 2.0, whole=False),
-        Dimension("step_density", 0.3, 1.5, whole=False),
-        Dimension("first_order_step_density", 0.3, 3.0, whole=False),
-        Dimension("line_of_sight_density", 0.3, 3.0, whole=False),
-        Dimension("beam_density", 0.3, 1.5, whole=False),
-        Dimension("tolerance", 3e-4, 3e-2, whole=False),
+        SearchedOption("degree", 8, 40),
+        SearchedOption("max_degree", 12, 40),
+        SearchedOption("polar_directions", 7, 24),
+        SearchedOption("azimuth_directions", 6, 18),
+        SearchedOption("early_orders", 1, 4),
+        SearchedOption("late_degree", 3, 12),
+        SearchedOption("late_polar_directions", 4, 12),
+        SearchedOption("late_azimuth_directions", 4, 12),
+        SearchedOption("polarisation_degree", 3, 20),
+        SearchedOption("late_polarisation_degree", 2, 10),
+        SearchedOption("altitude_density", 0.3, 2.0, whole=False),
+        SearchedOption("zenith_density", 0.4, 2.0, whole=False),
+        SearchedOption("step_density", 0.3, 1.5, whole=False),
+        SearchedOption("first_order_step_density", 0.3, 3.0, whole=False),
+        SearchedOption("line_of_sight_density", 0.3, 3.0, whole=False),
+        SearchedOption("beam_density", 0.3, 1.5, whole=False),
+        SearchedOption("tolerance", 3e-4, 3e-2, whole=False),
     ),
     starts={
         "brisk": replace(QUALITIES["draft"], early_orders=1, altitude_density=0.35),

@@ -21,15 +21,16 @@ from twilight.io.provenance import configuration_hash
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
 from twilight.solvers.compact.compact_sky import CompactSky, SkySplines, TuckerTerm, spline_matrix
-from twilight.solvers.compact.recognise import air_of
+from twilight.solvers.compact.recognise import stored_air
 from twilight.studies.fit.compact import training
 from twilight.studies.fit.compact.decompose import absorption_spectra, decompose, refine_wavelengths
 from twilight.studies.fit.compact.terms import GROUND_ALBEDOS, added_light, ground_light, splines_of
-from twilight.studies.fit.compact.training import Clock, Skies, TrainingAir, compute_skies
+from twilight.studies.fit.compact.training import Skies, TrainingAir, compute_skies
 
 GRID = SkySplines(
     elevation_intervals=20, azimuth_intervals=14, angle_intervals=24, elevation_power=2.0, angle_scale_deg=0.5
 )
+"""Splines of the model over the sky."""
 RANKS = {"dark": (70, 32, 12, 8), "ground": (30, 16, 8, 4), "ozone": (20, 12, 8, 2)}
 """Ranks of each term of the Tucker decomposition in direction, sun, wavelength and amount."""
 SMOOTH_QUALITY = "draft"
@@ -40,17 +41,19 @@ GROUND_SUNS = 2
 """The light of the ground is computed for one sun in this many."""
 OZONE_FACTORS = (0.6, 1.0, 1.4)
 """Ozone columns over the climate's own at which the change with ozone is computed."""
-WAVELENGTH_STEP_NM = 1.0
-"""Step of the model's wavelengths."""
+FINE_NM = np.arange(training.WAVELENGTHS_NM[0], training.WAVELENGTHS_NM[-1] + 0.5, 1.0)
+"""Wavelengths of the model."""
 BLACK_GROUND_TIME = 0.66
-"""Fraction of the time that the sky over black ground takes; of progress alone."""
+"""Fraction of the time for the sky over black ground, which progress is reported by."""
 GROUND_AND_OZONE_TIME = 0.14
 """Fraction of the time for the light of the ground and for ozone; the rest is for skies to test with."""
+SUN_RANGES_DEG = ((-18.0, 90.0), (-18.0, -12.0), (-12.0, -6.0), (-6.0, 0.0), (0.0, 10.0), (10.0, 90.0))
+"""Elevations of the sun over which errors are reported."""
 
 
 @dataclass(frozen=True)
-class Errors:
-    """|model / solver - 1| over all airs, suns of a range, wavelengths and directions of a part of the sky."""
+class HeldOutError:
+    """|model / solver - 1| over all held-out airs and wavelengths, the suns of a range and a part of the sky."""
 
     sun_elevation_deg: tuple[float, float]
     part: str
@@ -62,10 +65,10 @@ class Errors:
 
 @dataclass(frozen=True)
 class CompactFit:
-    """A model with its errors and what it took: processor and wall seconds without the held-out skies."""
+    """A model, its errors, and the time of its fit [s], of the processor and by the clock, without held-out skies."""
 
     model: CompactSky
-    errors: tuple[Errors, ...]
+    errors: tuple[HeldOutError, ...]
     cpu_s: float
     wall_s: float
 
@@ -89,9 +92,8 @@ def fit_compact(config: Config, depths: Sequence[float] | None = None, progress:
             f"{ground_km:g} km"
         )
     depths = check_depths(training.optical_depths(config) if depths is None else depths)
-    clock = Clock()
-    wavelength = np.array(training.WAVELENGTHS_NM)
-    fine = np.arange(wavelength[0], wavelength[-1] + 0.5 * WAVELENGTH_STEP_NM, WAVELENGTH_STEP_NM)
+    begin = time.process_time(), time.perf_counter()
+    wavelength, fine = np.array(training.WAVELENGTHS_NM), FINE_NM
     training.medium_of(config, TrainingAir(depths[0]), wavelength[:1])  # says at once what the climate cannot have
     clean = climate_medium(config.climate.model_copy(update={"aerosol": None, "stratosphere": None}), fine)
     shapes = absorption_spectra(clean)
@@ -116,20 +118,11 @@ def fit_compact(config: Config, depths: Sequence[float] | None = None, progress:
         air=air_of_climate(config, depths),
         **terms,
     )
-    cpu_s, wall_s = clock()
-    held_out = training.held_out_skies(
-        config,
-        solver,
-        settings,
-        (depths[0], depths[-1]),
-        (float(columns[0]), float(columns[-1])),
-        part_of(
-            tell,
-            BLACK_GROUND_TIME + GROUND_AND_OZONE_TIME,
-            1.0 - BLACK_GROUND_TIME - GROUND_AND_OZONE_TIME,
-            "held out:",
-        ),
-    )
+    cpu_s, wall_s = time.process_time() - begin[0], time.perf_counter() - begin[1]
+    fitted = BLACK_GROUND_TIME + GROUND_AND_OZONE_TIME
+    ranges = (depths[0], depths[-1]), (float(columns[0]), float(columns[-1]))
+    report = part_of(tell, fitted, 1.0 - fitted, "held out:")
+    held_out = training.held_out_skies(config, solver, settings, *ranges, report)
     errors = errors_of(model, held_out)
     facts = _facts(config, name, quality, cpu_s, errors)
     return CompactFit(replace(model, provenance=facts), errors, cpu_s, wall_s)
@@ -142,16 +135,15 @@ def _fits(name: str) -> bool:
 
 
 def air_of_climate(config: Config, depths: Sequence[float]) -> dict[str, np.ndarray]:
-    """What the model of a climate keeps of its air, to know it again: `CompactSky.air`."""
-    wavelength = np.array(training.WAVELENGTHS_NM)
-    fine = np.arange(wavelength[0], wavelength[-1] + 0.5 * WAVELENGTH_STEP_NM, WAVELENGTH_STEP_NM)
+    """The columns of a climate's air by which a model knows it again: `CompactSky.air`."""
     bare = config.climate.model_copy(update={"aerosol": None, "stratosphere": None})
     gases = bare.gases
     no_ozone = gases.model_copy(update={"ozone": gases.ozone.model_copy(update={"treatment": "none"})})
-    with_ozone = climate_medium(bare, fine).optical_depth("absorption")
-    without = climate_medium(bare.model_copy(update={"gases": no_ozone}), fine).optical_depth("absorption")
+    with_ozone = climate_medium(bare, FINE_NM).optical_depth("absorption")
+    without = climate_medium(bare.model_copy(update={"gases": no_ozone}), FINE_NM).optical_depth("absorption")
+    wavelength = np.array(training.WAVELENGTHS_NM)
     loaded = [training.medium_of(config, TrainingAir(depth), wavelength) for depth in depths]
-    return air_of(loaded, fine, without, with_ozone - without)
+    return stored_air(loaded, FINE_NM, without, with_ozone - without)
 
 
 def check_depths(depths: Sequence[float]) -> tuple[float, ...]:
@@ -169,17 +161,9 @@ def _dark(config: Config, solver: Solver, settings: Any, depths: Sequence[float]
     """Coefficients (K, S, W, T) of the logarithm of the sky over black ground."""
     out = []
     for i, depth in enumerate(depths):
-        skies = compute_skies(
-            config,
-            solver,
-            settings,
-            TrainingAir(depth),
-            training.WAVELENGTHS_NM,
-            training.SUNS_DEG,
-            training.fine_directions,
-            part_of(tell, i / len(depths), 1.0 / len(depths), f"optical depth {depth:g},"),
-        )
-        out.append(skies)
+        where = training.WAVELENGTHS_NM, training.SUNS_DEG, training.fine_directions
+        report = part_of(tell, i / len(depths), 1.0 / len(depths), f"optical depth {depth:g},")
+        out.append(compute_skies(config, solver, settings, TrainingAir(depth), *where, report))
     return splines_of(GRID, out[0], [skies.radiance for skies in out])
 
 
@@ -198,11 +182,9 @@ def _smooth_terms(
     def at(air: TrainingAir) -> Skies:
         nonlocal step
         report = part_of(tell, step / steps, 1.0 / steps, "ground and ozone,")
-        made = compute_skies(
-            config, solver, settings, air, training.WAVELENGTHS_NM, some, training.coarse_directions, report
-        )
         step += 1
-        return made
+        where = training.WAVELENGTHS_NM, some, training.coarse_directions
+        return compute_skies(config, solver, settings, air, *where, report)
 
     lights, fractions = [], []
     middle = few[len(few) // 2]
@@ -235,10 +217,7 @@ def _term(
     return replace(made, wavelength=spectra.astype(np.float32))
 
 
-SUN_RANGES_DEG = ((-18.0, -12.0), (-12.0, -6.0), (-6.0, 0.0), (0.0, 10.0), (10.0, 90.0))
-
-
-def errors_of(model: CompactSky, held_out: Sequence[Skies]) -> tuple[Errors, ...]:
+def errors_of(model: CompactSky, held_out: Sequence[Skies]) -> tuple[HeldOutError, ...]:
     """Errors for all suns and by range of the sun, over all directions and by part of the sky."""
     suns, parts, errors = [], [], []
     for skies in held_out:
@@ -252,19 +231,18 @@ def errors_of(model: CompactSky, held_out: Sequence[Skies]) -> tuple[Errors, ...
             suns.append(np.full(error.size, sun))
     sun, part, error = np.concatenate(suns), np.concatenate(parts), np.concatenate(errors)
     out = []
-    for low, high in ((-18.0, 90.0), *SUN_RANGES_DEG):
+    for low, high in SUN_RANGES_DEG:
         inside = (sun >= low) & (sun <= high)
-        groups = {"all": inside} | {name: inside & (part == k) for k, name in enumerate(training.ZONES_OF_SKY)}
+        groups = {"all": inside} | {name: inside & (part == k) for k, name in enumerate(training.PARTS_OF_SKY)}
         for name, chosen in groups.items():
             if chosen.any():
                 median, p95 = np.percentile(error[chosen], [50, 95])
-                out.append(
-                    Errors((low, high), name, int(chosen.sum()), float(median), float(p95), float(error[chosen].max()))
-                )
+                numbers = float(median), float(p95), float(error[chosen].max())
+                out.append(HeldOutError((low, high), name, int(chosen.sum()), *numbers))
     return tuple(out)
 
 
-def _facts(config: Config, name: str, quality: str, cpu_s: float, errors: Sequence[Errors]) -> dict[str, Any]:
+def _facts(config: Config, name: str, quality: str, cpu_s: float, errors: Sequence[HeldOutError]) -> dict[str, Any]:
     asked = {
         "climate": config.climate.model_dump(mode="json", exclude_none=True),
         "solver": dict(config.solver) | {"name": name, "quality": quality},
@@ -279,14 +257,8 @@ def _facts(config: Config, name: str, quality: str, cpu_s: float, errors: Sequen
         "cpu_minutes": round(cpu_s / 60.0, 2),
         "held_out_seed": training.HELD_OUT_SEED,
         "errors_of_held_out_skies": [
-            {
-                "sun_elevation_deg": list(e.sun_elevation_deg),
-                "part": e.part,
-                "values": e.count,
-                "median": round(e.median, 5),
-                "p95": round(e.p95, 5),
-                "largest": round(e.largest, 5),
-            }
+            {"sun_elevation_deg": list(e.sun_elevation_deg), "part": e.part, "values": e.count}
+            | {key: round(getattr(e, key), 5) for key in ("median", "p95", "largest")}
             for e in errors
         ],
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +24,7 @@ SUNS_DEG = (
     -2.2, -1.7, -1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.3, 2.0, 2.8, 3.7, 4.8, 6.2, 8.0, 10.0, 12.5, 15.5, 19.0, 23.0, 28.0,
     34.0, 41.0, 49.0, 58.0, 68.0, 79.0, 90.0,
 )  # fmt: skip
-"""Close together where the light falls fast: around the horizon and after sunset."""
+"""Elevations of the sun of the fit, close together where the light falls fast: around the horizon and after sunset."""
 WAVELENGTHS_NM = (
     380.0, 384.0, 388.0, 420.0, 456.0, 464.0, 480.0, 484.0, 492.0, 504.0, 520.0, 528.0, 564.0, 568.0, 580.0, 588.0,
     608.0, 620.0, 628.0, 644.0, 652.0, 680.0, 712.0, 740.0,
@@ -33,12 +32,12 @@ WAVELENGTHS_NM = (
 """24 wavelengths from which, with the gases' own absorption spectra, the others follow best: chosen by a search over 36
 spectra of the sky at 91 wavelengths, which they give to 0.2 % (mean), 0.7 % (95th percentile), 2.3 % (largest)."""
 OPTICAL_DEPTHS = (0.01, 0.043, 0.095, 0.18, 0.3, 0.5, 0.8)
-"""Evenly in ln(depth + LOAD_OFFSET)."""
+"""Aerosol optical depths at 550 nm of the fit, evenly in ln(depth + LOAD_OFFSET)."""
 LOAD_OFFSET = 0.05
-"""Thin haze makes light, whose logarithm is that of the depth; along the horizon thick haze takes it, linearly in the
-depth: between nodes evenly in ln(depth + 0.02) the horizon below a low sun was 17 % off at depth 0.65."""
-AS_GOOD = 0.05
-"""Relative distance from a climate's own optical depth within which it takes the place of one of those."""
+"""Thin haze scatters light in proportion to its depth; along the horizon thick haze dims light exponentially in the
+depth: with nodes evenly in ln(depth + 0.02) the horizon below a low sun was 17 % off at depth 0.65."""
+REPLACED = 0.05
+"""Relative distance from a climate's own optical depth within which that replaces one of OPTICAL_DEPTHS."""
 
 ROWS = 24
 """Elevations at which a sky is computed, closer together near the horizon."""
@@ -47,11 +46,11 @@ COLUMNS = 16
 COARSE_ROWS = 16
 """Elevations for what is smooth over the sky: the light of the ground, the change with ozone."""
 COARSE_COLUMNS = 9
-"""Azimuths for the same."""
+"""Azimuths for what is smooth over the sky."""
 FROM_SUN_DEG = (0.2, 0.5, 1.0, 1.8, 3.0, 5.0, 8.0, 12.0, 18.0)
 """Distances from the sun [deg] at which elevations and azimuths are added."""
 AUREOLE_SEEN_ABOVE_DEG = -6.0
-"""Sun elevation [deg] above which they are."""
+"""Sun elevation [deg] above which directions around the sun are added."""
 
 
 @dataclass(frozen=True)
@@ -76,16 +75,6 @@ class Skies:
     elevation_deg: tuple[np.ndarray, ...]
     azimuth_deg: tuple[np.ndarray, ...]
     radiance: tuple[np.ndarray, ...]
-
-
-class Clock:
-    """Processor and wall time since it was made [s]."""
-
-    def __init__(self) -> None:
-        self.begin = time.process_time(), time.perf_counter()
-
-    def __call__(self) -> tuple[float, float]:
-        return time.process_time() - self.begin[0], time.perf_counter() - self.begin[1]
 
 
 def fine_directions(sun_elevation_deg: float) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +105,7 @@ def _apart(values: np.ndarray) -> np.ndarray:
     return values[np.concatenate([[True], np.diff(values) > 0.05])]
 
 
-def medium_of(config: Config, air: TrainingAir, wavelength_nm: np.ndarray) -> Any:
+def medium_of(config: Config, air: TrainingAir, wavelength_nm: np.ndarray) -> Medium:
     """The medium of the configuration's climate with that aerosol load, ground and ozone.
 
     Errors: TwilightError for a climate without aerosol, and for a load that it cannot have.
@@ -145,7 +134,7 @@ def optical_depths(config: Config) -> tuple[float, ...]:
     if climate.aerosol is None or climate.medium is not None:
         return OPTICAL_DEPTHS  # `medium_of` says what is wrong
     own = float(climate_medium(climate, np.array([550.0])).optical_depth("aerosol")[0])
-    others = [depth for depth in OPTICAL_DEPTHS if abs(depth - own) > AS_GOOD * own]
+    others = [depth for depth in OPTICAL_DEPTHS if abs(depth - own) > REPLACED * own]
     return tuple(sorted([*others, own]))
 
 
@@ -160,22 +149,9 @@ def compute_skies(
     progress: Progress | None = None,
 ) -> Skies:
     """Skies of one air by a solver with these settings; `directions` gives those of a sun."""
-    medium = medium_of(config, air, np.asarray(wavelength_nm, float))
-    return skies_in(medium, air, solver, settings, sun_elevation_deg, directions, progress)
-
-
-def skies_in(
-    medium: Medium,
-    air: TrainingAir,
-    solver: Solver,
-    settings: Any,
-    sun_elevation_deg: Sequence[float] | np.ndarray,
-    directions: Directions,
-    progress: Progress | None = None,
-) -> Skies:
-    """Skies of a medium, which is that of `air`; the rest as of `compute_skies`."""
     tell = progress or silent
-    wavelength, suns = medium.wavelength_nm, np.asarray(sun_elevation_deg, float)
+    medium = medium_of(config, air, np.asarray(wavelength_nm, float))
+    suns = np.asarray(sun_elevation_deg, float)
     where = [directions(float(sun)) for sun in suns]
     parts: list[list[np.ndarray]] = [[] for _ in suns]
     problem = Problem(Scene(medium, None, solver, settings, title=medium.name))
@@ -189,7 +165,7 @@ def skies_in(
         del block  # before the next is solved
     elevation, azimuth = (tuple(w[i] for w in where) for i in (0, 1))
     radiance = tuple(np.concatenate(part, axis=1) for part in parts)
-    return Skies(air, wavelength, suns, elevation, azimuth, radiance)
+    return Skies(air, medium.wavelength_nm, suns, elevation, azimuth, radiance)
 
 
 HELD_OUT_SEED = 20260101
@@ -197,8 +173,9 @@ HELD_OUT_SEED = 20260101
 HELD_OUT_AIRS = 6
 """Airs, drawn at random, whose computed skies the model is compared with."""
 HELD_OUT_WAVELENGTHS = 8
-"""Wavelengths of each of them."""
-ZONES_OF_SKY = ("whole sky", "below 10 deg", "within 20 deg of the sun")
+"""Wavelengths of each held-out air."""
+PARTS_OF_SKY = ("whole sky", "below 10 deg", "within 20 deg of the sun")
+"""Names of the thirds of `random_directions`, in sequence."""
 
 
 def held_out_skies(

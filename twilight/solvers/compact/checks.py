@@ -1,4 +1,4 @@
-"""What the compact models are asked for: suns, directions and observers that they have, grids of directions."""
+"""Checks that both kinds of compact models share: observers, suns, directions, wavelengths; grids of directions."""
 
 from __future__ import annotations
 
@@ -22,6 +22,20 @@ def checked_observer(medium: Medium, altitude_km: float | None, highest_km: floa
             f"observer.altitude_km is {altitude:g}, allowed is {medium.bottom_km:g} to {high:g}"
         )
     return altitude
+
+
+def check_medium(medium: Medium, model: str, lowest_nm: float, highest_nm: float) -> None:
+    """TwilightError for water under the air, and for wavelengths outside a model's.
+
+    model: in the words of messages
+    """
+    if medium.has_water:
+        raise TwilightError(f"{model} has land under it, and the medium has water (ground.kind)")
+    outside = medium.wavelength_nm[(medium.wavelength_nm < lowest_nm) | (medium.wavelength_nm > highest_nm)]
+    if outside.size:
+        raise TwilightError(
+            f"{model} has wavelengths from {lowest_nm:g} to {highest_nm:g} nm, and {outside[0]:g} nm is asked for"
+        )
 
 
 def checked_directions(
