@@ -23,11 +23,10 @@ LONGEST_KM = 2.0
 
 
 class ExactSunbeam:
-    """Rays of one wavelength through a medium; refraction: bent by its index, or straight."""
+    """Rays of one wavelength through a medium: bent by its index, and for `straight_depth` straight."""
 
-    def __init__(self, medium: Medium, *, refraction: bool = True, wavelength: int = 0):
+    def __init__(self, medium: Medium, *, wavelength: int = 0):
         self.medium = medium = with_joined_refractivity(medium.select(slice(wavelength, wavelength + 1)))
-        self.refracting = refraction and medium.has_refraction
         self.radius_km = medium.earth_radius_km
         levels = np.unique(medium.altitude_km)
         self.levels = np.unique(np.concatenate([levels, np.arange(levels[0], levels[-1], LONGEST_KM)]))
@@ -53,8 +52,6 @@ class ExactSunbeam:
         return total
 
     def _refractivity(self, z):
-        if not self.refracting:
-            return np.zeros(np.shape(z))
         i, f = self._layer(z)
         a = self.medium.refractivity[:, 0]
         return interpolate_smooth(a[i], a[i + 1], self._index[:, i, 0], f)
@@ -76,9 +73,6 @@ class ExactSunbeam:
             return altitude_km
         # x(altitude) - p without the difference of two large numbers
         fall = float(self._x(altitude_km)) * 2.0 * math.sin(0.5 * (apparent_rad - 0.5 * math.pi)) ** 2
-        if not self.refracting:
-            lowest = altitude_km - fall
-            return lowest if lowest >= self.levels[0] else math.nan
 
         def missing(z):
             n, n_start = float(self._refractivity(z)), float(self._refractivity(altitude_km))
@@ -94,7 +88,6 @@ class ExactSunbeam:
         edges = np.concatenate([[start_km], edges, [min(stop_km, self.levels[-1])]])
         if edges[-1] <= start_km:
             return 0.0, 0.0
-        v = np.sqrt(edges - start_km)
         n_start = float(self._refractivity(start_km))
         x_start = float(self._x(start_km))
         p = math.sqrt(max(0.0, x_start**2 - p_squared_fall))
@@ -112,8 +105,6 @@ class ExactSunbeam:
         uu = p_squared_fall + dx * (2.0 * x_start + dx)
         step = (high - low) * WEIGHT * at / np.sqrt(uu)  # dr/u = 2 v dv/u
         depth = float(np.sum(self._extinction(z) * (x_start + dx) * step))
-        if not self.refracting:
-            return depth, 0.0
         return depth, float(np.sum(-self._index_slope(z) / (1.0 + n) * p * step))
 
     def ray(self, altitude_km: float, apparent_rad: float) -> tuple[float, float]:
@@ -134,8 +125,6 @@ class ExactSunbeam:
     def apparent(self, altitude_km: float, sun_elevation_deg: float) -> float:
         """Apparent zenith angle [rad] of a sun at true elevation; NaN behind the Earth."""
         chi = math.radians(90.0 - sun_elevation_deg)
-        if not self.refracting:
-            return chi
 
         def miss(i):
             return i + self.ray(altitude_km, i)[1] - chi
@@ -146,21 +135,12 @@ class ExactSunbeam:
             return math.nan
         return brentq(miss, max(0.0, chi - 0.06), min(chi, last), xtol=1e-14)
 
-    def transmittance(self, altitude_km: float, sun_elevation_deg: float) -> float:
-        """Of the sun's ray to an observer, 0 behind the Earth; without the thinning of the refracted beam."""
-        apparent = self.apparent(altitude_km, sun_elevation_deg)
-        if math.isnan(apparent):
-            return 0.0
-        return math.exp(-self.ray(altitude_km, apparent)[0])
-
     def irradiance(self, altitude_km: float, sun_elevation_deg: float) -> float:
         """Over F0 at normal incidence, thinned by differential refraction (the equation of `transport.beam`)."""
         apparent = self.apparent(altitude_km, sun_elevation_deg)
         if math.isnan(apparent):
             return 0.0
         depth, _ = self.ray(altitude_km, apparent)
-        if not self.refracting:
-            return math.exp(-depth)
         h = 2e-5
         a, b = (self.ray(altitude_km, apparent + s * h)[1] for s in (-1.0, 1.0))
         widening = 1.0 + (b - a) / (2.0 * h)
@@ -207,7 +187,7 @@ def scattered_once(medium: Medium, observer_km: float, elevation_deg: float, azi
 
     The line is cut where it meets a level and where the ray to the sun grazes one.
     """
-    exact = ExactSunbeam(medium, refraction=False)
+    exact = ExactSunbeam(medium)
     radius, levels = exact.radius_km, np.unique(medium.altitude_km)
     e, a, h = np.radians([elevation_deg, azimuth_deg, sun_deg])
     r0, up = radius + observer_km, math.sin(e)

@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests pytest -p margins -o enable_assertion_pass_hook=true tests/test_lines.py
 
-ends with a line for every comparison of two numbers, `pytest.approx` and `assert_allclose` that takes more than 1/1.5
-of what it allows: the share, the test and the bound.  Bounds on counts and on equality have no share.
+ends with a line for every comparison of two numbers, `pytest.approx` and `assert_allclose` that uses up more
+than 1/1.5 of what it allows: the fraction, the test and the bound.  Bounds on counts and on equality have none.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _largest: dict[tuple[str, str], float] = {}
 _running = [""]
 
 
-def _note(share: float, bound: str) -> None:
+def _note(fraction: float, bound: str) -> None:
     key = _running[0], bound
-    _largest[key] = max(_largest.get(key, 0.0), share)
+    _largest[key] = max(_largest.get(key, 0.0), fraction)
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -72,6 +72,6 @@ _scalar.__eq__ = _approx(_scalar.__eq__)
 
 
 def pytest_terminal_summary(terminalreporter):
-    near = [(share, *key) for key, share in _largest.items() if NEAR < share <= 1.0]
-    for share, test, bound in sorted(near, key=lambda row: row[1:]):
-        terminalreporter.write_line(f"{share:.2f}  {test}  {bound}")
+    near = [(fraction, *key) for key, fraction in _largest.items() if NEAR < fraction <= 1.0]
+    for fraction, test, bound in sorted(near, key=lambda row: row[1:]):
+        terminalreporter.write_line(f"{fraction:.2f}  {test}  {bound}")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twilight.atmosphere import gases, opac, profiles, rayleigh
+from twilight.atmosphere import opac, profiles, rayleigh
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.layers import Boundaries, EqualAirMass
@@ -16,7 +16,6 @@ from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type, opac_
 from twilight.base.errors import TwilightError
 
 DATA = Path(__file__).parent / "data"
-LOWTRAN_FILE = Path(gases.__file__).parents[1] / "data" / "stratosphere" / "lowtran_extinction_550nm.csv"
 
 HESS_1998_COLUMN = {
     "continental-clean": 0.064,
@@ -315,6 +314,7 @@ def test_ground_albedo():
         ({"top_km": 9.0}, "10 to 120"),
         ({"top_km": float("nan")}, "10 to 120"),
         ({"ozone_column_du": -1.0}, "ozone_column_du"),
+        ({"ozone_column_du": 3000.0}, "0 to 2000"),
         ({"ozone_column_du": 300, "ozone_day_of_year": 10}, "not both"),
         ({"ozone_treatment": "mixed"}, "overhead_filter"),
         ({"refraction": "snell"}, "ciddor"),

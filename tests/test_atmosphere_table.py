@@ -82,12 +82,6 @@ def test_altitude_given_twice_is_a_jump(tmp_path):
     assert below == pytest.approx(100 * above, rel=1e-9)
 
 
-def test_ground_is_the_lowest_level(tmp_path):
-    """The ground would not be the lowest level."""
-    rows = [row(z, 550.0) for z in (1.5, 3.0, 60.0)]
-    assert medium_from_table(table(tmp_path, rows)).bottom_km == 1.5
-
-
 def test_asymmetry_by_level_is_exact_at_the_levels(tmp_path):
     """The mixture of phase functions would not have the asymmetry of the table."""
     g = {0.0: 0.75, 1.0: 0.6, 5.0: 0.6, 100.0: -0.1}

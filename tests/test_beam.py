@@ -127,23 +127,6 @@ def test_spreading_restores_the_thin_zenith():
         assert zenith(elevation, spreading=False) / straight == pytest.approx(unspread, rel=0.03)
 
 
-def test_bundle_of_rays_carries_the_energy():
-    """Rays at equally spaced invariants, far before the Earth: dE between neighbours on the sphere at 20 km."""
-    medium = pure_air(LEVELS, scattering=0.0, wavelengths=(550.0,))
-    beam, profile = prepare_beam(medium), ray_profile(medium)
-    z = 20.0
-    x = (RADIUS + z) * (1.0 + refractivity_at(profile, 0, z))
-    p = np.linspace(RADIUS * (1.0 + refractivity_at(profile, 0, 0.0)) + 0.5, x - 0.2, 60)
-    apparent = math.pi - np.arcsin(p / x)
-    chi = np.array([i + sun_ray(profile, 0, z, x * math.cos(i), False)[0] for i in apparent])
-    power = np.pi * np.diff(p**2)
-    ring = 2.0 * math.pi * (RADIUS + z) ** 2 * np.abs(np.diff(np.cos(chi)))
-    middle = 0.5 * (chi[1:] + chi[:-1])
-    for k, c in enumerate(middle):
-        value, bending = beam_at_one(beam, z, math.cos(c), 0)
-        assert value * abs(math.cos(c - bending)) * ring[k] == pytest.approx(power[k], rel=2e-3)
-
-
 def test_edge_of_the_shadow():
     medium = pure_air(LEVELS)
     beam, profile = prepare_beam(medium), ray_profile(medium)

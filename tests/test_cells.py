@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 from energy_media import ODD, odd_medium
-from layered_sky import scattered_once
+from exact_sunbeam import scattered_once
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from twilight import solvers
-from twilight.base.digest import SHOWN, code_digest, files_of
+from twilight.base.digest import DISPLAY, code_digest, files_of
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.config.load import load_axes
@@ -160,7 +160,7 @@ def test_a_sweep_gives_a_formula_all_wavelengths_at_once(tmp_path):
 def test_the_code_of_a_sweep_is_what_computes_it():
     names = {
         file.as_posix().rsplit("twilight/", 1)[-1]
-        for file in files_of("twilight.studies.sweep.work", solvers.SOLVERS["zones"], without=SHOWN)
+        for file in files_of("twilight.studies.sweep.work", solvers.SOLVERS["zones"], without=DISPLAY)
     }
     assert {
         "studies/sweep/work.py",

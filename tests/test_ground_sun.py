@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from airs import pure_air
 
-from twilight.atmosphere.medium import Medium
 from twilight.config import load
 from twilight.scene.medium import climate_medium
+from twilight.transport.apparent_rays import ApparentRays
 from twilight.transport.ground_sun import GroundSun
-from twilight.transport.refracted_sight import ApparentRays
 
 RADIUS_KM = 6371.0
 """Of the planet [km]."""
@@ -24,22 +25,8 @@ PER_KM = 0.03
 @pytest.fixture(scope="module")
 def even_air():
     """One layer that is the same everywhere and bends nothing."""
-    levels, one = np.array([0.0, TOP_KM]), np.ones((2, 1))
-    return Medium(
-        wavelength_nm=np.array([550.0]),
-        altitude_km=levels,
-        air_scattering_per_km=PER_KM * one,
-        absorption_per_km=0.0 * one,
-        aerosol_extinction_per_km=0.0 * one,
-        aerosol_single_scattering_albedo=one,
-        aerosol_phase_fraction=np.zeros((0, 2, 1)),
-        phase_functions=(),
-        refractivity=0.0 * one,
-        depolarisation=np.zeros(1),
-        ground_albedo=np.zeros(1),
-        overhead_absorption_optical_depth=np.zeros(1),
-        earth_radius_km=RADIUS_KM,
-    )
+    medium = pure_air([0.0, TOP_KM], refractivity=0.0, wavelengths=(550.0,))
+    return replace(medium, air_scattering_per_km=np.full((2, 1), PER_KM), earth_radius_km=RADIUS_KM)
 
 
 @pytest.mark.parametrize("elevation_deg", [90.0, 60.0, 10.0, 1.0, 0.1, 0.0])

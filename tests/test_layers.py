@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from layered_sky import layered, scattered_once
+from exact_sunbeam import scattered_once
+from layered_sky import layered
 
 from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.solvers.zones import prepare

@@ -71,15 +71,6 @@ def test_matrix_of_spheres_against_an_independent_mie_sum(index):
     np.testing.assert_allclose(ours[1:], total[1:] / total[0], atol=3e-5)
 
 
-def test_small_spheres_have_the_matrix_of_molecules():
-    """The limit of small spheres would not be Rayleigh's matrix."""
-    got = mie.particle_optics(mie.LogNormal(1e-3, 1.2, 1e-4, 1e-2), [1.5], [500.0])
-    c = np.cos(table_angles_rad(mie.N_ANGLES))
-    p11, p12, p22, p33 = rayleigh_matrix.py_func(c, 0.0)
-    np.testing.assert_allclose(got.ratios[:3, 0], [p12 / p11, p22 / p11, p33 / p11], atol=2e-3)
-    np.testing.assert_allclose(got.ratios[3, 0], 0.0, atol=1e-3)
-
-
 @pytest.mark.parametrize("component, humidity", ship_optics.populations())
 def test_matrix_of_every_component_is_possible(component, humidity):
     """Forwards spheres change nothing, backwards they mirror; a matrix makes no light more polarised than fully."""

@@ -33,8 +33,7 @@ def flicker(skies) -> float:
     return float(np.max(np.abs(skies[1:-1] / (0.5 * (skies[:-2] + skies[2:])) - 1.0)))
 
 
-SCALAR = QUICK
-FEW_ORDERS = replace(SCALAR, max_orders=4, tolerance=0.0)
+FEW_ORDERS = replace(QUICK, max_orders=4, tolerance=0.0)
 """Flicker comes from where nodes, points and directions stand, and every order sees them."""
 
 
@@ -61,7 +60,16 @@ def test_as_the_view_rises(field, azimuth_deg):
         assert flicker(field.radiance(-4.0, start + 0.01 * np.arange(100), azimuth_deg)) < LEAST
 
 
-def change_air(what, settings):
+@pytest.mark.parametrize(
+    ("what", "settings"),
+    [
+        ("optical depth", replace(FEW_ORDERS, max_orders=3)),
+        pytest.param("optical depth", QUICK, marks=pytest.mark.slow),
+        pytest.param("wavelength", QUICK, marks=pytest.mark.slow),
+    ],
+)
+def test_as_the_air_changes(what, settings):
+    """The number of orders, or what is added for the rest of them, would jump from one air to the next."""
     skies = []
     some = WAVELENGTH_NM[[0, 2, 4]]
     for k in range(3):
@@ -71,15 +79,9 @@ def change_air(what, settings):
     assert flicker(skies) < LEAST
 
 
-def test_as_the_air_changes():
-    change_air("optical depth", replace(FEW_ORDERS, max_orders=3))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["optical depth", "wavelength"])
-def test_as_the_air_changes_and_all_its_light(what):
-    """The number of orders, or what is added for the rest of them, would jump from one air to the next."""
-    change_air(what, QUICK)
+@pytest.fixture(scope="module")
+def whole():
+    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), QUICK)
 
 
 @pytest.mark.slow
@@ -89,22 +91,21 @@ def test_as_the_sun_moves_with_all_orders(whole, sun):
     assert flicker([whole.radiance(sun + 0.01 * k, ELEVATION_DEG, AZIMUTH_DEG) for k in range(24)]) < LEAST
 
 
-@pytest.fixture(scope="module")
-def whole():
-    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), QUICK)
-
-
 SUNS_DEG = (10.0, 0.0, -4.0, -8.0, -14.0)
 STANDARD_FEW_ORDERS = replace(QUALITIES["standard"], max_orders=4, tolerance=0.0)
 """Two orders with the early directions and two with the late ones."""
-CLIMATE_NM = WAVELENGTH_NM[[1, 2, 5]]
+
+
+def humid(name, relative_humidity_percent, wavelength_nm):
+    """The medium of a climate with another humidity of its aerosol."""
+    climate = load_climate(name)
+    aerosol = climate.aerosol.model_copy(update={"relative_humidity_percent": relative_humidity_percent})
+    return climate_medium(climate.model_copy(update={"aerosol": aerosol}), np.array(wavelength_nm))
 
 
 def continental(relative_humidity_percent):
-    """The field of `standard` in the climate continental-average with another humidity of its aerosol."""
-    climate = load_climate("continental-average")
-    aerosol = climate.aerosol.model_copy(update={"relative_humidity_percent": relative_humidity_percent})
-    medium = climate_medium(climate.model_copy(update={"aerosol": aerosol}), CLIMATE_NM)
+    """The field of `standard` in the climate continental-average at a humidity."""
+    medium = humid("continental-average", relative_humidity_percent, WAVELENGTH_NM[[1, 2, 5]])
     return prepare(medium, STANDARD_FEW_ORDERS)
 
 
@@ -166,9 +167,7 @@ def test_what_the_air_needs_follows_its_humidity():
     standard = QUALITIES["standard"]
     reached = []
     for percent in (52.0, 52.8, 53.6, 60.0, 60.8, 61.6):
-        climate = load_climate("maritime-clean")
-        aerosol = climate.aerosol.model_copy(update={"relative_humidity_percent": percent})
-        medium = climate_medium(climate.model_copy(update={"aerosol": aerosol}), np.array([450.0, 650.0]))
+        medium = humid("maritime-clean", percent, [450.0, 650.0])
         settings, degree = layout.settings_for(medium, standard)
         reached.append([degree, *layout.lay_out(medium, delta_scaled(medium, degree), settings).reach])
     bend = np.diff(np.reshape(reached, (2, 3, 4)), n=2, axis=1)
@@ -177,10 +176,8 @@ def test_what_the_air_needs_follows_its_humidity():
 
 
 def maritime(relative_humidity_percent):
-    """The field of maritime-clean at another humidity, on few nodes with the directions of `standard`."""
-    climate = load_climate("maritime-clean")
-    aerosol = climate.aerosol.model_copy(update={"relative_humidity_percent": relative_humidity_percent})
-    medium = climate_medium(climate.model_copy(update={"aerosol": aerosol}), np.array([450.0, 550.0, 700.0]))
+    """The field of maritime-clean at a humidity, on few nodes with the directions of `standard`."""
+    medium = humid("maritime-clean", relative_humidity_percent, [450.0, 550.0, 700.0])
     few = replace(QUALITIES["standard"], altitude_density=0.5, zenith_density=0.6, step_density=0.4, tolerance=1e-2)
     return prepare(medium, few)
 

@@ -160,7 +160,7 @@ def test_sunlight_between_the_texels_of_transmittance(climate, most):
     t_mapping = make_mapping(tables.QUALITIES["standard"], medium.earth_radius_km, medium.top_km)
     depth = np.zeros((t_mapping.n_t_r, t_mapping.n_t_mu, 1))
     fill_depth(prepare_profile(medium), t_mapping, depth, 0, t_mapping.n_t_r)
-    exact, off, out = ExactSunbeam(medium, refraction=False), [], np.empty(1)
+    exact, off, out = ExactSunbeam(medium), [], np.empty(1)
     mu_s = np.sin(np.radians(np.linspace(-4.0, 20.0, 161) + 0.003))
     for altitude in (0.0, 0.2, 1.0, 1.9, 1.999, 2.001, 2.2, 5.0, 20.0):
         expected = np.exp(-exact.straight_depth(np.full(mu_s.size, altitude), mu_s))

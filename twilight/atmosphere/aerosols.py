@@ -1,4 +1,4 @@
-"""Aerosol regions: what stands between two altitudes, with its extinction, albedo and phase functions."""
+"""Aerosol between two altitudes: its extinction, single scattering albedo and phase functions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from twilight.atmosphere import opac
 from twilight.atmosphere.levels import interpolate_coefficient, vertical_integral
 from twilight.atmosphere.mie import N_ANGLES, SizeDistribution, particle_optics
 from twilight.base.errors import TwilightError
-from twilight.numerics.phase import TABLE, PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 
 _REFERENCE_NM = 550.0
 """Wavelength at which optical depths of aerosol are given [nm]."""
@@ -50,15 +50,8 @@ class AerosolRegion:
         phases = tuple(PhaseFunction.henyey_greenstein(p.asymmetry, p.name) for p in self.phase_functions)
         return replace(self, phase_functions=phases)
 
-    def below(self, altitude_km: float) -> AerosolRegion | None:
-        """The part of the region below an altitude, None where there is none."""
-        return self._cut(-math.inf, altitude_km)
-
-    def above(self, altitude_km: float) -> AerosolRegion | None:
-        """The part of the region above an altitude, None where there is none."""
-        return self._cut(altitude_km, math.inf)
-
-    def _cut(self, bottom_km: float, top_km: float) -> AerosolRegion | None:
+    def between(self, bottom_km: float, top_km: float) -> AerosolRegion | None:
+        """The part of the region between two altitudes, None where there is none."""
         bottom, top = max(bottom_km, self.bottom_km), min(top_km, self.top_km)
         if top <= bottom:
             return None
@@ -85,7 +78,7 @@ class AerosolRegion:
 
     def optical_depth(self, top_km: float = math.inf) -> np.ndarray:
         """Vertical optical depth (W,) up to an altitude."""
-        part = self.below(top_km)
+        part = self.between(-math.inf, top_km)
         if part is None:
             return np.zeros(self.extinction_per_km.shape[1])
         return vertical_integral(part.extinction_per_km, part.altitude_km)
@@ -143,19 +136,9 @@ def mixture_of(
     if phase_function == "henyey_greenstein" or np.any(empty):
         mixed = PhaseFunction.henyey_greenstein(asymmetry, name)
     else:
-        mixed = table_phase_function(phase / weight[:, None], elements / phase, name)
+        mixed = PhaseFunction.from_log_table(np.log(phase / weight[:, None]), name, elements / phase)
     albedo = np.where(extinction > 0.0, np.minimum(1.0, scattering / np.where(extinction > 0.0, extinction, 1.0)), 0.0)
     return MixtureOptics(extinction, albedo, mixed)
-
-
-def table_phase_function(phase_per_sr: np.ndarray, ratios: np.ndarray, name: str) -> PhaseFunction:
-    """Phase function from values (W, N) at the table's own angles, normalised to 1 under the table's rule.
-
-    ratios (4, W, N): of the other elements of the phase matrix to it.
-    """
-    log_table = np.log(phase_per_sr)
-    moments = PhaseFunction(TABLE, np.zeros(log_table.shape[0]), log_table, name).legendre_moments(1)
-    return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name, ratios)
 
 
 def uniform_region(
@@ -202,7 +185,8 @@ def tropospheric_regions(
         else:
             boundary = optics(spec.number_density_per_cm3, spec.relative_humidity_percent, "boundary layer")
         regions.append(uniform_region("boundary layer", boundary, ground_km, bl_top, height, base))
-    free_intervals = [(bl_top, _free_troposphere_top(spec, stratosphere_bottom_km))]
+    free_top = spec.free_troposphere_top_km if stratosphere_bottom_km is None else stratosphere_bottom_km
+    free_intervals = [(bl_top, free_top)]
     dust = spec.mineral_transported
     if dust is not None and dust.top_km > ground_km:
         dust_bottom = max(dust.bottom_km, ground_km)
@@ -220,10 +204,6 @@ def tropospheric_regions(
                 height = spec.free_troposphere_scale_height_km
                 regions.append(uniform_region("free troposphere", free, bottom, top, height))
     return regions
-
-
-def _free_troposphere_top(spec: opac.AerosolSpec, stratosphere_bottom_km: float | None) -> float:
-    return spec.free_troposphere_top_km if stratosphere_bottom_km is None else stratosphere_bottom_km
 
 
 def _dust_number(dust: opac.MineralLayer, bottom_km: float) -> float:

@@ -173,7 +173,7 @@ def transmission(gas: str, amount: np.ndarray | float) -> np.ndarray:
 
 
 PLANNED_PER_DECADE = 5
-"""Amounts of a gas in each factor of ten for which a plan fits exponential sums; a fit takes 0.05 processor s."""
+"""Amounts of a gas in each factor of ten for which a plan fits exponential sums; a fit costs 0.05 processor s."""
 
 
 @lru_cache(maxsize=4096)
@@ -271,7 +271,7 @@ def make_gas_bands(
 def _shape(
     gas: str, profile: AirProfile, medium: Medium, pressure: float, temperature: float, layers: bool
 ) -> np.ndarray:
-    """Share of the scaled column [km^-1] at the levels of a medium, (L,), with an integral of 1."""
+    """Density over the scaled column [km^-1] at the levels of a medium, (L,), with an integral of 1."""
     levels = medium.altitude_km
     fine = np.unique(np.concatenate([profile.altitude_km[profile.altitude_km < levels[-1]], levels]))
     state = profile.at(fine)

@@ -178,7 +178,7 @@ def _aerosol_regions(
 
     def stratospheric(w) -> list[AerosolRegion]:
         if stratosphere is not None:
-            cut = [region.above(bottom_km) for region in stratosphere.regions(w)]
+            cut = [region.between(bottom_km, math.inf) for region in stratosphere.regions(w)]
             found = [region for region in cut if region is not None]
             formula = aerosol is not None and aerosol.phase_function == "henyey_greenstein"
             return [region.henyey_greenstein() for region in found] if formula else found

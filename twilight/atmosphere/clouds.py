@@ -34,7 +34,7 @@ MAX_DEPTH = 100.0
 """Largest optical depth of all clouds together: no solution was compared with others beyond."""
 
 
-class Kind(NamedTuple):
+class CloudKind(NamedTuple):
     """What a kind of cloud is made of, and what it has unless something else is given.
 
     substance: of the spheres, `water` or `ice`; None: tabulated crystals
@@ -48,12 +48,12 @@ class Kind(NamedTuple):
     effective_radius_um: float
 
 
-KINDS: dict[str, Kind] = {
-    "fog": Kind("water", None, 0.2, 5.0, 10.7),
-    "stratus": Kind("water", 0.5, 0.5, 25.0, 7.33),
-    "altostratus": Kind("water", 3.0, 1.0, 10.0, 7.33),
-    "cirrus": Kind(None, 9.0, 1.5, 1.0, CIRRUS_RADIUS_UM),
-    "noctilucent": Kind("ice", 82.4, 1.0, 1e-5, 0.05),
+KINDS: dict[str, CloudKind] = {
+    "fog": CloudKind("water", None, 0.2, 5.0, 10.7),
+    "stratus": CloudKind("water", 0.5, 0.5, 25.0, 7.33),
+    "altostratus": CloudKind("water", 3.0, 1.0, 10.0, 7.33),
+    "cirrus": CloudKind(None, 9.0, 1.5, 1.0, CIRRUS_RADIUS_UM),
+    "noctilucent": CloudKind("ice", 82.4, 1.0, 1e-5, 0.05),
 }
 """Radii of droplets: OPAC's continental stratus and fog (Hess et al. 1998).  Optical depths: in the ISCCP classes of
 stratus (above 23), altostratus (3.6 to 23) and cirrus (below 3.6; Rossow and Schiffer 1999, Bull. Amer. Meteor. Soc.
@@ -131,7 +131,7 @@ def refractive_index(substance: str, wavelength_nm) -> np.ndarray:
 
 
 def cirrus_optics(wavelength_nm: np.ndarray) -> MixtureOptics:
-    """Optics of OPAC's cirrus 1, which absorbs nothing and dims all light alike.
+    """Optics of OPAC's cirrus 1, which absorbs nothing and dims all wavelengths by the same factor.
 
     Between the table's wavelengths the logarithm of the phase function is linear, beyond them it is constant: there the
     forward peak, which is narrower than half a degree, is too wide or too narrow by a quarter.
@@ -140,9 +140,9 @@ def cirrus_optics(wavelength_nm: np.ndarray) -> MixtureOptics:
     table_nm = np.array([float(name) for name in names[1:]])
     place = np.interp(wavelength_nm, table_nm, np.arange(table_nm.size))
     low = np.minimum(place.astype(int), table_nm.size - 2)
-    share = (place - low)[:, None]
+    fraction = (place - low)[:, None]
     log_table = np.log(rows[:, 1:].T)
-    phase = np.exp((1.0 - share) * log_table[low] + share * log_table[low + 1])
+    phase = np.exp((1.0 - fraction) * log_table[low] + fraction * log_table[low + 1])
     made = PhaseFunction.from_samples(np.radians(rows[:, 0]), phase, "cirrus")
     ones = np.ones(place.size)
     return MixtureOptics(ones, ones, made)

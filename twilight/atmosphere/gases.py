@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.levels import vertical_integral
-from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU, AirProfile
+from twilight.atmosphere.profiles import AirProfile
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -53,22 +54,39 @@ def check_wavelengths(wavelength_nm) -> np.ndarray:
     return w
 
 
-@lru_cache(maxsize=len(_TABLES) + 1)
-def _file(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wavelengths (W,), temperatures (T,) and cross sections (W, T)."""
-    names, rows = data_numbers(f"gases/{name}.csv")
-    return rows[:, 0], np.array([float(name[1:-1]) for name in names[1:]]), rows[:, 1:]
+class TemperatureTable(NamedTuple):
+    """Values (W, T) at wavelengths (W,) [nm] and temperatures (T,) [K]."""
+
+    wavelength_nm: np.ndarray
+    temperature_k: np.ndarray
+    values: np.ndarray
+
+    @staticmethod
+    def read(path: str) -> TemperatureTable:
+        """A file of twilight/data, with a column for each temperature."""
+        names, rows = data_numbers(path)
+        return TemperatureTable(rows[:, 0], np.array([float(name[1:-1]) for name in names[1:]]), rows[:, 1:])
+
+    def at(
+        self, nm: np.ndarray, kelvin: np.ndarray, left: float | None = None, right: float | None = None
+    ) -> np.ndarray:
+        """Linear in wavelength and temperature, (Z, W), with the edge value outside the temperatures.
+
+        left, right: values below the first and above the last wavelength; None: those at the edge.
+        """
+        at_nm = np.stack([np.interp(nm, self.wavelength_nm, column, left, right) for column in self.values.T])
+        return np.stack([np.interp(kelvin, self.temperature_k, column) for column in at_nm.T], axis=1)
 
 
 @lru_cache(maxsize=len(_TABLES))
-def _table(gas: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    nm, temperature_k, values = _file(_TABLES[gas])
+def _table(gas: str) -> TemperatureTable:
+    nm, temperature_k, values = TemperatureTable.read(f"gases/{_TABLES[gas]}.csv")
     if gas == "o3":
-        below_nm, below_k, below = _file(_OZONE_BELOW_301_NM)
+        below_nm, below_k, below = TemperatureTable.read(f"gases/{_OZONE_BELOW_301_NM}.csv")
         below = np.stack([np.interp(temperature_k, below_k, row) for row in below])
         below *= values[0] / below[-1]
         nm, values = np.concatenate([below_nm[:-1], nm]), np.concatenate([below[:-1], values])
-    return nm, temperature_k, values
+    return TemperatureTable(nm, temperature_k, values)
 
 
 def cross_section(gas: str, wavelength_nm, temperature_k) -> np.ndarray:
@@ -78,9 +96,7 @@ def cross_section(gas: str, wavelength_nm, temperature_k) -> np.ndarray:
     """
     wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
     temperature = np.atleast_1d(np.asarray(temperature_k, dtype=float))
-    table_nm, table_k, values = _table(gas)
-    at_wavelength = np.stack([np.interp(wavelength, table_nm, column) for column in values.T])
-    return np.stack([np.interp(temperature, table_k, column) for column in at_wavelength.T], axis=1)
+    return _table(gas).at(wavelength, temperature)
 
 
 def absorption_per_km(gas: str, profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
@@ -116,16 +132,3 @@ def ozone_factor(profile: AirProfile, column_du: float | None) -> float:
 def overhead_ozone_optical_depth(profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
     """Vertical optical depth (W,) of all the ozone of a profile, at the temperatures of its altitudes."""
     return vertical_integral(absorption_per_km("o3", profile, wavelength_nm, factor), profile.altitude_km)
-
-
-__all__ = [
-    "MAX_WAVELENGTH_NM",
-    "MIN_WAVELENGTH_NM",
-    "MOLECULES_PER_CM2_PER_DU",
-    "absorption_per_km",
-    "check_wavelengths",
-    "cross_section",
-    "overhead_ozone_optical_depth",
-    "ozone_factor",
-    "seasonal_ozone_column_du",
-]

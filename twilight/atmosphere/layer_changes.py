@@ -230,7 +230,7 @@ def changes_of(medium: Medium, quantity: str, edges_km: np.ndarray, shifted: Shi
 def _warmer(medium: Medium, edges: np.ndarray, shifted: Shifted) -> Changes:
     """Each of the soft layers as in the shifted air: ln of scattering and refractivity, and absorption, by its weight.
 
-    The refractive index of `changed` is that of the base: every column shares the rays of the first, and tables of
+    The refractive index of `changed` is that of the base: all columns have the rays of the base, because tables of
     sunbeams know one index.
     """
     pieces, weights = soft_layers(medium, edges)

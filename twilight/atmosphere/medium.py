@@ -201,16 +201,14 @@ class Medium:
             return np.where(inside, interpolate_smooth(a[i], a[i + 1], pieces, f), 0.0)
 
         def linear(a):
-            return a[i] * (1 - f) + a[i + 1] * f
+            return np.take(a, i, axis=-2) * (1 - f) + np.take(a, i + 1, axis=-2) * f
 
         return Coefficients(
             air_scattering=smooth(self.air_scattering_per_km),
             absorption=exponential(self.absorption_per_km),
             aerosol_extinction=exponential(self.aerosol_extinction_per_km),
             aerosol_albedo=linear(self.aerosol_single_scattering_albedo),
-            aerosol_phase_fraction=np.stack([linear(s) for s in self.aerosol_phase_fraction])
-            if len(self.aerosol_phase_fraction)
-            else np.zeros((0, *f.shape[:-1], self.n_wavelengths)),
+            aerosol_phase_fraction=linear(self.aerosol_phase_fraction),
             refractivity=smooth(self.refractivity),
         )
 
@@ -233,13 +231,8 @@ class Medium:
         new = [z[:1]]
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = np.zeros(z.size - 1)
-            for a in (
-                whose.air_scattering_per_km,
-                whose.absorption_per_km,
-                whose.aerosol_extinction_per_km,
-                whose.refractivity,
-            ):
-                lo, hi = a[:-1], a[1:]
+            for key in ("air_scattering_per_km", "absorption_per_km", "aerosol_extinction_per_km", "refractivity"):
+                lo, hi = getattr(whose, key)[:-1], getattr(whose, key)[1:]
                 q = np.where((lo > 0) & (hi > 0), np.abs(np.log(hi / np.where(lo > 0, lo, 1))), 0.0)
                 q = np.where(np.maximum(lo, hi) > NEGLIGIBLE_PER_KM, q, 0.0)
                 steps = np.maximum(steps, np.nanmax(q, axis=1))
@@ -261,12 +254,10 @@ class Medium:
         smooth = {key: log_cubics(z, getattr(self, key)) for key in ("air_scattering_per_km", "refractivity")}
         rows: dict[str, list[np.ndarray]] = {}
         for i, piece in enumerate(pieces):
-            lo = max(i - 1, 0)
-            hi = i if i else 1
+            lo, hi = max(i - 1, 0), max(i, 1)
             dz = z[hi] - z[lo]
-            if i == 0:
-                f = np.zeros((1, 1))
-            else:
+            f = np.zeros((1, 1))
+            if i > 0:
                 f = ((piece - z[lo]) / dz if dz > 0 else np.ones(piece.size))[:, None]
             for key in ("absorption_per_km", "aerosol_extinction_per_km"):
                 a = getattr(self, key)
@@ -274,19 +265,11 @@ class Medium:
             for key, cubics in smooth.items():
                 a = getattr(self, key)
                 rows.setdefault(key, []).append(interpolate_smooth(a[lo], a[hi], cubics[:, lo], f))
-            a = self.aerosol_single_scattering_albedo
-            rows.setdefault("aerosol_single_scattering_albedo", []).append(a[lo] * (1 - f) + a[hi] * f)
-            for k, s in enumerate(self.aerosol_phase_fraction):
-                rows.setdefault(f"phase{k}", []).append(s[lo] * (1 - f) + s[hi] * f)
-        made: dict[str, Any] = {key: np.concatenate(value) for key, value in rows.items()}
-        levels = np.concatenate(pieces)
-        n_phase = len(self.phase_functions)
-        phase_fraction = (
-            np.stack([made.pop(f"phase{k}") for k in range(n_phase)])
-            if n_phase
-            else np.zeros((0, levels.size, self.n_wavelengths))
-        )
-        return replace(self, altitude_km=levels, aerosol_phase_fraction=phase_fraction, **made)
+            for key in ("aerosol_single_scattering_albedo", "aerosol_phase_fraction"):
+                a = getattr(self, key)
+                rows.setdefault(key, []).append(a[..., lo : lo + 1, :] * (1 - f) + a[..., hi : hi + 1, :] * f)
+        made: dict[str, Any] = {key: np.concatenate(value, axis=-2) for key, value in rows.items()}
+        return replace(self, altitude_km=np.concatenate(pieces), **made)
 
     def optical_depth(self, part: str = "total") -> np.ndarray:
         """Vertical optical depth (W,) of one part of the air.

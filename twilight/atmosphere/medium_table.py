@@ -91,10 +91,8 @@ def medium_from_table(
     if phase_function is None:
         phase_fraction, phases = _phase_functions(columns[ASYMMETRY], PHASE_MODELS[phase_model])
     else:
-        phase_fraction, phases = (
-            np.ones((1, altitude.size, wavelength.size)),
-            (read_phase(Path(phase_function), wavelength),),
-        )
+        phase_fraction = np.ones((1, altitude.size, wavelength.size))
+        phases = (read_phase(Path(phase_function), wavelength),)
     if not np.any(columns["aerosol_extinction_per_km"] > 0):
         phase_fraction, phases = phase_fraction[:0], ()
     return Medium(
@@ -128,9 +126,7 @@ def _grid(
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Altitudes (L,), wavelengths (W,) and the other columns as (L, W)."""
     wavelengths = np.unique(rows[:, 1])
-    by_wavelength = [np.flatnonzero(rows[:, 1] == w) for w in wavelengths]
-    for k, selected in enumerate(by_wavelength):
-        by_wavelength[k] = _upwards(file, rows, lines, selected)
+    by_wavelength = [_upwards(file, rows, lines, np.flatnonzero(rows[:, 1] == w)) for w in wavelengths]
     altitudes = [rows[selected, 0] for selected in by_wavelength]
     _check_same_levels(file, wavelengths, altitudes)
     z = altitudes[0]
@@ -168,10 +164,8 @@ def _check_same_levels(file: Path, wavelengths: np.ndarray, altitudes: list[np.n
     first = altitudes[0]
     if all(np.array_equal(z, first) for z in altitudes):
         return
-    levels, per_wavelength = np.unique(np.concatenate(altitudes)), []
-    for z in altitudes:
-        per_wavelength.append(np.array([np.count_nonzero(z == level) for level in levels]))
-    counts = np.stack(per_wavelength, axis=1)
+    levels = np.unique(np.concatenate(altitudes))
+    counts = np.array([[np.count_nonzero(z == level) for z in altitudes] for level in levels])
     level, k = np.argwhere(counts < counts.max(axis=1)[:, None])[0]
     which = "no row" if counts[level, k] == 0 else "only one of two rows"
     raise TwilightError(
@@ -211,7 +205,7 @@ def _at_wavelengths(
 
 
 def _phase_functions(asymmetry: np.ndarray, of: Callable) -> tuple[np.ndarray, tuple[PhaseFunction, ...]]:
-    """Shares (K, L, W) and K phase functions of(g) that together give the asymmetry (L, W) at every level."""
+    """Fractions (K, L, W) and K phase functions of(g) that together give the asymmetry (L, W) at every level."""
     n_levels, n_wavelengths = asymmetry.shape
     nodes = [np.unique(column) for column in asymmetry.T]
     count = max(node.size for node in nodes)

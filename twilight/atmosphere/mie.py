@@ -32,7 +32,7 @@ N_ANGLES = 513
 ROW = 3 + 4 * N_ANGLES
 """Numbers per population and wavelength: extinction, scattering, asymmetry, ln P11, and P12, P33, P34 over P11."""
 
-RATIO_STEP = 1.0 / 32767.0
+RATIO_STEP = 1.0 / shipped_optics.RATIO_SCALE
 """Ratios of matrix elements are rounded to this, as they ship: 3e-5 at most, and so a computed row is a shipped one."""
 
 _NEGLIGIBLE = 1e-6

@@ -147,12 +147,12 @@ def read_phase(file: Path, wavelength_nm: np.ndarray, name: str = "") -> PhaseFu
 
     Columns: wavelength_nm, angle_deg (each wavelength from 0 to 180, increasing), phase_per_sr (with any factor, it is
     normalised), and for polarised light p12_ratio, p33_ratio and, if wanted, p22_ratio and p34_ratio: elements of the
-    phase matrix over the phase function.  Between angles the logarithm is linear, between
-    wavelengths the logarithm is linear in the logarithm of the wavelength.
+    phase matrix over the phase function.  Its logarithm is linear between angles, and in
+    the logarithm of the wavelength between wavelengths.
     """
     names, rows, lines = read_columns(file, PHASE_COLUMNS, MATRIX_COLUMNS)
     elements = {key: i for i, key in enumerate(names) if key in MATRIX_COLUMNS}
-    made = []
+    tabulated = []
     table_nm = np.unique(rows[:, 0])
     for w in table_nm:
         selected = np.flatnonzero(rows[:, 0] == w)
@@ -166,22 +166,14 @@ def read_phase(file: Path, wavelength_nm: np.ndarray, name: str = "") -> PhaseFu
                 f"not from {angle[0]:g} to {angle[-1]:g}"
             )
         more = {key: rows[selected, i][None, :] for key, i in elements.items()}
-        made.append(PhaseFunction.from_samples(np.radians(angle), rows[selected, 2][None, :], name, **more))
+        tabulated.append(PhaseFunction.from_samples(np.radians(angle), rows[selected, 2][None, :], name, **more))
     lower, fraction = _between(file, table_nm, wavelength_nm)
     upper = np.minimum(lower + 1, table_nm.size - 1)
-    log_table = np.concatenate([p.log_table for p in made])
-    ratios = np.concatenate([p.ratios for p in made], axis=1)
+    log_table = np.concatenate([p.log_table for p in tabulated])
+    ratios = np.concatenate([p.ratios for p in tabulated], axis=1)
     f = fraction[:, None]
     mixed = log_table[lower] * (1 - f) + log_table[upper] * f
-    between = PhaseFunction(made[0].kind, np.zeros(mixed.shape[0]), mixed, name)
-    moments = between.legendre_moments(1)
-    return PhaseFunction(
-        made[0].kind,
-        moments[:, 1] / moments[:, 0],
-        mixed - np.log(moments[:, :1]),
-        name,
-        ratios[:, lower] * (1 - f) + ratios[:, upper] * f,
-    )
+    return PhaseFunction.from_log_table(mixed, name, ratios[:, lower] * (1 - f) + ratios[:, upper] * f)
 
 
 def _between(file: Path, table_nm: np.ndarray, wavelength_nm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

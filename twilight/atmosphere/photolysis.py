@@ -22,9 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.atmosphere.gases import cross_section
+from twilight.atmosphere.gases import TemperatureTable, cross_section
 from twilight.base.errors import TwilightError
-from twilight.base.shipped_data import data_numbers
 
 
 class Reaction(NamedTuple):
@@ -54,17 +53,13 @@ NO3_ROOM_K = 298.0
 
 
 @lru_cache(maxsize=len(_TABLES))
-def _table(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wavelengths (W,), temperatures (T,) and values (W, T) of a file in data/photolysis."""
-    names, rows = data_numbers(f"photolysis/{_TABLES[name]}_jpl2011.csv")
-    return rows[:, 0], np.array([float(n[1:-1]) for n in names[1:]]), rows[:, 1:]
+def _table(name: str) -> TemperatureTable:
+    return TemperatureTable.read(f"photolysis/{_TABLES[name]}_jpl2011.csv")
 
 
 def _interpolate(name: str, nm: np.ndarray, kelvin: np.ndarray, below: float) -> np.ndarray:
     """A table at temperatures and wavelengths, (Z, W): `below` below its first wavelength, 0 above its last one."""
-    table_nm, table_k, values = _table(name)
-    at_nm = np.stack([np.interp(nm, table_nm, column, left=below, right=0.0) for column in values.T])
-    return np.stack([np.interp(kelvin, table_k, column) for column in at_nm.T], axis=1)
+    return _table(name).at(nm, kelvin, below, 0.0)
 
 
 def excited_oxygen_yield(nm: np.ndarray, kelvin: np.ndarray) -> np.ndarray:

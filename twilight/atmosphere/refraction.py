@@ -16,6 +16,19 @@ _ZERO_CELSIUS = 273.15
 """K."""
 
 
+def _standard_refractivities(wavelength_nm) -> tuple[np.ndarray, np.ndarray]:
+    """n - 1 of standard dry air (15 C, 101325 Pa, 450 ppm CO2) and of pure water vapour (20 C, 1333 Pa).
+
+    Ciddor 1996 eqs. (1) and (3).  Errors: TwilightError outside 200-2000 nm, where resonances begin.
+    """
+    wavelength = np.asarray(wavelength_nm, dtype=float)
+    if not np.all((wavelength >= 200.0) & (wavelength <= 2000.0)):
+        raise TwilightError("refraction: wavelength_nm must be between 200 and 2000 nm")
+    s = (1e3 / wavelength) ** 2  # um^-2
+    dry = 1e-8 * (5792105.0 / (238.0185 - s) + 167917.0 / (57.362 - s))
+    return dry, 1.022e-8 * (295.235 + 2.6422 * s - 0.032380 * s**2 + 0.004028 * s**3)
+
+
 def _compressibility(temperature_k, pressure_pa, water_fraction):
     """Z of moist air, Ciddor 1996 eq. (12) with the constants of Davis 1992 (BIPM)."""
     t = temperature_k - _ZERO_CELSIUS
@@ -43,24 +56,17 @@ def ciddor_refractivity(
 
     Source: Ciddor 1996, Appl. Opt. 35, 1566, eqs. (1)-(5), (12) and appendix B.
     """
-    wavelength = np.asarray(wavelength_nm, dtype=float)
     t_k = np.asarray(temperature_k, dtype=float)
     p = np.asarray(pressure_hpa, dtype=float) * 100.0
     e = np.asarray(water_vapour_pressure_hpa, dtype=float) * 100.0
-    if not np.all((wavelength >= 200.0) & (wavelength <= 2000.0)):
-        raise TwilightError("refraction: wavelength_nm must be between 200 and 2000 nm")
+    dry_standard, water_standard = _standard_refractivities(wavelength_nm)
     if not np.all((t_k > 100.0) & (t_k < 1500.0)):
         raise TwilightError("refraction: temperature_k must be between 100 and 1500 K")
     if not (np.all((p >= 0.0) & np.isfinite(p)) and np.all((e >= 0.0) & (e <= np.maximum(p, 0.0)))):
         raise TwilightError("refraction: pressure_hpa must not be negative, nor water_vapour_pressure_hpa exceed it")
     if not 0.0 <= co2_ppm < 1e6:
         raise TwilightError("refraction: co2_ppm must be between 0 and 1e6")
-    s = (1e3 / wavelength) ** 2  # um^-2
-    # standard dry air, 15 C, 101325 Pa, 450 ppm CO2: eq. (1); other CO2: eq. (2)
-    dry_standard = 1e-8 * (5792105.0 / (238.0185 - s) + 167917.0 / (57.362 - s))
-    dry_standard = dry_standard * (1.0 + 0.534e-6 * (co2_ppm - 450.0))
-    # pure water vapour, 20 C, 1333 Pa: eq. (3)
-    water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.032380 * s**2 + 0.004028 * s**3)
+    dry_standard = dry_standard * (1.0 + 0.534e-6 * (co2_ppm - 450.0))  # eq. (2)
     molar_mass_dry = 1e-3 * (28.9635 + 12.011e-6 * (co2_ppm - 400.0))
     t = t_k - _ZERO_CELSIUS
     enhancement = 1.00062 + 3.14e-8 * p + 5.6e-7 * t**2
@@ -85,13 +91,8 @@ def haber_refractivity(wavelength_nm, altitude_km, relative_humidity=0.0) -> np.
     The formula mixes n - 1 of both, so that saturated air refracts like vapour at 13 hPa.  It is here as Haber has it;
     :func:`ciddor_refractivity` is physical.
     """
-    wavelength = np.asarray(wavelength_nm, dtype=float)
     w = np.asarray(relative_humidity, dtype=float)
-    if not np.all((wavelength >= 200.0) & (wavelength <= 2000.0)):
-        raise TwilightError("refraction: wavelength_nm must be between 200 and 2000 nm")
+    dry, wet = _standard_refractivities(wavelength_nm)
     if not np.all((w >= 0.0) & (w <= 1.0)):
         raise TwilightError("refraction: relative_humidity must be between 0 and 1")
-    s = (1e3 / wavelength) ** 2
-    dry = (5792105.0 / (238.0185 - s) + 167917.0 / (57.362 - s)) * 1e-8
-    wet = 1.022e-8 * (295.235 + 2.6422 * s - 0.032380 * s**2 + 0.004028 * s**3)
     return np.exp(-np.asarray(altitude_km, dtype=float) / 8.0) * ((1.0 - w) * dry + w * wet)

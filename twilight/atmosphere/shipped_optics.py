@@ -23,7 +23,6 @@ FILE_NAME = "mie_ten_types.npz"
 WAVELENGTHS_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0, 450.0, 500.0, 550.0, 600.0, 650.0)
 """The default wavelengths of a render, then those of `twilight describe` that are not among them."""
 
-
 RATIO_SCALE = 32767.0
 """Ratios of matrix elements are stored as multiples of one over this."""
 
@@ -37,7 +36,7 @@ class ShippedOptics:
 
 
 def write(path: Path, version: str, keys: list[str], rows: np.ndarray) -> None:
-    """Write rows (R, mie.ROW): ln P11 as float32, ratios of matrix elements as multiples of 1/32767."""
+    """Write rows (R, mie.ROW): ln P11 as float32, ratios of matrix elements as multiples of 1/RATIO_SCALE."""
     head, log_phase, ratios = np.split(rows, [3, 3 + (rows.shape[1] - 3) // 4], axis=1)
     log_phase = log_phase.astype("<f4")
     ratios = np.round(ratios * RATIO_SCALE).astype("<i2")

@@ -67,10 +67,10 @@ def log_cubics(altitude_km: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
     piece = np.zeros((3, z.size - 1, a.shape[1]))
     # a curve ends at a pair of levels that do not join
     ends = np.where(thick[:, None], ~(positive[:-1] & positive[1:]), np.abs(np.diff(log, axis=0)) > 1e-9)
-    patterns, members = np.unique(ends, axis=1, return_inverse=True)
-    for p in range(patterns.shape[1]):
+    distinct, members = np.unique(ends, axis=1, return_inverse=True)
+    for p in range(distinct.shape[1]):
         columns = np.flatnonzero(members.ravel() == p)
-        cuts = np.flatnonzero(patterns[:, p])
+        cuts = np.flatnonzero(distinct[:, p])
         for first, last in zip(np.concatenate([[0], cuts + 1]), np.append(cuts, z.size - 1), strict=True):
             if last <= first:
                 continue

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from twilight.atmosphere import opac
-from twilight.atmosphere.aerosols import AerosolRegion, table_phase_function
+from twilight.atmosphere.aerosols import AerosolRegion
 from twilight.atmosphere.mie import LogNormal, particle_optics
 from twilight.atmosphere.profiles import PROFILE_TOP_KM
 from twilight.base.errors import TwilightError
@@ -104,9 +104,9 @@ class StratosphereSpec:
         return float(_sage()[self.kind][0, 0] if self.levels is None else self.levels.altitude_km[0])
 
     def _lowtran_stratosphere(self) -> tuple[np.ndarray, np.ndarray]:
-        column = LOWTRAN_KINDS[self.kind][0] + SEASONS[self.season]
+        column, _ = LOWTRAN_KINDS[self.kind]
         table = _lowtran_extinction()
-        return table["z_km"], table[column]
+        return table["z_km"], table[column + SEASONS[self.season]]
 
     def regions(self, wavelength_nm) -> list[AerosolRegion]:
         """The aerosol at W wavelengths [nm]."""
@@ -122,8 +122,7 @@ class StratosphereSpec:
         name = f"stratosphere ({self.kind})"
         stratosphere = _lowtran_region(name, z[inside], extinction[inside], kind, wavelength)
         volcanic = "background" if self.kind == "background" else "volcanic"
-        table = _lowtran_extinction()
-        above = table[UPPER_ATMOSPHERES[volcanic, self.upper_atmosphere]]
+        above = _lowtran_extinction()[UPPER_ATMOSPHERES[volcanic, self.upper_atmosphere]]
         inside = above > 0
         upper = _lowtran_region("upper atmosphere", z[inside], above[inside], "meteoric_dust", wavelength)
         return [stratosphere, upper]
@@ -157,18 +156,16 @@ def _lowtran_region(
 
     LOWTRAN documents the asymmetry only, not the phase function.
     """
-    table = _lowtran_optics()[kind]
-    ratio = np.exp(np.interp(np.log(wavelength), np.log(table[:, 0]), np.log(table[:, 1])))
-    absorption = np.interp(wavelength, table[:, 0], table[:, 2])
-    asymmetry = np.interp(wavelength, table[:, 0], table[:, 3])
-    albedo = np.clip(1.0 - absorption / ratio, 0.0, 1.0)
+    nm, extinction, absorption, asymmetry = _lowtran_optics()[kind].T
+    ratio = np.exp(np.interp(np.log(wavelength), np.log(nm), np.log(extinction)))
+    albedo = np.clip(1.0 - np.interp(wavelength, nm, absorption) / ratio, 0.0, 1.0)
     return AerosolRegion(
         name,
         z,
         extinction_550[:, None] * ratio,
         np.broadcast_to(albedo, (z.size, wavelength.size)).copy(),
         np.ones((1, z.size, wavelength.size)),
-        (PhaseFunction.henyey_greenstein(asymmetry, name),),
+        (PhaseFunction.henyey_greenstein(np.interp(wavelength, nm, asymmetry), name),),
     )
 
 
@@ -260,7 +257,9 @@ def _sage_region(scenario: str, wavelength: np.ndarray, levels: ExtinctionLevels
     _, index_of_channel = opac.particles("suso", 0.0, channel_nm)
     for radius in SAGE_RADII_UM[used]:
         optics = particle_optics(droplets(float(radius)), index, wavelength)
-        phases.append(table_phase_function(np.exp(optics.log_phase), optics.ratios, f"sulphate {1e3 * radius:.0f} nm"))
+        # through the exponential: its rounding is part of the numbers that are published
+        log_phase = np.log(np.exp(optics.log_phase))
+        phases.append(PhaseFunction.from_log_table(log_phase, f"sulphate {1e3 * radius:.0f} nm", optics.ratios))
         albedos.append(np.minimum(1.0, optics.scattering_per_km / optics.extinction_per_km))
         if single:
             of_channel = particle_optics(droplets(float(radius)), index_of_channel, channel_nm).extinction_per_km[0]

@@ -34,7 +34,7 @@ _DIGEST_BYTES = 32
 """Length of the SHA-256 in front of an array."""
 
 
-class Kind(NamedTuple):
+class FileKind(NamedTuple):
     """Files of one kind: their folder and suffix, what the user is told they are, whether the limit counts them."""
 
     folder: str
@@ -43,16 +43,16 @@ class Kind(NamedTuple):
     limited: bool
 
 
-FIELDS = Kind("fields", ".h5", "solved fields", True)
-SKIES = Kind("skies", ".npz", "skies of studies", True)
-OPTICS = Kind("optics", ".f8", "optics of particles", False)
+FIELDS = FileKind("fields", ".h5", "solved fields", True)
+SKIES = FileKind("skies", ".npz", "skies of studies", True)
+OPTICS = FileKind("optics", ".f8", "optics of particles", False)
 KINDS = (FIELDS, SKIES, OPTICS)
 
 
 class CachedFile(NamedTuple):
     """A file of the cache; used_s: when it was last written or read [s since 1970]."""
 
-    kind: Kind
+    kind: FileKind
     path: Path
     size_bytes: int
     used_s: float
@@ -81,12 +81,12 @@ def limit_bytes() -> float:
     return 1e9 * limit_gb
 
 
-def path_of(kind: Kind, key: str) -> Path:
+def path_of(kind: FileKind, key: str) -> Path:
     """Where the file of a key is, if it is there."""
     return cache_folder() / kind.folder / f"{key}{kind.suffix}"
 
 
-def find(kind: Kind, key: str) -> Path | None:
+def find(kind: FileKind, key: str) -> Path | None:
     """The file of a key, which counts as used now; None where there is none, or none is to be cached."""
     path = path_of(kind, key)
     if (kind.limited and limit_bytes() == 0.0) or not path.is_file():
@@ -96,7 +96,7 @@ def find(kind: Kind, key: str) -> Path | None:
     return path
 
 
-def store(kind: Kind, key: str, write: Callable[[Path], Any]) -> Path | None:
+def store(kind: FileKind, key: str, write: Callable[[Path], Any]) -> Path | None:
     """Have `write` write the file of a key, whole or not at all, and make room for it.
 
     Returns its path; None where it is not there now: nothing is to be cached, or a warning has said why not.
@@ -122,7 +122,7 @@ def discard(path: Path) -> None:
         path.unlink()
 
 
-def read_array(kind: Kind, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
+def read_array(kind: FileKind, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
     """The float64 array that `store_array` left under a key; None where there is no whole and undamaged one."""
     path = find(kind, key)
     if path is None:
@@ -137,7 +137,7 @@ def read_array(kind: Kind, key: str, shape: tuple[int, ...]) -> np.ndarray | Non
     return np.frombuffer(payload, dtype="<f8").astype(float).reshape(shape)
 
 
-def store_array(kind: Kind, key: str, values: np.ndarray) -> None:
+def store_array(kind: FileKind, key: str, values: np.ndarray) -> None:
     """Leave a float64 array under a key: 32 bytes SHA-256 of the rest, then its values, little endian."""
     payload = np.ascontiguousarray(values, dtype="<f8").tobytes()
     store(kind, key, lambda path: path.write_bytes(hashlib.sha256(payload).digest() + payload))

@@ -14,8 +14,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _DATA = _PACKAGE / "data"
 """Folder of the data that come with the package."""
 
-SHOWN = ("twilight.sky.sky",)
-"""Modules that show radiance and do not make it."""
+DISPLAY = ("twilight.sky.sky",)
+"""Modules that show radiance and do not compute it."""
 
 
 @functools.cache

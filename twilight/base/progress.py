@@ -1,4 +1,4 @@
-"""How long work says how far it is: one function of a few words and a fraction."""
+"""How work that takes long reports what fraction of it is done: one function of a few words and a fraction."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ Progress = Callable[[str, float], None]
 
 
 def silent(doing: str, fraction: float) -> None:
-    """The progress of whoever does not want to know."""
+    """A progress that reports nothing."""
 
 
-class Meter:
-    """Turns the progress of one phase of the work after another into that of the whole, which never goes back."""
+class PhasedProgress:
+    """A progress made of that of one phase of the work after another; its fraction of the whole never goes back."""
 
     def __init__(self, report: Progress):
         self.report = report

@@ -1,7 +1,8 @@
-"""Files of others: how large what they hold is, found out before memory is taken for it, and what is said of damage."""
+"""Files from elsewhere: how much they hold, found out before memory is allotted for it, and what is said of damage."""
 
 from __future__ import annotations
 
+import math
 import os
 import zipfile
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 
 LARGEST_EXPANSION = 1100
-"""Deflate, which compresses all our files, makes at most 1032 bytes of one."""
+"""Deflate, which compresses all files of this program, makes at most 1032 bytes of one."""
 SMALL_BYTES = 1_000_000
 """What a file may say to hold whatever its size [bytes]."""
 
@@ -103,10 +104,7 @@ def _npy_bytes(stream: Any) -> int:
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(stream)
-    count = 1
-    for n in shape:
-        count *= int(n)
-    return count * dtype.itemsize
+    return math.prod(map(int, shape)) * dtype.itemsize
 
 
 def check_hdf5(path: Path, file: Any) -> None:

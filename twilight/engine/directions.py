@@ -6,7 +6,7 @@ import numpy as np
 
 from twilight.numerics.grids import texture_centres
 from twilight.scene.scene import Scene
-from twilight.transport.refracted_sight import horizon_dip_deg
+from twilight.transport.apparent_rays import horizon_dip_deg
 
 HIGH_FROM_KM = 0.1
 """Above the ground: from lower down the horizon dips by 0.3 deg at most, and the sky ends at 0 deg."""

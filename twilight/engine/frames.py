@@ -12,7 +12,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.base.progress import Meter, Progress, silent
+from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
 from twilight.engine.answer import Answer, join_wavelengths, make_sky
 from twilight.engine.block import Block
@@ -44,7 +44,7 @@ from twilight.sky.moon import Moon
 from twilight.sky.night import night_radiance
 from twilight.sky.sky import Sky
 from twilight.terrain.heights import Standpoint
-from twilight.transport.refracted_sight import horizon_dip_deg
+from twilight.transport.apparent_rays import horizon_dip_deg
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _warn_of_black(scene: Scene, sky: Sky) -> None:
     warnings.warn(f"the sky is black in every direction: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
-class _Phases(Meter):
+class _Phases(PhasedProgress):
     """A sequence's phases: each block of wavelengths is solved, then evaluated under every sun."""
 
     def __init__(self, tell: Progress, blocks: int, suns: list[str]):

@@ -20,7 +20,7 @@ from twilight.sky.eye_limit import MAGNITUDE_0_LUX, TYPICAL_FIELD_FACTOR, limiti
 from twilight.sky.moon.disc import lit_parts
 from twilight.sky.objects import Track
 from twilight.sky.quantities.measure import Spectra
-from twilight.transport.refracted_sight import ApparentRays, horizon_dip_deg
+from twilight.transport.apparent_rays import ApparentRays, horizon_dip_deg
 
 HIGHEST_SUN_OF_NIGHT_DEG = -5.0
 """Elevation of the sun below which the night's own light counts: at it the sky is 1000 times as luminous."""

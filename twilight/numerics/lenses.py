@@ -61,29 +61,30 @@ def ideal_angle(projection: str, u: np.ndarray) -> np.ndarray:
         return np.arctan(u)
 
 
+def _even_series(u: np.ndarray | float, coefficients: Sequence[float]) -> np.ndarray:
+    """1 + k1 u^2 + k2 u^4 + ..."""
+    square = np.square(u)
+    series = np.zeros_like(square)
+    for k in reversed(coefficients):
+        series = (series + k) * square
+    return 1.0 + series
+
+
 def distorted(u: np.ndarray | float, coefficients: Sequence[float]) -> np.ndarray:
     """v = u (1 + k1 u^2 + k2 u^4 + ...), whatever u."""
-    square = np.square(u)
-    factor = np.zeros_like(square)
-    for k in reversed(coefficients):
-        factor = (factor + k) * square
-    return u * (1.0 + factor)
+    return u * _even_series(u, coefficients)
 
 
-def _slope(u: np.ndarray, coefficients: Sequence[float]) -> np.ndarray:
-    square = np.square(u)
-    factor = np.zeros_like(square)
-    for n in range(len(coefficients), 0, -1):
-        factor = (factor + (2 * n + 1) * coefficients[n - 1]) * square
-    return 1.0 + factor
+def _slope_coefficients(coefficients: Sequence[float]) -> list[float]:
+    """Coefficients of dv/du = 1 + 3 k1 u^2 + 5 k2 u^4 + ..."""
+    return [(2 * n + 1) * k for n, k in enumerate(coefficients, start=1)]
 
 
 def largest_radius(projection: str, coefficients: Sequence[float]) -> float:
     """The largest u at which the projection with its distortion can still be inverted; inf where there is no limit."""
-    derivative = [(2 * n + 1) * k for n, k in enumerate(coefficients, start=1)]
-    roots = np.roots([*reversed(derivative), 1.0])
-    turning = [float(np.sqrt(r.real)) for r in roots if abs(r.imag) <= 1e-9 * abs(r) and r.real > 0]
-    return min([_LARGEST_RADIUS[projection], *turning])
+    roots = np.roots([*reversed(_slope_coefficients(coefficients)), 1.0])
+    extrema = [float(np.sqrt(r.real)) for r in roots if abs(r.imag) <= 1e-9 * abs(r) and r.real > 0]
+    return min([_LARGEST_RADIUS[projection], *extrema])
 
 
 def undistorted(v: np.ndarray, coefficients: Sequence[float], largest: float) -> np.ndarray:
@@ -108,7 +109,7 @@ def undistorted(v: np.ndarray, coefficients: Sequence[float], largest: float) ->
     for _ in range(_MOST_STEPS):
         error = distorted(u, coefficients) - goal
         low, high = np.where(error <= 0, u, low), np.where(error >= 0, u, high)
-        slope = _slope(u, coefficients)
+        slope = _even_series(u, _slope_coefficients(coefficients))
         with np.errstate(divide="ignore", invalid="ignore"):
             step = u - error / slope
         following = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))

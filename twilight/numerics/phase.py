@@ -29,8 +29,8 @@ HENYEY_GREENSTEIN, TABLE = range(2)
 RATIO_P12, RATIO_P22, RATIO_P33, RATIO_P34 = range(4)
 """Rows of a table of ratios: of these elements of the phase matrix to P11."""
 
-MOST_KEPT_DEGREE = 400
-"""Largest degree of moments whose quadrature is kept: 13 MB with 513 nodes (degree 2400: 79 MB)."""
+MAX_CACHED_DEGREE = 400
+"""Largest degree of moments whose quadrature is cached: 13 MB with 513 nodes (degree 2400: 79 MB)."""
 
 
 @njit(cache=True, inline="always")
@@ -176,9 +176,6 @@ class PhaseFunction:
         phase = np.atleast_2d(np.asarray(phase_per_sr, dtype=float))
         nodes = table_angles_rad(n_nodes)
         log_table = np.stack([np.interp(nodes, angle_rad, np.log(np.maximum(row, 1e-300))) for row in phase])
-        raw = PhaseFunction(TABLE, np.zeros(phase.shape[0]), log_table, name)
-        norm = raw.legendre_moments(1)
-        log_table = log_table - np.log(norm[:, :1])
         ratios = np.zeros((4, *log_table.shape))
         if p12_ratio is not None:
             ratios[RATIO_P22] = 1.0
@@ -186,7 +183,16 @@ class PhaseFunction:
                 if values is not None:
                     samples = np.broadcast_to(np.asarray(values, dtype=float), phase.shape)
                     row[:] = np.stack([np.interp(nodes, angle_rad, one) for one in samples])
-        return PhaseFunction(TABLE, norm[:, 1] / norm[:, 0], log_table, name, ratios)
+        return PhaseFunction.from_log_table(log_table, name, ratios)
+
+    @staticmethod
+    def from_log_table(log_table: np.ndarray, name: str, ratios: np.ndarray) -> PhaseFunction:
+        """Phase function from its logarithm (W, N) but for a constant, normalised under the table's own quadrature.
+
+        ratios (4, W, N): as of the class.
+        """
+        moments = PhaseFunction(TABLE, np.zeros(log_table.shape[0]), log_table, name).legendre_moments(1)
+        return PhaseFunction(TABLE, moments[:, 1] / moments[:, 0], log_table - np.log(moments[:, :1]), name, ratios)
 
     def __call__(self, cos_angle) -> np.ndarray:
         """p [sr^-1] at the cosines of scattering angles: shape (W, *cos_angle.shape)."""
@@ -219,7 +225,7 @@ class PhaseFunction:
         """Moments chi_l = 2 pi int p(mu) P_l(mu) dmu, l = 0..degree, shape (W, degree + 1); chi_0 = 1, chi_1 = g."""
         if self.kind == HENYEY_GREENSTEIN:
             return self.asymmetry[:, None] ** np.arange(degree + 1)[None, :]
-        rule_of = _kept_moment_rule if degree <= MOST_KEPT_DEGREE else _moment_rule
+        rule_of = _cached_moment_rule if degree <= MAX_CACHED_DEGREE else _moment_rule
         mu, rule = rule_of(self.log_table.shape[1] - 1, degree)
         return self(mu) @ rule
 
@@ -240,8 +246,8 @@ def _moment_rule(n: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     return mu, np.polynomial.legendre.legvander(mu, degree) * weight[:, None]
 
 
-_kept_moment_rule = lru_cache(maxsize=2)(_moment_rule)
-"""A medium has several phase functions: the rule is kept for the next."""
+_cached_moment_rule = lru_cache(maxsize=2)(_moment_rule)
+"""A medium has several phase functions, which need the same rule."""
 
 
 class PhaseArrays(NamedTuple):

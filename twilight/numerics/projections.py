@@ -17,9 +17,9 @@ cylinder      upright lines upright, field of view across       where it points 
 limb          a strip: azimuth across, elevation upwards        the azimuth         any
               between the edges of its band
 
-`fisheye` and `octahedral` point to the zenith unless told otherwise; azimuth_deg is then at the lower edge, as for
+`fisheye` and `octahedral` point to the zenith by default; azimuth_deg is then at the lower edge, as for
 somebody who faces it and looks up.  `cylinder` is not tilted but shifted to the elevation in its middle, as a lens that
-shifts does it; unless told otherwise the horizon is at 0.86 of its height, and above it is the sky.
+shifts does it; by default the horizon is at 0.86 of its height, and above it is the sky.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ WHOLE = (-90.0, 90.0)
 CYLINDER_ELEVATION_DEG = 17.3
 """Of a cylinder's middle: the horizon is then at 0.86 of the height of 20 : 9, where `wide` has it."""
 PERSPECTIVE_UP_DEG = 15.0
-"""Where a pinhole camera that shows the sky looks unless told otherwise: the horizon is in the lower part."""
+"""Elevation [deg] to which a pinhole camera that shows the sky looks by default: the horizon is in the lower part."""
 LARGEST_SHIFT_DEG = 80.0
 """Elevations in the middle of a cylinder lie within this: it never holds the zenith."""
 
@@ -71,7 +71,7 @@ class ImagePlane:
         return np.broadcast_to(x, shape), np.broadcast_to(y[:, None], shape)
 
 
-Own = Callable[[ImagePlane], np.ndarray]
+PlaneDirections = Callable[[ImagePlane], np.ndarray]
 """Directions (rows, width, 3) right, forward, up in the view's own axes; NaN outside the view."""
 
 
@@ -79,13 +79,13 @@ Own = Callable[[ImagePlane], np.ndarray]
 class Projection:
     """A projection.
 
-    own: directions in the view's own axes; aspect: width over height; free: whether other aspects are allowed;
+    directions: in the view's own axes; aspect: width over height; free: whether other aspects are allowed;
     field_deg: usual field of view across the width [deg], at most largest_deg; elevation_deg: where it usually points;
     turns: whether it can be raised and rolled; shifts: whether it is raised by a shift, which leaves upright lines
     upright; banded: whether it is a strip between two elevations
     """
 
-    own: Own
+    directions: PlaneDirections
     aspect: float
     free: bool = False
     field_deg: float = 360.0
@@ -271,7 +271,7 @@ def view_rays(
                 f"{LARGEST_SHIFT_DEG:g} is"
             )
         rise, up = float(np.tan(np.radians(up))), 0.0
-    return kind.own(ImagePlane(wide, high, field, band, rows, rise)) @ camera_axes(azimuth_deg, up, roll_deg)
+    return kind.directions(ImagePlane(wide, high, field, band, rows, rise)) @ camera_axes(azimuth_deg, up, roll_deg)
 
 
 def view_directions(name: str, width: int, height: int | None = None, **pointing) -> tuple[np.ndarray, np.ndarray]:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import csv
 from functools import lru_cache
-from importlib import resources
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.shipped_data import data_file, data_numbers
 
 LUMINOUS_EFFICACY_LM_PER_W = 683.002
 """Luminous efficacy of 540 THz radiation over V(555 nm) in standard air, lm W^-1 (CIE 018:2019)."""
@@ -37,11 +37,11 @@ STEEPEST_EXPONENT = 8.0
 
 @lru_cache(maxsize=1)
 def _solar_table() -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    text = resources.files("twilight").joinpath("data/solar/solar_irradiance_1nm.csv").read_text(encoding="utf-8")
-    rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
+    """Wavelengths and irradiances of each spectrum, as `solar_spectrum` gives them."""
+    names, values = data_numbers("solar/solar_irradiance_1nm.csv")
     table = {}
-    for column, name in enumerate(rows[0][1:], start=1):
-        pairs = np.array([(float(r[0]), float(r[column])) for r in rows[1:] if r[column]])
+    for column, name in enumerate(names[1:], start=1):
+        pairs = np.ascontiguousarray(values[np.isfinite(values[:, column])][:, [0, column]])
         pairs.flags.writeable = False
         table[name] = (pairs[:, 0], pairs[:, 1])
     return table
@@ -127,7 +127,7 @@ def _observer(name: str) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _observer_tables() -> dict[str, np.ndarray]:
     """Matching functions and, below them, the RGB matrix of every observer, (474, 3) each."""
-    text = resources.files("twilight").joinpath("data/colour/observers.csv").read_text(encoding="utf-8")
+    text = data_file("colour/observers.csv").read_text(encoding="utf-8")
     rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))[1:]
     tables = {name: np.array([row[2:] for row in rows if row[0] == name], float) for name in OBSERVERS}
     for table in tables.values():

@@ -41,9 +41,10 @@ from twilight.transport import beam_edges, beam_tables
 from twilight.transport import beam_lookup as lookup
 from twilight.transport.beam_edges import Edges
 from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, lit_at
-from twilight.transport.beam_nodes import limb_edges, segment_nodes, segments, uniform_in_invariant
+from twilight.transport.beam_nodes import LimbRays, limb_edges, segment_nodes, segments, uniform_in_invariant
 from twilight.transport.beam_pack import Segments, Tables, pack
 from twilight.transport.beam_screen import screen_table
+from twilight.transport.beam_tables import BeamAir
 from twilight.transport.ray_profile import AIR, RayProfile, ray_profile, refractivity_at
 
 __all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepare_beam"]
@@ -55,49 +56,29 @@ _FAR_KM = 400.0
 
 
 class _Air(NamedTuple):
-    """What rays are traced through: W wavelengths of the medium, behind them those that nodes are laid out for.
+    """What rays are traced through.
 
-    profile: of all these; layout: of those that nodes are laid out for; n_wavelengths: W; reference, other: places of
-    the most and the least refracted one in `profile`; scales: refractivity at the ground over that of the reference;
-    alike (W,): the first wavelength with the same refractive index; edges: what jumps or bends at edges of layers;
-    spreading: whether the beam is diluted by refraction.
+    traced: the W wavelengths of the medium; its profile holds, behind them, those that nodes are laid out for; layout:
+    profile of the latter; least: place in the traced profile of the least refracted wavelength; scales: refractivity
+    at the ground of all in it over that of the reference; edges: what jumps or bends at edges of layers.
     """
 
-    profile: RayProfile
+    traced: BeamAir
     layout: RayProfile
-    n_wavelengths: int
-    reference: int
-    other: int
+    least: int
     scales: np.ndarray
-    alike: np.ndarray
     edges: Edges
     refraction: bool
-    spreading: bool
 
     @property
-    def scale(self) -> np.ndarray:
-        """`scales` of the wavelengths of the medium, (W,)."""
-        return self.scales[: self.n_wavelengths]
+    def disperses(self) -> bool:
+        """Whether wavelengths are refracted differently."""
+        return self.refraction and self.scales[self.least] < 1.0 - 1e-9
 
     @property
     def far_km(self) -> float:
         """u over which log(1 + u / far_km) is part of the table of limb rays."""
-        return _FAR_KM if self.spreading else 1e300
-
-
-class _Limb(NamedTuple):
-    """Rays by their lowest point, Y of them, at every wavelength of the profile.
-
-    segments: in the invariant p; lowest_km (Y,); invariant [km], bending [rad], slope [km^-1] (P, Y): p, the bending of
-    the whole ray and its derivative by p; lowest_free_km: lowest point of the lowest ray that leaves the air.
-    """
-
-    segments: Segments
-    lowest_km: np.ndarray
-    invariant: np.ndarray
-    bending: np.ndarray
-    slope: np.ndarray
-    lowest_free_km: float
+        return _FAR_KM if self.traced.spreading else 1e300
 
 
 def prepare_beam(
@@ -132,12 +113,13 @@ def prepare_beam(
     air = _air(medium, laid_out_for, refraction, spreading, max_breaks)
     edges = segments(laid_out_for or medium, max_breaks, air.edges.altitude_km)
     size, start, altitudes = segment_nodes(edges, air.layout, altitude_nodes_per_scale, 6, 64)
-    limb = _limb(air, edges, limb_nodes_per_scale, spreading_window_km)
-    _refuse_duct(medium, limb.lowest_free_km)
-    edge_chi, guess = _guess(air, limb, altitudes, guess_nodes)
+    limb, limb_segments, lowest_free_km = _limb(air, edges, limb_nodes_per_scale, spreading_window_km)
+    _refuse_duct(medium, lowest_free_km)
+    edge_chi, guess = _guess(air, limb, lowest_free_km, altitudes, guess_nodes)
     log_up, up_bending = _from_above(air, altitudes, cosine_nodes)
     distances = _distances(distance_nodes)
     shift = _shift(air, limb, distances)
+    profile, reference = air.traced.profile, air.traced.reference
     return pack(
         Tables(
             radius_km=medium.earth_radius_km,
@@ -146,22 +128,22 @@ def prepare_beam(
             far_km=air.far_km,
             edge_rad=edge_chi[0],
             refracting=air.refraction,
-            dispersing=shift is not None,
+            dispersing=air.disperses,
             altitude_segments=Segments(edges, size, start),
-            limb_segments=limb.segments,
-            refractivity=np.array([refractivity_at(air.profile, air.reference, z) for z in altitudes]),
+            limb_segments=limb_segments,
+            refractivity=np.array([refractivity_at(profile, reference, z) for z in altitudes]),
             # the edge sinks with altitude like a square root
             edge_dip=(edge_chi - edge_chi[0]) * np.abs(edge_chi - edge_chi[0]),
             guess=guess,
             up_bending=up_bending,
-            limb_bending=limb.bending[air.reference],
-            shift_km=np.zeros((limb.lowest_km.size, distances.size)) if shift is None else shift,
+            limb_bending=limb.bending[reference],
+            shift_km=shift,
             overhead=medium.overhead_absorption_optical_depth,
-            dispersion=1.0 - air.scale,
+            dispersion=1.0 - air.traced.scale,
             log_up=log_up,
             log_down=_past_lowest_point(air, limb, distances, shift),
             edges=air.edges,
-            screen=screen_table(medium.screen, air.profile, air.reference, medium.wavelength_nm),
+            screen=screen_table(medium.screen, profile, reference, medium.wavelength_nm),
         )
     )
 
@@ -176,39 +158,45 @@ def _air(medium: Medium, laid_out_for: Medium | None, refraction: bool, spreadin
         layout = ray_profile(with_joined_refractivity(laid_out_for), refraction=refraction)
         profile = layout._replace(coefficient=np.concatenate([profile.coefficient, layout.coefficient]))
     ground = np.array([refractivity_at(profile, w, medium.bottom_km) for w in range(profile.coefficient.shape[0])])
-    reference, other = int(np.argmax(ground)), int(np.argmin(ground))
+    reference = int(np.argmax(ground))
     scales = ground / ground[reference] if ground[reference] > 0 else np.ones(ground.size)
     edges = beam_edges.make_edges(profile, layout, reference, medium.n_wavelengths, max_breaks)
     index = profile.coefficient[: medium.n_wavelengths, :, :AIR].reshape(medium.n_wavelengths, -1)
     _, firsts, which = np.unique(index, axis=0, return_index=True, return_inverse=True)
-    return _Air(
-        profile, layout, medium.n_wavelengths, reference, other, scales, firsts[which.ravel()], edges, refraction,
-        spreading and refraction,
+    traced = BeamAir(
+        profile, reference, scales[: medium.n_wavelengths], firsts[which.ravel()], spreading and refraction,
+        edges.flat(), edges.record.shape[0],
     )  # fmt: skip
+    return _Air(traced, layout, int(np.argmin(ground)), scales, edges, refraction)
 
 
-def _limb(air: _Air, edges: np.ndarray, nodes_per_scale: float, window_km: float) -> _Limb:
-    """Rays by their lowest point; the bending of one that a duct catches is that of the ray below it."""
-    altitudes, x = limb_edges(edges, air.profile, air.reference)
+def _limb(air: _Air, edges: np.ndarray, nodes_per_scale: float, window_km: float) -> tuple[LimbRays, Segments, float]:
+    """Rays by their lowest point, segments of their invariant, and the lowest point of the lowest ray that leaves the
+    air [km].
+
+    The bending of a ray that a duct catches is that of the ray below it.
+    """
+    profile, reference, rays_of = air.traced.profile, air.traced.reference, air.traced.rays_of
+    altitudes, x = limb_edges(edges, profile, reference)
     size, start, lowest = segment_nodes(altitudes, air.layout, nodes_per_scale, 8, 128, 0.7 if air.refraction else 0.0)
-    lowest = uniform_in_invariant(lowest, altitudes, x, size, start, air.profile, air.reference)
+    lowest = uniform_in_invariant(lowest, altitudes, x, size, start, profile, reference)
     invariant, bending = np.empty((air.scales.size, lowest.size)), np.empty((air.scales.size, lowest.size))
     slope, free = np.empty(bending.shape), np.empty(bending.shape, dtype=np.bool_)
     # each node stands for the flux up to half-way to its neighbours
     half = 0.5 * np.diff(lowest)
     below = lowest - np.maximum(np.concatenate([half[:1], half]), window_km)
     above = lowest + np.maximum(np.concatenate([half, half[-1:]]), window_km)
-    for w in [*range(air.n_wavelengths), air.reference]:
-        first = air.alike[w] if w < air.n_wavelengths else w
+    for w in [*range(rays_of.size), reference]:
+        first = rays_of[w] if w < rays_of.size else w
         if first == w:
-            beam_tables.limb_table(air.profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
+            beam_tables.limb_table(profile, w, lowest, below, above, invariant[w], bending[w], slope[w], free[w])
         for table in (invariant, bending, slope, free):
             table[w] = table[first]
     for m in range(1, lowest.size):
-        if not free[air.reference, m]:
-            bending[air.reference, m] = bending[air.reference, m - 1]
-    lowest_free = float(lowest[int(np.argmax(free[air.reference]))])
-    return _Limb(Segments(x, size, start), lowest, invariant, bending, slope, lowest_free)
+        if not free[reference, m]:
+            bending[reference, m] = bending[reference, m - 1]
+    lowest_free_km = float(lowest[int(np.argmax(free[reference]))])
+    return LimbRays(lowest, invariant, bending, slope), Segments(x, size, start), lowest_free_km
 
 
 def _refuse_duct(medium: Medium, lowest_free_km: float) -> None:
@@ -220,19 +208,19 @@ def _refuse_duct(medium: Medium, lowest_free_km: float) -> None:
         )
 
 
-def _guess(air: _Air, limb: _Limb, altitudes: np.ndarray, intervals: int) -> tuple[np.ndarray, np.ndarray]:
+def _guess(
+    air: _Air, limb: LimbRays, lowest_free_km: float, altitudes: np.ndarray, intervals: int
+) -> tuple[np.ndarray, np.ndarray]:
     """True zenith angles (J,) [rad] of the shadow's edge, and first guesses (J, G + 1, 2) of the bending and its
     derivative by the apparent zenith angle, by the distance from that edge."""
+    profile, reference = air.traced.profile, air.traced.reference
     edge_chi, edge_cos = np.empty(altitudes.size), np.empty(altitudes.size)
-    beam_tables.edge_table(air.profile, air.reference, altitudes, limb.lowest_free_km, edge_chi, edge_cos)
+    beam_tables.edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos)
     t = np.arange(intervals + 1) / intervals
     depths = lookup.DEPTH_SCALE * t / (1.0 + lookup.DEPTH_SCALE - t)
     guess = np.zeros((altitudes.size, intervals + 1, 2))
     if air.refraction:
-        slope = limb.slope[air.reference]
-        beam_tables.guess_table(
-            air.profile, air.reference, altitudes, depths, edge_chi, edge_cos, limb.lowest_km, slope, guess
-        )
+        beam_tables.guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, limb, guess)
     return edge_chi, guess
 
 
@@ -240,13 +228,9 @@ def _from_above(air: _Air, altitudes: np.ndarray, intervals: int) -> tuple[np.nd
     """Of rays from above by altitude and apparent cosine: ln(E/F0) (J, C + 1, W), and the bending (J, C + 1) [rad]."""
     t = np.arange(intervals + 1) / intervals
     cosines = lookup.COSINE_SCALE * t / (1.0 + lookup.COSINE_SCALE - t)
-    log_up = np.empty((altitudes.size, intervals + 1, air.n_wavelengths))
+    log_up = np.empty((altitudes.size, intervals + 1, air.traced.scale.size))
     bending, beta = np.empty(log_up.shape[:2]), np.empty(log_up.shape[:2])
-    flat, count = air.edges.flat(), air.edges.record.shape[0]
-    beam_tables.up_table(
-        air.profile, air.reference, altitudes, cosines, air.scale, air.spreading, air.alike, flat, count, log_up,
-        bending, beta,
-    )  # fmt: skip
+    beam_tables.up_table(air.traced, altitudes, cosines, log_up, bending, beta)
     return log_up, bending
 
 
@@ -257,27 +241,19 @@ def _distances(intervals: int) -> np.ndarray:
     return lookup.NEAR_KM * t / (1.0 - t)
 
 
-def _shift(air: _Air, limb: _Limb, distances: np.ndarray) -> np.ndarray | None:
-    """Shift (Y, D + 1) [km] of the lowest point of a ray over the difference of refractivity; None: no dispersion."""
-    if not air.refraction or air.scales[air.other] >= 1.0 - 1e-9:
-        return None
+def _shift(air: _Air, limb: LimbRays, distances: np.ndarray) -> np.ndarray:
+    """Shift (Y, D + 1) [km] of the lowest point of a ray over the difference of refractivity; 0 without dispersion."""
     shift = np.zeros((limb.lowest_km.size, distances.size))
-    invariant = limb.invariant[air.reference]
-    beam_tables.shift_table(
-        air.profile, air.reference, air.other, limb.lowest_km, invariant, distances, limb.slope, shift
-    )
-    return shift / (1.0 - air.scales[air.other])
+    if not air.disperses:
+        return shift
+    beam_tables.shift_table(air.traced.profile, air.traced.reference, air.least, limb, distances, shift)
+    return shift / (1.0 - air.scales[air.least])
 
 
-def _past_lowest_point(air: _Air, limb: _Limb, distances: np.ndarray, shift: np.ndarray | None) -> np.ndarray:
+def _past_lowest_point(air: _Air, limb: LimbRays, distances: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """ln(E/F0), mirror image and distance included, of rays that have passed their lowest point, (W, Y, D + 1)."""
-    log_down = np.empty((air.n_wavelengths, limb.lowest_km.size, distances.size))
-    flat, count = air.edges.flat(), air.edges.record.shape[0]
-    beam_tables.down_table(
-        air.profile, air.reference, limb.lowest_km, limb.invariant[air.reference], distances, air.scale,
-        np.zeros(log_down.shape[1:]) if shift is None else shift, limb.slope, air.spreading, air.far_km, air.alike,
-        flat, count, log_down,
-    )  # fmt: skip
+    log_down = np.empty((air.traced.scale.size, limb.lowest_km.size, distances.size))
+    beam_tables.down_table(air.traced, limb, distances, shift, air.far_km, log_down)
     return log_down
 
 

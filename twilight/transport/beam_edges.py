@@ -54,7 +54,7 @@ MOST_CUTS = 32
 N_POWER = 4
 """Coefficients of a piece's cubic."""
 
-_, SPAN, TOP_KM, BOTTOM_KM, N_EDGE_RECORD = range(5)
+X_TOP, SPAN, TOP_KM, BOTTOM_KM, N_EDGE_RECORD = range(5)
 """Columns of `Edges.record`: x at the top [km], D = x_top^2 - x_bottom^2 [km^2], altitudes of top and bottom [km]."""
 
 
@@ -269,7 +269,7 @@ def edge_depth(pool, n, at, c, n_w, z, xx, u):
     uu = u * u
     for i in range(n - 1, -1, -1):
         k = at + N_EDGE_RECORD * i
-        rise = pool[k] * pool[k] - xx
+        rise = pool[k + X_TOP] * pool[k + X_TOP] - xx
         ss = rise + uu
         if ss <= 0.0 or (u >= 0.0 and z >= pool[k + TOP_KM]):
             break

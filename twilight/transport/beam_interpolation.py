@@ -1,7 +1,7 @@
 """Cubic interpolation between four nodes of each coordinate, in the one array that holds all tables of a sunbeam.
 
-Arguments that the kernels share: pool: the array `pool` of `beam_lookup.Beam`; at: place in the pool; (w0, w1, w2, w3),
-(v0, v1, v2, v3): weights of four nodes each.
+Arguments that the kernels share: pool: the array `pool` of `beam_lookup.Beam`; at: place in the pool; along, across:
+weights of four nodes each, as of `weights`.
 """
 
 from __future__ import annotations
@@ -36,18 +36,20 @@ def even_nodes(position, n):
 
 
 @njit(inner=True, cache=True, inline=True)
-def cubic(pool, at, w0, w1, w2, w3):
+def cubic(pool, at, along):
     """Four values of the pool from the place `at` on, weighted."""
-    return w0 * pool[at] + w1 * pool[at + 1] + w2 * pool[at + 2] + w3 * pool[at + 3]
+    return along[0] * pool[at] + along[1] * pool[at + 1] + along[2] * pool[at + 2] + along[3] * pool[at + 3]
 
 
 @njit(inner=True, cache=True, inline=True)
-def bicubic(pool, at, step, row, w0, w1, w2, w3, v0, v1, v2, v3):
-    """Sixteen values of the pool at `at` + i row + k step, weighted with w_i v_k, i and k being 0 to 3.
+def bicubic(pool, at, step, row, across, along):
+    """Sixteen values of the pool at `at` + i row + k step, weighted with across_i along_k, i and k being 0 to 3.
 
-    row, step: distances in the pool between nodes of the first and of the second coordinate.  Unsigned offsets save the
-    inner loop a test for negative indices.
+    row, step: distances in the pool between nodes of the coordinates of `across` and of `along`.  Unsigned offsets save
+    the inner loop a test for negative indices.
     """
+    w0, w1, w2, w3 = across
+    v0, v1, v2, v3 = along
     k0 = np.uint64(at)
     s1 = np.uint64(step)
     s2 = s1 + s1

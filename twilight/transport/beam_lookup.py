@@ -4,9 +4,9 @@ All tables of a beam lie in one array and their sizes and offsets in another, be
 spends more time on passing them than on the look-up.  :mod:`twilight.transport.beam` says what the tables mean.
 
 Arguments that the kernels share: beam: `Beam`; pool, index: its arrays `pool` and `layout`; w: index of the wavelength;
-z, altitude_km [km]: of the point; c, cos_sun_zenith: cosine of the true sun's zenith angle there; p [km]: Bouguer's
-invariant n r sin i of the reference ray, u [km]: its n r cos i at the point, negative where it has passed its lowest
-point; at: place in the pool; (w0, w1, w2, w3), (v0, v1, v2, v3): weights of four nodes each.
+z, altitude_km [km]: of the point; c, cos_sun_zenith: cosine of the true sun's zenith angle there; ray: `SunRay` of the
+reference wavelength; p [km]: Bouguer's invariant n r sin i of a ray, u [km]: its n r cos i at the point, negative where
+it has passed its lowest point; at: place in the pool; value: ln(E/F0) of a wavelength so far.
 """
 
 from __future__ import annotations
@@ -69,8 +69,24 @@ TOUCHING = 1.0 - 1e-12
 
 # places in Beam.pool
 RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, EDGE, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(10)
-RECORD = 5
-"""A segment: bottom, top, 1/(top - bottom), number of intervals, first node."""
+_, UPPER, PER_LENGTH, INTERVALS, FIRST_NODE, N_SEGMENT_RECORD = range(6)
+"""Columns of a segment's record behind its lower edge: upper edge, 1 / length, number of intervals, first node."""
+
+
+class SunRay(NamedTuple):
+    """The ray of the reference wavelength, the most refracted one, that arrives at a point from the sun.
+
+    lit: whether it does; bending [rad], slope: d bending/d i; p, u [km]: n r sin i and n r cos i at the point
+    node: first of four altitude nodes, -1 above the top of the air; position: behind that node, 0 to 3
+    """
+
+    lit: bool
+    bending: float
+    slope: float
+    p: float
+    u: float
+    node: int
+    position: float
 
 
 class Beam(NamedTuple):
@@ -101,18 +117,17 @@ def _locate(pool, index, value, low, bins, at, n, at_hash):
     h = int((value - low) * bins)
     h = min(index[N_HASH], max(0, h))
     s = index[at_hash + h]
-    k = at + RECORD * s
+    k = at + N_SEGMENT_RECORD * s
     while s > 0 and value < pool[k]:
         s -= 1
-        k -= RECORD
-    while s < n - 1 and value > pool[k + 1]:
+        k -= N_SEGMENT_RECORD
+    while s < n - 1 and value > pool[k + UPPER]:
         s += 1
-        k += RECORD
-    size = int(pool[k + 3])
-    t = 1.0 - math.sqrt(min(1.0, max(0.0, (pool[k + 1] - value) * pool[k + 2])))
-    position = t * size
-    first = min(size - 3, max(0, int(position) - 1))
-    return int(pool[k + 4]) + first, position - first
+        k += N_SEGMENT_RECORD
+    size = int(pool[k + INTERVALS])
+    t = 1.0 - math.sqrt(min(1.0, max(0.0, (pool[k + UPPER] - value) * pool[k + PER_LENGTH])))
+    first, position = even_nodes(t * size, size)
+    return int(pool[k + FIRST_NODE]) + first, position
 
 
 @njit(inner=True, cache=True, inline=True)
@@ -169,18 +184,17 @@ def _ray(pool, index, z, c):
             a = abs(cos_i)
             n_c = index[N_COSINE]
             m, fm = even_nodes(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
-            v0, v1, v2, v3 = weights(fm)
+            along = weights(fm)
             row = n_c + 1
             k = index[AT_UP_BENDING] + jz * row + m
-            value = w0 * cubic(pool, k, v0, v1, v2, v3)
-            value += w1 * cubic(pool, k + row, v0, v1, v2, v3)
-            value += w2 * cubic(pool, k + 2 * row, v0, v1, v2, v3)
-            value += w3 * cubic(pool, k + 3 * row, v0, v1, v2, v3)
+            value = w0 * cubic(pool, k, along)
+            value += w1 * cubic(pool, k + row, along)
+            value += w2 * cubic(pool, k + 2 * row, along)
+            value += w3 * cubic(pool, k + 3 * row, along)
             if cos_i < 0.0:
                 p = x * (s * cb - c * sb)
                 ky, fy = _limb_node(pool, index, p)
-                v0, v1, v2, v3 = weights(fy)
-                value = cubic(pool, index[AT_LIMB_BENDING] + ky, v0, v1, v2, v3) - value
+                value = cubic(pool, index[AT_LIMB_BENDING] + ky, weights(fy)) - value
             bending = max(0.0, bending + (value - bending) / (1.0 + slope))
             sb = math.sin(bending)
             cb = math.cos(bending)
@@ -207,8 +221,7 @@ def _ray_from_space(pool, index, z, c):
     for _ in range(48):
         p = 0.5 * (lo + hi)
         ky, fy = _limb_node(pool, index, p)
-        w0, w1, w2, w3 = weights(fy)
-        bending = cubic(pool, index[AT_LIMB_BENDING] + ky, w0, w1, w2, w3)
+        bending = cubic(pool, index[AT_LIMB_BENDING] + ky, weights(fy))
         if math.pi - math.asin(p / r) + bending > chi:
             lo = p
         else:
@@ -218,7 +231,7 @@ def _ray_from_space(pool, index, z, c):
 
 @njit(inner=True, cache=True, inline=True)
 def _place(pool, index, altitude_km, cos_sun_zenith):
-    """What `_ray` returns; altitude node -1 above the top of the air."""
+    """The `SunRay` that arrives at a point."""
     c = min(1.0, max(-1.0, cos_sun_zenith))
     z = max(altitude_km, pool[GROUND])
     if z > pool[TOP]:
@@ -228,35 +241,50 @@ def _place(pool, index, altitude_km, cos_sun_zenith):
         fz = 0.0
     else:
         lit, bending, slope, p, u, jz, fz = _ray(pool, index, z, c)
-    return lit, bending, slope, p, u, jz, fz
+    return SunRay(lit, bending, slope, p, u, jz, fz)
 
 
 @njit(inner=True, cache=True, inline=True)
-def _place_up(index, p, u, jz):
-    """Offset of the first of the sixteen values from above at wavelength 0, and the position behind its cosine node.
-
-    jz: the first altitude node.
-    """
+def _place_up(index, ray):
+    """Offset of the first of the sixteen values from above at wavelength 0, and the weights of its cosine nodes."""
     n_c = index[N_COSINE]
-    a = abs(u) / math.sqrt(u * u + p * p)
+    a = abs(ray.u) / math.sqrt(ray.u * ray.u + ray.p * ray.p)
     m, fm = even_nodes(a * (1.0 + COSINE_SCALE) / (a + COSINE_SCALE) * n_c, n_c)
-    return index[AT_UP] + (jz * (n_c + 1) + m) * index[N_W], fm
+    return index[AT_UP] + (ray.node * (n_c + 1) + m) * index[N_W], weights(fm)
+
+
+class _BehindLimb(NamedTuple):
+    """Where a ray that has passed its lowest point is in the tables, the same at every wavelength.
+
+    distance, limb: first of four nodes of the distance and, for the reference, of the lowest point, with their weights;
+    shift [km]: of the lowest point per unit of dispersion
+    factor: 1/(1 + |u|/far), and limit: bound on ln(E/F0) without it
+    """
+
+    distance: int
+    distance_weights: tuple[float, float, float, float]
+    limb: int
+    limb_weights: tuple[float, float, float, float]
+    shift: float
+    factor: float
+    limit: float
 
 
 @njit(inner=True, cache=True, inline=True)
-def _place_down(pool, index, p, u):
-    """(first distance node, position behind it, shift of the lowest point per unit of dispersion [km])."""
+def _place_down(pool, index, ray):
+    """The `_BehindLimb` of a ray."""
     n_d = index[N_DISTANCE]
-    a = u / (u - NEAR_KM) * ((MAX_DISTANCE_KM + NEAR_KM) / MAX_DISTANCE_KM)
+    a = ray.u / (ray.u - NEAR_KM) * ((MAX_DISTANCE_KM + NEAR_KM) / MAX_DISTANCE_KM)
     d, fd = even_nodes(min(1.0, a) * n_d, n_d)
+    along = weights(fd)
+    ky, fy = _limb_node(pool, index, ray.p)
+    across = weights(fy)
     shift = 0.0
     if index[DISPERSING] == 1:
-        ky, fy = _limb_node(pool, index, p)
-        w0, w1, w2, w3 = weights(fy)
-        v0, v1, v2, v3 = weights(fd)
         row = n_d + 1
-        shift = bicubic(pool, index[AT_SHIFT] + ky * row + d, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
-    return d, fd, shift
+        shift = bicubic(pool, index[AT_SHIFT] + ky * row + d, 1, row, across, along)
+    factor = 1.0 / (1.0 - ray.u / pool[FAR])
+    return _BehindLimb(d, along, ky, across, shift, factor, LARGEST_LOG - math.log(factor))
 
 
 @njit(inner=True, cache=True, inline=True)
@@ -268,17 +296,46 @@ def _of_edges(pool, index, w, z, xx, u):
 
 
 @njit(inner=True, cache=True, inline=True)
-def _screened(pool, index, w, p, u, bending, slope):
-    """T of a wavelength's own ray from above; bending, slope: of the reference's ray."""
-    own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
-    passed = passing(pool, index[AT_SCREEN], math.sqrt(max(0.0, u * u + (p - own_u) * (p + own_u))), own_u)
-    return at_wavelength(pool, index[AT_SCREEN], w, passed)
+def _light_from_above(pool, index, w, z, ray, value):
+    """E/F0 at a wavelength of a ray that comes from above."""
+    p, u = ray.p, ray.u
+    own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], ray.bending, ray.slope)
+    if ray.node >= 0:
+        value -= _of_edges(pool, index, w, z, p * p + u * u, own_u)
+    light = math.exp(min(value, LARGEST_LOG))
+    if index[SCREENED] == 1:
+        passed = passing(pool, index[AT_SCREEN], math.sqrt(max(0.0, u * u + (p - own_u) * (p + own_u))), own_u)
+        light *= at_wavelength(pool, index[AT_SCREEN], w, passed)
+    return light
+
+
+@njit(inner=True, cache=True, inline=True)
+def _light_behind_limb(pool, index, w, z, ray, behind, value):
+    """E/F0 at a wavelength of a ray that has passed its lowest point; behind: its `_BehindLimb`."""
+    p, u = ray.p, ray.u
+    own, node, across = p, behind.limb, behind.limb_weights
+    dispersion = pool[index[AT_DISPERSION] + w]
+    if dispersion > 0.0:
+        own = p + dispersion * behind.shift
+        if own < pool[P_GROUND] * TOUCHING:
+            return 0.0
+        node, position = _limb_node(pool, index, own)
+        across = weights(position)
+    row = index[N_DISTANCE] + 1
+    k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + node) * row + behind.distance
+    value += bicubic(pool, k, 1, row, across, behind.distance_weights)
+    own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
+    value -= _of_edges(pool, index, w, z, p * p + u * u, own_u)
+    light = behind.factor * math.exp(min(value, behind.limit))
+    if index[SCREENED] == 1:
+        light *= at_wavelength(pool, index[AT_SCREEN], w, passing(pool, index[AT_SCREEN], own, own_u))
+    return light
 
 
 @njit(inner=True, cache=True)
 def lit_at(beam, altitude_km, cos_sun_zenith):
     """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
-    return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith)[0]
+    return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith).lit
 
 
 @njit(cache=True, makes_arrays=False)
@@ -291,103 +348,48 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     out (W,): filled with transmittance x spreading of the refracted beam; exactly 0 in the refracted limb's shadow.
     Returns the bending [rad] >= 0: true minus apparent zenith angle of the sun.
     """
-    pool = beam.pool
-    index = beam.layout
+    pool, index = beam.pool, beam.layout
     n_w = index[N_W]
-    lit, bending, slope, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
-    if not lit:
+    ray = _place(pool, index, altitude_km, cos_sun_zenith)
+    if not ray.lit:
         for w in range(n_w):
             out[w] = 0.0
-        return bending
+        return ray.bending
     k = index[AT_OVERHEAD]
     for w in range(n_w):
         out[w] = -pool[k + w]
-    if jz >= 0:
-        at, fm = _place_up(index, p, u, jz)
-        w0, w1, w2, w3 = weights(fz)
-        v0, v1, v2, v3 = weights(fm)
-        sign = 1.0 if u >= 0.0 else -1.0
+    if ray.node >= 0:
+        at, along = _place_up(index, ray)
+        across = weights(ray.position)
+        sign = 1.0 if ray.u >= 0.0 else -1.0
         row = (index[N_COSINE] + 1) * n_w
         for w in range(n_w):
-            out[w] += sign * bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
-    xx = p * p + u * u
-    if u >= 0.0:
+            out[w] += sign * bicubic(pool, at + w, n_w, row, across, along)
+    if ray.u >= 0.0:
         for w in range(n_w):
-            if jz >= 0:
-                own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
-                out[w] -= _of_edges(pool, index, w, altitude_km, xx, own_u)
-            out[w] = math.exp(min(out[w], LARGEST_LOG))
-        if index[SCREENED] == 1:
-            for w in range(n_w):
-                out[w] *= _screened(pool, index, w, p, u, bending, slope)
-        return bending
-    d, fd, shift = _place_down(pool, index, p, u)
-    v0, v1, v2, v3 = weights(fd)
-    row = index[N_DISTANCE] + 1
-    ky, fy = _limb_node(pool, index, p)
-    w0, w1, w2, w3 = weights(fy)
-    factor = 1.0 / (1.0 - u / pool[FAR])
-    limit = LARGEST_LOG - math.log(factor)
-    for w in range(n_w):
-        dispersion = pool[index[AT_DISPERSION] + w]
-        own = p
-        if dispersion > 0.0:
-            own = p + dispersion * shift
-            if own < pool[P_GROUND] * TOUCHING:
-                out[w] = 0.0
-                continue
-            ky, fy = _limb_node(pool, index, own)
-            w0, w1, w2, w3 = weights(fy)
-        k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
-        value = out[w] + bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
-        own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
-        value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
-        out[w] = factor * math.exp(min(value, limit))
-        if index[SCREENED] == 1:
-            out[w] *= at_wavelength(pool, index[AT_SCREEN], w, passing(pool, index[AT_SCREEN], own, own_u))
-    return bending
+            out[w] = _light_from_above(pool, index, w, altitude_km, ray, out[w])
+    else:
+        behind = _place_down(pool, index, ray)
+        for w in range(n_w):
+            out[w] = _light_behind_limb(pool, index, w, altitude_km, ray, behind, out[w])
+    return ray.bending
 
 
 @njit(cache=True)
 def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""
-    pool = beam.pool
-    index = beam.layout
+    pool, index = beam.pool, beam.layout
     n_w = index[N_W]
-    lit, bending, slope, p, u, jz, fz = _place(pool, index, altitude_km, cos_sun_zenith)
-    if not lit:
-        return 0.0, bending
+    ray = _place(pool, index, altitude_km, cos_sun_zenith)
+    if not ray.lit:
+        return 0.0, ray.bending
     value = -pool[index[AT_OVERHEAD] + w]
-    if jz >= 0:
-        at, fm = _place_up(index, p, u, jz)
-        w0, w1, w2, w3 = weights(fz)
-        v0, v1, v2, v3 = weights(fm)
-        sign = 1.0 if u >= 0.0 else -1.0
+    if ray.node >= 0:
+        at, along = _place_up(index, ray)
+        sign = 1.0 if ray.u >= 0.0 else -1.0
         row = (index[N_COSINE] + 1) * n_w
-        value += sign * bicubic(pool, at + w, n_w, row, w0, w1, w2, w3, v0, v1, v2, v3)
-    xx = p * p + u * u
-    if u >= 0.0:
-        if jz >= 0:
-            own_u = u - p * dispersion_lag(pool[index[AT_DISPERSION] + w], bending, slope)
-            value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
-        light = math.exp(min(value, LARGEST_LOG))
-        if index[SCREENED] == 1:
-            light *= _screened(pool, index, w, p, u, bending, slope)
-        return light, bending
-    d, fd, shift = _place_down(pool, index, p, u)
-    own = p + pool[index[AT_DISPERSION] + w] * shift
-    if own < pool[P_GROUND] * TOUCHING:
-        return 0.0, bending
-    v0, v1, v2, v3 = weights(fd)
-    ky, fy = _limb_node(pool, index, own)
-    w0, w1, w2, w3 = weights(fy)
-    row = index[N_DISTANCE] + 1
-    k = index[AT_DOWN] + (w * index[N_LIMB_NODE] + ky) * row + d
-    value += bicubic(pool, k, 1, row, w0, w1, w2, w3, v0, v1, v2, v3)
-    own_u = -math.sqrt(max(0.0, u * u + (p - own) * (p + own)))
-    value -= _of_edges(pool, index, w, altitude_km, xx, own_u)
-    factor = 1.0 / (1.0 - u / pool[FAR])
-    light = factor * math.exp(min(value, LARGEST_LOG - math.log(factor)))
-    if index[SCREENED] == 1:
-        light *= at_wavelength(pool, index[AT_SCREEN], w, passing(pool, index[AT_SCREEN], own, own_u))
-    return light, bending
+        value += sign * bicubic(pool, at + w, n_w, row, weights(ray.position), along)
+    if ray.u >= 0.0:
+        return _light_from_above(pool, index, w, altitude_km, ray, value), ray.bending
+    behind = _place_down(pool, index, ray)
+    return _light_behind_limb(pool, index, w, altitude_km, ray, behind, value), ray.bending

@@ -8,15 +8,29 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.transport.ray_profile import AEROSOL, AIR, BOTTOM, GASES, LOG_SLOPE, RayProfile, refractivity_at
+from twilight.transport.ray_profile import AEROSOL, AIR, BOTTOM, GASES, LOG_SLOPE, RayProfile, refractive_radius
 from twilight.transport.rays import lowest_point
 
 _LIMB_PATH_KM = 600.0
 """Optical depth of the limb is about extinction x 600 km (sqrt(2 pi R H))."""
+
+
+class LimbRays(NamedTuple):
+    """Rays from space by their lowest points, Y of them, at every wavelength of a profile.
+
+    lowest_km (Y,); invariant (P, Y) [km]: n r at the lowest point; bending (P, Y) [rad]: of the whole ray; slope (P, Y)
+    [km^-1]: derivative of the bending by the invariant
+    """
+
+    lowest_km: np.ndarray
+    invariant: np.ndarray
+    bending: np.ndarray
+    slope: np.ndarray
 
 
 def segments(medium: Medium, max_breaks: int, sharp_km: np.ndarray) -> np.ndarray:
@@ -88,7 +102,7 @@ def limb_edges(edges: np.ndarray, profile: RayProfile, w: int) -> tuple[np.ndarr
     """Edges that a ray from space can have as its lowest point, and n r there: in a duct n r is not below all above."""
     r = profile.radius_km
     candidates = np.unique(np.concatenate([edges, profile.bottom_km[profile.bottom_km >= edges[0]]]))
-    x = np.array([(r + z) * (1.0 + refractivity_at(profile, w, z)) for z in candidates])
+    x = np.array([refractive_radius(profile, w, z) for z in candidates])
     x[-1] = r + candidates[-1]
     lowest_above = np.minimum.accumulate(x[::-1])[::-1]
     first = int(np.flatnonzero(x <= lowest_above)[0])

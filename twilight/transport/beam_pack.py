@@ -36,7 +36,7 @@ class Segments(NamedTuple):
         return np.searchsorted(self.edges[1:-1], np.linspace(self.edges[0], self.edges[-1], _HASH + 1), side="right")
 
     def records(self) -> np.ndarray:
-        """(S, RECORD): lower edge, upper edge, 1 / length, intervals, first node."""
+        """(S, N_SEGMENT_RECORD): lower edge, upper edge, 1 / length, intervals, first node."""
         edges = self.edges
         return np.stack([edges[:-1], edges[1:], 1.0 / np.diff(edges), self.size, self.start], axis=1)
 

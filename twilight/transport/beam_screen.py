@@ -18,7 +18,7 @@ import numpy as np
 
 from twilight.atmosphere.screen import Screen
 from twilight.jit.kernels import njit
-from twilight.transport.ray_profile import RayProfile, refractivity_at
+from twilight.transport.ray_profile import RayProfile, refractive_radius
 
 N_NODE, FROM_KM, TO_KM, AT_NODES = range(4)
 """Places in the table of a screen: number of nodes, distances, then x [km] of the nodes, T there, and the powers."""
@@ -34,7 +34,7 @@ def screen_table(screen: Screen | None, profile: RayProfile, w: int, wavelength_
     if screen is None:
         return np.zeros(0)
     z = screen.refined_km
-    x = np.array([(profile.radius_km + h) * (1.0 + refractivity_at(profile, w, h)) for h in z])
+    x = np.array([refractive_radius(profile, w, h) for h in z])
     # in a duct n r falls: the ray is then as high as the highest air of that n r
     x = np.maximum.accumulate(x)
     head = [float(z.size), screen.from_km, min(screen.to_km, FARTHEST_KM)]

@@ -3,36 +3,52 @@
 See :mod:`twilight.transport.beam` for what the tables mean and how they are looked up.
 
 Arguments that the kernels share: profile: `RayProfile`; w: index of the wavelength, reference: of the one whose rays
-the coordinates follow; altitude_km: of the point; u_km: n r cos i of the ray there; chi, apparent [rad]: true and
-apparent zenith angle of the sun; widening: d(chi)/d(apparent); spreading: whether the refracted beam thins out; scale
-(W,): refractivity over the reference's; altitudes (J,) [km]; cosines (C,): apparent; distances (D,) [km]: u of the
-reference ray; lowest_km (Y,): lowest points of rays, invariant (Y,) [km]: their n r there, slope (Y,) [km^-1]:
-derivative of the whole bending by it; edge_chi (J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the
-shadow's edge; alike (W,): the first wavelength of the same refractive index, whose rays each shares (terms of one
-wavelength differ in what a gas absorbs); edges: of `beam_edges.Edges.flat`, and n_edges: how many pieces it holds.
+the coordinates follow; air: `BeamAir`; limb: `beam_nodes.LimbRays`; altitude_km: of the point; u_km, xx [km^2]: n r
+cos i of the ray and (n r)^2 there; chi, apparent [rad]: true and apparent zenith angle of the sun; widening:
+d(chi)/d(apparent); altitudes (J,) [km]; cosines (C,): apparent; distances (D,) [km]: u of the reference ray; edge_chi
+(J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the shadow's edge.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.transport.beam_edges import N_EDGE_RECORD, edge_depth
-from twilight.transport.ray_profile import refractivity_at
+from twilight.transport.ray_profile import RayProfile, refractive_radius, refractivity_at
 from twilight.transport.rays import FAR_KM, OUTSIDE, TRAPPED, altitude_along, lowest_point, outward, sun_ray
 
 _SMALLEST_WIDENING = 0.05
 """Bound on d(true zenith angle)/d(apparent): below it rays cross (a mirage), which the table does not follow."""
-_FIRST = np.int64(0)
-"""No literal, for which numba would compile `log_irradiance_from_above` once more."""
+
+
+class BeamAir(NamedTuple):
+    """What the beam goes through at W wavelengths.
+
+    profile: `RayProfile`, of these and perhaps of others; reference: index in it of the wavelength whose rays the
+        coordinates follow
+    scale (W,): refractivity over the reference's; rays_of (W,): the first wavelength of the same refractive index,
+        whose rays each shares (terms of one wavelength differ in what a gas absorbs)
+    spreading: whether the refracted beam thins out
+    edges: of `beam_edges.Edges.flat`, and n_edges: how many pieces it holds
+    """
+
+    profile: RayProfile
+    reference: int
+    scale: np.ndarray
+    rays_of: np.ndarray
+    spreading: bool
+    edges: np.ndarray
+    n_edges: int
 
 
 @njit(inner=True, cache=True)
 def up_slope(profile, w, altitude_km, u_km):
     """d(bending)/d(apparent zenith angle) of a ray that comes from above, by a difference over 0.001 of the radius."""
-    x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
+    x = refractive_radius(profile, w, altitude_km)
     h = 1e-3 * x
     p = math.sqrt(max(0.0, x * x - u_km * u_km))
     if u_km > 0.9 * x:  # near the zenith the bending is proportional to the tangent
@@ -55,17 +71,17 @@ def up_slope(profile, w, altitude_km, u_km):
 @njit(cache=True)
 def full_bending(profile, w, lowest_km):
     """Invariant p [km] and bending [rad] of the whole ray with its lowest point at `lowest_km`, and if it is free."""
-    p = (profile.radius_km + lowest_km) * (1.0 + refractivity_at(profile, w, lowest_km))
+    p = refractive_radius(profile, w, lowest_km)
     bending, _, _, _, ok = outward(profile, w, lowest_km, 0.0, FAR_KM)
     return p, 2.0 * bending, ok
 
 
 @njit(cache=True)
 def limb_table(profile, w, lowest_km, below_km, above_km, invariant, bending, slope, free):
-    """For rays by their lowest point (Y,): invariant, bending of the whole ray, its derivative by p [km^-1], free.
+    """Fill invariant, bending, slope (Y,) of rays with lowest points lowest_km (Y,), as `LimbRays` has them at one
+    wavelength, and free (Y,): whether they leave the air.
 
-    The derivative is the mean over lowest points from `below_km` to `above_km`, (Y,) each.  invariant (Y,) [km],
-    bending (Y,) [rad], slope (Y,) [km^-1], free (Y,): filled; free: whether the ray leaves the air.
+    The slope is the mean over lowest points from `below_km` to `above_km`, (Y,) each.
     """
     n = lowest_km.size
     for m in range(n):
@@ -102,21 +118,24 @@ def interpolate(x, xs, ys):
 
 
 @njit(inner=True, cache=True)
-def _own_angle(profile, w, altitude_km, chi, apparent, widening):
-    """Apparent zenith angle of the sun at a point from a guess `apparent` of it, by a Newton step, and whether the ray
-    is free; widening = d(chi)/d(i)."""
-    x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
-    bending, _, _, _, ok = outward(profile, w, altitude_km, max(0.0, x * math.cos(apparent)), FAR_KM)
+def _own_angle(air, w, altitude_km, apparent, bending, beta):
+    """Apparent zenith angle of the sun at a wavelength, by a Newton step, and whether the ray is free.
+
+    apparent, bending [rad], beta: of the reference's ray, as of `_reference_ray`.
+    """
+    chi, own = apparent + bending, apparent + bending * (1.0 - air.scale[w])
+    x = refractive_radius(air.profile, w, altitude_km)
+    own_bending, _, _, _, ok = outward(air.profile, w, altitude_km, max(0.0, x * math.cos(own)), FAR_KM)
     if not ok:
-        return apparent, False
-    residual = min(0.5 * math.pi, apparent) + bending - chi
-    if apparent <= 0.5 * math.pi:
-        apparent = max(0.0, apparent - residual / widening)
-    return apparent, True
+        return own, False
+    residual = min(0.5 * math.pi, own) + own_bending - chi
+    if own <= 0.5 * math.pi:
+        own = max(0.0, own - residual / (1.0 + beta * air.scale[w]))
+    return own, True
 
 
 @njit(inner=True, cache=True)
-def _log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading):
+def _log_irradiance(air, w, altitude_km, chi, apparent, widening):
     """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
 
     irradiance = T n^2 sin(i)/sin(chi) / (d chi/d i): the flux F0 p dp of the annulus of invariants p..p+dp spread over
@@ -125,86 +144,79 @@ def _log_irradiance(profile, w, altitude_km, chi, apparent, widening, spreading)
     sees the sun there exactly, T is continued linearly from above: what lies below is not part of this table.  Not a
     number where the ray is not free.
     """
-    n = 1.0 + refractivity_at(profile, w, altitude_km)
-    u = (profile.radius_km + altitude_km) * n * math.cos(apparent)
-    _, tau, _, _, ok = outward(profile, w, altitude_km, abs(u), FAR_KM)
+    n = 1.0 + refractivity_at(air.profile, w, altitude_km)
+    u = (air.profile.radius_km + altitude_km) * n * math.cos(apparent)
+    _, tau, _, _, ok = outward(air.profile, w, altitude_km, abs(u), FAR_KM)
     if not ok:
         return np.nan
     if u < 0.0:
-        _, level, _, _, ok = outward(profile, w, altitude_km, 0.0, FAR_KM)
+        _, level, _, _, ok = outward(air.profile, w, altitude_km, 0.0, FAR_KM)
         if not ok:
             return np.nan
         tau = 2.0 * level - tau
-    if not spreading:
+    if not air.spreading:
         return -tau
     ratio = math.sin(apparent) / math.sin(chi) if math.sin(chi) > 1e-7 else 1.0 / widening
     return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening)))
 
 
 @njit(inner=True, cache=True)
-def log_irradiance_from_above(profile, reference, altitude_km, u_km, scale, spreading, alike, out, own, first):
-    """`_log_irradiance` at every wavelength for the direction that `reference` sees at n r cos i = `u_km` >= 0.
-
-    out (W,): filled; own (W,) [rad]: filled, apparent zenith angle of the sun at each wavelength; first: index in the
-    profile of the first wavelength of `scale`, `alike` and `out`.  Returns (bending, d bending/d i, free, true zenith
-    angle of the sun) at the reference.
-    """
-    x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, reference, altitude_km))
+def _reference_ray(air, altitude_km, u_km):
+    """(Apparent zenith angle [rad], bending [rad], its derivative by that angle, free) of the reference's ray from
+    above with n r cos i = `u_km` >= 0; bending and derivative are 0 where the ray is not free."""
+    x = refractive_radius(air.profile, air.reference, altitude_km)
     apparent = math.atan2(math.sqrt(max(0.0, (x - u_km) * (x + u_km))), u_km)
-    bending, _, _, _, ok = outward(profile, reference, altitude_km, u_km, FAR_KM)
-    if not ok:
-        return 0.0, 0.0, False, 0.0
-    beta = up_slope(profile, reference, altitude_km, u_km)
-    chi = apparent + bending
-    for w in range(scale.size):
-        widening = 1.0 + beta * scale[w]
-        if alike[w] < w:
-            own[w], free = own[alike[w]], not math.isnan(out[alike[w]])
-        else:
-            guess = apparent + bending * (1.0 - scale[w])
-            own[w], free = _own_angle(profile, first + w, altitude_km, chi, guess, widening)
-        out[w] = np.nan
-        if free:
-            out[w] = _log_irradiance(profile, first + w, altitude_km, chi, own[w], widening, spreading)
-    return bending, beta, True, chi
+    bending, _, _, _, free = outward(air.profile, air.reference, altitude_km, u_km, FAR_KM)
+    if not free:
+        return apparent, 0.0, 0.0, False
+    return apparent, bending, up_slope(air.profile, air.reference, altitude_km, u_km), True
 
 
 @njit(inner=True, cache=True)
-def _edges_from_above(edges, n_edges, first, n_w, altitude_km, xx, u_km):
-    """`edge_depth` as `log_irradiance` sees it: for a ray from below the horizontal continued linearly from above.
+def _edge_depth(air, w, altitude_km, xx, u_km):
+    """`edge_depth` at a wavelength."""
+    first = N_EDGE_RECORD * air.n_edges + w
+    return edge_depth(air.edges, air.n_edges, 0, first, air.scale.size, altitude_km, xx, u_km)
 
-    first: place of the first coefficient of the wavelength; n_w: their number; xx [km^2]: (n r)^2 at the point.
-    """
-    depth = edge_depth(edges, n_edges, 0, first, n_w, altitude_km, xx, abs(u_km))
+
+@njit(inner=True, cache=True)
+def _edges_from_above(air, w, altitude_km, xx, u_km):
+    """`_edge_depth` as `_log_irradiance` sees it: for a ray from below the horizontal continued linearly from above."""
+    depth = _edge_depth(air, w, altitude_km, xx, abs(u_km))
     if u_km < 0.0:
-        depth = 2.0 * edge_depth(edges, n_edges, 0, first, n_w, altitude_km, xx, 0.0) - depth
+        depth = 2.0 * _edge_depth(air, w, altitude_km, xx, 0.0) - depth
     return depth
 
 
 @njit(cache=True)
-def up_table(profile, reference, altitudes, cosines, scale, spreading, alike, edges, n_edges, log_up, bending, beta):
+def up_table(air, altitudes, cosines, log_up, bending, beta):
     """Tables over altitudes and apparent cosines of rays from above.
 
-    log_up (J, C, W): log irradiance without what `edges` take, filled; bending (J, C) [rad], beta (J, C): bending and
+    log_up (J, C, W): log irradiance without the edges of `air`, filled; bending (J, C) [rad], beta (J, C): bending and
     its derivative by the apparent zenith angle at the reference, filled.
     """
-    n_c = cosines.size
-    own = np.empty(scale.size)
+    own = np.empty(air.scale.size)
     for j in range(altitudes.size):
-        x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
-        for m in range(n_c - 1, -1, -1):
-            bending[j, m], beta[j, m], ok, _ = log_irradiance_from_above(
-                profile, reference, altitudes[j], x * cosines[m], scale, spreading, alike, log_up[j, m], own, _FIRST
-            )
-            for w in range(scale.size):
-                if (not ok or math.isnan(log_up[j, m, w])) and m < n_c - 1:
+        z = altitudes[j]
+        x = refractive_radius(air.profile, air.reference, z)
+        for m in range(cosines.size - 1, -1, -1):
+            apparent, bending[j, m], beta[j, m], ok = _reference_ray(air, z, x * cosines[m])
+            if ok:
+                chi = apparent + bending[j, m]
+                for w in range(own.size):
+                    first = air.rays_of[w]
+                    if first < w:
+                        own[w], free = own[first], not math.isnan(log_up[j, m, first])
+                    else:
+                        own[w], free = _own_angle(air, w, z, apparent, bending[j, m], beta[j, m])
+                    widening = 1.0 + beta[j, m] * air.scale[w]
+                    log_up[j, m, w] = _log_irradiance(air, w, z, chi, own[w], widening) if free else np.nan
+            for w in range(own.size):
+                if (not ok or math.isnan(log_up[j, m, w])) and m < cosines.size - 1:
                     log_up[j, m, w] = log_up[j, m + 1, w]
-                elif n_edges > 0:
-                    first = N_EDGE_RECORD * n_edges + w
-                    log_up[j, m, w] += _edges_from_above(
-                        edges, n_edges, first, scale.size, altitudes[j], x * x, x * math.cos(own[w])
-                    )
-            if not ok and m < n_c - 1:
+                elif air.n_edges > 0:
+                    log_up[j, m, w] += _edges_from_above(air, w, z, x * x, x * math.cos(own[w]))
+            if not ok and m < cosines.size - 1:
                 bending[j, m] = bending[j, m + 1]
                 beta[j, m] = beta[j, m + 1]
 
@@ -212,7 +224,7 @@ def up_table(profile, reference, altitudes, cosines, scale, spreading, alike, ed
 @njit(inner=True, cache=True)
 def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
     """Apparent zenith angle [rad] of a sun whose true one is `chi`: two Newton steps from a near guess."""
-    x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
+    x = refractive_radius(profile, w, altitude_km)
     for _ in range(2):
         bending, _, status = sun_ray(profile, w, altitude_km, x * math.cos(apparent), np.bool_(True))
         if status == TRAPPED:
@@ -225,60 +237,58 @@ def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
 
 
 @njit(cache=True)
-def shift_table(profile, reference, other, lowest_km, invariant, distances, slope, shift):
+def shift_table(profile, reference, other, limb, distances, shift):
     """How far the lowest point of a ray of `other` lies from that of the reference ray with the same true direction.
 
-    other: index of a wavelength; slope (W, Y) [km^-1]: here of every wavelength; shift (Y, D) [km]: filled, difference
-    of the reference's n r at the two lowest points, by the lowest point of the reference ray and the distance u from
-    it.
+    other: index of a wavelength; shift (Y, D) [km]: filled, difference of the reference's n r at the two lowest points,
+    by the lowest point of the reference ray and the distance u from it.
     """
-    for m in range(lowest_km.size):
-        p, whole, free = full_bending(profile, reference, lowest_km[m])
+    for m in range(limb.lowest_km.size):
+        p, whole, free = full_bending(profile, reference, limb.lowest_km[m])
         for d in range(distances.size):
             shift[m, d] = shift[m - 1, d] if m > 0 else 0.0
             if not free:
                 continue
             u = distances[d]
-            z = altitude_along(profile, reference, lowest_km[m], u)
+            z = altitude_along(profile, reference, limb.lowest_km[m], u)
             up, _, _, _, ok = outward(profile, reference, z, u, FAR_KM)
             if not ok:
                 continue
             apparent = math.atan2(p, -u)
             chi = apparent + whole - up
-            widening = max(0.2, 1.0 + up_slope(profile, reference, z, u) - slope[reference, m] * u)
+            widening = max(0.2, 1.0 + up_slope(profile, reference, z, u) - limb.slope[reference, m] * u)
             own = apparent_angle(profile, other, z, chi, apparent, widening)
-            x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, other, z))
+            x = refractive_radius(profile, other, z)
             lowest, _ = lowest_point(profile, other, z, max(0.0, -x * math.cos(own)), np.bool_(True))
-            p_own = (profile.radius_km + lowest) * (1.0 + refractivity_at(profile, reference, lowest))
+            p_own = refractive_radius(profile, reference, lowest)
             shift[m, d] = min(0.0, p_own - p)
 
 
 @njit(cache=True)
-def down_table(
-    profile, reference, lowest_km, invariant, distances, scale, shift, slope, spreading, far, alike, edges, n_edges,
-    log_down,
-):  # fmt: skip
+def down_table(air, limb, distances, shift, far, log_down):
     """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below,
-    both without what `edges` take.
+    both without the edges of `air`.
 
-    lowest_km (Y,): of a wavelength's own rays; shift (Y, D) [km]: of `shift_table`; slope (W, Y) [km^-1]: here of every
-    wavelength; far [km]; log_down: filled.
+    limb: the lowest points are those of a wavelength's own rays; shift (Y, D) [km]: of `shift_table`; far [km];
+    log_down: filled.
     """
+    profile, reference, scale, rays_of = air.profile, air.reference, air.scale, air.rays_of
+    lowest_km, invariant = limb.lowest_km, limb.invariant[reference]
     n_w = scale.size
-    mirror, angle, alone = np.empty(n_w), np.empty(1), np.zeros(1, np.int64)
-    half_tau = np.empty(n_w)
+    mirror, half_tau = np.empty(n_w), np.empty(n_w)
+    mirror_apparent = 0.0
     for w in range(n_w):
-        if alike[w] < w:
+        if rays_of[w] < w:
             continue
         for m in range(lowest_km.size):
             half, half_tau[w], _, _, free = outward(profile, w, lowest_km[m], 0.0, FAR_KM)
             for v in range(w + 1, n_w):
-                if alike[v] == w:
+                if rays_of[v] == w:
                     half_tau[v] = outward(profile, v, lowest_km[m], 0.0, FAR_KM).optical_depth
-            p_own = (profile.radius_km + lowest_km[m]) * (1.0 + refractivity_at(profile, w, lowest_km[m]))
+            p_own = refractive_radius(profile, w, lowest_km[m])
             for d in range(distances.size):
                 for v in range(w, n_w):
-                    if alike[v] == w:
+                    if rays_of[v] == w:
                         log_down[v, m, d] = log_down[v, m - 1, d] if m > 0 else 0.0
                 if not free:
                     continue
@@ -291,7 +301,7 @@ def down_table(
                         profile, reference, lowest_km[m], math.sqrt((p - invariant[m]) * (p + invariant[m]))
                     )
                 z = altitude_along(profile, reference, y, u)
-                x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, w, z))
+                x = refractive_radius(profile, w, z)
                 u_own = math.sqrt(max(0.0, (x - p_own) * (x + p_own)))
                 up, up_tau, _, _, ok = outward(profile, w, z, u_own, FAR_KM)
                 if not ok:
@@ -299,31 +309,32 @@ def down_table(
                 apparent = math.atan2(p_own, -u_own)
                 chi = apparent + 2.0 * half - up
                 # the mirrored ray as the table of rays from above holds it
-                _, beta, mirrored, mirror_chi = log_irradiance_from_above(
-                    profile, reference, z, u, scale[w : w + 1], spreading, alone, mirror[w : w + 1], angle, w
-                )
-                widening = max(_SMALLEST_WIDENING, 1.0 + beta * scale[w] - slope[w, m] * u_own)
+                above, bending, beta, mirrored = _reference_ray(air, z, u)
+                mirror_chi, mirror_widening = above + bending, 1.0 + beta * scale[w]
+                if mirrored:
+                    mirror_apparent, ok = _own_angle(air, w, z, above, bending, beta)
+                    mirror[w] = np.nan
+                    if ok:
+                        mirror[w] = _log_irradiance(air, w, z, mirror_chi, mirror_apparent, mirror_widening)
+                widening = max(_SMALLEST_WIDENING, mirror_widening - limb.slope[w, m] * u_own)
                 spread = 0.0
-                if spreading:
+                if air.spreading:
                     n = 1.0 + refractivity_at(profile, w, z)
                     spread = math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
                 xx = p * p + u * u
                 own_u = -math.sqrt(max(0.0, u * u + (p - invariant[m]) * (p + invariant[m])))
-                x_there = (profile.radius_km + z) * (1.0 + refractivity_at(profile, reference, z))
+                x_there = refractive_radius(profile, reference, z)
                 for v in range(w, n_w):
-                    if alike[v] != w:
+                    if rays_of[v] != w:
                         continue
                     if v > w:
                         up_tau = outward(profile, v, z, u_own, FAR_KM).optical_depth
                         if mirrored:
-                            mirror[v] = _log_irradiance(
-                                profile, v, z, mirror_chi, angle[0], 1.0 + beta * scale[w], spreading
-                            )
+                            mirror[v] = _log_irradiance(air, v, z, mirror_chi, mirror_apparent, mirror_widening)
                     value = up_tau - 2.0 * half_tau[v] + spread
-                    if n_edges > 0:
-                        first = N_EDGE_RECORD * n_edges + v
-                        value += _edges_from_above(edges, n_edges, first, n_w, z, xx, x_there * math.cos(angle[0]))
-                        value += edge_depth(edges, n_edges, 0, first, n_w, z, xx, own_u)
+                    if air.n_edges > 0:
+                        value += _edges_from_above(air, v, z, xx, x_there * math.cos(mirror_apparent))
+                        value += _edge_depth(air, v, z, xx, own_u)
                     if not math.isnan(mirror[v]):
                         log_down[v, m, d] = value + mirror[v] + math.log1p(u / far)
 
@@ -335,10 +346,10 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
     The edge is the ray whose lowest point is `lowest_free_km`, followed outwards from there: a search for that point
     from the altitude would decide by rounding whether the ray is free.  edge_chi (J,), edge_cos (J,): filled.
     """
-    p0 = (profile.radius_km + lowest_free_km) * (1.0 + refractivity_at(profile, reference, lowest_free_km))
+    p0 = refractive_radius(profile, reference, lowest_free_km)
     half, _, _, _, free = outward(profile, reference, lowest_free_km, 0.0, FAR_KM)
     for j in range(altitudes.size):
-        x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
+        x = refractive_radius(profile, reference, altitudes[j])
         u = -math.sqrt(max(0.0, (x - p0) * (x + p0)))
         near, _, _, _, ok = outward(profile, reference, lowest_free_km, 0.0, altitudes[j])
         bending = half + near
@@ -359,13 +370,13 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
 
 
 @njit(cache=True)
-def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowest_km, slope, guess):
+def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, limb, guess):
     """Bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6.
 
     depths (G,): 0 to 1; guess (J, G, 2): filled, bending [rad] first.
     """
     for j in range(altitudes.size):
-        x = (profile.radius_km + altitudes[j]) * (1.0 + refractivity_at(profile, reference, altitudes[j]))
+        x = refractive_radius(profile, reference, altitudes[j])
         apparent = math.acos(max(-1.0, min(1.0, edge_cos[j])))
         bending = edge_chi[j] - apparent
         derivative = 0.0
@@ -379,7 +390,7 @@ def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, lowes
                     derivative = up_slope(profile, reference, altitudes[j], abs(u))
                     if u < 0.0:
                         lowest, _ = lowest_point(profile, reference, altitudes[j], -u, np.bool_(True))
-                        derivative += interpolate(lowest, lowest_km, slope) * u
+                        derivative += interpolate(lowest, limb.lowest_km, limb.slope[reference]) * u
                 residual = apparent + bending - chi
                 if abs(residual) < 1e-7:
                     break

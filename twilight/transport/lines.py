@@ -61,7 +61,7 @@ _INSIDE_KM = 1e-9
 _SAME_KM = 1e-9
 """Distances that differ by less are the same [km]."""
 
-SIGHT_NM = 550.0
+BENDING_NM = 550.0
 """Wavelength whose index bends lines of sight at all wavelengths [nm]."""
 
 GRADIENT_KM = 1e-3
@@ -95,15 +95,15 @@ def new_line(profile):
 
 
 def with_refraction(profile: Profile, medium: Medium) -> Profile:
-    """The same profile, in which rays are bent by the index of `medium` at SIGHT_NM, whatever its wavelengths are.
+    """The same profile, in which rays are bent by the index of `medium` at BENDING_NM, whatever its wavelengths are.
 
     Dispersion across the visible moves a line at the horizon by 0.01 deg.  An index that jumps between layers is
     joined.
     """
     if not medium.has_refraction:
         return profile
-    nearest = int(np.argmin(np.abs(medium.wavelength_nm - SIGHT_NM)))
-    here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], SIGHT_NM]), 288.15, 1013.25)
+    nearest = int(np.argmin(np.abs(medium.wavelength_nm - BENDING_NM)))
+    here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], BENDING_NM]), 288.15, 1013.25)
     at_sight = with_joined_refractivity(medium.select(slice(nearest, nearest + 1)))
     z = profile.altitude_km
     low, high = np.maximum(z - GRADIENT_KM, z[0]), np.minimum(z + GRADIENT_KM, z[-1])

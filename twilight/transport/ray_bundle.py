@@ -36,7 +36,7 @@ def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, b
     """Trace rays: count their points into rays.first[r + 1], or store them from rays.first[r] on.
 
     profile: `Profile`; altitude_km (R,), cosine (R,), far_km (R,), fineness, pairs: as `lines.trace_line` has them;
-    store: keep the points, else count; rays: `Rays`, filled; begin, end: the first ray and the one after the last.
+    store: keep the points, else count; rays: `RayBundle`, filled; begin, end: the first ray and the one after the last.
     """
     line = new_line(profile)
     for r in range(begin, end):

@@ -147,6 +147,12 @@ def refractivity_at(profile, w, altitude_km):
 
 
 @njit(cache=True)
+def refractive_radius(profile, w, altitude_km):
+    """n r [km] at an altitude; arguments as of `refractivity_at`: profile, w, `altitude_km`."""
+    return (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
+
+
+@njit(cache=True)
 def index_at(profile, w, i, altitude_km):
     """n - 1 at an altitude in a layer, at its top the value that the medium has there.
 

@@ -213,6 +213,28 @@ def _trapped(path):
     return RayPath(path.bending_rad, path.optical_depth, path.length_km, 0.0, False)
 
 
+@njit(inner=True, cache=True)
+def _altitude_in_layer(profile, w, i, z, n_here, missing, way):
+    """Altitude [km] in a layer up to which n r changes by `missing` [km] on the way from z, by Newton's method.
+
+    i: index of the layer; z [km]: an altitude in it; n_here: n - 1 there; way: 1 upwards, -1 downwards.
+    """
+    c = profile.coefficient[w, i]
+    bottom = profile.bottom_km[i]
+    thickness = profile.top_km[i] - bottom
+    r = profile.radius_km + z
+    low, high = (z, profile.top_km[i]) if way > 0.0 else (bottom, z)
+    y = z if way > 0.0 else max(bottom, z - missing)
+    for _ in range(40):
+        n, change = index_in(c, (y - bottom) / thickness)
+        residual = way * ((y - z) * (1.0 + n) + (n - n_here) * r) - missing
+        slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
+        before, y = y, min(high, max(low, y - way * residual / slope))
+        if abs(y - before) < 1e-13:
+            break
+    return y
+
+
 @njit(cache=True)
 def lowest_point(profile, w, altitude_km, u_km, below_ground):
     """Altitude [km] of the lowest point of a ray that goes down from `altitude_km` with |u| = `u_km`, and GROUND or
@@ -240,30 +262,16 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
             i -= 1
     last = 0 if below_ground else 1
     while i >= last:
-        c = profile.coefficient[w, i]
         bottom = profile.bottom_km[i]
-        thickness = profile.top_km[i] - bottom
         r = profile.radius_km + z
         n_here = index_at(profile, w, i, z)
         missing -= r * (n_a - n_here)
         if missing <= 0.0:
             return z, OUTSIDE
-        n_bottom = c[INDEX + BOTTOM]
+        n_bottom = profile.coefficient[w, i, INDEX + BOTTOM]
         fall = (z - bottom) * (1.0 + n_bottom) + (n_here - n_bottom) * r
         if missing <= fall or i == 0:
-            # Newton for x(z) - x(y) = missing inside the layer
-            y = max(bottom, z - missing)
-            for _ in range(40):
-                n, change = index_in(c, (y - bottom) / thickness)
-                residual = (z - y) * (1.0 + n) + (n_here - n) * r - missing
-                slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
-                y_new = y + residual / slope
-                y_new = min(z, max(bottom, y_new))
-                if abs(y_new - y) < 1e-13:
-                    y = y_new
-                    break
-                y = y_new
-            return y, OUTSIDE
+            return _altitude_in_layer(profile, w, i, z, n_here, missing, -1.0), OUTSIDE
         missing -= fall
         n_a = n_bottom
         z = bottom
@@ -281,10 +289,7 @@ def altitude_along(profile, w, altitude_km, u_km):
     missing = u_km * u_km / (p + math.sqrt(p * p + u_km * u_km))
     z = altitude_km
     for i in range(layer_above(profile, z), n_layers):
-        c = profile.coefficient[w, i]
-        bottom = profile.bottom_km[i]
-        thickness = profile.top_km[i] - bottom
-        n_top = c[INDEX_TOP]
+        n_top = profile.coefficient[w, i, INDEX_TOP]
         r = profile.radius_km + z
         n_here = index_at(profile, w, i, z)
         missing -= r * (n_here - n_a)
@@ -292,17 +297,7 @@ def altitude_along(profile, w, altitude_km, u_km):
             return z
         rise = (profile.top_km[i] - z) * (1.0 + n_top) + (n_top - n_here) * r
         if missing < rise:
-            y = z
-            for _ in range(40):
-                n, change = index_in(c, (y - bottom) / thickness)
-                residual = (y - z) * (1.0 + n) + (n - n_here) * r - missing
-                slope = _positive(1.0 + n + (profile.radius_km + y) * change / thickness)
-                y_new = min(profile.top_km[i], max(z, y - residual / slope))
-                if abs(y_new - y) < 1e-13:
-                    y = y_new
-                    break
-                y = y_new
-            return y
+            return _altitude_in_layer(profile, w, i, z, n_here, missing, 1.0)
         missing -= rise
         n_a = n_top
         z = profile.top_km[i]

@@ -1,6 +1,6 @@
 """Equivalent media for light that has been scattered: the forward peak of the aerosol counts as not scattered.
 
-Delta-M scaling (Wiscombe 1977): with f = chi_{M+1} the moment after the last one kept,
+Delta-M scaling (Wiscombe 1977): with f = chi_{M+1} the moment after the last one that is not cut,
     extinction' = (1 - albedo f) extinction,  albedo' = (1 - f) albedo / (1 - albedo f),  chi'_l = (chi_l - f)/(1 - f).
 A degree between M and M + 1 takes f between chi_{M+1} and chi_{M+2}: moment M + 1 comes in from 0, and what is
 scattered follows the degree without steps.
@@ -39,10 +39,9 @@ def delta_scaled(medium: Medium, degree: float | None) -> ScaledMedium:
 
     degree None leaves the aerosol as it is, without moments.
     """
-    if degree is None:
-        k, w = len(medium.phase_functions), medium.n_wavelengths
-        return ScaledMedium(medium, np.zeros((1 + k, 0, w)), np.zeros((k, w)), None)
     n_phase, n_wavelengths = len(medium.phase_functions), medium.n_wavelengths
+    if degree is None:
+        return ScaledMedium(medium, np.zeros((1 + n_phase, 0, n_wavelengths)), np.zeros((n_phase, n_wavelengths)), None)
     whole = math.floor(degree)
     part, highest = degree - whole, math.ceil(degree)
     chi = np.zeros((n_phase, highest + 2, n_wavelengths))
@@ -71,10 +70,7 @@ def species_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.nd
     Those of the aerosol are divided by 1 - f, so that they multiply the scaled scattering coefficient.
     """
     air = rayleigh_phase_array(cos_angle, medium.depolarisation)
-    rows = [air]
-    for phase, f in zip(medium.phase_functions, forward_fraction, strict=True):
-        rows.append(phase(cos_angle).T / (1.0 - f))
-    return np.ascontiguousarray(np.stack(rows, axis=1))
+    return _species(air, [phase(cos_angle) for phase in medium.phase_functions], forward_fraction)
 
 
 def species_polarising_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
@@ -82,9 +78,13 @@ def species_polarising_phase(medium: Medium, forward_fraction: np.ndarray, cos_a
 
     Light in the forward peak is not polarised by it: all of P12 is in what is scattered.
     """
-    rows = [rayleigh_matrix.py_func(cos_angle[:, None], medium.depolarisation[None, :])[1]]
-    for phase, f in zip(medium.phase_functions, forward_fraction, strict=True):
-        rows.append(phase.matrix(cos_angle)[1].T / (1.0 - f))
+    air = rayleigh_matrix.py_func(cos_angle[:, None], medium.depolarisation[None, :])[1]
+    return _species(air, [phase.matrix(cos_angle)[1] for phase in medium.phase_functions], forward_fraction)
+
+
+def _species(air: np.ndarray, aerosol: list[np.ndarray], forward_fraction: np.ndarray) -> np.ndarray:
+    """Air (D, W) and each aerosol (W, D), over 1 - f: (D, 1 + K, W)."""
+    rows = [air, *(values.T / (1.0 - f) for values, f in zip(aerosol, forward_fraction, strict=True))]
     return np.ascontiguousarray(np.stack(rows, axis=1))
 
 

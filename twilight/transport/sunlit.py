@@ -5,25 +5,25 @@ sun; the phase functions, which do not, are multiplied to it in every direction 
 
     sum_s (moment 0)_s x p_s(sun lifted, ray lowered by the mean angles of the light that s scatters).
 
-The moments of a ray are a series in azimuth (`around`) where half its azimuths already tell the rest; where they do
+The moments of a ray are a series in azimuth where half its azimuths already tell the rest; where they do
 not, for light beyond the edge of the shadow for example, every direction is followed by itself.
 
 Arguments that kernels share: `sunlit_ray`; r: index of a ray; elevation [rad]: its apparent one; directions:
-`Directions`; n: intervals of a series in azimuth; values (MOST + 1, 3, S, W): moments at the azimuths, moments (3, S,
-W): at one; cos_azimuth: of the azimuth from the sun; least (S, W): what is added to the light; series (MOST + 1, 3 S
-W): coefficients; room: `Room`.
+`RayDirections`; n: intervals of a series in azimuth; moments (3, S, W): at one azimuth; cos_azimuth: of the azimuth
+from the sun; series: `MomentSeries`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.transport.azimuth_series import MOST, at_azimuth, cosine_series, nearest
 from twilight.transport.beam import beam_on_ground
-from twilight.transport.sunlit_ray import Room, Row, along, cos_sun, turned
+from twilight.transport.sunlit_ray import RayView, Workspace, along, cos_sun, refracted_phase
 
 SERIES_ERROR = 3e-4
 """How wrong a series from half the azimuths may be for the series from all of them to be taken, as a fraction of all
@@ -52,8 +52,21 @@ _FIRST_INTERVALS = np.int64(2)
 """Intervals of the first series that is tried: no literal, as _INTENSITY."""
 
 
+class MomentSeries(NamedTuple):
+    """The moments along one ray as a series in azimuth.
+
+    values (MOST + 1, 3, S, W): moments at the azimuths; least (S, W): what is added to the light for its logarithm;
+    coefficient (MOST + 1, 3 S W); at_one (3 S W,): work space, its sum at one azimuth
+    """
+
+    values: np.ndarray
+    least: np.ndarray
+    coefficient: np.ndarray
+    at_one: np.ndarray
+
+
 @njit(inner=True, cache=True)
-def _seen(beam, phases, stokes, d, floor, moments, w):
+def _light_of(air, stokes, d, moments, w):
     """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts.
 
     stokes: 0, 1 or 2, of I, Q, U.
@@ -63,18 +76,19 @@ def _seen(beam, phases, stokes, d, floor, moments, w):
         light = moments[0, s, w]
         if light > 0.0:
             lifted, lowered = moments[1, s, w] / light, moments[2, s, w] / light
-            part = light * turned(beam, phases, stokes, d, s, w, lifted, lowered, floor)
+            part = light * refracted_phase(air, stokes, d, s, w, lifted, lowered)
             total += part
             size += abs(part)
     return total, size
 
 
 @njit(inner=True, cache=True)
-def _series_of(values, n, least, series):
-    """The series of n intervals for moments (MOST + 1, 3, S, W) at as many of the azimuths, into series (., 3 S W).
+def _fit(series, n):
+    """Fill the coefficients of n intervals for the values at as many of the azimuths.
 
-    What is smooth: the logarithm of the light and a little more, least (S, W), and the other moments over that.
+    What is smooth: the logarithm of the light and a little more, `least`, and the other moments over that.
     """
+    values, least = series.values, series.least
     stride = MOST // n
     n_s, n_w = least.shape
     form = np.empty((n + 1, 3 * n_s * n_w))
@@ -90,13 +104,14 @@ def _series_of(values, n, least, series):
                 form[j, i] = math.log(light)
                 form[j, n_s * n_w + i] = values[j * stride, 1, s, w] / light
                 form[j, 2 * n_s * n_w + i] = values[j * stride, 2, s, w] / light
-    cosine_series(form, n, series)
+    cosine_series(form, n, series.coefficient)
 
 
 @njit(inner=True, cache=True)
-def _from_series(series, n, least, cos_azimuth, form, moments):
-    """Moments (3, S, W) at one azimuth; form (3 S W,): room."""
-    at_azimuth(series, n, cos_azimuth, form)
+def _from_series(series, n, cos_azimuth, moments):
+    """Fill the moments at one azimuth from a series of n intervals."""
+    least, form = series.least, series.at_one
+    at_azimuth(series.coefficient, n, cos_azimuth, form)
     n_s, n_w = least.shape
     for s in range(n_s):
         for w in range(n_w):
@@ -108,17 +123,14 @@ def _from_series(series, n, least, cos_azimuth, form, moments):
 
 
 @njit(inner=True, cache=True)
-def _few_azimuths(
-    beam, rays, fraction, r, elevation, directions, phases, floor, other, room, moments, values, least, series
-):  # fmt: skip
-    """The moments along ray r as a series in azimuth; returns its number of intervals, 0 where none was found.
+def _few_azimuths(air, r, elevation, directions, work, moments, series):
+    """Fill the moments along ray r as a series in azimuth; returns its number of intervals, 0 where none was found.
 
-    values (MOST + 1, 3, S, W): room; least (S, W), series (MOST + 1, 3 S W): filled, as of `_series_of`.  A set of
-    azimuths is good enough where the set before it, half as many, is right within SERIES_ERROR at the azimuths between.
-    other (D, W): light that is there besides.
+    A set of azimuths is good enough where the set before it, half as many, is right within SERIES_ERROR at the azimuths
+    between.  moments: work space.
     """
     first, end = directions.first[r], directions.first[r + 1]
-    form, brightest = np.empty(series.shape[1]), np.zeros(least.shape[1])
+    brightest = np.zeros(series.least.shape[1])
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     least_intervals = LEAST_INTERVALS_BY_DAY if to_sun[0] > 0.0 else LEAST_INTERVALS_IN_TWILIGHT
     # fewer directions than a series takes
@@ -131,18 +143,17 @@ def _few_azimuths(
                 continue
             cos_azimuth = math.cos(math.pi * j / n)
             d = nearest(directions.cos_azimuth, first, end, cos_azimuth)
-            row = Row(elevation, to_sun, cos_azimuth)
-            here = values[j * stride]
-            along(beam, rays, fraction, r, row, phases, d, floor, other, room, here)
+            here = series.values[j * stride]
+            along(air, r, RayView(elevation, to_sun, cos_azimuth), d, work, here)
             if n > 2:
-                _from_series(series, n // 2, least, cos_azimuth, form, moments)
+                _from_series(series, n // 2, cos_azimuth, moments)
             for w in range(brightest.size):
-                light, size = _seen(beam, phases, _INTENSITY, d, floor, here, w)
+                light, size = _light_of(air, _INTENSITY, d, here, w)
                 brightest[w] = max(brightest[w], size)
                 if n > 2 and brightest[w] > 0.0:
-                    wrong = abs(_seen(beam, phases, _INTENSITY, d, floor, moments, w)[0] - light)
-                    error = max(error, wrong / (size + DIM_FRACTION * brightest[w] + other[d, w]))
-        _series_of(values, n, least, series)
+                    wrong = abs(_light_of(air, _INTENSITY, d, moments, w)[0] - light)
+                    error = max(error, wrong / (size + DIM_FRACTION * brightest[w] + air.other[d, w]))
+        _fit(series, n)
         if n >= least_intervals and error < SERIES_ERROR:
             return n
         if n > _FIRST_INTERVALS and to_sun[0] > HIGH_SUN_COSINE and error < CERTAIN_ERROR:
@@ -154,48 +165,41 @@ def _few_azimuths(
 
 
 @njit(cache=True, nogil=True)
-def scattered_once(
-    beam, rays, fraction, elevation, directions, phases, floor, other, ground_km, ground_albedo, out, begin, end
-):  # fmt: skip
+def scattered_once(air, elevation, directions, ground_km, ground_albedo, out, begin, end):
     """Light scattered once, by air or by the ground in view, added to out (D, Stokes, W) for rays begin..end.
 
-    beam: of :func:`twilight.transport.beam.prepare_beam`; rays: traced with `pairs`
-    fraction (1 + K, P, W): of air and of each aerosol in what the points scatter
-    elevation (R,) [rad]: apparent, of each ray; directions: `Directions`; phases: `Phases`
-    floor: least value of a phase function; other (D, W): light that is there besides, of which errors are fractions too
-    ground_km: altitude of the ground; ground_albedo (W,)
+    elevation (R,) [rad]: apparent, of each ray; ground_km: altitude of the ground; ground_albedo (W,)
     """
+    rays = air.rays
     n_stokes, n_w = out.shape[1], out.shape[2]
-    n_s = fraction.shape[0]
+    n_s = air.fraction.shape[0]
     most = 0
     for r in range(begin, end):
         most = max(most, rays.first[r + 1] - rays.first[r])
-    room = Room(
+    work = Workspace(
         np.empty((most, n_w)), np.empty((most, n_w)), np.empty((most, n_w)), np.empty(most, np.bool_),
         np.empty((most, 2)), np.empty(n_w), np.empty(n_w), np.empty((n_w, 2)),
     )  # fmt: skip
-    moments, form = np.empty((3, n_s, n_w)), np.empty(3 * n_s * n_w)
-    values, series = np.empty((MOST + 1, 3, n_s, n_w)), np.empty((MOST + 1, form.size))
-    least = np.empty((n_s, n_w))
+    size = 3 * n_s * n_w
+    moments = np.empty((3, n_s, n_w))
+    series = MomentSeries(
+        np.empty((MOST + 1, 3, n_s, n_w)), np.empty((n_s, n_w)), np.empty((MOST + 1, size)), np.empty(size)
+    )
     to_sun = (math.cos(directions.zenith_rad), math.sin(directions.zenith_rad))
     for r in range(begin, end):
-        n = _few_azimuths(
-            beam, rays, fraction, r, elevation[r], directions, phases, floor, other, room, moments, values, least,
-            series,
-        )  # fmt: skip
+        n = _few_azimuths(air, r, elevation[r], directions, work, moments, series)
         for d in range(directions.first[r], directions.first[r + 1]):
             cos_azimuth = directions.cos_azimuth[d]
             if n > 0:
-                _from_series(series, n, least, cos_azimuth, form, moments)
+                _from_series(series, n, cos_azimuth, moments)
             else:
-                row = Row(elevation[r], to_sun, cos_azimuth)
-                along(beam, rays, fraction, r, row, phases, d, floor, other, room, moments)
+                along(air, r, RayView(elevation[r], to_sun, cos_azimuth), d, work, moments)
             for stokes in range(n_stokes):
                 for w in range(n_w):
-                    out[d, stokes, w] += _seen(beam, phases, stokes, d, floor, moments, w)[0]
+                    out[d, stokes, w] += _light_of(air, stokes, d, moments, w)[0]
         if rays.ground_weight[r].max() > 0.0:
             for d in range(directions.first[r], directions.first[r + 1]):
                 up = cos_sun(rays.ground_angle_rad[r], to_sun, directions.cos_azimuth[d])
-                beam_on_ground(beam, ground_km, up, room.at_one)
+                beam_on_ground(air.beam, ground_km, up, work.at_one)
                 for w in range(n_w):
-                    out[d, 0, w] += rays.ground_weight[r, w] * ground_albedo[w] / math.pi * room.at_one[w]
+                    out[d, 0, w] += rays.ground_weight[r, w] * ground_albedo[w] / math.pi * work.at_one[w]

@@ -53,14 +53,15 @@ def join(column: AirColumn, around: AirProfile) -> AirProfile:
     z, pressure, temperature = column.altitude_km, column.pressure_hpa, column.temperature_k
     _check(column)
     bottom, top = float(z[0]), float(min(z[-1], around.altitude_km[-1]))
-    levels = _levels(around, bottom)
+    low = np.array(LOW_LEVELS_KM)
+    levels = np.unique(np.concatenate([low, around.altitude_km[around.altitude_km > low[-1]]]))
     fine = np.unique(np.concatenate([np.arange(0.0, levels[-1], FINE_KM), levels, [bottom, top]]))
     outer = around.at(fine)
     inside = fine <= top
 
     outer_water = outer.h2o_per_cm3 / outer.air_per_cm3
     of_water = _gas(column.water_vapour, z, fine, levels, outer_water, top)
-    of_temperature = _faded(fine, _on_levels(fine, levels, z, temperature, top), outer.temperature_k)
+    of_temperature = _continued(fine, levels, z, temperature, top, outer.temperature_k)
     below = fine < bottom
     of_temperature[below] = np.interp(bottom, fine, of_temperature) + LAPSE_K_PER_KM * (bottom - fine[below])
 
@@ -114,11 +115,6 @@ def _check(column: AirColumn) -> None:
         )
 
 
-def _levels(around: AirProfile, bottom_km: float) -> np.ndarray:
-    low = np.array(LOW_LEVELS_KM)
-    return np.unique(np.concatenate([low, around.altitude_km[around.altitude_km > low[-1]]]))
-
-
 def _gas(
     measured: np.ndarray | None, z: np.ndarray, fine: np.ndarray, levels: np.ndarray, outer: np.ndarray, top_km: float
 ) -> np.ndarray | None:
@@ -131,22 +127,17 @@ def _gas(
         return None
     own = np.interp(z[known], fine, np.log(outer))
     factor = np.log(np.maximum(measured[known], LEAST_FRACTION)) - own
-    return outer * np.exp(_faded(fine, _on_levels(fine, levels, z[known], factor, top_km), np.zeros_like(outer)))
+    return outer * np.exp(_continued(fine, levels, z[known], factor, top_km, np.zeros_like(outer)))
 
 
-class _Fitted:
-    """A polygon over the levels inside a measured column: its corners, and where it begins and ends."""
+def _continued(
+    fine: np.ndarray, levels: np.ndarray, z: np.ndarray, y: np.ndarray, top_km: float, outer: np.ndarray
+) -> np.ndarray:
+    """A measured quantity y (N,) at z (N,) [km] and the climate's above it, at the fine altitudes (F,).
 
-    def __init__(self, corner_km: np.ndarray, value: np.ndarray):
-        self.corner_km, self.value = corner_km, value
-
-    def at(self, z: np.ndarray) -> np.ndarray:
-        """Linear inside, constant outside."""
-        return np.interp(z, self.corner_km, self.value)
-
-
-def _on_levels(fine: np.ndarray, levels: np.ndarray, z: np.ndarray, y: np.ndarray, top_km: float) -> _Fitted:
-    """The polygon over the levels that is nearest (least squares) to the one through y (N,) at z (N,) [km]."""
+    Up to its top the polygon over the levels that is nearest (least squares) to the one through y, constant below its
+    bottom; above it outer (F,), with the difference at the top fading out.
+    """
     bottom, top = float(z[0]), min(float(z[-1]), top_km)
     inner = levels[(levels > bottom) & (levels < top)]
     corner = np.concatenate([[bottom], inner, [top]])
@@ -161,13 +152,7 @@ def _on_levels(fine: np.ndarray, levels: np.ndarray, z: np.ndarray, y: np.ndarra
     x = fine[(fine >= bottom) & (fine <= top)]
     hats = np.stack([np.interp(x, corner, unit) for unit in np.eye(corner.size)], axis=1)
     value, *_ = np.linalg.lstsq(hats, np.interp(x, z, y), rcond=None)
-    return _Fitted(corner, value)
-
-
-def _faded(fine: np.ndarray, measured: _Fitted, outer: np.ndarray) -> np.ndarray:
-    """The measured polygon, and above its end the outer values with the difference at the end fading out."""
-    top = measured.corner_km[-1]
-    out = measured.at(fine)
+    out = np.interp(fine, corner, value)
     above = fine > top
     part = np.clip((fine[above] - top) / FADE_KM, 0.0, 1.0)
     fade = 1.0 - part * part * (3.0 - 2.0 * part)  # 1 to 0 with slope 0 at both ends

@@ -16,7 +16,7 @@ from twilight.transport.profile import Profile
 from twilight.transport.ray_bundle import RayBundle, species_fraction, trace_rays
 from twilight.transport.scaling import ScaledMedium, species_phase
 from twilight.transport.sunlit import scattered_once
-from twilight.transport.sunlit_ray import Phases
+from twilight.transport.sunlit_ray import Phases, SunlitAir
 
 REFERENCE_BEND_RAD = math.radians(0.5)
 """Lift of the sun [rad] at which phase functions are taken a second time; they are linear in the lift."""
@@ -84,13 +84,13 @@ def single_scattering(
     directions = RayDirections(lines.row_first, np.cos(lines.azimuth[order]), 0.5 * math.pi - sun)
     found = np.zeros((order.size, 1, medium.n_wavelengths))
     no_other = np.zeros((order.size, medium.n_wavelengths))
+    air = SunlitAir(beam, lines.rays, lines.fraction, phases, floor, no_other)
     in_slices(
         lambda begin, end: scattered_once(
-            beam, lines.rays, lines.fraction, lines.elevation, directions, phases, floor, no_other,
-            medium.bottom_km, medium.ground_albedo, found, begin, end,
+            air, lines.elevation, directions, medium.bottom_km, medium.ground_albedo, found, begin, end
         ),
         lines.elevation.size,
-    )  # fmt: skip
+    )
     out = np.empty_like(found[:, 0])
     out[order] = found[:, 0]
     return out

@@ -29,7 +29,7 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import species_phase, species_polarising_phase
 from twilight.transport.sunlit import scattered_once
-from twilight.transport.sunlit_ray import Phases
+from twilight.transport.sunlit_ray import Phases, SunlitAir
 
 
 class Field(BareField):
@@ -289,13 +289,13 @@ class Field(BareField):
             stokes += [p12 * np.array(part)[..., None, None] for part in zip(*turned, strict=True)]
         unbent, lifted_sun, lowered_ray = np.stack(stokes, axis=1)
         phases = Phases(unbent, (lifted_sun - unbent) / of_sun, (lowered_ray - unbent) / of_ray[:, None, None])
+        air = SunlitAir(self.beam, rays, fraction, phases, 0.0, other)
         in_slices(
             lambda begin, end: scattered_once(
-                self.beam, rays, fraction, row_elevation, directions, phases, 0.0, other, self.medium.bottom_km,
-                self.medium.ground_albedo, out, begin, end,
+                air, row_elevation, directions, self.medium.bottom_km, self.medium.ground_albedo, out, begin, end
             ),
             row_elevation.size,
-        )  # fmt: skip
+        )
         if self.medium.has_water:
             surface = surface_of(self.medium, np.arange(self.medium.n_wavelengths))
             in_slices(

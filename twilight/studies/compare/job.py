@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twilight import __version__, solvers
-from twilight.base.digest import SHOWN, code_digest
+from twilight.base.digest import DISPLAY, code_digest
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevation
 from twilight.io.provenance import configuration_hash
@@ -114,4 +114,4 @@ class JobOutcome:
 
 def code_of(solver: str) -> str:
     """SHA-256 over the code and data that the results of this solver depend on."""
-    return code_digest("twilight.studies.compare.worker", solvers.SOLVERS[solver], without=SHOWN)
+    return code_digest("twilight.studies.compare.worker", solvers.SOLVERS[solver], without=DISPLAY)

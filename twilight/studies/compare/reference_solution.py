@@ -12,7 +12,7 @@ import numpy as np
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
-from twilight.base.progress import Meter, Progress
+from twilight.base.progress import PhasedProgress, Progress
 from twilight.base.whole_files import write_csv
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevation
@@ -154,7 +154,7 @@ class ReferenceSolver:
         self.folder.mkdir(parents=True, exist_ok=True)
         found: dict[float, ReferenceSolution] = {}
         solved: Solved | None = None
-        meter = Meter(progress)
+        meter = PhasedProgress(progress)
         for i, sun in enumerate(suns):
             file = self.folder / f"reference{sun:+g}-{self._key(sun, directions, repr(settings))}.csv"
             meter.phase(f"reference solution, sun {sun:g} deg:", i / len(suns), 1.0 / len(suns))

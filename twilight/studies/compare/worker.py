@@ -20,7 +20,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.peak_memory import peak_mib
-from twilight.base.progress import Meter
+from twilight.base.progress import PhasedProgress
 from twilight.config.scene import Config
 from twilight.engine.solve import Problem, Solved
 from twilight.numerics.grids import half_of, texture_centres
@@ -87,7 +87,7 @@ class _Execution:
         self.directions = dict(zip(self.suns, message["directions"], strict=True))
         self.failed: set[float] = set()
         self.sent: set[float] = set()
-        self.meter = Meter(lambda doing, fraction: send({"progress": [doing, fraction]}))
+        self.meter = PhasedProgress(lambda doing, fraction: send({"progress": [doing, fraction]}))
         self.meter.phase("", 0.0, 0.5)
 
     def all_suns(self) -> None:

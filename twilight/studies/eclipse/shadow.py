@@ -23,7 +23,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.sky.disc import limb_coefficients
-from twilight.transport.refracted_sight import ApparentRays
+from twilight.transport.apparent_rays import ApparentRays
 
 SUN_RADIUS_DEG = 0.26656
 """Angular radius of the sun at 1 au: 695,700 km (IAU 2015)."""

@@ -20,7 +20,7 @@ from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.studies.limb.limb import TANGENT, coordinates_of, facts_of
 from twilight.studies.limb.sight import field_of_view, limb_elevation_deg, tangent_altitudes
-from twilight.transport.refracted_sight import ApparentRays
+from twilight.transport.apparent_rays import ApparentRays
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from twilight import solvers
-from twilight.base.digest import SHOWN, code_digest
+from twilight.base.digest import DISPLAY, code_digest
 
 STANDARD_ERROR = "standard_error"
 STOKES = ("sun_normalised_radiance_q", "sun_normalised_radiance_u")
@@ -17,7 +17,7 @@ STOKES_ERROR = ("standard_error_q", "standard_error_u")
 
 def code_of(solver: str) -> str:
     """SHA-256 over the code and data that the skies of a sweep with this solver depend on."""
-    return code_digest("twilight.studies.sweep.work", solvers.SOLVERS[solver], without=SHOWN)
+    return code_digest("twilight.studies.sweep.work", solvers.SOLVERS[solver], without=DISPLAY)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.transport.ray_profile import ray_profile, refractivity_at
+from twilight.transport.ray_profile import ray_profile, refractive_radius, refractivity_at
 from twilight.transport.rays import OUTSIDE, sun_ray
 
 if TYPE_CHECKING:
@@ -68,6 +68,6 @@ def horizon_dip_deg(medium: Medium, altitude_km: float) -> float:
     bottom, z = medium.bottom_km, max(altitude_km, medium.bottom_km)
     w = medium.n_wavelengths // 2
     profile = ray_profile(medium)
-    touching = (profile.radius_km + bottom) * (1.0 + refractivity_at(profile, w, bottom))
-    here = (profile.radius_km + z) * (1.0 + refractivity_at(profile, w, z))
+    touching = refractive_radius(profile, w, bottom)
+    here = refractive_radius(profile, w, z)
     return float(np.degrees(np.arccos(min(1.0, touching / here))))
