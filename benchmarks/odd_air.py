@@ -36,8 +36,8 @@ COLUMNS = (
     "case,sun_elevation_deg,observer_km,elevation_deg,azimuth_deg,reference_per_sr,reference_percent,untrusted,"
     "draft_percent,standard_percent"
 )
-
-KEPT = ("the reference solution's columns are those of an earlier run, whose solver has not changed since",)
+STORED_REFERENCE = ("the reference solution's columns are those of an earlier run, whose solver has not changed since",)
+"""Note of a table that is made with `keep`."""
 
 
 def air(levels_km: np.ndarray = LEVELS_KM, **depths: float) -> Medium:
@@ -126,7 +126,7 @@ def sampled(error: float, seconds: float) -> Callable[..., list]:
     return of
 
 
-def kept(table: Path) -> Callable[..., list]:
+def stored(table: Path) -> Callable[..., list]:
     """The reference solution as it is in a table."""
     rows = results.read_rows(table)
 
@@ -149,17 +149,18 @@ def main(arguments: list[str]) -> None:
     seconds = next((float(a) for a in arguments if a.replace(".", "").isdigit()), 60.0)
     kinds = [a for a in arguments if a in ("odd", "layers")] or ["odd", "layers"]
     keep = "keep" in arguments
+    notes = STORED_REFERENCE if keep else ()
     if not keep:
         compile_first()
     if "odd" in kinds:
         table = HERE / "odd_air.csv"
-        reference = kept(table) if keep else sampled(0.005, seconds)
+        reference = stored(table) if keep else sampled(0.005, seconds)
         ground = [Place(0.0, ELEVATION_DEG, AZIMUTH_DEG)]
         rows = [row for case, medium in ODD.items() for row in compare(case, medium(), ground, reference)]
-        results.write(table, COLUMNS.split(","), rows, notes=KEPT if keep else ())
+        results.write(table, COLUMNS.split(","), rows, notes=notes)
     if "layers" in kinds:
         table = HERE / "sharp_layers.csv"
-        reference = kept(table) if keep else sampled(0.01, seconds)
+        reference = stored(table) if keep else sampled(0.01, seconds)
         rows = []
         for case, (base, thickness, depth, ramp) in LAYERS.items():
             below, inside, above = (3.0, 20.0, 90.0), (-20.0, 0.5, 20.0), (-90.0, -20.0, 10.0)
@@ -169,7 +170,7 @@ def main(arguments: list[str]) -> None:
                 for altitude, views in zip(altitudes, (below, inside, above), strict=True)
             ]
             rows += compare(case, layered(base, thickness, depth, ramp), places, reference)
-        results.write(table, COLUMNS.split(","), rows, notes=KEPT if keep else ())
+        results.write(table, COLUMNS.split(","), rows, notes=notes)
 
 
 if __name__ == "__main__":

@@ -52,15 +52,15 @@ def truth(air: Medium, error: float) -> dict:
     return found
 
 
-def judged(name: str, air: Medium, quality: str, true: dict) -> list[list[str]]:
+def compared(name: str, air: Medium, quality: str, true: dict) -> list[list[str]]:
     """Rows of one solver."""
     solver = load(name)
     field, rows = solver.prepare(air, solver.QUALITIES[quality]), []
     name = title(f"{name}:{quality}")
     for sun in SUNS_DEG:
         off: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
-        grain: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
-        passing = [0.0] * len(DISTANCES_KM)
+        noise: list[list[np.ndarray]] = [[] for _ in DISTANCES_KM]
+        transmittance_off = [0.0] * len(DISTANCES_KM)
         for altitude, directions in PLACES:
             where = questions(directions, DISTANCES_KM)
             light, passed = field.inscatter(sun, *where, observer_altitude_km=altitude)
@@ -68,14 +68,13 @@ def judged(name: str, air: Medium, quality: str, true: dict) -> list[list[str]]:
             scale = field.radiance(sun, *where[:2], observer_altitude_km=altitude).max(axis=(0, 1))
             for i in range(len(DISTANCES_KM)):
                 off[i].append(np.abs(light - radiance)[:, i] / scale)
-                grain[i].append(error[:, i] / scale)
-                passing[i] = max(passing[i], float(np.abs(passed - seen)[:, i].max()))
+                noise[i].append(error[:, i] / scale)
+                transmittance_off[i] = max(transmittance_off[i], float(np.abs(passed - seen)[:, i].max()))
         for i, distance in enumerate(DISTANCES_KM):
             errors = 100.0 * np.concatenate(off[i])
             numbers = np.median(errors), np.quantile(errors, 0.95), errors.max()
-            noise = 100.0 * np.median(np.concatenate(grain[i]))
-            rows.append([name, f"{sun:g}", f"{distance:g}", *(f"{v:.3f}" for v in numbers), f"{noise:.3f}"])
-            rows[-1].append(f"{passing[i]:.1e}")
+            percent = [f"{v:.3f}" for v in (*numbers, 100.0 * np.median(np.concatenate(noise[i])))]
+            rows.append([name, f"{sun:g}", f"{distance:g}", *percent, f"{transmittance_off[i]:.1e}"])
             print(*rows[-1], flush=True)
     return rows
 
@@ -105,7 +104,7 @@ def main() -> None:
     parser.add_argument("--keep", action="store_true", help="keep the rows of other solvers")
     args = parser.parse_args()
     medium = climate_medium(load_climate(args.climate), np.array([float(w) for w in args.wavelengths.split(",")]))
-    kept, before = others(args.solvers.split(",")) if args.keep else ([], [])
+    other_rows, notes_before = others(args.solvers.split(",")) if args.keep else ([], [])
     straight = replace(medium, refractivity=np.zeros_like(medium.refractivity))
     true: dict[bool, dict] = {}
     rows: list[list[str]] = []
@@ -115,12 +114,12 @@ def main() -> None:
         air = medium if bent else straight
         if bent not in true:
             true[bent] = truth(air, args.error)
-        rows += judged(name, air, quality or "standard", true[bent])
+        rows += compared(name, air, quality or "standard", true[bent])
     columns = "solver,sun_deg,distance_km,median_percent,p95_percent,largest_percent,reference_percent,"
     columns += "transmittance_off"
     note = f"{args.climate}, {args.wavelengths} nm, standard unless said; reference to {100 * args.error:g} % each"
-    notes = [note, "percent of the largest radiance of the sky in the directions", *before]
-    write(OUT, columns.split(","), kept + rows, notes=notes)
+    notes = [note, "percent of the largest radiance of the sky in the directions", *notes_before]
+    write(OUT, columns.split(","), other_rows + rows, notes=notes)
 
 
 if __name__ == "__main__":

@@ -40,13 +40,8 @@ def main() -> None:
         medium = climate_medium(load_climate(climate), np.array([550.0]))
         wide = spreading(medium, lowest)
         rough = np.abs(wide[1:-1] / (0.5 * (wide[2:] + wide[:-2])) - 1.0)
-        print(
-            climate,
-            "roughness of the spreading, percent: rms",
-            100 * np.sqrt(np.mean(rough**2)),
-            "max",
-            100 * rough.max(),
-        )
+        rms = 100.0 * np.sqrt(np.mean(rough**2))
+        print(f"{climate}: roughness of the spreading {rms:.3g} % rms, {100.0 * rough.max():.3g} % at most")
         rows = zip(lowest[1:-1], wide[1:-1], 100.0 * rough, strict=True)
         beams += [[climate, f"{z:.1f}", f"{s:.4f}", f"{r:.3f}"] for z, s, r in rows]
     results.write(HERE / "smooth_index.csv", ["climate", "lowest_altitude_km", "spreading", "roughness_percent"], beams)

@@ -5,10 +5,10 @@
 
 Writes benchmarks/target_error.csv: for every climate, quality and range of suns the error [%] that
 `twilight.solvers.zones.target` would promise, were it to know the other climates of its kind alone (the largest of
-theirs, of this range or a higher sun, times UNSEEN), and the one that the climate has beside Monte-Carlo.
+theirs, of this range or a higher sun, times SAFETY_FACTORS), and the one that the climate has beside Monte-Carlo.
 
 Rows of the drawn airs hold what it does promise, and the error beside quality `reference` of the same air, whose own
-error is not in it (`MEASURED`: 0.2 to 0.8 % in continental air).  What was drawn stands in the table's notes.
+error is not in it (`MEASURED_ERRORS`: 0.2 to 0.8 % in continental air).  What was drawn stands in the table's notes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,14 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.target import LAST_DAY_DEG, LAST_TWILIGHT_DEG, MEASURED, UNSEEN, expected_error, kind_of
+from twilight.solvers.zones.target import (
+    LAST_DAY_DEG,
+    LAST_TWILIGHT_DEG,
+    MEASURED_ERRORS,
+    SAFETY_FACTORS,
+    expected_error,
+    kind_of,
+)
 
 TABLE = Path(__file__).parent / "target_error.csv"
 RANGES = ("day", "twilight", "deep")
@@ -64,13 +71,13 @@ def left_out() -> list[list[str]]:
     nm = np.array([450.0, 550.0, 680.0])
     kinds = {name: kind_of(climate_medium(load_climate(name), nm)) for name in CLIMATES}
     rows = []
-    for quality in MEASURED:
+    for quality in MEASURED_ERRORS:
         for name in CLIMATES:
             others = [e for (q, c), e in found.items() if q == quality and c != name and kinds[c] == kinds[name]]
             if not others or (quality, name) not in found:
                 continue
             for k, suns in enumerate(RANGES):
-                promised = UNSEEN[kinds[name]] * max(max(e[: k + 1]) for e in others)
+                promised = SAFETY_FACTORS[kinds[name]] * max(max(e[: k + 1]) for e in others)
                 got = found[quality, name][k]
                 rows.append([name, kinds[name], quality, suns, "montecarlo", f"{promised:.2f}", f"{got:.2f}"])
     return rows

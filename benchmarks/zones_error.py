@@ -7,9 +7,9 @@
 Writes benchmarks/zones_error.csv after every climate, and keeps rows that were not asked for: relative errors of the
 radiance over all directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as theirs
 is.  The table's standard error is subtracted in the mean square: `excess_percent` is what 95 % of normally distributed
-errors of the rest would stay below.  Times are of the processor,
-for all suns and the three wavelengths, which take as long as eight do (a block of the solver), compilation apart;
-memory is the peak of the process while the field is made (Linux).
+errors of the rest would stay below.  Times are of the processor, for all suns and the three wavelengths, which take as
+long as eight do (a block of the solver), compilation apart; memory is the peak of the process while the field is made
+(Linux).
 """
 
 from __future__ import annotations
@@ -29,19 +29,14 @@ from twilight.solvers import zones
 
 HERE = Path(__file__).parent
 CLIMATES = {
-    "continental-average": "continental-average",
-    "urban": "urban",
-    "desert": "desert",
-    "maritime-clean": "maritime-clean",
-    "pure-air": "pure-air-climate",
-    **{
-        name: name
-        for name in (
-            *("volcanic-extreme", "volcanic-stratosphere", "continental-clean", "continental-polluted"),
-            *("maritime-polluted", "maritime-tropical", "arctic", "antarctic"),
-        )
-    },
+    name: "pure-air-climate" if name == "pure-air" else name
+    for name in (
+        *("continental-average", "urban", "desert", "maritime-clean", "pure-air", "volcanic-extreme"),
+        *("volcanic-stratosphere", "continental-clean", "continental-polluted", "maritime-polluted"),
+        *("maritime-tropical", "arctic", "antarctic"),
+    )
 }
+"""Names of the tables of the reference solution in benchmarks/reference, by climate."""
 USUAL = ("draft", "standard")
 HEADER = (
     "climate,quality,sun_elevation_deg,median_percent,p95_percent,max_percent,mean_percent,reference_percent,"

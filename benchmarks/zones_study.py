@@ -25,17 +25,10 @@ HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
 COLOURS_NM = (450.0, 550.0, 680.0)
 TYPES = (
-    "antarctic",
-    "arctic",
-    "continental-average",
-    "continental-clean",
-    "continental-polluted",
-    "desert",
-    "maritime-clean",
-    "maritime-polluted",
-    "maritime-tropical",
-    "urban",
+    *("antarctic", "arctic", "continental-average", "continental-clean", "continental-polluted"),
+    *("desert", "maritime-clean", "maritime-polluted", "maritime-tropical", "urban"),
 )
+"""Of aerosol (OPAC), by the climates of these names."""
 REFERENCE = zones.QUALITIES["reference"]
 QUADRATURES = (
     (STANDARD.degree, STANDARD.polar_directions),

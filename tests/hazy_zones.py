@@ -19,4 +19,12 @@ QUICK = zones.ZonesSettings(
 """Of scalar theory and coarser than `draft`, some per cent off: a field takes half the time."""
 SCALAR = replace(QUICK, altitude_density=0.35, zenith_density=0.4, polar_directions=4, beam_density=0.4)
 SMALL = replace(SCALAR, polarisation=True, polarisation_degree=6)
+
+
+def read_table(path: Path) -> np.ndarray:
+    """A table of numbers with names of columns, below lines of notes."""
+    with open(path, encoding="utf-8") as file:
+        return np.genfromtxt((line for line in file if not line.startswith("#")), delimiter=",", names=True)
+
+
 ELEVATION, AZIMUTH = (g.ravel() for g in np.meshgrid([2.0, 15.0, 50.0, 85.0], [0.0, 45.0, 120.0, 180.0]))

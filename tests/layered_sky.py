@@ -17,14 +17,13 @@ RAYS_AT_ONCE = 2000
 def layered(base: float, thickness: float, depth: float, ramp_km: float = 0.0, g: float = 0.7) -> Medium:
     """Air of scale height 8 km, vertical optical depth 0.1, and a layer of HG aerosol; `ramp_km` 0: it jumps."""
     top = base + thickness
-    edge = ramp_km
     smooth = np.array([0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 100.0])
-    if edge > 0.0:
-        own = [base, base + edge, top - edge, top]
-        aerosol_at = {base + edge: 1.0, top - edge: 1.0}
+    if ramp_km > 0.0:
+        own = [base, base + ramp_km, top - ramp_km, top]
+        aerosol_at = {base + ramp_km: 1.0, top - ramp_km: 1.0}
         z = np.array(sorted({*smooth, *own}))
-        fraction = np.array([aerosol_at.get(x, 1.0 if base + edge < x < top - edge else 0.0) for x in z])
-        k = depth / (thickness - edge)
+        fraction = np.array([aerosol_at.get(x, 1.0 if base + ramp_km < x < top - ramp_km else 0.0) for x in z])
+        k = depth / (thickness - ramp_km)
     else:
         inner = [x for x in smooth if base < x < top]
         z = np.array(sorted([*(x for x in smooth if not base <= x <= top), base, base, *inner, top, top]))

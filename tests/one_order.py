@@ -21,7 +21,7 @@ def one_order() -> tuple[np.ndarray, ...]:
     """Mean radiance, moments and the ground's radiance that random light makes of itself."""
     grids = FieldGrids.of(layered(2.0, 1.0, 0.3), SETTINGS, (80.0, 95.0))
     operator = scattering_operators(grids, 2, 3, 2, 2)(0)
-    shape = grids.nodes.altitude_km.size, grids.nodes.zenith_rad.size
+    shape = grids.nodes.altitude_km.size, grids.nodes.zenith.nodes_rad.size
     random = np.random.default_rng(1)
     mean = random.uniform(0.5, 1.0, (*shape, 8)).astype(np.float32)
     moments = random.normal(scale=0.1, size=(*shape, operator.angles.n_moments, 8)).astype(np.float32)

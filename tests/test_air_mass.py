@@ -21,8 +21,8 @@ from twilight.config.scene import Config
 from twilight.scene import shifted as shifted_air
 from twilight.solvers import montecarlo, zones
 from twilight.solvers.montecarlo.path_lengths import add_sunbeam
-from twilight.solvers.zones.adjoint import NodeLight
-from twilight.solvers.zones.derivatives import columns_grids, differentiate
+from twilight.solvers.zones.adjoint import NodeLight, next_light
+from twilight.solvers.zones.derivatives import differentiate, perturbed_grids
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.solve import solve
 from twilight.studies.airmass import report, table
@@ -141,14 +141,10 @@ def test_a_high_layer_is_crossed_at_the_slant_of_the_sun(differentiated):
 
 def test_the_operator_backwards_is_its_transpose(differentiated):
     # y . K' x = K'^T y . x, K' x by differences in float32
-    columns = differentiated.columns_of(0)
+    air = differentiated.perturbed_air(0)
     rng = np.random.default_rng(3)
-    for back, light in zip(columns.back, (columns.first, columns.rest), strict=True):
-        operator, z = back.operator, back.after
-
-        def after(u, operator=operator):
-            mean = np.ascontiguousarray(u.moments[:, :, 0])
-            return NodeLight(*operator.analyse(operator.next_order(mean, u.moments, u.ground))[1:])
+    for adjoint, light in zip(air.adjoints, (air.first, air.rest), strict=True):
+        operator, z = adjoint.operator, adjoint.after
 
         def noise(like, size):
             return NodeLight(
@@ -157,7 +153,7 @@ def test_the_operator_backwards_is_its_transpose(differentiated):
             )
 
         # of suns around the horizon, each node by what it holds
-        zenith_deg = np.degrees(columns.grids.nodes.zenith_rad)[:, None]
+        zenith_deg = np.degrees(air.grids.nodes.zenith.nodes_rad)[:, None]
         some = (zenith_deg > 80.0) & (zenith_deg < 97.0)
         wanted = noise(z, 1.0)
         mean, ground = (np.where(some, x, np.inf) for x in (z.moments[:, :, 0], z.ground))
@@ -165,10 +161,9 @@ def test_the_operator_backwards_is_its_transpose(differentiated):
             (wanted.moments / mean[:, :, None] ** 2).astype(np.float32), (wanted.ground / ground**2).astype(np.float32)
         )
         change = noise(light, 0.02)
-        more, less = after(light + change), after(light + change.times(np.full(8, -1.0)))
-        slope = NodeLight(0.5 * (more.moments - less.moments), 0.5 * (more.ground - less.ground))
-        forwards = sum(part[..., 0].sum() for part in wanted.parts(slope))
-        backwards = sum(part[..., 0].sum() for part in back(wanted, np.full(8, 1e-6)).parts(change))
+        slope = (next_light(operator, light + change) - next_light(operator, light - change)).times(np.full(8, 0.5))
+        forwards = sum(part[..., 0].sum() for part in wanted.contributions(slope))
+        backwards = sum(part[..., 0].sum() for part in adjoint(wanted, np.full(8, 1e-6)).contributions(change))
         assert forwards == pytest.approx(backwards, rel=2e-3)
 
 
@@ -192,7 +187,7 @@ def test_the_adjoint_is_the_difference_of_solutions(medium, quantity, edges, mon
             monkeypatch.setattr(layer_changes, name, times * value)
         changes = layer_changes.changes_of(medium, quantity, np.array(edges))
         step = changes.step[:, 0]
-        grids = columns_grids(solved.grids, *changes.columns(0))
+        grids = perturbed_grids(solved.grids, *changes.columns(0))
         beam = grids.sunbeam()
         exact = replace(grids, directions=replace(grids.directions, tolerance=1e-6, max_orders=30))
         columns = Field(grids, beam, *solve(exact, beam, silent))

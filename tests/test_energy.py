@@ -57,14 +57,14 @@ def through_spheres(field):
     n = medium.n_wavelengths
     altitude = nodes.fine_altitude_km
     inwards, everywhere = np.empty((2, altitude.size, n))
-    zenith, weight = panels(nodes.fine_rad)
+    zenith, weight = panels(nodes.zenith.fine_rad)
     ring = 0.5 * weight * np.sin(zenith)
     for k, z in enumerate(altitude):
         # order 1 in degree, 0 in azimuth: the second harmonic is sqrt(3) cos(zenith angle)
-        mean = np.exp(solution.log_mean[k])
-        down = mean * solution.ratio[k, :, 1] / np.sqrt(3.0)
+        mean = np.exp(solution.light.log_mean[k])
+        down = mean * solution.light.ratio[k, :, 1] / np.sqrt(3.0)
         fine = (nodes.refine_zenith(values[:, :n]) for values in (mean, down))
-        at = (np.stack([np.interp(zenith, nodes.fine_rad, row) for row in f.T], axis=1) for f in fine)
+        at = (np.stack([np.interp(zenith, nodes.zenith.fine_rad, row) for row in f.T], axis=1) for f in fine)
         mean, down = (4.0 * np.pi * ring @ values for values in at)
         edge = shadow_edge(field.beam, z, n)
         low = np.pi / 2 - 0.1

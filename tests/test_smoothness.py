@@ -10,7 +10,7 @@ from hazy_zones import QUICK
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers.zones import layout, prepare
-from twilight.solvers.zones.directions import reach_of
+from twilight.solvers.zones.directions import truncation_needed
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.scaling import delta_scaled
 
@@ -147,10 +147,12 @@ def test_one_more_term_of_a_series_comes_in_without_a_step(monkeypatch):
     few = replace(FEW_ORDERS, altitude_density=0.3, zenith_density=0.3, degree=14)
 
     def sky(part):
-        def reaches(*air):
-            return reach_of(*air)._replace(orders=14.0 + part, late_degree=9.0 + part, late_orders=8.0 + part)
+        def truncated(*air):
+            return truncation_needed(*air)._replace(
+                azimuthal_orders=14.0 + part, late_degree=9.0 + part, late_azimuthal_orders=8.0 + part
+            )
 
-        for name, needs in (("degree_needed", lambda *air: 16.0 + part), ("reach_of", reaches)):
+        for name, needs in (("degree_needed", lambda *air: 16.0 + part), ("truncation_needed", truncated)):
             monkeypatch.setattr(f"twilight.solvers.zones.directions.{name}", needs)
             monkeypatch.setattr(layout, name, needs)
         solved = prepare(medium, few)
@@ -165,14 +167,14 @@ def test_one_more_term_of_a_series_comes_in_without_a_step(monkeypatch):
 def test_what_the_air_needs_follows_its_humidity():
     """Terms would come in whole: each by 1 where the humidity changes by one per cent."""
     standard = QUALITIES["standard"]
-    reached = []
+    needed = []
     for percent in (52.0, 52.8, 53.6, 60.0, 60.8, 61.6):
         medium = humid("maritime-clean", percent, [450.0, 650.0])
         settings, degree = layout.settings_for(medium, standard)
-        reached.append([degree, *layout.lay_out(medium, delta_scaled(medium, degree), settings).reach])
-    bend = np.diff(np.reshape(reached, (2, 3, 4)), n=2, axis=1)
+        needed.append([degree, *layout.lay_out(medium, delta_scaled(medium, degree), settings).truncation])
+    bend = np.diff(np.reshape(needed, (2, 3, 4)), n=2, axis=1)
     assert np.abs(bend).max() < 0.05
-    assert np.all(np.array(reached[-1]) > np.array(reached[0]) + 0.2)
+    assert np.all(np.array(needed[-1]) > np.array(needed[0]) + 0.2)
 
 
 def maritime(relative_humidity_percent):

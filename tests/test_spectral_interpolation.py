@@ -99,7 +99,7 @@ def test_weights_give_planes_exactly():
     """What is linear in the logarithms of the optical properties, as thin air's light is, would be bent."""
     draw = np.random.default_rng(3)
     nodes, at = draw.normal(size=(20, 3)), draw.normal(size=(50, 3))
-    weight = spectral_nodes.weights(nodes, at)
+    weight = spectral_nodes.kriging_weights(nodes, at)
     plane = np.array([0.3, -2.0, 1.0])
     np.testing.assert_allclose((nodes @ plane + 4.0) @ weight, at @ plane + 4.0, atol=1e-6)
 

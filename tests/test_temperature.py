@@ -20,7 +20,6 @@ from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.ray_points import SpeciesMoments
 from twilight.solvers.zones.solve import solve
 from twilight.transport.lines import with_refraction
-from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
@@ -56,13 +55,12 @@ def log_light(solved, base, air, bent_paths):
     profile = prepare_profile(scaled.medium, like=like.medium)
     profile = near_edges(profile, profile)
     bent = with_refraction(profile, scaled.medium)
-    matrix = matrix_moments(air, scaled.forward_fraction, max(2, solved.grids.spin2_degree))
     beam = replace(like.medium, refractivity=scaled.medium.refractivity)
     grids = replace(
         solved.grids,
         medium=air,
         scaled=scaled,
-        scattering=SpeciesMoments(scaled.medium, scaled.moments, matrix),
+        scattering=SpeciesMoments.of(air, scaled, solved.grids.spin2_degree),
         profile=profile,
         line_profile=bent,
         path_profile=bent if bent_paths else with_refraction(profile, like.medium),

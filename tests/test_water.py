@@ -66,7 +66,7 @@ def test_reciprocity():
 
 
 def albedo(mu_in: float, index: float, slope2: float) -> float:
-    """Share of a beam that the surface reflects, by quadrature over the sky."""
+    """Fraction of a beam that the surface reflects, by quadrature over the sky."""
     node, weight = np.polynomial.legendre.leggauss(80)
     turns = (np.arange(180) + 0.5) * np.pi / 180
     total = 0.0
@@ -131,17 +131,17 @@ def test_reflected_sky_is_the_integral_of_the_glitter():
     cosine = np.linspace(0.0, 1.0, 9) ** 1.5
     table = reflection(cosine, 3, 1, np.array([INDEX]), WIND_5)[0]
     node, weight = np.polynomial.legendre.leggauss(120)
-    mu_in, share = 0.5 * (node + 1), 0.5 * weight
+    mu_in = 0.5 * (node + 1)
     turns = (np.arange(240) + 0.5) * np.pi / 240
     for k in (4, 9, N_COSINES - 2):
         mu = float(cosines()[k])
         for m in (0, 1, 2):
             # light 1 - cosine falls in, times cos(m azimuth)
             total = 0.0
-            for x, s in zip(mu_in, share, strict=True):
+            for x, w in zip(mu_in, 0.5 * weight, strict=True):
                 flat = math.sqrt((1 - x * x) * (1 - mu * mu))
                 found = [water_surface.glitter(x, mu, flat * math.cos(a) - x * mu, INDEX, WIND_5)[0] for a in turns]
-                total += s * 2 * np.pi * (1 - x) * np.mean(found * np.cos(m * turns))
+                total += w * 2 * np.pi * (1 - x) * np.mean(found * np.cos(m * turns))
             assert table[m, k, 0, :, 0] @ (1 - cosine) == pytest.approx(total, rel=0.01)
 
 

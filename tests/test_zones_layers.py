@@ -28,6 +28,8 @@ from twilight.transport.ray_bundle import trace_rays
 WAVELENGTH_NM = np.array([550.0])
 STANDARD = zones.QUALITIES["standard"]
 SCALAR = replace(QUICK, polarisation=False)
+COARSE = replace(SCALAR, zenith_density=0.5, polar_directions=6, degree=8, azimuth_directions=7)
+ELEVATION_DEG, AZIMUTH_DEG = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
 
 
 def nodes_of(climate, density=1.0):
@@ -74,15 +76,12 @@ def test_sunlight_between_the_altitudes_of_its_table():
 def test_light_under_a_volcanic_layer_has_settled():
     """`standard` has altitude_density 1.  Twice as dense moved the sky by up to 9 % at -18 and 5 % at -12 deg."""
     medium = climate_medium(load_climate("volcanic-extreme"), WAVELENGTH_NM)
-    elevation, azimuth = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
     suns, bounds = (0.0, -12.0, -18.0), (0.003, 0.006, 0.015)
-    coarse = replace(
-        SCALAR, zenith_density=0.5, polar_directions=6, degree=8, max_degree=8, late_degree=4, azimuth_directions=7
-    )
+    coarse = replace(COARSE, max_degree=8, late_degree=4)
     skies = []
     for density in (1.0, 2.0):
         field = zones.prepare(medium, replace(coarse, altitude_density=density), sun_elevations_deg=suns)
-        skies.append([field.radiance(sun, elevation, azimuth)[:, 0] for sun in suns])
+        skies.append([field.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)[:, 0] for sun in suns])
     moved = np.abs(np.array(skies[0]) / np.array(skies[1]) - 1.0).max(axis=1)
     assert np.all(moved < bounds)
 
@@ -91,35 +90,27 @@ def test_steps_of_the_first_order_resolve_the_edge_of_the_shadow():
     """The sun at -4 deg over the haze of `antarctic`, 10 km high: with steps of the density of later orders all light
     scattered several times moved together."""
     medium = climate_medium(load_climate("antarctic"), WAVELENGTH_NM)
-    standard = zones.QUALITIES["standard"]
-    elevation, azimuth = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
-    coarse = replace(
-        SCALAR,
-        zenith_density=0.5,
-        polar_directions=6,
-        degree=8,
-        azimuth_directions=7,
-        step_density=standard.step_density,
-    )
+    coarse = replace(COARSE, step_density=STANDARD.step_density)
     skies = []
-    for density in (4.0, standard.first_order_step_density, standard.step_density):
+    for density in (4.0, STANDARD.first_order_step_density, STANDARD.step_density):
         field = zones.prepare(medium, replace(coarse, first_order_step_density=density), sun_elevations_deg=[-4.0])
-        skies.append(field.radiance(-4.0, elevation, azimuth)[:, 0])
+        skies.append(field.radiance(-4.0, ELEVATION_DEG, AZIMUTH_DEG)[:, 0])
     settled, rough = (np.abs(sky / skies[0] - 1.0).max() for sky in skies[1:])
     assert settled < 0.003 < rough
 
 
 @pytest.mark.parametrize(
-    ("base_km", "depth", "sun_deg", "said"),
+    ("base_km", "depth", "sun_deg", "n_warnings"),
     [(50.0, 1.0, -6.0, 1), (50.0, 1.0, 30.0, 0), (50.0, 0.01, -6.0, 0), (3.0, 1.0, -6.0, 0)],
 )
-def test_a_high_thin_layer_after_sunset_is_said_to_be_uncertain(base_km, depth, sun_deg, said):
+def test_a_high_thin_layer_after_sunset_is_said_to_be_uncertain(base_km, depth, sun_deg, n_warnings):
     """In one sentence; whether there is one does not hang on how finely the field is solved."""
     few = replace(SCALAR, max_orders=2, tolerance=0.0, altitude_density=0.3, zenith_density=0.3, polar_directions=4)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always", TwilightWarning)
         zones.prepare(layered(base_km, 1.0, depth), few, sun_elevations_deg=[sun_deg])
-    assert [f"at {base_km:g} km: with the sun below the horizon" in str(w.message) for w in told] == [True] * said
+    assert len(given) == n_warnings
+    assert all(f"at {base_km:g} km: with the sun below the horizon" in str(w.message) for w in given)
 
 
 @pytest.mark.parametrize(
@@ -174,9 +165,8 @@ def test_light_of_a_low_sun_in_a_thin_layer_is_not_stepped_over():
 @pytest.mark.slow
 def test_light_leaks_along_a_high_layer_after_sunset():
     """Against the mean of four seeds of `montecarlo`, 110 s each at this sun: standard errors of 1.4 and 1.6 %."""
-    draft = replace(QUICK, polarisation=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TwilightWarning)
-        field = zones.prepare(layered(50.0, 1.0, 1.0), draft, sun_elevations_deg=[-6.0])
+        field = zones.prepare(layered(50.0, 1.0, 1.0), SCALAR, sun_elevations_deg=[-6.0])
     found = field.radiance(-6.0, [20.0, 90.0], [40.0, 40.0])[:, 0]
     np.testing.assert_allclose(found, [4.80e-5, 5.17e-6], rtol=0.06)

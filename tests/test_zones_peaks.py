@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hazy_zones import QUICK, REFERENCE
+from hazy_zones import QUICK, REFERENCE, read_table
 from stability_media import Air, medium_of
 
 from twilight.base.errors import TwilightWarning
@@ -58,11 +57,9 @@ def test_red_light_beside_a_sun_on_the_horizon_needs_a_higher_degree_in_dust(des
     nodes, and without polarisation, the limit of high degrees is 1.5 and 1.9 % too dark.
     """
     medium = climate_medium(load_climate("desert"), np.array([550.0, 680.0]))
-    with open(REFERENCE / "desert.csv", newline="") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    place = ("sun_elevation_deg", "elevation_deg", "azimuth_deg", "wavelength_nm")
-    found = {tuple(float(row[key]) for key in place): float(row["radiance_per_sr"]) for row in rows}
-    truth = [found[0.0, 1.0, 0.0, nm] for nm in medium.wavelength_nm]
+    table = read_table(REFERENCE / "desert.csv")
+    here = (table["sun_elevation_deg"] == 0.0) & (table["elevation_deg"] == 1.0) & (table["azimuth_deg"] == 0.0)
+    truth = [table["radiance_per_sr"][here & (table["wavelength_nm"] == nm)].item() for nm in medium.wavelength_nm]
     error = {}
     for most in (20, 32):
         settings = replace(

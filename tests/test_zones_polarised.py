@@ -8,7 +8,7 @@ from pathlib import Path
 import iprt
 import numpy as np
 import pytest
-from hazy_zones import AZIMUTH, ELEVATION, REFERENCE, SMALL
+from hazy_zones import AZIMUTH, ELEVATION, REFERENCE, SMALL, read_table
 
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
@@ -60,7 +60,7 @@ def scattered_by_rotations(matrix, field, weight, here, there) -> np.ndarray:
 
 
 def test_scattering_keeps_every_spin2_harmonic_and_multiplies_it_by_a_moment():
-    """The whole of the rules at the head of `polarised`, signs included, for a matrix of random moments and for air."""
+    """All rules at the head of `spin2_harmonics`, signs included, for a matrix of random moments and for air."""
     degree = 5
     x, w = np.polynomial.legendre.leggauss(24)
     around = np.arange(32) * 2 * np.pi / 32
@@ -122,7 +122,7 @@ def test_moments_of_a_spin2_harmonic_are_its_own():
     u = np.concatenate([odd.T[:, :, None] * sin[:, None], even.T[:, :, None] * sin[:, None]])
     gram = np.einsum("cma,dma->cd", angles.spin2_analysis[1][:, 0], q)
     gram += np.einsum("cma,dma->cd", angles.spin2_analysis[1][:, 1], u)
-    # odd spin2_harmonics of order 0 do not exist
+    # B of order 0 does not exist
     present = np.concatenate([np.ones(n), angles.spin2_order > 0])
     np.testing.assert_allclose(gram, np.diag(present), atol=5e-3)
 
@@ -249,13 +249,6 @@ def test_no_light_is_more_polarised_than_fully(small):
         assert np.all(np.hypot(stokes[:, 1], stokes[:, 2]) < stokes[:, 0])
 
 
-def test_stokes_parameters_are_saved_and_loaded(small, tmp_path):
-    """A file would lose Q and U."""
-    small.save(tmp_path / "field.h5")
-    again = zones.load(tmp_path / "field.h5")
-    np.testing.assert_array_equal(again.stokes(-4.0, ELEVATION, AZIMUTH), small.stokes(-4.0, ELEVATION, AZIMUTH))
-
-
 def test_a_scalar_field_has_no_stokes_parameters(air):
     """A scalar field would answer with zeros."""
     field = zones.prepare(air, replace(SMALL, polarisation=False, max_orders=1))
@@ -267,8 +260,7 @@ def test_a_scalar_field_has_no_stokes_parameters(air):
 
 def test_standard_is_the_polarised_reference_within_its_noise():
     """I, Q, U of clear refracted air from Monte-Carlo with every leg bent (benchmarks/polarisation.py stored)."""
-    with (Path(__file__).parent / "data" / "stokes_pure_air.csv").open() as file:
-        table = np.genfromtxt((line for line in file if not line.startswith("#")), delimiter=",", names=True)
+    table = read_table(Path(__file__).parent / "data" / "stokes_pure_air.csv")
     suns = np.unique(table["sun_elevation_deg"])
     medium = medium_from_table(REFERENCE / "pure-air.csv")
     field = zones.prepare(medium, zones.QUALITIES["standard"], sun_elevations_deg=suns)

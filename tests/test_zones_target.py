@@ -16,7 +16,7 @@ from twilight.config import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.zones import target
-from twilight.solvers.zones.target import MEASURED, Errors, expected_error, kind_of, quality_for
+from twilight.solvers.zones.target import MEASURED_ERRORS, Errors, expected_error, kind_of, quality_for
 
 TABLE = Path(__file__).parents[1] / "benchmarks" / "zones_error.csv"
 KINDS = {
@@ -60,7 +60,8 @@ def test_the_errors_are_those_of_the_table(quality):
     for climate, errors in some.items():
         kind = kind_among(climate)
         found[kind] = [max(pair) for pair in zip(errors, found.get(kind, errors), strict=True)]
-    assert {k: Errors(*(math.ceil(10 * v - 1e-9) / 10 for v in e)) for k, e in found.items()} == MEASURED[quality]
+    rounded = {kind: Errors(*(math.ceil(10 * v - 1e-9) / 10 for v in errors)) for kind, errors in found.items()}
+    assert rounded == MEASURED_ERRORS[quality]
 
 
 def test_the_errors_hold_in_air_that_the_rule_does_not_know():
@@ -80,7 +81,7 @@ def test_the_errors_hold_in_air_that_the_rule_does_not_know():
             if quality == r["quality"] and kind_among(climate) == r["kind"] and climate != r["climate"]
         ]
         assert float(r["got_percent"]) == measured[r["quality"], r["climate"]][place]
-        assert float(r["promised_percent"]) == pytest.approx(target.UNSEEN[r["kind"]] * max(others), abs=0.01)
+        assert float(r["promised_percent"]) == pytest.approx(target.SAFETY_FACTORS[r["kind"]] * max(others), abs=0.01)
         assert float(r["got_percent"]) <= float(r["promised_percent"]), r
 
 
@@ -88,7 +89,7 @@ def test_the_cheapest_quality_that_is_good_enough():
     fine, coarse = air("continental-average"), air("desert")
     asked = {e: quality_for(replace(SMALL, target_error=e), fine, [-4.0])[0] for e in (0.2, 0.03, 0.014, 1e-9)}
     assert list(asked.values()) == ["draft", "draft", "standard", "reference"]
-    for quality in MEASURED:
+    for quality in MEASURED_ERRORS:
         assert expected_error(quality, fine, [10.0]) <= expected_error(quality, fine, [10.0, -12.0])
         assert expected_error(quality, fine, [-18.0]) == expected_error(quality, fine, None)
     assert quality_for(replace(SMALL, target_error=1e-3), coarse, None) == ("reference", math.inf)

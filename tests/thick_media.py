@@ -38,13 +38,13 @@ def cloud(
 
 def slabs(depth, sun_cosine, base_km=1.0, top_km=2.0, asymmetry=0.85, albedo=1.0, ground=1.0, air=0.05) -> Slabs:
     """The same air between planes: levels are the top, the cloud's top and base, and the ground."""
-    share = air * (top_km - base_km) / 4.0
-    scattering = albedo * depth + share
+    air_depth = air * (top_km - base_km) / 4.0
+    scattering = albedo * depth + air_depth
     chi = albedo * depth * henyey_greenstein(asymmetry)
-    chi[:3] += share * RAYLEIGH
+    chi[:3] += air_depth * RAYLEIGH
     layers = [
         (air * (4.0 - top_km) / 4.0, 1.0, RAYLEIGH),
-        (depth + share, scattering / (depth + share), chi / scattering),
+        (depth + air_depth, scattering / (depth + air_depth), chi / scattering),
     ]
     if base_km > 0.0:
         layers.append((air * base_km / 4.0, 1.0, RAYLEIGH))

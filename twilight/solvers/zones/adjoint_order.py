@@ -1,4 +1,4 @@
-"""One order of scattering run backwards: from derivatives of a number by the light of an order to those by the light
+"""The adjoint of one order of scattering: from derivatives of a number by the light of an order to those by the light
 of the order before.
 
 The scattering operator K interpolates the logarithm of the mean radiance: K(U) is linear in what is interpolated, and
@@ -7,15 +7,9 @@ of sight for example, by the Stokes parameters that `next_order.scatter` writes,
 derivatives by the `RadianceField` that it reads.  They go through the same points, and from every sum that a point
 enters back into it.
 
-Arguments as of `next_order`:
-    point: `RayPoints`; k: index of one of them; rule: of cubic interpolation in the solar zenith angle; series: the
-    numbers of harmonics and azimuthal orders
-    light: `RadianceField`; source: `SlabSource`, of one point; low, high: its first and last node of zenith angle
-    geometry (angle, zenith, azimuth, 2): of the points of a ray; rays_first (R + 1,): of their indices
-    ground_weight (R, LANES), ground_angle (R,): transmittance to the ground at the end of a ray, and its angle;
-    n_polar: polar angles of a node in altitude
-
-Here also back: `RadianceAdjoint`, added to; slab: `SlabAdjoint`, of one point.
+Arguments as of `next_order`: rays: `NodeRays`, ray: index of one of them; point: `RayPoints`, k: index of one of them;
+light: `RadianceField`; grid: `ZenithGrid`; series: `Truncation`; source: `SlabSource` of one point, low, high: its
+first and last node of zenith angle.  Here also adjoint: `RadianceAdjoint`, added to; slab: `SlabAdjoint` of one point.
 """
 
 from __future__ import annotations
@@ -27,11 +21,11 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.jit.simd import broadcast, exp, load, maximum, store
-from twilight.solvers.zones.line_integrals import fine_interval
+from twilight.solvers.zones.line_integrals import fine_interval, seen_nodes
 from twilight.solvers.zones.next_order import (
     COS_AZIMUTH,
     I_FROM_E,
-    LEAST,
+    MIN_SOURCE,
     ONE,
     PLACE,
     Q_FROM_B,
@@ -50,7 +44,7 @@ from twilight.solvers.zones.next_order import (
 from twilight.transport.lines import ANGLE
 
 STEEP = np.float32(1e6)
-"""Slope of the step that is 0 where a source function counts as LEAST, and 1 above."""
+"""Slope of the step that is 0 where a source function counts as MIN_SOURCE, and 1 above."""
 MINUS = np.float32(-1.0)
 
 
@@ -76,7 +70,7 @@ def add(array, index, lanes):
 
 
 @njit(inner=True, cache=True)
-def sample_back(source, slab, j, b1, c, highest, series, strength, of_i, of_q, of_u, stokes):
+def direction_adjoint(source, slab, j, b1, c, highest, series, strength, of_i, of_q, of_u, stokes):
     """Add what one direction at one point does; of_i, of_q, of_u (`Lanes`): derivatives by its Stokes parameters.
 
     j, b1: interval of the fine grid of solar zenith angles and the way into it; c: cosine of the azimuth; highest:
@@ -84,10 +78,10 @@ def sample_back(source, slab, j, b1, c, highest, series, strength, of_i, of_q, o
     """
     b0 = ONE - b1
     mean = strength * exp(b0 * load(source.log_mean, j) + b1 * load(source.log_mean, j + 1))
-    shape = maximum(sum_intensity(source.amplitude, j, b0, b1, c, highest), LEAST)
-    # 1 above LEAST, 0 at it: 1 - max(1 - s, 0)
+    shape = maximum(sum_intensity(source.amplitude, j, b0, b1, c, highest), MIN_SOURCE)
+    # 1 above MIN_SOURCE, 0 at it: 1 - max(1 - s, 0)
     above = broadcast(ONE) + MINUS * maximum(
-        broadcast(ONE) + MINUS * (STEEP * (shape + broadcast(MINUS * LEAST))), ZERO
+        broadcast(ONE) + MINUS * (STEEP * (shape + broadcast(MINUS * MIN_SOURCE))), ZERO
     )
     total = of_i * shape
     amplitude = slab.amplitude
@@ -121,14 +115,15 @@ def sample_back(source, slab, j, b1, c, highest, series, strength, of_i, of_q, o
 
 
 @njit(inner=True, cache=True)
-def slab_back(point, k, rule, series, low, high, source, slab, back):
-    """Hand the derivatives of a point's source on to the nodes low..high of solar zenith angle, and clear them.
+def source_adjoint(point, k, grid, series, low, high, source, slab, adjoint):
+    """Add to adjoint what the derivatives by a point's source, slab, give at the nodes low..high of solar zenith angle,
+    and set slab to 0.
 
     source: as `fill_slab_source` left it for this point and these nodes.
     """
     node, f = point.node[k], point.node_fraction[k]
     g = ONE - f
-    n = rule.per_interval
+    n = grid.per_interval
     first, amplitude = series.azimuthal_orders, slab.amplitude
     highest = point.highest[k]
     for t in range(low, high):
@@ -147,36 +142,36 @@ def slab_back(point, k, rule, series, low, high, source, slab, back):
             for m in range(first, amplitude.shape[1]):
                 here = load(amplitude, (t, m))
                 for j in range(4):
-                    add(amplitude, (rule.node[t, j] * n, m), rule.weight[t, j] * here)
-        spin2_back(point, k, series, low, high, n, source.by_spin2, amplitude, back.ratio)
+                    add(amplitude, (grid.node[t, j] * n, m), grid.weight[t, j] * here)
+        spin2_adjoint(point, k, series, low, high, n, source.by_spin2, amplitude, adjoint.ratio)
     for t in range(low, high + 1):
         c = 0
         for m in range(min(highest + 1, first)):
             here = load(amplitude, (t * n, m))
             for _ in range(m, series.degree + 1):
                 part = load(source.by_harmonic, c) * here
-                add(back.ratio, (node, t, c), g * part)
-                add(back.ratio, (node + 1, t, c), f * part)
+                add(adjoint.ratio, (node, t, c), g * part)
+                add(adjoint.ratio, (node + 1, t, c), f * part)
                 c += 1
     for t in range(low * n, high * n + 1):
         here = load(slab.log_mean, t)
         for j in range(4):
-            at, y = rule.node[t, j], rule.weight[t, j]
-            add(back.log_mean, (node, at), (g * y) * here)
-            add(back.log_mean, (node + 1, at), (f * y) * here)
+            at, y = grid.node[t, j], grid.weight[t, j]
+            add(adjoint.log_mean, (node, at), (g * y) * here)
+            add(adjoint.log_mean, (node + 1, at), (f * y) * here)
     zero = broadcast(ZERO)
     # cubics between two nodes reach one node further
-    for t in range(max(0, low - 1) * n, min(rule.node.shape[0] - 1, (high + 1) * n) + 1):
+    for t in range(max(0, low - 1) * n, min(grid.node.shape[0] - 1, (high + 1) * n) + 1):
         store(slab.log_mean, t, zero)
         for m in range(amplitude.shape[1]):
             store(amplitude, (t, m), zero)
 
 
 @njit(inner=True, cache=True)
-def spin2_back(point, k, series, low, high, n, by_spin2, amplitude, ratio):
+def spin2_adjoint(point, k, series, low, high, n, by_spin2, amplitude, ratio):
     """Add to ratio (Z', T, C + 2 C') what Q and U of the source, and the part of Q and U in I, give.
 
-    n: fine intervals of one of zenith angle; by_spin2 (C', 6, LANES): of the source; amplitude (T', A, LANES): of a
+    n: fine intervals of one of zenith angle; by_spin2 (C', 7, LANES): of the source; amplitude (T', A, LANES): of a
     `SlabAdjoint`
     """
     n_spin2 = point.spin2_x.shape[1]
@@ -216,17 +211,16 @@ def empty_slab_adjoint(source):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter_back(
-    rays_first, point, geometry, light, rule, series, ground_weight, ground_angle, n_polar, radiance, seen, back
-):  # fmt: skip
-    """Add K'^T of radiance (Z, M, T, F, Stokes, LANES), derivatives by what `next_order.scatter` writes, to back.
+def scatter_adjoint(rays, point, light, grid, series, radiance, seen, adjoint):
+    """Add K'^T of radiance (Z, M, T, F, Stokes, LANES), derivatives by what `next_order.scatter` writes, to adjoint.
 
     seen (Z, M, T): where radiance is not 0.
     """
-    n_zenith, n_azimuth = radiance.shape[2], radiance.shape[3]
-    n_fine = rule.node.shape[0]
-    per_interval = rule.per_interval
-    source = empty_slab_source(point, light, rule, series)
+    n_polar, n_zenith, n_azimuth = radiance.shape[1], radiance.shape[2], radiance.shape[3]
+    geometry = rays.geometry
+    n_fine = grid.node.shape[0]
+    per_interval = grid.per_interval
+    source = empty_slab_source(point, light, grid, series)
     slab = empty_slab_adjoint(source)
     last = geometry.shape[0] - 2
     stokes = series.spin2_orders > 0
@@ -236,7 +230,7 @@ def scatter_back(
             if not seen[node, i].any():
                 continue
             ray = node * n_polar + i
-            for k in range(rays_first[ray], rays_first[ray + 1]):
+            for k in range(rays.first[ray], rays.first[ray + 1]):
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
@@ -249,7 +243,7 @@ def scatter_back(
                             j = min(int(x), n_fine - 2)
                             lowest, farthest = min(lowest, j), max(farthest, j)
                 low, high = lowest // per_interval, farthest // per_interval + 1
-                fill_slab_source(point, k, light, rule, series, low, high, source)
+                fill_slab_source(point, k, light, grid, series, low, high, source)
                 highest = point.highest[k]
                 strength = load(point.weight, k)
                 for t in range(n_zenith):
@@ -263,32 +257,23 @@ def scatter_back(
                         of_q, of_u = nothing, nothing
                         if stokes:
                             of_q, of_u = load(radiance, (node, i, t, a, 1)), load(radiance, (node, i, t, a, 2))
-                        sample_back(
+                        direction_adjoint(
                             source, slab, j, x - np.float32(j), c, highest, series, strength, of_i, of_q, of_u, stokes
                         )
-                slab_back(point, k, rule, series, low, high, source, slab, back)
-            if ground_weight[ray].max() > ZERO:
-                ground_back(
-                    geometry,
-                    ground_angle[ray],
-                    light.log_ground,
-                    ground_weight,
-                    ray,
-                    radiance[node, i],
-                    back.log_ground,
-                )
+                source_adjoint(point, k, grid, series, low, high, source, slab, adjoint)
+            if rays.ground_weight[ray].max() > ZERO:
+                ground_adjoint(rays, ray, light.log_ground, radiance[node, i], adjoint.log_ground)
 
 
 @njit(inner=True, cache=True, nogil=True)
-def ground_back(geometry, place, log_ground, transmittance, ray, radiance, back):
-    """Add what the ground at the end of a ray has in it to back (T', LANES); radiance (T, F, Stokes, LANES).
-
-    place: of the ray's end in `geometry`; log_ground (T', LANES): of the light; transmittance (R, LANES), ray: to there
-    """
+def ground_adjoint(rays, ray, log_ground, radiance, of_ground):
+    """Add to of_ground (T', LANES) the derivatives by the ground's log_ground (T', LANES) at the end of a ray, from
+    those by the light there, radiance (T, F, Stokes, LANES)."""
+    geometry, place = rays.geometry, rays.ground_place[ray]
     step = min(int(place), geometry.shape[0] - 2)
     h1 = place - np.float32(step)
     h0 = ONE - h1
-    passed = load(transmittance, ray)
+    passed = load(rays.ground_weight, ray)
     for t in range(radiance.shape[0]):
         for a in range(radiance.shape[1]):
             x = h0 * geometry[step, t, a, PLACE] + h1 * geometry[step + 1, t, a, PLACE]
@@ -296,53 +281,50 @@ def ground_back(geometry, place, log_ground, transmittance, ray, radiance, back)
             b1 = x - np.float32(j)
             lit = passed * exp((ONE - b1) * load(log_ground, j) + b1 * load(log_ground, j + 1))
             lit = lit * load(radiance, (t, a, 0))
-            add(back, j, (ONE - b1) * lit)
-            add(back, j + 1, b1 * lit)
+            add(of_ground, j, (ONE - b1) * lit)
+            add(of_ground, j + 1, b1 * lit)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def view_back(rays, point, directions, fine, zenith_nodes, light, rule, series, ground_weight, wanted, back):
+def view_adjoint(rays, point, directions, light, grid, series, in_lane, adjoint):
     """Add the derivatives of the radiance that `line_integrals.view_multiple` finds in one direction on one ray.
 
-    rays, directions: of one each; fine (T',), zenith_nodes (T,): solar zenith angles [rad];
-    wanted (LANES,): 1 for the wavelengths whose radiance it is, 0 for others.
+    rays: `RayBundle`, its ground_weight (R, LANES); directions: `RayDirections`; both of one each
+    in_lane (LANES,): 1 in the lane of this direction, 0 in others.
     """
-    n_nodes = zenith_nodes.size
-    source = empty_slab_source(point, light, rule, series)
+    fine, ground_weight = grid.fine_rad, rays.ground_weight
+    source = empty_slab_source(point, light, grid, series)
     slab = empty_slab_adjoint(source)
-    of_i, nothing = load(wanted, ()), broadcast(ZERO)
+    of_i, nothing = load(in_lane, ()), broadcast(ZERO)
     zenith = directions.zenith_rad
     ct, st = math.cos(zenith), math.sin(zenith)
     around = directions.cos_azimuth[0]
     for k in range(rays.first[0], rays.first[1]):
         psi = rays.place[k, ANGLE]
-        low = max(0, np.searchsorted(zenith_nodes, zenith - psi, side="right") - 1)
-        high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
-        low = min(low, n_nodes - 2)
-        high = max(high, low + 1)
-        fill_slab_source(point, k, light, rule, series, low, high, source)
+        low, high = seen_nodes(grid.nodes_rad, zenith, psi)
+        fill_slab_source(point, k, light, grid, series, low, high, source)
         cp, sp = math.cos(psi), math.sin(psi)
         ahead = -sp * ct + cp * st * around
         up = cp * ct + sp * st * around
         across = math.sqrt(max(0.0, 1.0 - up * up))
         c = np.float32(min(1.0, max(-1.0, ahead / max(across, 1e-9))))
         angle = math.acos(min(1.0, max(-1.0, up)))
-        j, b1 = fine_interval(fine, angle, low * rule.per_interval, high * rule.per_interval - 1)
-        sample_back(
+        j, b1 = fine_interval(fine, angle, low * grid.per_interval, high * grid.per_interval - 1)
+        direction_adjoint(
             source, slab, j, b1, c, point.highest[k], series, load(point.weight, k), of_i, nothing, nothing, False
         )
-        slab_back(point, k, rule, series, low, high, source, slab, back)
+        source_adjoint(point, k, grid, series, low, high, source, slab, adjoint)
     if ground_weight[0].max() > ZERO:
         cp, sp = math.cos(rays.ground_angle_rad[0]), math.sin(rays.ground_angle_rad[0])
         angle = math.acos(min(1.0, max(-1.0, cp * ct + sp * st * around)))
         j, b1 = fine_interval(fine, angle, 0, fine.size - 2)
         lit = load(ground_weight, 0) * exp((ONE - b1) * load(light.log_ground, j) + b1 * load(light.log_ground, j + 1))
-        add(back.log_ground, j, (ONE - b1) * (lit * of_i))
-        add(back.log_ground, j + 1, b1 * (lit * of_i))
+        add(adjoint.log_ground, j, (ONE - b1) * (lit * of_i))
+        add(adjoint.log_ground, j + 1, b1 * (lit * of_i))
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def analysis_back(moments, analysis, spin2_analysis, radiance):
+def analysis_adjoint(moments, analysis, spin2_analysis, radiance):
     """Derivatives by Stokes parameters, added to radiance (Z, M, T, F, Stokes, LANES), from those by the moments (Z, T,
     C + 2 C', LANES) that `next_order.moments_of` finds in them.
 

@@ -68,7 +68,7 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
     through = np.insert(
         np.cumsum(0.5 * step * (profile.extinction[1:] + profile.extinction[:-1]), axis=0), 0, 0, axis=0
     )
-    out = np.asarray(altitude_km, dtype=float)
+    before = out = np.asarray(altitude_km, dtype=float)
     for _ in range(MAX_HALVINGS):
         step = np.diff(out)
         middle = out[:-1] + 0.5 * step
@@ -84,7 +84,6 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         if not coarse.any(axis=0).any():
             break
         out = np.sort(np.append(out, middle[coarse.any(axis=0)]))
-    before = np.asarray(altitude_km, dtype=float)
     whole = np.diff(before)[np.searchsorted(before, out[:-1], side="right") - 1]
     return _graded(out) if np.any(np.diff(out) < LAYERED_FRACTION * whole) else out
 

@@ -15,6 +15,7 @@ a mean over the points weighted with the light that each of them sends.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Forw
     f = scaled.forward_fraction
     if not f.size or f.max() < MIN_FRACTION or not medium.has_aerosol:
         return None
-    kept, strong = scaled.moments.shape[1], f > STRONG_FRACTION
+    n_followed, strong = scaled.moments.shape[1], f > STRONG_FRACTION
 
     def moments_to(degree: int) -> np.ndarray:
         made = np.ones((degree + 1, *f.shape))
@@ -77,7 +78,7 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Forw
             chi = phase.legendre_moments(degree).T
             # halos and rainbows make moments that exceed f; of a small f they are errors of the quadrature
             low, high = np.where(strong[k], -2.0, 0.0), np.where(strong[k], 2.0, 1.0)
-            made[kept:, k] = np.clip(chi[kept:] / np.maximum(f[k], MIN_FRACTION), low, high)
+            made[n_followed:, k] = np.clip(chi[n_followed:] / np.maximum(f[k], MIN_FRACTION), low, high)
         return made
 
     moments = moments_to(HIGHEST_DEGREE)
@@ -209,11 +210,5 @@ def widen_peaks(
     smooth = np.einsum("vdl,klw->vdkw", legendre, scaled.moments[1:], optimize=True)
     narrow = np.ascontiguousarray(np.where(peak.strength > 0.0, phases[:, :, 1:] - smooth, 0.0))
     change = np.zeros_like(narrow)
-    in_slices(
-        lambda begin, end: widen(
-            beam, peak, rays, fraction, directions,
-            cosine, narrow, change, begin, end,
-        ),
-        directions.first.size - 1,
-    )  # fmt: skip
+    in_slices(partial(widen, beam, peak, rays, fraction, directions, cosine, narrow, change), directions.first.size - 1)
     phases[:, :, 1:] = np.maximum(0.0, phases[:, :, 1:] + change)

@@ -46,7 +46,7 @@ POLARISED_DIRECTION_S = 1e-5
 """Processor seconds of a direction and wavelength, polarised."""
 
 
-class _Stage:
+class _OrderSizes:
     """Sizes of the early or the late orders of scattering: polar angles, radiances of a node, moments, and bytes of a
     point of a ray in a block of LANES wavelengths."""
 
@@ -75,8 +75,8 @@ def cost(
     spin2_degree, late_spin2_degree = (
         (d.polarisation_degree, d.late_polarisation_degree) if settings.polarisation else (0, 0)
     )
-    early = _Stage(d.polar_directions, d.azimuth_directions, d.degree, spin2_degree)
-    late = _Stage(d.late_polar_directions, d.late_azimuth_directions, d.late_degree, late_spin2_degree)
+    early = _OrderSizes(d.polar_directions, d.azimuth_directions, d.degree, spin2_degree)
+    late = _OrderSizes(d.late_polar_directions, d.late_azimuth_directions, d.late_degree, late_spin2_degree)
     each = 4 * LANES
     radiance = altitudes * suns * early.radiances * each
     light = (FINE_PER_INTERVAL * (altitudes - 1) + 1) * suns * early.moments * each

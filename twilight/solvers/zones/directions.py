@@ -91,25 +91,25 @@ LOW_EDGE_GROWTH = 1.8
 """The same for layers below LEAK_KM: beside 1.25 it moves light below a deck of stratus by 0.05 %."""
 
 
-class Reach(NamedTuple):
-    """How far the series go that describe light and its scattering: numbers that follow the air without steps.
+class FractionalTruncation(NamedTuple):
+    """Numbers of terms of the series that describe light and its scattering, which follow the air without steps.
 
-    A series that goes to 20.3 has the terms up to 20 as they are, and three tenths of the next one.  So one more term
-    comes in with a share that grows from 0: were it there all at once, the air in which it is and the air in which it
-    just is not would have skies up to 3 % apart.
+    A series truncated at 20.3 has the terms up to 20 as they are, and the next one with the weight 0.3.  So one more
+    term comes in with a weight that grows from 0: were it there all at once, the air in which it is and the air in
+    which it just is not would have skies up to 3 % apart.
 
-    orders, late_orders: azimuthal orders of the early and the later orders of scattering, counted from 1
+    azimuthal_orders, late_azimuthal_orders: numbers of them in the early and the later orders of scattering
     late_degree: of the later orders of scattering
     """
 
-    orders: float
+    azimuthal_orders: float
     late_degree: float
-    late_orders: float
+    late_azimuthal_orders: float
 
 
-def shares(terms: np.ndarray, reach: float) -> np.ndarray:
-    """Shares of terms, numbered from 0, in a series that has `reach` of them."""
-    return np.clip(reach - terms, 0.0, 1.0)
+def taper(terms: np.ndarray, number: float) -> np.ndarray:
+    """Weights of terms, counted from 0, in a series truncated to a number of them that may have a fraction."""
+    return np.clip(number - terms, 0.0, 1.0)
 
 
 def degree_needed(settings: ZonesSettings, medium: Medium) -> float:
@@ -126,7 +126,7 @@ def degree_needed(settings: ZonesSettings, medium: Medium) -> float:
     most = max(settings.degree, settings.max_degree)
     if most == settings.degree or not medium.has_aerosol:
         return settings.degree
-    layered = _layered(medium.altitude_km, _scattered_by_aerosol(medium))
+    layered = _volcanic_fraction(medium.altitude_km, _scattered_by_aerosol(medium))
     least = settings.degree + layered * max(0, min(ALOFT_DEGREE, most) - settings.degree)
     scattering = medium.air_scattering_per_km + _scattered_by_aerosol(medium)
     depth = np.trapezoid(scattering, medium.altitude_km, axis=0).max()
@@ -150,14 +150,15 @@ def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
     """
     if medium.has_aerosol:
         density = settings.altitude_density
-        grown = density * (1.0 + (ALOFT_DENSITY - 1.0) * _layered(medium.altitude_km, _scattered_by_aerosol(medium)))
+        volcanic = _volcanic_fraction(medium.altitude_km, _scattered_by_aerosol(medium))
+        grown = density * (1.0 + (ALOFT_DENSITY - 1.0) * volcanic)
         settings = replace(settings, altitude_density=max(density, min(grown, 1.0)))
     degree = math.ceil(degree_needed(settings, medium))
     if degree == settings.degree:
         return settings
     peak = _peak_fractions(medium, degree)
-    taken = peak[degree]
-    left = np.append(1.0, (peak[:degree] - taken) / (1.0 - taken))
+    removed = peak[degree]
+    left = np.append(1.0, (peak[:degree] - removed) / (1.0 - removed))
     least = settings.polar_directions
     grown = least + POLAR_GROWTH * max(0.0, _exceeding(left, POLAR_MOMENT) - least)
     polar = max(least, math.ceil(min(grown, _exceeding(left, LEAST_POLAR_MOMENT))))
@@ -183,7 +184,7 @@ def _peak_fractions(medium: Medium, highest: int) -> np.ndarray:
     )
 
 
-def reach_of(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Reach:
+def truncation_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> FractionalTruncation:
     """How many azimuthal orders and what late degree this air needs, at least those asked for.
 
     Azimuthal order m of what is scattered towards the horizon has the size of phase moment m, and equal azimuths tell
@@ -204,29 +205,29 @@ def reach_of(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) ->
     moments = np.einsum("kzw,klw->lzw", fraction, scaled.moments).max(axis=(1, 2))
     orders = _grown(settings.azimuth_directions, _exceeding(moments, EARLY_MOMENT), AZIMUTH_SLACK)
     orders = max(settings.azimuth_directions, min(orders, moments.size))
-    layered = _layered(z, profile.species_scattering[1:].sum(axis=0))
+    layered = _volcanic_fraction(z, profile.species_scattering[1:].sum(axis=0))
     thin = bool(np.any(thin_layers(profile)[0][:, 0] >= LEAK_KM))
     least = THIN_MOMENT if thin else LATE_MOMENT ** (1.0 - layered) * ALOFT_MOMENT**layered
     late = min(_grown(settings.late_degree, _exceeding(moments, least), LATE_SLACK), settings.degree)
     if late <= settings.late_degree:
-        return Reach(orders, settings.late_degree, settings.late_azimuth_directions)
-    return Reach(orders, late, max(settings.late_azimuth_directions, min(orders, late)))
+        return FractionalTruncation(orders, settings.late_degree, settings.late_azimuth_directions)
+    return FractionalTruncation(orders, late, max(settings.late_azimuth_directions, min(orders, late)))
 
 
-def _layered(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> float:
-    """How much the particles above ALOFT_KM, of these coefficients (N, W), count as a volcano's: 0 to 1."""
+def _volcanic_fraction(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> float:
+    """0 where the particles above ALOFT_KM do not count as a volcano's, 1 where they do; scattering_per_km (N, W)."""
     aloft = np.where(altitude_km[:, None] >= ALOFT_KM, scattering_per_km, 0.0)
     depth = np.trapezoid(aloft, altitude_km, axis=0).max()
     return float(np.clip((depth - LEAST_ALOFT_DEPTH) / (ALOFT_DEPTH - LEAST_ALOFT_DEPTH), 0.0, 1.0))
 
 
-def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
-    """The settings with the directions and harmonics that `reach_of` the same air needs.
+def directions_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
+    """The settings with the directions and harmonics that the `truncation_needed` in the same air asks for.
 
     The later orders have at least as many polar angles a side as their degree; beside a thin layer THIN_POLAR.
     """
-    reach = reach_of(settings, scaled, profile)
-    late = math.ceil(reach.late_degree)
+    series = truncation_needed(settings, scaled, profile)
+    late = math.ceil(series.late_degree)
     polar = max(settings.late_polar_directions, late)
     if thin_layers(profile)[0].size:
         polar = max(polar, THIN_POLAR)
@@ -234,10 +235,10 @@ def needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> Z
     return replace(
         settings,
         polar_directions=settings.polar_directions + more,
-        azimuth_directions=math.ceil(reach.orders),
+        azimuth_directions=math.ceil(series.azimuthal_orders),
         late_degree=late,
         late_polar_directions=polar,
-        late_azimuth_directions=math.ceil(reach.late_orders),
+        late_azimuth_directions=math.ceil(series.late_azimuthal_orders),
     )
 
 

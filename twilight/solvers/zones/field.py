@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,9 @@ from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, Convergence, observer_at
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
 from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.grid import Truncation
-from twilight.solvers.zones.line_integrals import reference_turns, sun_lift, view_multiple
+from twilight.solvers.zones.line_integrals import lift_and_lowering, sun_lift, view_multiple
 from twilight.solvers.zones.lines_of_sight import LineCache, LinesOfSight, trace_lines_of_sight
-from twilight.solvers.zones.ray_points import LANES, lanes_of, make_ray_points
+from twilight.solvers.zones.ray_points import LANES, block_values, make_ray_points
 from twilight.solvers.zones.solution import Solution
 from twilight.solvers.zones.spin2_harmonics import scattering_geometry
 from twilight.solvers.zones.storage import Stored, save
@@ -48,8 +48,8 @@ class Field(BareField):
         """solutions: one for each block of wavelengths, none of single scattering alone"""
         self.grids, self.beam, self.solutions, self.convergence = grids, beam, solutions, convergence
         self.medium, self.settings = grids.medium, grids.settings
-        self.asked = grids.settings
-        """The settings that were asked for: with a target error those that it took may be finer."""
+        self.requested_settings = grids.settings
+        """Those of the call: with a target error the field's own may be finer."""
         self.observer_altitude_km = observer_at(grids.medium, observer_altitude_km)
         several = grids.settings.max_orders > 1
         self.peak = forward_peak(grids.medium, grids.scaled, grids.profile) if several else None
@@ -63,13 +63,12 @@ class Field(BareField):
         TwilightError
             Where the file cannot be written.
         """
-        zenith_range_deg = self.grids.zenith_range_deg
-        save(
-            Stored(
-                self.medium, self.settings, self.asked, zenith_range_deg, self.beam, self.solutions, self.convergence
-            ),
-            path,
-        )
+        g = self.grids
+        solved = Stored(
+            g.medium, g.settings, self.requested_settings, g.zenith_range_deg, self.beam, self.solutions,
+            self.convergence,
+        )  # fmt: skip
+        save(solved, path)
 
     @property
     def sun_range_deg(self) -> tuple[float, float]:
@@ -161,8 +160,8 @@ class Field(BareField):
         elevation, azimuth, distance = (np.asarray(a, dtype=float) for a in where)
         if not np.all(distance >= 0.0):
             raise TwilightError("distance_km must be 0 or more")
-        question = (sun_elevation_deg, elevation, azimuth, observer_altitude_km, 1)
-        light = self._evaluate(*question, distance_km=distance)[..., 0, :]
+        line = (sun_elevation_deg, elevation, azimuth, observer_altitude_km, 1)
+        light = self._evaluate(*line, distance_km=distance)[..., 0, :]
         altitude = observer_at(self.medium, observer_altitude_km, self.observer_altitude_km)
         ends, back = np.unique(np.stack([elevation.ravel(), distance.ravel()]), axis=1, return_inverse=True)
 
@@ -179,7 +178,7 @@ class Field(BareField):
         true = passed(with_refraction(clear, self.medium) if self.settings.bent_lines_of_sight else clear)
         lost = np.where(scaled > 0.0, 1.0 - true / np.where(scaled > 0.0, scaled, 1.0), 0.0)
         if lost.any():
-            behind = self._evaluate(*question)[..., 0, :] - light
+            behind = self._evaluate(*line)[..., 0, :] - light
             light = light + np.maximum(lost, 0.0) * np.maximum(behind, 0.0)
         return light, true
 
@@ -240,7 +239,7 @@ class Field(BareField):
         lines = self._cached_lines.get(
             (altitude, with_ground, rows.tobytes()),
             lambda: trace_lines_of_sight(
-                grids.line_profile, grids.scaled.medium, altitude, rows, density, with_ground, grids.thin_layer
+                grids.line_profile, grids.scaled.medium, altitude, rows, density, with_ground, grids.layout.thin_layer
             ),
         )
         lift = sun_lift(self.beam, altitude, directions.zenith_rad)
@@ -267,11 +266,11 @@ class Field(BareField):
         rays, fraction = lines.pairs, lines.pairs_fraction
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
-        of_sun, of_rays = reference_turns(rays, row_elevation, lift)
-        of_ray = np.repeat(of_rays, np.diff(directions.first))
+        lift_rad, ray_lowering = lift_and_lowering(rays, row_elevation, lift)
+        lowering_rad = np.repeat(ray_lowering, np.diff(directions.first))
         # the sun and the ray as they are, the sun lifted, the ray lowered
-        suns = [directions.zenith_rad - lifted for lifted in (0.0, of_sun, 0.0)]
-        seen = [elevation - lowered for lowered in (0.0, 0.0, of_ray)]
+        suns = [directions.zenith_rad - lifted for lifted in (0.0, lift_rad, 0.0)]
+        seen = [elevation - lowered for lowered in (0.0, 0.0, lowering_rad)]
         cosine = np.array(
             [np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth for t, e in zip(suns, seen, strict=True)]
         )
@@ -283,25 +282,23 @@ class Field(BareField):
         if n_stokes > 1:
             p12 = species_polarising_phase(self.medium, scaled.forward_fraction, cosine.ravel()).reshape(p11.shape)
             # elevations below the horizon too: sine and cosine of the zenith angle are cos e and sin e
-            turned = [
+            rotations = [
                 scattering_geometry(np.sin(e), cos_azimuth, sin_azimuth, t)[1:] for t, e in zip(suns, seen, strict=True)
             ]
-            stokes += [p12 * np.array(part)[..., None, None] for part in zip(*turned, strict=True)]
+            stokes += [p12 * np.array(part)[..., None, None] for part in zip(*rotations, strict=True)]
         unbent, lifted_sun, lowered_ray = np.stack(stokes, axis=1)
-        phases = Phases(unbent, (lifted_sun - unbent) / of_sun, (lowered_ray - unbent) / of_ray[:, None, None])
+        phases = Phases(unbent, (lifted_sun - unbent) / lift_rad, (lowered_ray - unbent) / lowering_rad[:, None, None])
         air = SunlitAir(self.beam, rays, fraction, phases, 0.0, other)
         in_slices(
-            lambda begin, end: scattered_once(
-                air, row_elevation, directions, self.medium.bottom_km, self.medium.ground_albedo, out, begin, end
+            partial(
+                scattered_once, air, row_elevation, directions, self.medium.bottom_km, self.medium.ground_albedo, out
             ),
             row_elevation.size,
         )
         if self.medium.has_water:
             surface = surface_of(self.medium, np.arange(self.medium.n_wavelengths))
             in_slices(
-                lambda begin, end: view_sunlit_water(
-                    self.beam, rays, directions, surface, self.medium.bottom_km, out, begin, end
-                ),
+                partial(view_sunlit_water, self.beam, rays, directions, surface, self.medium.bottom_km, out),
                 row_elevation.size,
             )
 
@@ -309,24 +306,21 @@ class Field(BareField):
         self, lines: LinesOfSight, directions: RayDirections, block: int, solution: Solution, n_stokes: int
     ) -> np.ndarray:
         """Light scattered at least twice, (D, Stokes, LANES)."""
-        n, rays = self.grids.nodes, lines.rays
-        s = self.grids.directions
-        series = Truncation.of(s.degree, self.grids.spin2_degree, s.azimuth_directions)
+        nodes, series = self.grids.nodes, self.grids.line_series
         if block not in lines.points:
-            lines.points[block] = make_ray_points(rays, self.grids.scattering, n.fine_altitude_km, 1.0, series, block)
+            lines.points[block] = make_ray_points(
+                lines.rays, self.grids.scattering, nodes.fine_altitude_km, 1.0, series, block
+            )
         points = lines.points[block]
-        ground_weight = lanes_of(rays.ground_weight, block)
-        ground_place = place_of_cosine(-rays.ground_cosine)
+        rays = lines.rays._replace(ground_weight=block_values(lines.rays.ground_weight, block))
+        cosine_place = place_of_cosine(-rays.ground_cosine)
 
         def along(where: RayDirections) -> np.ndarray:
             out = np.zeros((where.cos_azimuth.size, n_stokes, LANES))
             in_slices(
-                lambda begin, end: view_multiple(
-                    rays, points, where, n.fine_rad, n.zenith_rad, solution.light, n.zenith_rule, series,
-                    ground_weight, ground_place, out, begin, end,
-                ),
+                partial(view_multiple, rays, points, where, solution.light, nodes.zenith, series, cosine_place, out),
                 where.first.size - 1,
-            )  # fmt: skip
+            )
             return out
 
         return interpolate_azimuth(along, directions)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.zones.grid import zenith_nodes
+from twilight.solvers.zones.grid import Truncation, zenith_nodes
 from twilight.solvers.zones.layout import Layout, lay_out, settings_for
 from twilight.solvers.zones.ray_points import SpeciesMoments
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import FieldNodes
 from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.lines import with_refraction
-from twilight.transport.matrix_moments import matrix_moments
 from twilight.transport.profile import Profile
 from twilight.transport.scaling import ScaledMedium, delta_scaled
 
@@ -28,6 +27,10 @@ MIN_DISTANCE_NODES = 8
 """Least such intervals, at any beam_density."""
 GUESS_NODES = 48
 """Intervals of the table from which the search for the refracted sun begins, at beam_density 1."""
+
+
+def _spin2_degree(settings: ZonesSettings) -> int:
+    return settings.polarisation_degree if settings.polarisation else 0
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,6 @@ class FieldGrids:
         """Grids for a medium under settings; of_terms: as of `lay_out`."""
         of_air, degree = settings_for(medium, settings, of_terms)
         scaled = delta_scaled(medium, degree)
-        spin2_degree = settings.polarisation_degree if settings.polarisation else 0
-        matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
         layout = lay_out(medium, scaled, of_air, of_terms)
         bent = with_refraction(layout.profile, layout.bends)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
@@ -71,7 +72,7 @@ class FieldGrids:
             layout.directions,
             zenith_range_deg,
             scaled,
-            SpeciesMoments(scaled.medium, scaled.moments, matrix),
+            SpeciesMoments.of(medium, scaled, _spin2_degree(settings)),
             layout.profile,
             bent if settings.bent_lines_of_sight else layout.profile,
             bent if settings.bent_paths else layout.profile,
@@ -82,12 +83,13 @@ class FieldGrids:
     @property
     def spin2_degree(self) -> int:
         """Degree of the spin-2 harmonics of Q and U, 0 without polarisation."""
-        return self.settings.polarisation_degree if self.settings.polarisation else 0
+        return _spin2_degree(self.settings)
 
     @property
-    def thin_layer(self) -> bool:
-        """Whether the air has a thin layer."""
-        return self.layout.thin_layer
+    def line_series(self) -> Truncation:
+        """Harmonics in which lines of sight see the light."""
+        s = self.directions
+        return Truncation.of(s.degree, self.spin2_degree, s.azimuth_directions)
 
     def sunbeam(self) -> Beam:
         """Tables of the sunbeam in the scaled air."""

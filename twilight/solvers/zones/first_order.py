@@ -31,29 +31,29 @@ class BeamAtPoints(NamedTuple):
 
 
 class PhaseTables(NamedTuple):
-    """How each species turns sunlight into the nodes' directions.
+    """How each species scatters sunlight into the nodes' directions.
 
     p11, p12 (N, S, LANES): elements of the scaled phase matrices at N cosines of the scattering angle from -1 to 1
-    angle (Z, M, T, F): place among these cosines; turn (Z, M, T, F, 2): cosine and sine of twice the angle from the
-    vertical to the scattering plane; p12 and turn are empty without polarisation.
+    angle (Z, M, T, F): fractional index among these cosines; rotation (Z, M, T, F, 2): cosine and sine of twice the
+    angle from the vertical to the scattering plane; p12 and rotation are empty without polarisation.
     """
 
     p11: np.ndarray
     p12: np.ndarray
     angle: np.ndarray
-    turn: np.ndarray
+    rotation: np.ndarray
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter_sunlight(
-    rays_first, point, geometry, beams, scattered, ground_weight, ground_angle, ground_factor, n_polar, out, begin, end
-):  # fmt: skip
-    """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] of sunlight scattered once.
+def scatter_sunlight(rays, point, beams, phases, ground_factor, out, begin, end):
+    """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] of sunlight scattered once, for node altitudes
+    begin..end.
 
-    rays_first, point, geometry, ground_weight, ground_angle, n_polar, begin, end: as in `next_order.scatter`
-    beams: `BeamAtPoints`; scattered: `PhaseTables`; ground_factor (LANES,): albedo / pi
+    rays: `NodeRays`; point: `SunlitRayPoints`; beams: `BeamAtPoints`; phases: `PhaseTables`; ground_factor (LANES,):
+    albedo / pi
     """
-    n_zenith, n_azimuth, n_stokes = out.shape[2], out.shape[3], out.shape[4]
+    n_polar, n_zenith, n_azimuth, n_stokes = out.shape[1], out.shape[2], out.shape[3], out.shape[4]
+    geometry = rays.geometry
     n_species = point.fraction.shape[1]
     fraction, log_light = point.fraction, beams.log_light
     of_ray = np.zeros((n_zenith, n_azimuth, n_species, LANES), np.float32)
@@ -63,10 +63,10 @@ def scatter_sunlight(
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
-            interpolate_phase(scattered.p11, scattered.angle[node, i], of_ray)
+            interpolate_phase(phases.p11, phases.angle[node, i], of_ray)
             if n_stokes > 1:
-                interpolate_phase(scattered.p12, scattered.angle[node, i], of_ray_12)
-            for k in range(rays_first[ray], rays_first[ray + 1]):
+                interpolate_phase(phases.p12, phases.angle[node, i], of_ray_12)
+            for k in range(rays.first[ray], rays.first[ray + 1]):
                 row = beams.row[k]
                 f = beams.fraction[k]
                 g = ONE - f
@@ -97,16 +97,16 @@ def scatter_sunlight(
                             for s in range(n_species):
                                 source += load(fraction, (k, s)) * load(of_ray_12, (t, a, s))
                             light = light * source
-                            of_q, of_u = scattered.turn[node, i, t, a, 0], scattered.turn[node, i, t, a, 1]
+                            of_q, of_u = phases.rotation[node, i, t, a, 0], phases.rotation[node, i, t, a, 1]
                             store(out, (node, i, t, a, 1), load(out, (node, i, t, a, 1)) + of_q * light)
                             store(out, (node, i, t, a, 2), load(out, (node, i, t, a, 2)) + of_u * light)
-            if ground_weight[ray].max() > ZERO:
-                add_sunlit_ground(geometry, ground_angle[ray], beams, ground_weight, ray, ground_factor, out[node, i])
+            if rays.ground_weight[ray].max() > ZERO:
+                add_sunlit_ground(rays, ray, beams, ground_factor, out[node, i])
 
 
 @njit(cache=True, nogil=True)
 def interpolate_phase(table, angle, out):
-    """Values out (T, F, S, LANES) of a table (N, S, LANES) at places angle (T, F), linearly."""
+    """Values out (T, F, S, LANES) of a table (N, S, LANES) at fractional indices angle (T, F), linearly."""
     for t in range(out.shape[0]):
         for a in range(out.shape[1]):
             x = angle[t, a]
@@ -117,16 +117,15 @@ def interpolate_phase(table, angle, out):
 
 
 @njit(inner=True, cache=True, nogil=True)
-def add_sunlit_ground(geometry, place, beams, transmittance, ray, ground_factor, sums):
+def add_sunlit_ground(rays, ray, beams, ground_factor, sums):
     """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES).
 
-    geometry (N, T, F, 3): as in `RayGeometry`; beams: `BeamAtPoints`; transmittance (R, LANES): of all rays; place: in
-        the geometry
-    table, ground_factor: as in `scatter_sunlight`.
+    rays, beams, ground_factor: as in `scatter_sunlight`; ray: index of the ray.
     """
+    geometry, place = rays.geometry, rays.ground_place[ray]
     step = min(int(place), geometry.shape[0] - 2)
     log_ground = beams.log_ground
-    reflected = load(transmittance, ray) * load(ground_factor, ())
+    reflected = load(rays.ground_weight, ray) * load(ground_factor, ())
     h1 = place - np.float32(step)
     scale = np.float32(N_ANGLE / math.sqrt(beams.span_rad))
     for t in range(sums.shape[0]):

@@ -20,12 +20,12 @@ CENTRE_FRACTION = 0.75
 """Cosine around which the polar angles above the horizon cluster, over the horizon's: from high up the glow is a line
 on the horizon."""
 RIM_WIDTH = 0.01
-"""The same distance where the glow begins at a rim of haze."""
+"""HORIZON_WIDTH where the glow begins at a rim of haze."""
 BELOW_RIM = 3
 """Polar angles between the horizon and a rim of haze; one there makes the red of deep twilight over dust 4 % too dark,
 two 1.5 %."""
 MAX_FITTED_TERMS = 4
-"""Most terms of the polynomials that are fitted to light away from the horizon (`smooth_exact`)."""
+"""Most terms of the polynomials that are fitted to light away from the horizon (`analysis_rows`)."""
 AWAY_COSINE = 0.25
 """Distance from the horizon, in the cosine of the zenith angle, from which on light counts in that fit."""
 LOW_DEGREE = 2
@@ -53,10 +53,10 @@ class Angles:
     cosine (Z, M) of the zenith angle, azimuth (F,) [rad], weight (Z, M): of a polar angle over the sphere, sum 1
     below: number of the M polar angles below the horizon, which come before the others
     degree, order (C,): of each harmonic of I, sorted by azimuthal order; the mean square of a harmonic is 1
-    spin2_degree, spin2_order (C',): of the even and the odd spin2_harmonics of Q and U; none without polarisation
-    share (C,): of each harmonic of I that is kept
-    analysis (Z, C, M, F): moments of I from radiances, by quadrature, before that share
-    spin2_analysis (Z, 2 C', 2, M, F): the same for the even, then the odd spin2_harmonics, from Q and U
+    spin2_degree, spin2_order (C',): of the spin-2 harmonics of Q and U; none without polarisation
+    taper (C,): weight of each harmonic of I in the truncated series, 1 but for the last (`FractionalTruncation`)
+    analysis (Z, C, M, F): moments of I from radiances, by quadrature, before that weight
+    spin2_analysis (Z, 2 C', 2, M, F): the same for the moments E, then B, from Q and U
     """
 
     cosine: np.ndarray
@@ -67,7 +67,7 @@ class Angles:
     order: np.ndarray
     spin2_degree: np.ndarray
     spin2_order: np.ndarray
-    share: np.ndarray
+    taper: np.ndarray
     analysis: np.ndarray
     spin2_analysis: np.ndarray
 
@@ -94,8 +94,8 @@ class Angles:
 
 
 class Truncation(NamedTuple):
-    """degree and orders (number of, from 0) of the harmonics of I, and of the spin2_harmonics of Q and U (0 for
-    none)."""
+    """Largest degree and number of azimuthal orders of the harmonics of I, then of the spin-2 harmonics of Q and U, 0
+    for none."""
 
     degree: int
     azimuthal_orders: int
@@ -121,7 +121,7 @@ def make_angles(
     azimuths.
 
     horizon_cosine (Z,): of the zenith angle of the geometric horizon, 0 on the ground and negative above it.
-    spin2_degree: of the spin2_harmonics of Q and U, 0 for none.
+    spin2_degree: of the spin-2 harmonics of Q and U, 0 for none.
     rim_cosine (Z,): of the zenith angle of a rim of haze, at which angles part too, NaN where there is none.
     """
     series = Truncation.of(degree, spin2_degree, around)
@@ -142,7 +142,7 @@ def make_angles(
     sines = np.sin(spin2_order[:, None] * azimuth)[:, None, :]
     spin2_analysis = []
     amplitudes = np.cos(order[:, None] * azimuth)
-    rows = smooth_exact(cosine, weight, horizon_cosine, n_below, deg, order)
+    rows = analysis_rows(cosine, weight, horizon_cosine, n_below, deg, order)
     analysis = rows[..., None] * amplitudes[:, None, :] / around
     for mu, fraction in zip(cosine, weight, strict=True):
         x, z = (part.T[:, :, None] for part in spin2_harmonics(mu, series.spin2_degree, series.spin2_orders - 1))
@@ -170,15 +170,15 @@ def _above_horizon(horizon: float, rim: float, n: int) -> tuple[np.ndarray, np.n
     Light jumps at the rim: quadratures across it, of 14 angles, were wrong by up to 13 % of the mean light 10 km up in
     deep twilight, and each number of angles in another way.
     """
-    few = min(BELOW_RIM, n // 3)
-    if np.isnan(rim) or few == 0:
+    n_below = min(BELOW_RIM, n // 3)
+    if np.isnan(rim) or n_below == 0:
         return _clustered(horizon, 1.0, CENTRE_FRACTION * horizon, HORIZON_WIDTH, n)
-    below, weight_below = _clustered(horizon, rim, rim, 1.0, few)
-    above, weight_above = _clustered(rim, 1.0, CENTRE_FRACTION * rim, RIM_WIDTH, n - few)
+    below, weight_below = _clustered(horizon, rim, rim, 1.0, n_below)
+    above, weight_above = _clustered(rim, 1.0, CENTRE_FRACTION * rim, RIM_WIDTH, n - n_below)
     return np.concatenate([below, above]), np.concatenate([weight_below, weight_above])
 
 
-def smooth_exact(
+def analysis_rows(
     cosine: np.ndarray, weight: np.ndarray, horizon: np.ndarray, below: int, degree: np.ndarray, order: np.ndarray
 ) -> np.ndarray:
     """Rows (Z, C, M) that find harmonics in light at M polar angles, exact for light smooth beside the horizon.
@@ -218,13 +218,7 @@ def smooth_exact(
     return rows
 
 
-def _basis(cosine: np.ndarray, azimuth: np.ndarray, degree: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Harmonics (M F, C) in every direction."""
-    polar = even_harmonics(cosine, int(degree.max()), int(order.max()))
-    return (polar[:, None, :] * np.cos(order * azimuth[:, None])[None]).reshape(-1, order.size)
-
-
-def conserving(angles: Angles) -> Angles:
+def conserving_angles(angles: Angles) -> Angles:
     """The same directions, with an analysis that is exact for light of degree LOW_DEGREE and less.
 
     In thick air of conservative scattering light is nearly isotropic, and a scattering that loses one part in a
@@ -244,10 +238,11 @@ def conserving(angles: Angles) -> Angles:
             basis = np.polynomial.legendre.legvander((2.0 * mu[part] - a - b) / (b - a), k.size - 1).T
             exact = np.where(k == 0, 0.5 * (b - a), 0.0)
             w *= 1.0 + np.linalg.solve((basis * w) @ basis.T, exact - basis @ w) @ basis
-    polar = smooth_exact(angles.cosine, weights, horizons, angles.below, angles.degree, angles.order)
+    polar = analysis_rows(angles.cosine, weights, horizons, angles.below, angles.degree, angles.order)
     amplitudes = np.cos(angles.order[:, None] * angles.azimuth)
     for mu, of_polar in zip(angles.cosine, polar, strict=True):
-        basis = _basis(mu, angles.azimuth, angles.degree, angles.order)
+        polar_parts = even_harmonics(mu, int(angles.degree.max()), int(angles.order.max()))
+        basis = (polar_parts[:, None, :] * amplitudes.T[None]).reshape(-1, angles.order.size)
         rows = (of_polar[..., None] * amplitudes[:, None, :] / around).reshape(angles.order.size, -1)
         rows[low] = np.linalg.solve(rows[low] @ basis[:, low], rows[low])
         rows[~low] -= (rows[~low] @ basis[:, low]) @ rows[low]

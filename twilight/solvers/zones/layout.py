@@ -12,13 +12,13 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.solvers.zones.altitudes import altitude_nodes, resolve_layers
 from twilight.solvers.zones.directions import (
-    Reach,
+    FractionalTruncation,
     degree_needed,
+    directions_needed,
     near_edges,
-    needed,
-    reach_of,
     rims_km,
     thin_layers,
+    truncation_needed,
     with_degree,
 )
 from twilight.solvers.zones.settings import ZonesSettings
@@ -37,15 +37,15 @@ class Layout(NamedTuple):
     """Grids of a field.
 
     profile: the scaled air, with the steps of its rays; altitude_km (Z,): of the nodes; directions: the settings with
-    as many directions and harmonics as this air needs; reach: of their series; beam: the medium that the tables of the
-    sunbeam are laid out for; bends: the medium whose refractive index bends rays; thin_layer: whether there is one, of
-    `thin_layers`; rims_km (R,): of `rims_km`
+    as many directions and harmonics as this air needs; truncation: of their series; beam: the medium that the tables of
+    the sunbeam are laid out for; bends: the medium whose refractive index bends rays; thin_layer: whether there is one,
+    of `thin_layers`; rims_km (R,): of `rims_km`
     """
 
     profile: Profile
     altitude_km: np.ndarray
     directions: ZonesSettings
-    reach: Reach
+    truncation: FractionalTruncation
     beam: Medium
     bends: Medium
     thin_layer: bool
@@ -58,12 +58,8 @@ def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False
 
     of_terms: as of `lay_out`
     """
-    clearest = _clearest(medium)
-    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
-    serves = of_terms or (
-        fixed is not None and _serves(fixed, medium if clearest is None else medium.select(clearest)).all()
-    )
-    of = fixed if fixed is not None and serves else medium
+    fixed = _grid_air(medium, of_terms)
+    of = medium if fixed is None else fixed
     return with_degree(settings, of), degree_needed(settings, of)
 
 
@@ -77,32 +73,32 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
     scaled: the medium with phase functions of the degree, and settings: of `settings_for`; of_terms: the columns
     are some of the terms of bands that are interpolated over the spectrum
     """
-    clearest = _clearest(medium)
-    clear = medium if clearest is None else medium.select(clearest)
-    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
-    if fixed is None or not (of_terms or _serves(fixed, clear).all()):
-        profile = prepare_profile(scaled.medium)
-        of_nodes = profile if clearest is None else profile._replace(extinction=profile.extinction[:, clearest])
-        nodes = _field_altitudes(medium, of_nodes, settings.altitude_density)
-        thin = thin_layers(profile)[0].size > 0
-        directions = needed(settings, scaled, profile)
-        reach = reach_of(settings, scaled, profile)
-        rims = rims_km(profile, settings.altitude_density)
-        return Layout(near_edges(profile, profile), nodes, directions, reach, scaled.medium, medium, thin, rims)
-    air = delta_scaled(fixed, scaled.degree)
+    fixed = _grid_air(medium, of_terms)
+    air = scaled if fixed is None else delta_scaled(fixed, scaled.degree)
     reference = prepare_profile(air.medium)
-    nodes = _field_altitudes(medium, reference, settings.altitude_density)
-    directions, thin = needed(settings, air, reference), thin_layers(reference)[0].size > 0
-    reach, rims = reach_of(settings, air, reference), rims_km(reference, settings.altitude_density)
-    if of_terms or not _serves(fixed, medium).all():
+    of_nodes, beam = reference, scaled.medium
+    if fixed is None:
+        profile, clearest = reference, _clearest(medium)
+        if clearest is not None:
+            of_nodes = reference._replace(extinction=reference.extinction[:, clearest])
+    elif of_terms or not _serves(fixed, medium).all():
         profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
-        return Layout(near_edges(profile, reference), nodes, directions, reach, scaled.medium, fixed, thin, rims)
-    profile = prepare_profile(scaled.medium, like=air.medium)
-    # the most refracted wavelength of a range is its first, which need not be a fixed one
-    first = RANGES[range_of(fixed.wavelength_nm[0])][0]
-    there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
-    beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
-    return Layout(near_edges(profile, reference), nodes, directions, reach, beam, fixed, thin, rims)
+    else:
+        profile = prepare_profile(scaled.medium, like=air.medium)
+        # the most refracted wavelength of a range is its first, which need not be a fixed one
+        first = RANGES[range_of(fixed.wavelength_nm[0])][0]
+        there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
+        beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
+    return Layout(
+        near_edges(profile, reference),
+        _field_altitudes(medium, of_nodes, settings.altitude_density),
+        directions_needed(settings, air, reference),
+        truncation_needed(settings, air, reference),
+        beam,
+        medium if fixed is None else fixed,
+        thin_layers(reference)[0].size > 0,
+        rims_km(reference, settings.altitude_density),
+    )
 
 
 def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
@@ -114,12 +110,11 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     thicker than any that steps are made for shortens them by its own extinction: no other wavelength shares its key.
     """
     ranges, served = [range_of(w) for w in medium.wavelength_nm], serves_range(medium)
-    return [
-        f"range {ranges[w]}".encode() if served[w] else _own(medium, settings, w) for w in range(medium.n_wavelengths)
-    ]
+    all_wavelengths = range(medium.n_wavelengths)
+    return [f"range {ranges[w]}".encode() if served[w] else _own_key(medium, settings, w) for w in all_wavelengths]
 
 
-def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
+def _own_key(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     one = medium.select(slice(w, w + 1))
     scaled = delta_scaled(one, degree_needed(settings, one))
     settings = with_degree(settings, one)
@@ -127,7 +122,7 @@ def _own(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     nodes = _field_altitudes(medium, profile, settings.altitude_density)
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
     steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
-    directions = str(needed(settings, scaled, profile))
+    directions = str(directions_needed(settings, scaled, profile))
     return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
 
 
@@ -145,6 +140,15 @@ def serves_range(medium: Medium) -> np.ndarray:
         if fixed is not None:
             served[of] = _serves(fixed, medium)[of]
     return served
+
+
+def _grid_air(medium: Medium, of_terms: bool) -> Medium | None:
+    """The air at fixed wavelengths whose grids serve a medium; None where grids are made for the medium itself."""
+    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
+    if fixed is None or of_terms:
+        return fixed
+    clearest = _clearest(medium)
+    return fixed if _serves(fixed, medium if clearest is None else medium.select(clearest)).all() else None
 
 
 def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:

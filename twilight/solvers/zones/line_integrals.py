@@ -10,7 +10,7 @@ import numpy as np
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, exp, load, maximum, store
 from twilight.solvers.zones.next_order import (
-    LEAST,
+    MIN_SOURCE,
     ONE,
     ZERO,
     empty_slab_source,
@@ -22,8 +22,8 @@ from twilight.solvers.zones.water import add_amplitudes
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.lines import ANGLE, COSINE
 
-MIN_TURN_RAD = math.radians(0.01)
-"""Least angle [rad] by which the sun is lifted and rays are lowered to take phase functions a second time."""
+MIN_REFRACTION_RAD = math.radians(0.01)
+"""Least angle [rad] by which the sun is lifted and rays are lowered to evaluate phase functions a second time."""
 SUNSET_RAD = math.radians(1e-4)
 """Tolerance [rad] of the solar zenith angle at which the sun sets."""
 
@@ -50,22 +50,33 @@ def sun_lift(beam: Beam, altitude_km: float, zenith_rad: float) -> float:
     return bending
 
 
-def reference_turns(rays, elevation: np.ndarray, lift: float) -> tuple[float, np.ndarray]:
-    """By how much the sun is lifted and each of R rays is lowered [rad] to take its phase functions again.
+def lift_and_lowering(rays, elevation: np.ndarray, lift: float) -> tuple[float, np.ndarray]:
+    """By how much the sun is lifted and each of R rays is lowered [rad] to evaluate its phase functions again.
 
     Refraction does both, by more or by less at each point of a ray, and phase functions are linear between these two
     and the sun and the ray as they are.  So the two are the most that the points of the ray see: the lift of the sun at
-    the observer, and the bending of the ray to its end.  A turn of half a degree for all would make the peak of coarse
-    particles, which doubles within that, 5 % too bright a degree from a sun at 5 deg.
+    the observer, and the bending of the ray to its end.  Half a degree for all would make the peak of coarse particles,
+    which doubles within that, 5 % too bright a degree from a sun at 5 deg.
 
     rays: `RayBundle`; elevation (R,): apparent [rad]; lift: of the sun at the observer [rad]
     """
     ends = rays.first[1:] - 1
-    lowered = np.full(elevation.size, MIN_TURN_RAD)
+    lowered = np.full(elevation.size, MIN_REFRACTION_RAD)
     some = ends >= rays.first[:-1]
     place = rays.place[ends[some]]
     lowered[some] = elevation[some] - (np.arcsin(np.clip(place[:, COSINE], -1.0, 1.0)) - place[:, ANGLE])
-    return max(lift, MIN_TURN_RAD), np.maximum(lowered, MIN_TURN_RAD)
+    return max(lift, MIN_REFRACTION_RAD), np.maximum(lowered, MIN_REFRACTION_RAD)
+
+
+@njit(inner=True, cache=True, inline=True)
+def seen_nodes(nodes_rad, zenith, psi):
+    """First and last of the nodes of solar zenith angle, nodes_rad (T,), around what points at the geocentric angle psi
+    [rad] from the observer may have, in any azimuth; zenith [rad]: the observer's."""
+    last = nodes_rad.size - 1
+    low = max(0, np.searchsorted(nodes_rad, zenith - psi, side="right") - 1)
+    high = min(last, np.searchsorted(nodes_rad, zenith + psi))
+    low = min(low, last - 1)
+    return low, max(high, low + 1)
 
 
 @njit(inner=True, cache=True, inline=True)
@@ -79,19 +90,17 @@ def fine_interval(fine, angle, low, high):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def view_multiple(
-    rays, point, directions, fine, zenith_nodes, light, rule, series, ground_weight, ground_place, out, begin, end
-):  # fmt: skip
+def view_multiple(rays, point, directions, light, grid, series, cosine_place, out, begin, end):
     """Light scattered at least twice, out (D, Stokes, LANES), for rays begin..end; U as to the right of the sun.
 
-    rays: `RayBundle`; ground_weight (R, LANES): as of `RayBundle`, for the wavelengths of the block
-    ground_place (R,): place of their cosines on the ground among those of water
-    point: `RayPoints`; directions: `RayDirections`; light: `RadianceField`; rule: `CubicRule`; series: `Truncation`
-    fine (T',), zenith_nodes (T,): solar zenith angles [rad] of the field.  The Stokes axis has 1 or 3 entries.
+    rays: `RayBundle`, its ground_weight (R, LANES) that of the wavelengths of the block; cosine_place (R,): of
+    `water.place_of_cosine`
+    point: `RayPoints`; directions: `RayDirections`; light: `RadianceField`; grid: `ZenithGrid`; series: `Truncation`
+    The Stokes axis has 1 or 3 entries.
     """
-    n_nodes = zenith_nodes.size
-    per_interval = rule.per_interval
-    source = empty_slab_source(point, light, rule, series)
+    fine, ground_weight = grid.fine_rad, rays.ground_weight
+    per_interval = grid.per_interval
+    source = empty_slab_source(point, light, grid, series)
     log_mean, amplitudes = source.log_mean, source.amplitude
     sums = np.zeros((3, LANES), np.float32)
     zenith = directions.zenith_rad
@@ -101,11 +110,8 @@ def view_multiple(
             continue
         for k in range(rays.first[r], rays.first[r + 1]):
             psi = rays.place[k, ANGLE]
-            low = max(0, np.searchsorted(zenith_nodes, zenith - psi, side="right") - 1)
-            high = min(n_nodes - 1, np.searchsorted(zenith_nodes, zenith + psi))
-            low = min(low, n_nodes - 2)
-            high = max(high, low + 1)
-            fill_slab_source(point, k, light, rule, series, low, high, source)
+            low, high = seen_nodes(grid.nodes_rad, zenith, psi)
+            fill_slab_source(point, k, light, grid, series, low, high, source)
             strength = load(point.weight, k)
             highest = point.highest[k]
             cp, sp = math.cos(psi), math.sin(psi)
@@ -118,7 +124,7 @@ def view_multiple(
                 j, b1 = fine_interval(fine, angle, low * per_interval, high * per_interval - 1)
                 b0 = ONE - b1
                 mean = strength * exp(b0 * load(log_mean, j) + b1 * load(log_mean, j + 1))
-                store(sums, 0, mean * maximum(sum_intensity(amplitudes, j, b0, b1, c, highest), LEAST))
+                store(sums, 0, mean * maximum(sum_intensity(amplitudes, j, b0, b1, c, highest), MIN_SOURCE))
                 if out.shape[1] > 1:
                     q, u = sum_q_and_u(amplitudes, j, b0, b1, c, series.azimuthal_orders, series.spin2_orders)
                     store(sums, 1, mean * q)
@@ -134,7 +140,7 @@ def view_multiple(
                 if light.amplitudes.shape[0] > 0:
                     c = (-sp * ct + cp * st * directions.cos_azimuth[d]) / max(math.sin(angle), 1e-9)
                     add_amplitudes(
-                        light.log_ground, light.amplitudes, j, b1, ground_place[r], c, ground_weight[r], out[d]
+                        light.log_ground, light.amplitudes, j, b1, cosine_place[r], c, ground_weight[r], out[d]
                     )
                     continue
                 for w in range(LANES):

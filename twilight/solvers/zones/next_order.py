@@ -5,9 +5,9 @@ in `spin2_harmonics`.  The logarithm of the mean and the moments r, e, b relativ
 which is right where the field falls by e within a degree.  The vertical plane through a ray is the same all along it,
 straight or bent by refraction: Q and U add up as they are.
 
-Arguments that the kernels share: point: `RayPoints`, k: index of one of them; light: `RadianceField`; rule:
-`CubicRule`; series: `Truncation`; source: `SlabSource`; geometry (N, T, F, 3): as in `RayGeometry`; amplitudes (T', A,
-LANES): as `SlabSource.amplitude`, A of I, Q and U together; c: cosine of the azimuth from the sun.
+Arguments that the kernels share: rays: `NodeRays`, ray: index of one of them; point: `RayPoints`, k: index of one of
+them; light: `RadianceField`; grid: `ZenithGrid`; series: `Truncation`; source: `SlabSource`; amplitudes (T', A, LANES):
+as `SlabSource.amplitude`, A of I, Q and U together; c: cosine of the azimuth from the sun.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, maximum, store
 from twilight.solvers.zones.ray_points import COS_AZIMUTH, PLACE
 
-LEAST = np.float32(1e-3)
+MIN_SOURCE = np.float32(1e-3)
 """Least source function of I over the mean radiance: a truncated series may dip below 0."""
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 _FIRST = np.int64(0)
@@ -47,17 +47,22 @@ class RadianceField(NamedTuple):
     amplitudes: np.ndarray
 
 
-class CubicRule(NamedTuple):
-    """Cubic rule from the nodes of solar zenith angle to a fine grid of T' angles with `per_interval` steps in each
-    interval: value = sum_j weight[t, j] node_value[node[t, j]], both (T', 4)."""
+class ZenithGrid(NamedTuple):
+    """Solar zenith angles of a field: nodes_rad (T,), and fine_rad (T',) with `per_interval` steps in each interval.
 
+    node, weight (T', 4): of the cubics from the nodes to the fine grid,
+        value[t] = sum_j weight[t, j] node_value[node[t, j]]
+    """
+
+    nodes_rad: np.ndarray
+    fine_rad: np.ndarray
     node: np.ndarray
     weight: np.ndarray
     per_interval: int
 
 
 class SlabSource(NamedTuple):
-    """Room for the source function at one altitude: light scattered into one polar angle.
+    """Workspace: the source function at one altitude, light scattered into one polar angle.
 
     log_mean (T', LANES): logarithm of the mean radiance on the fine grid of solar zenith angles; amplitude (T', A,
     LANES): amplitudes relative to the mean, of cos(m azimuth) in I for every order, then of cos(m azimuth) in Q and of
@@ -71,7 +76,7 @@ class SlabSource(NamedTuple):
 
 
 @njit(inner=True, cache=True, inline=True)
-def fill_slab_source(point, k, light, rule, series, low, high, source):
+def fill_slab_source(point, k, light, grid, series, low, high, source):
     """Fill the `SlabSource` at the altitude and in the polar angle of point k, over nodes low..high of the solar zenith
     angle."""
     node = point.node[k]
@@ -80,7 +85,7 @@ def fill_slab_source(point, k, light, rule, series, low, high, source):
     highest = point.highest[k]
     log_mean, ratio, amplitude = light.log_mean, light.ratio, source.amplitude
     by_harmonic = source.by_harmonic
-    per_interval = rule.per_interval
+    per_interval = grid.per_interval
     c = 0
     for m in range(series.azimuthal_orders):
         for n in range(m, series.degree + 1):
@@ -99,7 +104,7 @@ def fill_slab_source(point, k, light, rule, series, low, high, source):
         # a cubic between two nodes looks at the next ones too
         nodes = (max(0, low - 1), low, high, min(log_mean.shape[1], high + 2))
         add_spin2(point, k, ratio, series, nodes, per_interval, source.by_spin2, amplitude)
-        refine_spin2(rule, series.azimuthal_orders, low * per_interval, high * per_interval, amplitude)
+        refine_spin2(grid, series.azimuthal_orders, low * per_interval, high * per_interval, amplitude)
     for t in range(low, high):
         base = t * per_interval
         for q in range(1, per_interval):
@@ -111,25 +116,22 @@ def fill_slab_source(point, k, light, rule, series, low, high, source):
     for t in range(low * per_interval, high * per_interval + 1):
         lower, upper = broadcast(ZERO), broadcast(ZERO)
         for j in range(4):
-            at, y = rule.node[t, j], rule.weight[t, j]
+            at, y = grid.node[t, j], grid.weight[t, j]
             lower += y * load(log_mean, (node, at))
             upper += y * load(log_mean, (node + 1, at))
         store(source.log_mean, t, g * lower + f * upper)
 
 
 @njit(inner=True, cache=True)
-def refine_spin2(rule, first, low, high, amplitude):
-    """Amplitudes (T', A, LANES) of Q and U, `first` and beyond, between the nodes, by cubics: on the fine grid of
-    solar zenith angles low..high.
-
-    amplitude (T', A, LANES): filled between the nodes.
-    """
-    n = rule.per_interval
+def refine_spin2(grid, first, low, high, amplitude):
+    """Fill amplitude (T', A, LANES) of Q and U, its columns from `first` on, between the nodes by cubics: on the fine
+    grid of solar zenith angles low..high."""
+    n = grid.per_interval
     for t in range(low, high + 1):
         if t % n == 0:
             continue
-        j0, j1, j2, j3 = rule.node[t, 0] * n, rule.node[t, 1] * n, rule.node[t, 2] * n, rule.node[t, 3] * n
-        y0, y1, y2, y3 = rule.weight[t, 0], rule.weight[t, 1], rule.weight[t, 2], rule.weight[t, 3]
+        j0, j1, j2, j3 = grid.node[t, 0] * n, grid.node[t, 1] * n, grid.node[t, 2] * n, grid.node[t, 3] * n
+        y0, y1, y2, y3 = grid.weight[t, 0], grid.weight[t, 1], grid.weight[t, 2], grid.weight[t, 3]
         for m in range(first, amplitude.shape[1]):
             near = y1 * load(amplitude, (j1, m)) + y2 * load(amplitude, (j2, m))
             store(amplitude, (t, m), near + (y0 * load(amplitude, (j0, m)) + y3 * load(amplitude, (j3, m))))
@@ -141,7 +143,7 @@ def add_spin2(point, k, ratio, series, nodes, per_interval, by_spin2, amplitude)
     Q and U of the light give to I, added to its rows.
 
     ratio (Z', T, C + 2 C', LANES): moments, as in `RadianceField`; nodes: first, first and last with I wanted, end;
-    per_interval: as in `CubicRule`; by_spin2 (C', 7, LANES): room.
+    per_interval: as in `ZenithGrid`; by_spin2 (C', 7, LANES): as in `SlabSource`.
     """
     spin2_x, spin2_z, polar, matrix = point.spin2_x, point.spin2_z, point.polar, point.matrix
     n_spin2 = spin2_x.shape[1]
@@ -197,9 +199,9 @@ def add_spin2(point, k, ratio, series, nodes, per_interval, by_spin2, amplitude)
 
 
 @njit(inner=True, cache=True, inline=True)
-def empty_slab_source(point, light, rule, series):
+def empty_slab_source(point, light, grid, series):
     """An empty `SlabSource`."""
-    n_fine, n_spin2 = rule.node.shape[0], point.spin2_x.shape[1]
+    n_fine, n_spin2 = grid.node.shape[0], point.spin2_x.shape[1]
     return SlabSource(
         np.zeros((n_fine, LANES), np.float32),
         np.zeros((n_fine, series.azimuthal_orders + 2 * series.spin2_orders, LANES), np.float32),
@@ -212,7 +214,7 @@ def empty_slab_source(point, light, rule, series):
 def sum_intensity(amplitudes, j, b0, b1, c, highest):
     """I over the mean, `Lanes`, at an azimuth.
 
-    j: row of amplitudes, (b0, b1): shares of it and of the next; highest: largest order that counts.
+    j: row of amplitudes, b0, b1: weights of this row and of the next; highest: largest order that counts.
     """
     amplitude = b0 * load(amplitudes, (j, 0)) + b1 * load(amplitudes, (j + 1, 0))
     before, here = ONE, c
@@ -247,23 +249,23 @@ def sum_q_and_u(amplitudes, j, b0, b1, c, first, azimuthal_orders):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter(rays_first, point, geometry, light, rule, series, ground_weight, ground_angle, n_polar, out, begin, end):
+def scatter(rays, point, light, grid, series, out, begin, end):
     """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] from the light of the order before.
 
-    rays_first (R + 1,): where the points of each ray start; n_polar: rays for each node altitude; ground_weight (R,
-    LANES): transmittance to the ground, a Lambertian one; ground_angle (R,): its place in the geometry table.  Node
-    altitudes begin..end are computed.  The Stokes axis has one entry where series has no spin-2 harmonics.
+    Node altitudes begin..end are computed; the ground is Lambertian.  The Stokes axis has one entry where series has no
+    spin-2 harmonics.
     """
-    n_zenith, n_azimuth = out.shape[2], out.shape[3]
-    n_fine = rule.node.shape[0]
-    source = empty_slab_source(point, light, rule, series)
+    n_polar, n_zenith, n_azimuth = out.shape[1], out.shape[2], out.shape[3]
+    n_fine = grid.node.shape[0]
+    geometry = rays.geometry
+    source = empty_slab_source(point, light, grid, series)
     log_mean, amplitudes = source.log_mean, source.amplitude
     last = geometry.shape[0] - 2
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
-            for k in range(rays_first[ray], rays_first[ray + 1]):
-                fill_slab_source(point, k, light, rule, series, _FIRST, n_zenith - 1, source)
+            for k in range(rays.first[ray], rays.first[ray + 1]):
+                fill_slab_source(point, k, light, grid, series, _FIRST, n_zenith - 1, source)
                 place = point.angle[k]
                 step = min(int(place), last)
                 h1 = place - np.float32(step)
@@ -278,27 +280,27 @@ def scatter(rays_first, point, geometry, light, rule, series, ground_weight, gro
                         b1 = x - np.float32(j)
                         b0 = ONE - b1
                         mean = strength * exp(b0 * load(log_mean, j) + b1 * load(log_mean, j + 1))
-                        amplitude = maximum(sum_intensity(amplitudes, j, b0, b1, c, highest), LEAST)
+                        amplitude = maximum(sum_intensity(amplitudes, j, b0, b1, c, highest), MIN_SOURCE)
                         store(out, (node, i, t, a, 0), load(out, (node, i, t, a, 0)) + mean * amplitude)
                         if series.spin2_orders > 0:
                             q, u = sum_q_and_u(amplitudes, j, b0, b1, c, series.azimuthal_orders, series.spin2_orders)
                             store(out, (node, i, t, a, 1), load(out, (node, i, t, a, 1)) + mean * q)
                             store(out, (node, i, t, a, 2), load(out, (node, i, t, a, 2)) + mean * u)
-            if ground_weight[ray].max() > ZERO:
-                add_ground(geometry, ground_angle[ray], light.log_ground, ground_weight, ray, out[node, i])
+            if rays.ground_weight[ray].max() > ZERO:
+                add_ground(rays, ray, light.log_ground, out[node, i])
 
 
 @njit(inner=True, cache=True, nogil=True)
-def add_ground(geometry, place, log_ground, transmittance, ray, sums):
+def add_ground(rays, ray, log_ground, sums):
     """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES).
 
-    transmittance (R, LANES): of all rays; place: in the geometry table, as in `scatter`; log_ground (T', LANES): as in
-    `RadianceField`.
+    log_ground (T', LANES): as in `RadianceField`.
     """
+    geometry, place = rays.geometry, rays.ground_place[ray]
     step = min(int(place), geometry.shape[0] - 2)
     h1 = place - np.float32(step)
     h0 = ONE - h1
-    passed = load(transmittance, ray)
+    passed = load(rays.ground_weight, ray)
     for t in range(sums.shape[0]):
         for a in range(sums.shape[1]):
             x = h0 * geometry[step, t, a, PLACE] + h1 * geometry[step + 1, t, a, PLACE]

@@ -15,17 +15,24 @@ from twilight.jit.simd import LANES
 from twilight.solvers.zones.grid import Truncation, even_harmonics
 from twilight.solvers.zones.spin2_harmonics import spin2_harmonics
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE
-from twilight.transport.matrix_moments import MatrixMoments
+from twilight.transport.matrix_moments import MatrixMoments, matrix_moments
 from twilight.transport.ray_bundle import RayBundle, species_fraction
+from twilight.transport.scaling import ScaledMedium
 
 POINTS_AT_ONCE = 8192
 """Points that are made at once: intermediate arrays take several times the memory of the result."""
+GEOMETRY_STEPS = 160
+"""Geocentric angles at which the solar zenith angle and the azimuth along rays are tabulated."""
 
 
-def lanes_of(array: np.ndarray, block: int) -> np.ndarray:
-    """Wavelengths of one block of LANES along the last axis, float32; the last one is repeated to fill it."""
-    index = np.minimum(np.arange(block * LANES, (block + 1) * LANES), array.shape[-1] - 1)
-    return np.ascontiguousarray(array[..., index], dtype=np.float32)
+def block_wavelengths(n: int, block: int) -> np.ndarray:
+    """Indices (LANES,) of the wavelengths of a block among n; the last one is repeated to fill it."""
+    return np.minimum(np.arange(block * LANES, (block + 1) * LANES), n - 1)
+
+
+def block_values(array: np.ndarray, block: int) -> np.ndarray:
+    """Values (..., LANES) at the wavelengths of a block from those at all, (..., W), as float32."""
+    return np.ascontiguousarray(array[..., block_wavelengths(array.shape[-1], block)], dtype=np.float32)
 
 
 class RayPoints(NamedTuple):
@@ -55,11 +62,17 @@ class RayPoints(NamedTuple):
 
 
 class SpeciesMoments(NamedTuple):
-    """What scaled air and aerosol do to each degree: chi (1 + K, degree + 1, W) of I, and of the phase matrices."""
+    """Phase moments of scaled air and aerosol: chi (1 + K, degree + 1, W) of I, and those of the phase matrices."""
 
     medium: Medium
     chi: np.ndarray
     matrix: MatrixMoments
+
+    @staticmethod
+    def of(medium: Medium, scaled: ScaledMedium, spin2_degree: int) -> SpeciesMoments:
+        """Of a medium and its scaled air; spin2_degree: of the harmonics of Q and U, 0 for none."""
+        matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
+        return SpeciesMoments(scaled.medium, scaled.moments, matrix)
 
 
 def make_ray_points(
@@ -113,12 +126,12 @@ def _points(
         (rays.place[:, ANGLE] / step_rad).astype(np.float32),
         polar.astype(np.float32),
         highest.astype(np.int32),
-        lanes_of(chi, 0),
-        lanes_of(species.transpose(1, 0, 2), 0),
-        lanes_of(rays.weight, block),
+        block_values(chi, 0),
+        block_values(species.transpose(1, 0, 2), 0),
+        block_values(rays.weight, block),
         np.ascontiguousarray(spin2_x, dtype=np.float32),
         np.ascontiguousarray(spin2_z, dtype=np.float32),
-        lanes_of(matrix, 0),
+        block_values(matrix, 0),
     )
 
 
@@ -136,8 +149,8 @@ def make_sunlit_points(rays: RayBundle, scattering: SpeciesMoments, step_rad: fl
     species = species_fraction(scattering.medium.select(some), rays.place[:, ALTITUDE])
     return SunlitRayPoints(
         (rays.place[:, ANGLE] / step_rad).astype(np.float32),
-        lanes_of(species.transpose(1, 0, 2), 0),
-        lanes_of(rays.weight, 0),
+        block_values(species.transpose(1, 0, 2), 0),
+        block_values(rays.weight, 0),
     )
 
 
@@ -156,11 +169,27 @@ class RayGeometry(NamedTuple):
     step_rad: float
 
 
+class NodeRays(NamedTuple):
+    """R rays, from every node altitude one for each polar angle, for one block of wavelengths; those of an altitude
+    are neighbours.
+
+    first (R + 1,): where the points of each ray start; geometry (N, T, F, 3): `RayGeometry.place`
+    ground_weight (R, LANES): transmittance to the ground, 0 for rays that miss it; ground_place (R,): fractional index
+        of the ray's end in the geometry table
+    """
+
+    first: np.ndarray
+    geometry: np.ndarray
+    ground_weight: np.ndarray
+    ground_place: np.ndarray
+
+
 def make_ray_geometry(
-    zenith_rad: np.ndarray, azimuth: np.ndarray, fine_rad: np.ndarray, longest_rad: float, n: int = 160
+    zenith_rad: np.ndarray, azimuth: np.ndarray, fine_rad: np.ndarray, longest_rad: float
 ) -> RayGeometry:
-    step = longest_rad / (n - 2)
-    psi = np.arange(n)[:, None, None] * step
+    """Table up to the geocentric angle longest_rad; azimuth (F,) [rad]; fine_rad: the fine grid of zenith angles."""
+    step = longest_rad / (GEOMETRY_STEPS - 2)
+    psi = np.arange(GEOMETRY_STEPS)[:, None, None] * step
     t, f = zenith_rad[None, :, None], azimuth[None, None, :]
     ahead = -np.sin(psi) * np.cos(t) + np.cos(psi) * np.sin(t) * np.cos(f)
     up = np.cos(psi) * np.cos(t) + np.sin(psi) * np.sin(t) * np.cos(f)

@@ -110,20 +110,16 @@ class ZonesSettings:
             value = getattr(self, key)
             if not low <= value <= high:
                 raise TwilightError(f"solver.{key} is {value}; allowed is {low} to {high}")
-        for key, most in (
+        of_polarisation = (
             ("polarisation_degree", "degree"),
             ("late_polarisation_degree", "late_degree"),
             ("late_polarisation_degree", "polarisation_degree"),
-        ):
-            if self.polarisation and getattr(self, key) > getattr(self, most):
-                raise TwilightError(
-                    f"solver.{key} is {getattr(self, key)}; allowed is up to {most}, {getattr(self, most)}"
-                )
-        for key in ("degree", "azimuth_directions"):
-            if getattr(self, "late_" + key) > getattr(self, key):
-                raise TwilightError(
-                    f"solver.late_{key} is {getattr(self, 'late_' + key)}; allowed is up to {key}, {getattr(self, key)}"
-                )
+        )
+        of_late_orders = (("late_degree", "degree"), ("late_azimuth_directions", "azimuth_directions"))
+        for key, most in (*(of_polarisation if self.polarisation else ()), *of_late_orders):
+            value, limit = getattr(self, key), getattr(self, most)
+            if value > limit:
+                raise TwilightError(f"solver.{key} is {value}; allowed is up to {most}, {limit}")
 
 
 QUALITIES: dict[str, ZonesSettings] = {

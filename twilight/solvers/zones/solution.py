@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.solvers.zones.first_order import BeamAtPoints, PhaseTables, scatter_sunlight
-from twilight.solvers.zones.grid import Angles, conserving, cubic_refinement
-from twilight.solvers.zones.next_order import CubicRule, RadianceField, moments_of, scatter
+from twilight.solvers.zones.grid import Angles, conserving_angles, cubic_refinement
+from twilight.solvers.zones.next_order import RadianceField, ZenithGrid, moments_of, scatter
 from twilight.solvers.zones.ray_points import (
     LANES,
+    NodeRays,
     RayGeometry,
     RayPoints,
     SpeciesMoments,
     SunlitRayPoints,
-    lanes_of,
+    block_values,
+    block_wavelengths,
     make_sunlit_points,
 )
 from twilight.solvers.zones.spin2_harmonics import scattering_geometry
@@ -50,49 +53,44 @@ FINE_PER_INTERVAL = 3
 
 @dataclass(frozen=True)
 class FieldNodes:
-    """altitude_km (Z,), zenith_rad (T,): where the field is solved; fine_altitude_km (Z',), fine_rad (T',): finer grids
-    to which it is interpolated by cubics, between which it is linear."""
+    """Where the field is solved: altitude_km (Z,) and solar zenith angles, with finer grids to which it is interpolated
+    by cubics and between which it is linear, fine_altitude_km (Z',) and that of `zenith`.
+
+    altitude_rule: node, weight (Z', 4) of those cubics in altitude, as in `ZenithGrid`
+    """
 
     altitude_km: np.ndarray
-    zenith_rad: np.ndarray
     fine_altitude_km: np.ndarray
-    fine_rad: np.ndarray
     altitude_rule: tuple[np.ndarray, np.ndarray]
-    zenith_rule: CubicRule
+    zenith: ZenithGrid
 
     @staticmethod
     def of(altitude_km: np.ndarray, zenith_deg: np.ndarray, jumps_km: np.ndarray) -> FieldNodes:
         zenith = np.radians(zenith_deg)
         fine, node, weight = cubic_refinement(zenith, FINE_PER_INTERVAL)
         fine_km, node_km, weight_km = cubic_refinement(altitude_km, FINE_PER_INTERVAL, jumps_km)
-        return FieldNodes(
-            altitude_km,
-            zenith,
-            fine_km,
-            fine,
-            (node_km, weight_km.astype(np.float32)),
-            CubicRule(node, weight.astype(np.float32), FINE_PER_INTERVAL),
-        )
+        grid = ZenithGrid(zenith, fine, node, weight.astype(np.float32), FINE_PER_INTERVAL)
+        return FieldNodes(altitude_km, fine_km, (node_km, weight_km.astype(np.float32)), grid)
 
     def refine_zenith(self, values: np.ndarray) -> np.ndarray:
         """Values (T, ...) on the fine grid of solar zenith angles."""
-        return _apply(self.zenith_rule[:2], values)
+        return _interpolated((self.zenith.node, self.zenith.weight), values)
 
     def refine_altitude(self, log_mean: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Logarithms (Z, T, 8) and relative moments (Z, T, C, 8) on the fine grid of altitudes.
+        """Logarithms (Z, T, LANES) and relative moments (Z, T, C, LANES) on the fine grid of altitudes.
 
         A cubic through logarithms that differ by tens, in air that is black, would swing from order to order: it stays
         near its interval's ends.
         """
-        log_fine = _apply(self.altitude_rule, log_mean)
+        log_fine = _interpolated(self.altitude_rule, log_mean)
         interval = np.minimum(np.arange(log_fine.shape[0]) // FINE_PER_INTERVAL, log_mean.shape[0] - 2)
         low, high = log_mean[interval], log_mean[interval + 1]
         slack = np.float32(MAX_OVERSHOOT) * (np.float32(1.0) + np.abs(high - low))
         np.clip(log_fine, np.minimum(low, high) - slack, np.maximum(low, high) + slack, out=log_fine)
-        return log_fine, _apply(self.altitude_rule, ratio)
+        return log_fine, _interpolated(self.altitude_rule, ratio)
 
 
-def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarray:
+def _interpolated(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarray:
     node, weight = rule
     flat = np.asarray(values, np.float32).reshape(values.shape[0], -1)
     out = np.zeros((node.shape[0], flat.shape[1]), np.float32)
@@ -101,25 +99,16 @@ def _apply(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarra
     return out.reshape(-1, *values.shape[1:])
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """Light scattered at least once, the sum of all orders, for one block of wavelengths.
 
-    log_mean, ratio, log_ground, amplitudes: as in `RadianceField`
     orders: orders of scattering that were followed, or steps of the solution for all orders at once; residual: largest
     relative change, at any node, that the last of them made to the sum with its estimated rest
     """
 
-    log_mean: np.ndarray
-    ratio: np.ndarray
-    log_ground: np.ndarray
-    amplitudes: np.ndarray
+    light: RadianceField
     orders: int
     residual: float
-
-    @property
-    def light(self) -> RadianceField:
-        return RadianceField(self.log_mean, self.ratio, self.log_ground, self.amplitudes)
 
 
 @dataclass(frozen=True)
@@ -149,34 +138,26 @@ class ScatteringOperator:
     def polarised(self) -> bool:
         return self.angles.spin2_degree.size > 0
 
-    def ground(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where rays end on the ground: (transmittance (R, LANES), place in the geometry table (R,))."""
-        return (
-            lanes_of(self.rays.ground_weight, self.block),
-            (self.rays.ground_angle_rad / self.geometry.step_rad).astype(np.float32),
+    def node_rays(self) -> NodeRays:
+        """The rays, for kernels."""
+        ground_place = (self.rays.ground_angle_rad / self.geometry.step_rad).astype(np.float32)
+        return NodeRays(
+            self.rays.first, self.geometry.place, block_values(self.rays.ground_weight, self.block), ground_place
         )
 
-    def _empty(self) -> np.ndarray:
-        a = self.angles
-        return np.zeros(
-            (
-                self.nodes.altitude_km.size,
-                a.cosine.shape[1],
-                self.nodes.zenith_rad.size,
-                a.azimuth.size,
-                3 if self.polarised else 1,
-                LANES,
-            ),
-            np.float32,
-        )
+    def no_light(self) -> np.ndarray:
+        """Stokes parameters (Z, M, T, F, Stokes, LANES) of zero."""
+        n_altitudes, n_polar = self.angles.cosine.shape
+        n_zenith, n_azimuth = self.nodes.zenith.nodes_rad.size, self.angles.azimuth.size
+        return np.zeros((n_altitudes, n_polar, n_zenith, n_azimuth, 3 if self.polarised else 1, LANES), np.float32)
 
     def first_order(self, sunlight: Sunlight) -> np.ndarray:
         """Stokes parameters of sunlight scattered once."""
-        out = self._empty()
-        light, ground_light = lanes_of(sunlight.log_light, self.block), lanes_of(sunlight.ground, self.block)
-        scattered = self._scattered()
-        factor = (lanes_of(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
-        ground_weight, ground_angle = self.ground()
+        out = self.no_light()
+        light, ground_light = block_values(sunlight.log_light, self.block), block_values(sunlight.ground, self.block)
+        phases = self._phase_tables()
+        factor = (block_values(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
+        all_rays = self.node_rays()
         n_polar = self.angles.cosine.shape[1]
         for start in range(0, out.shape[0], SUNLIT_AT_ONCE):
             nodes = slice(start, start + SUNLIT_AT_ONCE)
@@ -187,26 +168,20 @@ class ScatteringOperator:
             beams = BeamAtPoints(
                 row, fraction.astype(np.float32), sunlight.edge_rad, sunlight.span_rad, light, ground_light
             )
-            some = scattered._replace(angle=scattered.angle[nodes])
+            some = phases._replace(angle=phases.angle[nodes])
             if self.polarised:
-                some = some._replace(turn=scattered.turn[nodes])
+                some = some._replace(rotation=phases.rotation[nodes])
             of_nodes = slice(start * n_polar, (start + SUNLIT_AT_ONCE) * n_polar)
-            in_slices(
-                partial(
-                    scatter_sunlight, rays.first, points, self.geometry.place, beams, some, ground_weight[of_nodes],
-                    ground_angle[of_nodes], factor, n_polar, out[nodes],
-                ),
-                out[nodes].shape[0],
-            )  # fmt: skip
-        if self.water is not None:
-            surface = surface_of(self.medium, lanes_of(np.arange(self.medium.n_wavelengths), self.block).astype(int))
-            of_rays = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
-            in_slices(
-                lambda begin, end: mirror_sunlight(
-                    self.geometry.place, beams, ground_weight, ground_angle, of_rays, surface, out, begin, end
-                ),
-                out.shape[0],
+            some_rays = NodeRays(
+                rays.first, all_rays.geometry, all_rays.ground_weight[of_nodes], all_rays.ground_place[of_nodes]
             )
+            in_slices(
+                partial(scatter_sunlight, some_rays, points, beams, some, factor, out[nodes]), out[nodes].shape[0]
+            )
+        if self.water is not None:
+            surface = surface_of(self.medium, block_wavelengths(self.medium.n_wavelengths, self.block))
+            ground_cells = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
+            in_slices(partial(mirror_sunlight, all_rays, beams, ground_cells, surface, out), out.shape[0])
         return out
 
     def _sunlit(self, nodes: slice) -> tuple[RayBundle, SunlitRayPoints]:
@@ -217,67 +192,55 @@ class ScatteringOperator:
         rays = trace_rays(profile, start, cosine.ravel(), self.first_order_step_density, pairs=True)
         return rays, make_sunlit_points(rays, self.scattering, self.geometry.step_rad, self.block)
 
-    def _scattered(self) -> PhaseTables:
+    def _phase_tables(self) -> PhaseTables:
         a = self.angles
         chi = self.scattering.chi
         degree = np.arange(chi.shape[1])
         nodes = np.linspace(-1.0, 1.0, PHASE_NODES)
         legendre = np.polynomial.legendre.legvander(nodes, degree.size - 1) * ((2 * degree + 1) / (4 * np.pi))
-        p11 = lanes_of(np.einsum("nl,slw->nsw", legendre, chi), self.block)
+        p11 = block_values(np.einsum("nl,slw->nsw", legendre, chi), self.block)
         p12 = np.zeros((1, 1, LANES), np.float32)
-        turn = np.zeros((1, 1, 1, 1, 2), np.float32)
+        rotation = np.zeros((1, 1, 1, 1, 2), np.float32)
         azimuth = a.azimuth[None, None, None, :]
         cosine, twice_cos, twice_sin = scattering_geometry(
             a.cosine[:, :, None, None],
             np.cos(azimuth),
             np.sin(azimuth),
-            self.nodes.zenith_rad[None, None, :, None],
+            self.nodes.zenith.nodes_rad[None, None, :, None],
         )
         if self.polarised:
-            p12 = lanes_of(species_polarising_phase(self.medium, self.forward_fraction, nodes), self.block)
-            turn = np.stack([twice_cos, twice_sin], axis=-1).astype(np.float32)
-        return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32), turn)
+            p12 = block_values(species_polarising_phase(self.medium, self.forward_fraction, nodes), self.block)
+            rotation = np.stack([twice_cos, twice_sin], axis=-1).astype(np.float32)
+        return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32), rotation)
 
     def next_order(self, mean: np.ndarray, moments: np.ndarray, ground: np.ndarray) -> np.ndarray:
-        """Stokes parameters of the next order from the mean (Z, T, 8), the moments and the ground, as of `analyse`, of
-        the one before."""
-        out = self._empty()
-        n = self.nodes
-        light = RadianceField(*n.refine_altitude(*normalised(mean, moments)), *self.ground_light(ground))
-        ground_weight, ground_angle = self.ground()
-        of_land = ground_weight if self.water is None else np.zeros_like(ground_weight)
-        series = self.angles.series
-        in_slices(
-            lambda begin, end: scatter(
-                self.rays.first, self.points, self.geometry.place, light, n.zenith_rule, series, of_land, ground_angle,
-                self.angles.cosine.shape[1], out, begin, end,
-            ),
-            out.shape[0],
-        )  # fmt: skip
+        """Stokes parameters of the next order from the mean (Z, T, LANES), the moments and the ground, as of `analyse`,
+        of the order before."""
+        out = self.no_light()
+        light = RadianceField(*self.nodes.refine_altitude(*normalised(mean, moments)), *self.ground_light(ground))
+        rays = self.node_rays()
+        land = rays if self.water is None else rays._replace(ground_weight=np.zeros_like(rays.ground_weight))
+        in_slices(partial(scatter, land, self.points, light, self.nodes.zenith, self.angles.series, out), out.shape[0])
         if self.water is not None:
-            ground_place = place_of_cosine(-self.rays.ground_cosine)
-            in_slices(
-                lambda begin, end: reflect(
-                    self.geometry.place, light, ground_weight, ground_angle, ground_place, out, begin, end
-                ),
-                out.shape[0],
-            )
+            cosine_place = place_of_cosine(-self.rays.ground_cosine)
+            in_slices(partial(reflect, rays, light, cosine_place, out), out.shape[0])
         return out
 
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(mean (Z, T, LANES), moments (Z, T, C + 2 C', 8), radiance of the lit ground (T, 8)) of light at the nodes.
+        """(mean (Z, T, LANES), moments (Z, T, C + 2 C', LANES), radiance of the lit ground (T, LANES)) of light at the
+        nodes.
 
-        Water has a ground (1 + amplitudes, T, 8): the light that falls on it, over pi, and what `reflected_sky` makes
-        of it.
+        Water has a ground (1 + amplitudes, T, LANES): the light that falls on it, over pi, and what `reflected_sky`
+        makes of it.
         """
         a = self.angles
         moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, LANES), np.float32)
-        analysis = (a.analysis * a.share[:, None, None]).astype(np.float32)
+        analysis = (a.analysis * a.taper[:, None, None]).astype(np.float32)
         of_spin2 = a.spin2_analysis.astype(np.float32)
-        in_slices(lambda begin, end: moments_of(radiance, analysis, of_spin2, moments, begin, end), radiance.shape[0])
+        in_slices(partial(moments_of, radiance, analysis, of_spin2, moments), radiance.shape[0])
         mean = moments[:, :, 0]
         lit = np.einsum("m,mtfw->tw", self.ground_fraction() / a.azimuth.size, radiance[0, :, :, :, 0])
-        albedo = lanes_of(self.medium.ground_albedo, self.block)
+        albedo = block_values(self.medium.ground_albedo, self.block)
         if self.water is None:
             return mean, moments, lit * albedo
         amplitudes = reflected_sky(self.water, radiance[0, a.below :], a.azimuth)
@@ -297,7 +260,7 @@ class ScatteringOperator:
 
     def conserving(self) -> ScatteringOperator:
         """The same operator with directions that conserve the energy of nearly isotropic light."""
-        return replace(self, angles=conserving(self.angles))
+        return replace(self, angles=conserving_angles(self.angles))
 
     def ground_fraction(self) -> np.ndarray:
         """Fraction (M,) of each polar angle in the light that falls on the ground; of a uniform sky the sum is 1."""

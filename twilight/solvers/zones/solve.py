@@ -11,10 +11,10 @@ import numpy as np
 
 from twilight.base.progress import Progress
 from twilight.solvers.base import Convergence
-from twilight.solvers.zones.directions import shares
+from twilight.solvers.zones.directions import taper
 from twilight.solvers.zones.field_grids import FieldGrids
 from twilight.solvers.zones.grid import make_angles
-from twilight.solvers.zones.ray_points import LANES, lanes_of, make_ray_geometry, make_ray_points
+from twilight.solvers.zones.ray_points import LANES, block_values, block_wavelengths, make_ray_geometry, make_ray_points
 from twilight.solvers.zones.solution import ScatteringOperator, Solution
 from twilight.solvers.zones.successive_orders import solve_orders
 from twilight.solvers.zones.sunlight import make_sunlight
@@ -36,22 +36,14 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
     """Solutions for each block of LANES wavelengths, and how well the worst of them converged."""
     s = grids.directions
     progress("rays", 0.05)
-    reach = grids.layout.reach
-    early = scattering_operators(grids, s.polar_directions, reach.orders, s.degree, grids.spin2_degree)
-    late_degrees = reach.late_degree, s.late_polarisation_degree if s.polarisation else 0
+    early = early_operators(grids)
+    thick_polar = max(s.late_polar_directions, POLAR_PER_DEGREE * s.late_degree)
 
-    @cache
-    def late_operators() -> Callable[[int], ScatteringOperator]:
-        return scattering_operators(grids, s.late_polar_directions, reach.late_orders, *late_degrees)
+    # made where they are needed: with thick_polar in thick air of conservative scattering alone
+    of_polar = cache(partial(late_operators, grids))
 
-    @cache
-    def thick_operators() -> Callable[[int], ScatteringOperator]:
-        # made where there is thick air of conservative scattering only
-        polar = max(s.late_polar_directions, POLAR_PER_DEGREE * s.late_degree)
-        return scattering_operators(grids, polar, reach.late_orders, *late_degrees)
-
-    def thick(block: int) -> ScatteringOperator:
-        return thick_operators()(block)
+    def late_operator(polar: int, block: int) -> ScatteringOperator:
+        return of_polar(polar)(block)
 
     sunlight = make_sunlight(beam, grids.nodes.altitude_km, grids.profile.break_km)
     n_blocks = -(-grids.medium.n_wavelengths // LANES)
@@ -62,11 +54,11 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
         def report(order: int, residual: float, block: int = block) -> None:
             progress(f"order of scattering {order}", 0.1 + 0.9 * (block + min(0.95, order / 12)) / n_blocks)
 
-        # made where it is needed, and dropped with its block
-        late = cache(lambda block=block: late_operators()(block))
+        # dropped with its block
+        late = cache(partial(late_operator, s.late_polar_directions, block))
         solutions.append(
             solve_orders(
-                early(block), late, partial(thick, block), lanes_of(slow, block) > 0.0,
+                early(block), late, partial(late_operator, thick_polar, block), block_values(slow, block) > 0.0,
                 s.early_orders, sunlight, s.max_orders, s.tolerance, report,
             )
         )  # fmt: skip
@@ -75,8 +67,8 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
 
 def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
     """Vertical optical depth of scattering (W,), that of each species times 1 - g; profile: of the scaled air."""
-    turned = profile.species_scattering * (1.0 - scaled.moments[:, 1])[:, None]
-    return np.trapezoid(turned.sum(axis=0), profile.altitude_km, axis=0)
+    reduced = profile.species_scattering * (1.0 - scaled.moments[:, 1])[:, None]
+    return np.trapezoid(reduced.sum(axis=0), profile.altitude_km, axis=0)
 
 
 def _rim_cosine(grids: FieldGrids) -> np.ndarray:
@@ -86,35 +78,50 @@ def _rim_cosine(grids: FieldGrids) -> np.ndarray:
     return horizon_cosine(grids.path_profile, z, rim)
 
 
+def early_operators(grids: FieldGrids) -> Callable[[int], ScatteringOperator]:
+    """Operators of the early orders of scattering, by block of wavelengths."""
+    s, series = grids.directions, grids.layout.truncation
+    return scattering_operators(grids, s.polar_directions, series.azimuthal_orders, s.degree, grids.spin2_degree)
+
+
+def late_operators(grids: FieldGrids, polar: int | None = None) -> Callable[[int], ScatteringOperator]:
+    """Operators of the later orders, by block of wavelengths; polar: polar angles a side, None for the field's."""
+    s, series = grids.directions, grids.layout.truncation
+    spin2_degree = s.late_polarisation_degree if s.polarisation else 0
+    polar = polar or s.late_polar_directions
+    return scattering_operators(grids, polar, series.late_azimuthal_orders, series.late_degree, spin2_degree)
+
+
 def scattering_operators(
-    grids: FieldGrids, polar: int, orders: float, degree: float, spin2_degree: int
+    grids: FieldGrids, polar: int, azimuthal_orders: float, degree: float, spin2_degree: int
 ) -> Callable[[int], ScatteringOperator]:
     """Operators by block of wavelengths.
 
-    polar: polar angles a side; orders: azimuthal ones, with as many azimuths over half a turn; degree, spin2_degree: of
-    the harmonics of I and of Q and U; orders and degree as in `Reach`
+    polar: polar angles a side; azimuthal_orders: with as many azimuths over half a turn; degree, spin2_degree: of the
+    harmonics of I and of Q and U; azimuthal_orders and degree as in `FractionalTruncation`
     """
     n, medium, settings = grids.nodes, grids.medium, grids.settings
     horizon = horizon_cosine(grids.path_profile, n.altitude_km)
     highest = math.ceil(degree)
-    angles = make_angles(horizon, polar, math.ceil(orders), highest, spin2_degree, _rim_cosine(grids))
-    angles = replace(angles, share=shares(angles.order, orders) * shares(angles.degree, degree + 1))
+    angles = make_angles(horizon, polar, math.ceil(azimuthal_orders), highest, spin2_degree, _rim_cosine(grids))
+    weight = taper(angles.order, azimuthal_orders) * taper(angles.degree, degree + 1)
+    angles = replace(angles, taper=weight)
     start = np.repeat(n.altitude_km, angles.cosine.shape[1])
     rays = trace_rays(grids.path_profile, start, angles.cosine.ravel(), settings.step_density)
     # air with nothing in it has no points along its rays
     longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
-    geometry = make_ray_geometry(n.zenith_rad, angles.azimuth, n.fine_rad, longest)
+    geometry = make_ray_geometry(n.zenith.nodes_rad, angles.azimuth, n.zenith.fine_rad, longest)
     scattering = grids.scattering._replace(chi=grids.scattering.chi[:, : highest + 1])
     # as many azimuthal orders as sunlight scattered once can have
-    azimuthal_orders = grids.directions.degree + 1
+    orders_on_water = grids.directions.degree + 1
     above = angles.cosine[0, angles.below :]
 
     def of(block: int) -> ScatteringOperator:
         points = make_ray_points(rays, scattering, n.fine_altitude_km, geometry.step_rad, angles.series, block)
         water = None
         if medium.has_water:
-            surface = surface_of(medium, lanes_of(np.arange(medium.n_wavelengths), block).astype(int))
-            water = reflection(above, azimuthal_orders, 3 if settings.polarisation else 1, *surface)
+            surface = surface_of(medium, block_wavelengths(medium.n_wavelengths, block))
+            water = reflection(above, orders_on_water, 3 if settings.polarisation else 1, *surface)
         return ScatteringOperator(
             n, angles, rays, points, geometry, medium, scattering, grids.scaled.forward_fraction, block, water,
             grids.path_profile, settings.first_order_step_density,

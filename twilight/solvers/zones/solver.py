@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,37 +94,26 @@ def prepare(
                 return field
     _warn_of_neighbours(medium, settings)
     chosen, expected = settings_to_solve(medium, settings, sun_elevations_deg)
-    field = _solved(medium, chosen, observer_altitude_km, progress or silent, needed, interpolation)
-    if expected is not None:
-        field.convergence = replace(field.convergence or Convergence(1, 0.0), error=expected)
-        field.asked = settings
-    _warn(field, settings)
-    if settings.field_file:
-        field.save(settings.field_file)
-    return field
-
-
-def _solved(
-    medium: Medium,
-    settings: ZonesSettings,
-    observer_altitude_km: float,
-    progress: Progress,
-    zenith_range_deg: tuple[float, float],
-    interpolation: SpectralInterpolation | None = None,
-) -> Field:
-    """The field of a medium, solved at one quality."""
     observer_at(medium, observer_altitude_km)
-    grids = FieldGrids.of(medium, settings, zenith_range_deg, interpolation is not None and interpolation.in_band)
+    grids = FieldGrids.of(medium, chosen, needed, interpolation is not None and interpolation.in_band)
+    progress = progress or silent
     progress("sunbeam", 0.0)
     beam = grids.sunbeam()
     solutions: Sequence[Solution] = ()
     convergence: Convergence | None = None
     if interpolation is not None:
         solutions, convergence = interpolation.light(grids, progress)
-    elif settings.max_orders > 1:
+    elif chosen.max_orders > 1:
         solutions, convergence = solve(grids, beam, progress)
     progress("field", 1.0)
-    return Field(grids, beam, solutions, convergence, observer_altitude_km)
+    field = Field(grids, beam, solutions, convergence, observer_altitude_km)
+    if expected is not None:
+        field.convergence = replace(field.convergence or Convergence(1, 0.0), error=expected)
+        field.requested_settings = settings
+    _warn(field, settings)
+    if settings.field_file:
+        field.save(settings.field_file)
+    return field
 
 
 def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
@@ -149,54 +138,51 @@ def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
 
 def _warn(field: Field, settings: ZonesSettings) -> None:
     """Say what a user should know about a field, solved here or read from a file."""
-    convergence = field.convergence
-    if convergence and settings.tolerance > 0.0 and convergence.residual >= field.settings.tolerance:
-        warnings.warn(
+    for doubt in _doubts(field, settings):
+        warnings.warn(doubt, TwilightWarning, stacklevel=3)
+
+
+def _doubts(field: Field, settings: ZonesSettings) -> Iterator[str]:
+    """Sentences on what may be wrong with a field, which was asked for with these settings."""
+    convergence, solved = field.convergence, field.settings
+    if convergence and settings.tolerance > 0.0 and convergence.residual >= solved.tolerance:
+        yield (
             f"solver.max_orders {settings.max_orders} was not enough: the last order still moved the light by "
-            f"{convergence.residual:.2g} of itself, and solver.expert.tolerance is {field.settings.tolerance:g}",
-            TwilightWarning,
-            stacklevel=3,
+            f"{convergence.residual:.2g} of itself, and solver.expert.tolerance is {solved.tolerance:g}"
         )
     if convergence and convergence.error is not None and convergence.error > settings.target_error:
-        warnings.warn(
-            f"solver.target_error {settings.target_error:g} is not known to be reached: quality reference was taken, "
-            + (
-                f"which is within {convergence.error:.2g} at 95 % of the directions in such air"
-                if math.isfinite(convergence.error)
-                else "which was not measured in such air"
-            ),
-            TwilightWarning,
-            stacklevel=3,
+        known = (
+            f"which is within {convergence.error:.2g} at 95 % of the directions in such air"
+            if math.isfinite(convergence.error)
+            else "which was not measured in such air"
         )
-    depth = float(np.trapezoid(field.grids.profile.scattering, field.grids.profile.altitude_km, axis=0).max())
-    if settings.max_orders > 1 and depth > MAX_COMPARED_DEPTH:
-        warnings.warn(
-            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: the light "
-            f"of the zones solver was compared with other solutions up to {MAX_COMPARED_DEPTH:g}, and may be wrong "
-            "beyond",
-            TwilightWarning,
-            stacklevel=3,
+        target = f"solver.target_error {settings.target_error:g}"
+        yield f"{target} is not known to be reached: quality reference was taken, {known}"
+    if settings.max_orders == 1:
+        return
+    profile = field.grids.profile
+    depth = float(np.trapezoid(profile.scattering, profile.altitude_km, axis=0).max())
+    if depth > MAX_COMPARED_DEPTH:
+        yield (
+            f"the air scatters with an optical depth of {depth:.0f} from the ground to its top: the light of the zones "
+            f"solver was compared with other solutions up to {MAX_COMPARED_DEPTH:g}, and may be wrong beyond"
         )
     peak, peaked_depth = _sharpest_peak(field.medium)
-    if settings.max_orders > 1 and peak > PEAKED_ASYMMETRY:
-        warnings.warn(
+    if peak > PEAKED_ASYMMETRY:
+        yield (
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
             "follow: beside the reference solution, quality standard is up to 4 % off at an asymmetry of 0.99, where "
-            f"its optical depth is 0.5; here it is {peaked_depth:.2g}",
-            TwilightWarning,
-            stacklevel=3,
+            f"its optical depth is 0.5; here it is {peaked_depth:.2g}"
         )
-    layers, layer_depth = thin_layers(field.grids.profile)
+    layers, layer_depth = thin_layers(profile)
     base = layers[:, 0]
     high = base >= HIGH_KM
-    if settings.max_orders > 1 and high.any() and field.sun_range_deg[0] < 0.0:
-        warnings.warn(
+    if high.any() and field.sun_range_deg[0] < 0.0:
+        yield (
             f"a layer of optical depth {layer_depth[high][0]:.2g}, thinner than 2 km, at {base[high][0]:.3g} km: with "
             "the sun below the horizon light leaks along it by tens of scatterings; the zones solver was compared with "
             "the reference solution for one such layer alone, 1 km of optical depth 1 at 50 km, sun at -6 deg, where "
-            "standard is 1.5 to 3.7 % darker",
-            TwilightWarning,
-            stacklevel=3,
+            "standard is 1.5 to 3.7 % darker"
         )
 
 
@@ -224,5 +210,5 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     of_terms = interpolated and has_terms(stored.medium)
     grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, of_terms)
     field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
-    field.asked = stored.asked
+    field.requested_settings = stored.requested_settings
     return field

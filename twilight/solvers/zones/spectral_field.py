@@ -14,7 +14,8 @@ from twilight.solvers.base import Convergence
 from twilight.solvers.zones import spectral_nodes
 from twilight.solvers.zones.field_grids import FieldGrids
 from twilight.solvers.zones.layout import serves_range
-from twilight.solvers.zones.ray_points import LANES, lanes_of
+from twilight.solvers.zones.next_order import RadianceField
+from twilight.solvers.zones.ray_points import LANES, block_values
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import TINY, FieldNodes, Solution
 from twilight.solvers.zones.solve import solve
@@ -25,17 +26,14 @@ STATED_ERROR = 2e-3
 """Error that interpolation adds between bands, at 95 % of directions (`benchmarks/hyperspectral.py`)."""
 STATED_ERROR_IN_BANDS = 5e-3
 """The same within bands of gases."""
-
-
 AT_ONCE = 2 * LANES
 """Nodes that are solved together: each such part has rays and a sunbeam of its own."""
 
 
 def _same(one: FieldNodes, other: FieldNodes) -> bool:
-    """Whether two fields are solved in the same places."""
-    return all(
-        np.array_equal(getattr(one, key), getattr(other, key))
-        for key in ("altitude_km", "zenith_rad", "fine_altitude_km", "fine_rad")
+    """Whether two fields have the same nodes, and so the same fine grids."""
+    return np.array_equal(one.altitude_km, other.altitude_km) and np.array_equal(
+        one.zenith.nodes_rad, other.zenith.nodes_rad
     )
 
 
@@ -52,10 +50,10 @@ def _log_albedo(albedo: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _NodeLight:
-    """Fields of `Solution` at the n nodes, along their last axis; the ground's without its albedo."""
+class _LightAtNodes:
+    """Light at the n nodes, along the last axis of its arrays; the ground's without its albedo."""
 
-    arrays: tuple[np.ndarray, ...]
+    light: RadianceField
     nodes: FieldNodes
     convergence: Convergence
 
@@ -72,7 +70,7 @@ class SpectralInterpolation:
     coordinates: np.ndarray
     settings: ZonesSettings
     in_band: bool
-    _solved: dict[tuple[float, float], _NodeLight] = field(default_factory=dict, repr=False, compare=False)
+    _solved: dict[tuple[float, float], _LightAtNodes] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def n_nodes(self) -> int:
@@ -95,25 +93,21 @@ class SpectralInterpolation:
                 "solver.expert.spectral_interpolation: the field and its nodes in the spectrum differ in grids; "
                 "allowed is off"
             )
-        weight = spectral_nodes.weights(self.coordinates, spectral_nodes.coordinates(grids.medium))
+        weight = spectral_nodes.kriging_weights(self.coordinates, spectral_nodes.coordinates(grids.medium))
         albedo = grids.medium.ground_albedo
         blocks = -(-grids.medium.n_wavelengths // LANES)
         found = []
         for block in range(blocks):
-            of_block = lanes_of(weight, block)
-            log_mean, ratio, log_ground, amplitudes = (_mixed(array, of_block) for array in made.arrays)
+            of_block = block_values(weight, block)
+            log_mean, ratio, log_ground, amplitudes = (_mixed(array, of_block) for array in made.light)
             if not grids.medium.has_water:
-                log_ground = log_ground + _log_albedo(lanes_of(albedo, block))
+                log_ground = log_ground + _log_albedo(block_values(albedo, block))
             lowest = np.float32(np.log(TINY))
-            found.append(
-                Solution(
-                    np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest), amplitudes,
-                    made.convergence.orders, made.convergence.residual,
-                )
-            )  # fmt: skip
+            light = RadianceField(np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest), amplitudes)
+            found.append(Solution(light, made.convergence.orders, made.convergence.residual))
         return found, made.convergence
 
-    def _solve(self, zenith_range_deg: tuple[float, float], progress: Progress) -> _NodeLight:
+    def _solve(self, zenith_range_deg: tuple[float, float], progress: Progress) -> _LightAtNodes:
         starts = range(0, self.n_nodes, AT_ONCE)
         parts: list[list[np.ndarray]] = []
         worst = Convergence(0, 0.0)
@@ -129,15 +123,16 @@ class SpectralInterpolation:
             nodes = grids.nodes
             worst = Convergence(max(worst.orders, converged.orders), max(worst.residual, converged.residual))
             for block, s in enumerate(solutions):
-                held = min(LANES, medium.n_wavelengths - block * LANES)
-                log_ground = s.log_ground
+                used = min(LANES, medium.n_wavelengths - block * LANES)
+                light = s.light
                 if not medium.has_water:
-                    log_ground = log_ground - _log_albedo(lanes_of(medium.ground_albedo, block))
-                parts.append([a[..., :held] for a in (s.log_mean, s.ratio, log_ground, s.amplitudes)])
+                    albedo = _log_albedo(block_values(medium.ground_albedo, block))
+                    light = light._replace(log_ground=light.log_ground - albedo)
+                parts.append([a[..., :used] for a in light])
         assert nodes is not None
-        arrays = tuple(np.concatenate([part[i] for part in parts], axis=-1) for i in range(4))
+        light = RadianceField(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
         error = STATED_ERROR_IN_BANDS if self.in_band else STATED_ERROR
-        return _NodeLight(arrays, nodes, replace(worst, spectral_nodes=self.n_nodes, interpolation_error=error))
+        return _LightAtNodes(light, nodes, replace(worst, spectral_nodes=self.n_nodes, interpolation_error=error))
 
 
 def interpolation(
@@ -161,15 +156,12 @@ def interpolation(
     terms = None if bands is None else bands.select(wavelengths)
     in_band = terms is not None and bool((terms.term_counts > 1).any())
     columns = wavelengths.size if terms is None else terms.weight.size
-    if columns <= spectral_nodes.MIN_COLUMNS:
-        return None
-    if not serves_range(some).all():
+    if columns <= spectral_nodes.MIN_COLUMNS or not serves_range(some).all():
         return None
     place = spectral_nodes.coordinates(some, terms)
     tolerance = spectral_nodes.TOLERANCE_IN_BANDS if in_band else spectral_nodes.TOLERANCE
-    chosen = spectral_nodes.choose(place, spectral_nodes.parts(some, terms), tolerance)
+    chosen = spectral_nodes.choose_nodes(place, spectral_nodes.largest_fractions(some, terms), tolerance)
     if chosen.size > MOST_FRACTION * columns:
         return None
-    if terms is None:
-        return SpectralInterpolation(some.select(chosen), place[chosen], settings, False)
-    return SpectralInterpolation(terms.expand(some, chosen), place[chosen], settings, in_band)
+    nodes = some.select(chosen) if terms is None else terms.expand(some, chosen)
+    return SpectralInterpolation(nodes, place[chosen], settings, in_band)

@@ -39,9 +39,9 @@ TOLERANCE = 4e-4
 TOLERANCE_IN_BANDS = 1e-3
 """The same for terms of bands of gases."""
 MASSES = (1.0, 6.0, 30.0)
-"""Relative air masses at which the part of a term in its wavelength's light counts, the largest of them."""
-LEAST_PART = 0.02
-"""Least part that a term counts with."""
+"""Relative air masses at which a term's fraction of its wavelength's light is evaluated; the largest counts."""
+MIN_FRACTION = 0.02
+"""Least such fraction that a term counts with."""
 
 
 def coordinates(medium: Medium, bands: GasBands | None = None) -> np.ndarray:
@@ -70,12 +70,12 @@ def coordinates(medium: Medium, bands: GasBands | None = None) -> np.ndarray:
     return np.concatenate(columns, axis=1)
 
 
-def parts(medium: Medium, bands: GasBands | None) -> np.ndarray:
-    """Largest part (N,) of a term in its wavelength's light over MASSES, at least LEAST_PART; 1 for a wavelength."""
+def largest_fractions(medium: Medium, bands: GasBands | None) -> np.ndarray:
+    """Largest fraction (N,) of a term in its wavelength's light, at least MIN_FRACTION; 1 without terms."""
     if bands is None:
         return np.ones(medium.n_wavelengths)
     depth = np.trapezoid(bands.absorption_per_km, medium.altitude_km, axis=0)
-    found = np.full(bands.weight.size, LEAST_PART)
+    found = np.full(bands.weight.size, MIN_FRACTION)
     for mass in MASSES:
         light = bands.weight * np.exp(-mass * depth)
         found = np.maximum(found, light / np.bincount(bands.wavelength_index, light)[bands.wavelength_index])
@@ -89,10 +89,10 @@ def covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return CURVATURE**2 * (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
 
 
-def choose(coordinates: np.ndarray, part: np.ndarray, tolerance: float = TOLERANCE) -> np.ndarray:
+def choose_nodes(coordinates: np.ndarray, fraction: np.ndarray, tolerance: float) -> np.ndarray:
     """Indices (n,), ascending, of the nodes among columns (N, F): a multiple of LANES of them where there are so many.
 
-    part (N,): of each column in the light of its wavelength, from 0 to 1
+    fraction (N,): of each column in the light of its wavelength, from 0 to 1
     """
     count = coordinates.shape[0]
     plane = np.concatenate([np.ones((count, 1)), coordinates - coordinates.mean(axis=0)], axis=1)
@@ -100,10 +100,10 @@ def choose(coordinates: np.ndarray, part: np.ndarray, tolerance: float = TOLERAN
     factors = np.zeros((count, 0))
     chosen: list[int] = []
     while len(chosen) < count:
-        wanted = part * np.sqrt(np.maximum(left, 0.0))
-        wanted[chosen] = 0.0
-        worst = int(np.argmax(wanted))
-        if wanted[worst] < tolerance and len(chosen) % LANES == 0:
+        deviation = fraction * np.sqrt(np.maximum(left, 0.0))
+        deviation[chosen] = 0.0
+        worst = int(np.argmax(deviation))
+        if deviation[worst] < tolerance and len(chosen) % LANES == 0:
             break
         column = covariance(coordinates, coordinates[worst : worst + 1])[:, 0] + PLANE_VARIANCE * plane @ plane[worst]
         column = (column - factors @ factors[worst]) / np.sqrt(max(left[worst], NUGGET))
@@ -113,7 +113,7 @@ def choose(coordinates: np.ndarray, part: np.ndarray, tolerance: float = TOLERAN
     return np.sort(np.array(chosen))
 
 
-def weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+def kriging_weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Weights (n, N), of sum 1, of the nodes (n, F) in columns with coordinates (N, F).
 
     The interpolated light is exact at the nodes, and everywhere where it is a plane over the coordinates.

@@ -20,12 +20,12 @@ from twilight.base.reading import check_hdf5
 from twilight.base.whole_files import whole_content
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.base import Convergence
+from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
 FORMAT = "twilight zones field 10"
-_SOLUTION = ("log_mean", "ratio", "log_ground", "amplitudes")
 _MEDIUM = tuple(
     f.name
     for f in fields(Medium)
@@ -37,12 +37,12 @@ _MEDIUM = tuple(
 class Stored:
     """All that a field is made of: what it was solved for, the sunbeam and the solution of each block of wavelengths.
 
-    asked: the settings that were asked for; settings: those that it took; zenith_range_deg: of the sun.
+    requested_settings: of the call; settings: with which it was solved; zenith_range_deg: of the sun.
     """
 
     medium: Medium
     settings: ZonesSettings
-    asked: ZonesSettings
+    requested_settings: ZonesSettings
     zenith_range_deg: tuple[float, float]
     beam: Beam
     solutions: Sequence[Solution]
@@ -56,7 +56,8 @@ def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[
         if part is not None:
             _add_medium(digest, part)
             digest.update(repr(part.screen).encode())
-    digest.update(json.dumps([medium.earth_radius_km, _physics(settings), *zenith_range_deg], sort_keys=True).encode())
+    physics = {key: value for key, value in asdict(settings).items() if key != "field_file"}
+    digest.update(json.dumps([medium.earth_radius_km, physics, *zenith_range_deg], sort_keys=True).encode())
     return digest.hexdigest()
 
 
@@ -66,19 +67,14 @@ def _add_medium(digest: Any, medium: Medium) -> None:
         digest.update(f"{key}{array.shape}".encode() + array.tobytes())
     for phase in medium.phase_functions:
         digest.update(str(phase.kind).encode())
-        digest.update(np.ascontiguousarray(phase.asymmetry, dtype=float).tobytes())
-        digest.update(np.ascontiguousarray(phase.log_table, dtype=float).tobytes())
-        digest.update(np.ascontiguousarray(phase.ratios, dtype=float).tobytes())
-
-
-def _physics(settings: ZonesSettings) -> dict[str, Any]:
-    return {key: value for key, value in asdict(settings).items() if key != "field_file"}
+        for array in (phase.asymmetry, phase.log_table, phase.ratios):
+            digest.update(np.ascontiguousarray(array, dtype=float).tobytes())
 
 
 def _content_hash(beam: Beam, solutions: Sequence[Solution]) -> str:
     """SHA-256 of what was computed: kernels trust the shapes and values of these arrays."""
     digest = hashlib.sha256()
-    arrays = [beam.pool, beam.layout, *(getattr(s, key) for s in solutions for key in _SOLUTION)]
+    arrays = [beam.pool, beam.layout, *(array for s in solutions for array in s.light)]
     for array in arrays:
         digest.update(f"{array.shape}{array.dtype}".encode() + np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
@@ -93,10 +89,10 @@ def save(field: Stored, path: str | Path) -> None:
 
     with whole_content(path) as content, h5py.File(content, "w") as file:
         file.attrs["format"] = FORMAT
-        file.attrs["hash"] = field_hash(field.medium, field.asked, field.zenith_range_deg)
+        file.attrs["hash"] = field_hash(field.medium, field.requested_settings, field.zenith_range_deg)
         file.attrs["content"] = _content_hash(field.beam, field.solutions)
         file.attrs["settings"] = json.dumps(asdict(field.settings))
-        file.attrs["asked"] = json.dumps(asdict(field.asked))
+        file.attrs["asked"] = json.dumps(asdict(field.requested_settings))
         file.attrs["zenith_range_deg"] = field.zenith_range_deg
         convergence = field.convergence
         file.attrs["convergence"] = json.dumps(asdict(convergence) if convergence else None)
@@ -107,8 +103,8 @@ def save(field: Stored, path: str | Path) -> None:
         for k, solution in enumerate(field.solutions):
             g = file.create_group(f"solution_{k}")
             g.attrs["orders"], g.attrs["residual"] = solution.orders, solution.residual
-            for key in _SOLUTION:
-                g[key] = getattr(solution, key)
+            for key, array in solution.light._asdict().items():
+                g[key] = array
 
 
 def read(path: str | Path) -> Stored:
@@ -130,19 +126,18 @@ def read(path: str | Path) -> Stored:
             if "grid_medium" in file:
                 medium = replace(medium, grid_medium=GridMedium.of(_read_medium(file["grid_medium"])))
             settings = ZonesSettings(**json.loads(file.attrs["settings"]))
-            asked = ZonesSettings(**json.loads(file.attrs["asked"]))
+            requested = ZonesSettings(**json.loads(file.attrs["asked"]))
             zenith_range = tuple(float(x) for x in file.attrs["zenith_range_deg"])
-            if field_hash(medium, asked, zenith_range) != file.attrs["hash"]:  # type: ignore[arg-type]
-                raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
             solutions: list[Solution] = []
             while f"solution_{len(solutions)}" in file:
                 g = file[f"solution_{len(solutions)}"]
-                arrays = {key: g[key][()] for key in _SOLUTION}
-                solutions.append(Solution(**arrays, orders=int(g.attrs["orders"]), residual=float(g.attrs["residual"])))
+                light = RadianceField(*(g[key][()] for key in RadianceField._fields))
+                solutions.append(Solution(light, int(g.attrs["orders"]), float(g.attrs["residual"])))
             beam = Beam(file["beam/pool"][()], file["beam/layout"][()])
-            if _content_hash(beam, solutions) != file.attrs["content"]:
+            hashes = field_hash(medium, requested, zenith_range), _content_hash(beam, solutions)  # type: ignore[arg-type]
+            if hashes != (file.attrs["hash"], file.attrs["content"]):
                 raise TwilightError(f"{path}: its content does not match its hash; solve the field again")
-            if not all(np.isfinite(getattr(s, key)).all() for s in solutions for key in _SOLUTION):
+            if not all(np.isfinite(array).all() for s in solutions for array in s.light):
                 raise TwilightError(f"{path}: holds values that are not numbers; solve the field again")
             convergence = json.loads(file.attrs["convergence"])
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
@@ -150,7 +145,7 @@ def read(path: str | Path) -> Stored:
     return Stored(
         medium,
         settings,
-        asked,
+        requested,
         zenith_range,  # type: ignore[arg-type]
         beam,
         solutions,

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twilight.solvers.zones.acceleration import all_orders_from
+from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.solution import TINY, ScatteringOperator, Solution, normalised
 from twilight.solvers.zones.sunlight import Sunlight
@@ -62,30 +63,32 @@ def solve_orders(
         Called with the number of orders and the residual.
     """
     all_at_once = max_orders > FEW_ORDERS and early.water is None
+
+    def solve_at_once(wavelengths: np.ndarray, progress: Callable[[int, float], None]):
+        operators = early.conserving(), thick().conserving()
+        return _stiff_wavelengths(*operators, early_orders, wavelengths, sunlight, max_orders, tolerance, progress)
+
     if all_at_once and tolerance > 0.0 and slow.all():
         # what single orders do here is known beforehand
-        total, total_ground, steps, missing = _stiff_lanes(
-            early.conserving(), thick().conserving(), early_orders, np.arange(LANES), sunlight, max_orders, tolerance,
-            progress,
-        )  # fmt: skip
+        total, total_ground, steps, missing = solve_at_once(np.arange(LANES), progress)
         return _solution(early, total, total_ground, steps + 1, missing)
     mean, order, ground = early.analyse(early.first_order(sunlight))
     total, total_ground = order.copy(), ground.copy()
     retained = np.arange(order.shape[2])
     orders, residual = 1, np.ones(LANES)
-    open_lanes, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
+    unfinished, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
     slow = slow & all_at_once
     previous = None
-    while orders + 1 < max_orders and open_lanes.any():
+    while orders + 1 < max_orders and unfinished.any():
         operator = early if orders < early_orders else late()
         if operator is not early and orders == max(early_orders, 1):
             retained = early.angles.shared_with(operator.angles)
             order = np.ascontiguousarray(order[:, :, retained])
         before = mean
         mean, order, ground = operator.analyse(operator.next_order(mean, order, ground))
-        wanted = open_lanes.astype(np.float32)
-        total[:, :, retained] += order * wanted
-        total_ground += ground * wanted
+        counts = unfinished.astype(np.float32)
+        total[:, :, retained] += order * counts
+        total_ground += ground * counts
         orders += 1
         # written so that nothing overflows where there was no light before
         ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, TINY)
@@ -94,26 +97,23 @@ def solve_orders(
         if previous is not None:
             lit = guess > FAINT
             moved = np.where(lit, np.abs(previous / np.where(lit, guess, 1.0) - 1.0), 0.0).max(axis=(0, 1))
-            residual = np.where(open_lanes, moved, residual)
+            residual = np.where(unfinished, moved, residual)
         previous = guess
-        progress(orders, float(residual[open_lanes].max()))
+        progress(orders, float(residual[unfinished].max()))
         if tolerance > 0.0:
-            done = open_lanes & ~slow & (residual < tolerance)
+            done = unfinished & ~slow & (residual < tolerance)
             rest = ratio / (1.0 - ratio) * done
             total[:, :, retained] += order * rest[:, :, None]
             total_ground += ground * rest[0]
-            open_lanes &= ~done
+            unfinished &= ~done
             if orders == SETTLED_ORDER and all_at_once:
-                stiff = open_lanes & (slow | (_decay(mean, before) > STIFF_DECAY))
-                open_lanes &= ~stiff
+                stiff = unfinished & (slow | (_decay(mean, before) > STIFF_DECAY))
+                unfinished &= ~stiff
     if stiff.any():
-        lanes = np.flatnonzero(stiff)
-        whole, whole_ground, steps, missing = _stiff_lanes(
-            early.conserving(), thick().conserving(), early_orders, lanes, sunlight, max_orders, tolerance,
-            lambda n, r: progress(orders + n, r),
-        )  # fmt: skip
-        total[..., lanes], total_ground[..., lanes] = whole, whole_ground
-        residual[lanes] = missing
+        some = np.flatnonzero(stiff)
+        total[..., some], total_ground[..., some], steps, residual[some] = solve_at_once(
+            some, lambda n, r: progress(orders + n, r)
+        )
         orders += steps
     return _solution(early, total, total_ground, orders + 1, residual)
 
@@ -123,11 +123,12 @@ def _solution(
 ) -> Solution:
     """The solution from the moments (Z, T, C, LANES) of all light and the radiance of the ground (T, LANES)."""
     log_mean, relative = early.nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    return Solution(log_mean, relative, *early.ground_light(ground), orders, float(residual.max()))
+    light = RadianceField(log_mean, relative, *early.ground_light(ground))
+    return Solution(light, orders, float(residual.max()))
 
 
-def _stiff_lanes(early, late, early_orders, lanes, sunlight, max_orders, tolerance, progress):
-    """All orders at some wavelengths of the block, lanes (L,): the early ones one by one, all later ones at once.
+def _stiff_wavelengths(early, late, early_orders, wavelengths, sunlight, max_orders, tolerance, progress):
+    """All orders at some wavelengths (L,) of the block: the early ones one by one, all later ones at once.
 
     Returns (moments (Z, T, C, L), radiance of the ground (T, L), steps, largest fraction that may be missing (L,)).
     """
@@ -143,12 +144,13 @@ def _stiff_lanes(early, late, early_orders, lanes, sunlight, max_orders, toleran
     retained = early.angles.shared_with(late.angles)
     seed = np.ascontiguousarray(order[:, :, retained])
     found = all_orders_from(
-        late, lanes, (seed, ground), total[:, :, 0] - mean, FAINT, min(tolerance, STIFF_TOLERANCE),
+        late, wavelengths, (seed, ground), total[:, :, 0] - mean, FAINT, min(tolerance, STIFF_TOLERANCE),
         max(1, max_orders - steps), lambda n, r: progress(steps + n, r),
     )  # fmt: skip
-    total = total[..., lanes]
-    total[:, :, retained] += found.moments - seed[..., lanes]
-    return total, total_ground[..., lanes] + found.ground - ground[..., lanes], steps + found.steps, found.residual
+    total = total[..., wavelengths]
+    total[:, :, retained] += found.moments - seed[..., wavelengths]
+    total_ground = total_ground[..., wavelengths] + found.ground - ground[..., wavelengths]
+    return total, total_ground, steps + found.steps, found.residual
 
 
 def _decay(mean: np.ndarray, before: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ interpolation is linear in its logarithm and never mixes light with shadow.
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -96,5 +97,5 @@ def make_sunlight(beam: Beam, node_km: np.ndarray, jumps_km: np.ndarray) -> Sunl
     log_light = np.empty((altitude.size, N_ANGLE + 1, n_w), np.float32)
     ground = np.empty((N_ANGLE + 1, n_w), np.float32)
     span = math.pi
-    in_slices(lambda begin, end: _fill(beam, altitude, span, edge, log_light, ground, begin, end), altitude.size)
+    in_slices(partial(_fill, beam, altitude, span, edge, log_light, ground), altitude.size)
     return Sunlight(altitude, edge, log_light, ground, span)

@@ -35,16 +35,23 @@ LAST_DAY_DEG = -7.5
 """Sun elevation [deg] down to which the errors of +30 to -6 deg hold."""
 LAST_TWILIGHT_DEG = -13.0
 """Sun elevation [deg] down to which those of -9 and -12 deg hold; below, that of -18 deg."""
-UNSEEN = {"fine": 1.45, "coarse": 1.45, "aloft": 1.9}
+SAFETY_FACTORS = {"fine": 1.45, "coarse": 1.45, "aloft": 1.9}
 """Factor of safety for air that is none of the climates, by its kind: each climate in turn left out of the table, its
 errors stay within so many times the largest of the others of its kind (benchmarks/target_error.csv).  High up there are
 but two, far apart."""
-MEASURED: dict[str, dict[str, Errors]] = {
+MEASURED_ERRORS: dict[str, dict[str, Errors]] = {
     "draft": {"fine": Errors(1.4, 2.0, 2.1), "coarse": Errors(1.7, 2.4, 3.1), "aloft": Errors(3.3, 4.5, 3.7)},
     "standard": {"fine": Errors(0.9, 1.6, 1.8), "coarse": Errors(1.2, 1.5, 1.6), "aloft": Errors(1.4, 1.5, 3.6)},
     "reference": {"fine": Errors(0.4, 0.8, 0.2)},
 }
 """By quality, the cheapest first, and kind of air (benchmarks/zones_error.csv; `reference`: continental air alone)."""
+
+
+NOT_OF_QUALITY = (
+    *("max_orders", "polarisation", "refraction", "bent_lines_of_sight", "bent_paths"),
+    *("target_error", "spectral_interpolation", "field_file"),
+)
+"""Settings that stay as they are where a target error chooses the quality: physics, the target and the file."""
 
 
 def kind_of(medium: Medium) -> str:
@@ -65,35 +72,25 @@ def expected_error(quality: str, medium: Medium, sun_elevations_deg: Sequence[fl
     Infinite where the quality was not measured in such air.
     """
     kind = kind_of(medium)
-    errors = MEASURED[quality].get(kind)
+    errors = MEASURED_ERRORS[quality].get(kind)
     if errors is None:
         return math.inf
     lowest = -90.0 if sun_elevations_deg is None else min(sun_elevations_deg)
-    reached = 1 if lowest >= LAST_DAY_DEG else 2 if lowest >= LAST_TWILIGHT_DEG else 3
-    return 0.01 * UNSEEN[kind] * max(errors[:reached])
+    ranges = 1 if lowest >= LAST_DAY_DEG else 2 if lowest >= LAST_TWILIGHT_DEG else 3
+    return 0.01 * SAFETY_FACTORS[kind] * max(errors[:ranges])
 
 
 def quality_for(
     settings: ZonesSettings, medium: Medium, sun_elevations_deg: Sequence[float] | None
 ) -> tuple[str, float]:
     """The cheapest quality that has the target error, and the error expected of it; the best where none has."""
-    found = [(name, expected_error(name, medium, sun_elevations_deg)) for name in MEASURED]
+    found = [(name, expected_error(name, medium, sun_elevations_deg)) for name in MEASURED_ERRORS]
     return next((row for row in found if row[1] <= settings.target_error), found[-1])
 
 
 def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
-    """The settings with the grids of a quality; physics, target and file stay as they are."""
-    unchanged = (
-        "max_orders",
-        "polarisation",
-        "refraction",
-        "bent_lines_of_sight",
-        "bent_paths",
-        "target_error",
-        "spectral_interpolation",
-        "field_file",
-    )
-    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in unchanged})
+    """The settings with the grids of a quality; those NOT_OF_QUALITY stay as they are."""
+    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in NOT_OF_QUALITY})
 
 
 def settings_to_solve(

@@ -6,9 +6,9 @@ azimuth) in U: each order has a matrix of its own from the polar angles above th
 in.  It is summed over slopes of facets, with light interpolated by cubics between polar angles.
 Sunlight is mirrored with exact angles wherever a ray ends on the water.
 
-Arguments that the kernels share: geometry (N, T, F, 3): as in `RayGeometry`, place: of the end of a ray in it;
-transmittance (LANES,): of a ray to its end; index (W,): refractive index; slope2: mean square slope; c: cosine of the
-azimuth from the sun; surface: `WaterSurface`.
+Arguments that the kernels share: rays: `NodeRays`, ray: index of one of them; transmittance (LANES,): of a ray to its
+end; index (W,): refractive index; slope2: mean square slope; c: cosine of the azimuth from the sun; surface:
+`WaterSurface`.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ def reflection(
     m = np.arange(azimuthal_orders)[:, None]
     for k, mu in enumerate(cosines()):
         sine = math.sqrt(max(0.0, 1.0 - mu * mu))
-        look = np.array([sine, 0.0, -mu])
-        cos_i = -look @ normal
-        source = look[:, None] + 2.0 * cos_i * normal
+        view = np.array([sine, 0.0, -mu])
+        cos_i = -view @ normal
+        source = view[:, None] + 2.0 * cos_i * normal
         seen = (cos_i > 1e-9) & (source[2] > 0.0)
         if not seen.any():
             continue
@@ -85,13 +85,12 @@ def reflection(
         azimuth = np.arctan2(source[1], source[0])
         fraction = _between(cosine, mu_in)
         cos_m, sin_m = np.cos(m * azimuth), np.sin(m * azimuth)
-        c2, s2, c20, s20 = _rotations(look, source)
+        c2, s2, c20, s20 = _rotations(view, source)
         for w, n in enumerate(index):
             rp, rs = _fresnel(cos_in, n)
             p11, p12, p33 = 0.5 * (rp**2 + rs**2), 0.5 * (rp**2 - rs**2), rp * rs
-            one = np.ones_like(p11)
-            # into the plane of incidence, by Fresnel's matrix, and into the vertical plane of the look
-            rows = [[p11, p12 * c2, p12 * s2]] if n_stokes == 1 else _stokes(p11, p12, p33, c2, s2, c20, s20, one)
+            # into the plane of incidence, by Fresnel's matrix, and into the vertical plane of the view
+            rows = _mueller_rows(p11, p12, p33, c2, s2, c20, s20)
             for a in range(n_stokes):
                 for b in range(n_stokes):
                     odd = (a == 2) != (b == 2)
@@ -137,10 +136,10 @@ def _between(cosine: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return out
 
 
-def _stokes(p11, p12, p33, c2, s2, c20, s20, one):
-    """Rows of the matrix on (I, Q, U) of the source's vertical plane to those of the look's."""
-    q = [p12 * one, p11 * c2, p11 * s2]
-    u = [0.0 * one, -p33 * s2, p33 * c2]
+def _mueller_rows(p11, p12, p33, c2, s2, c20, s20):
+    """Rows of the Mueller matrix from (I, Q, U) of the source's vertical plane to those of the view's."""
+    q = [p12, p11 * c2, p11 * s2]
+    u = [np.zeros_like(p11), -p33 * s2, p33 * c2]
     return [
         [p11, p12 * c2, p12 * s2],
         [c20 * x - s20 * y for x, y in zip(q, u, strict=True)],
@@ -148,20 +147,20 @@ def _stokes(p11, p12, p33, c2, s2, c20, s20, one):
     ]
 
 
-def _rotations(look: np.ndarray, source: np.ndarray):
+def _rotations(view: np.ndarray, source: np.ndarray):
     """Cosine and sine of twice the angle from the vertical to the plane of both directions, at the source (N,), then at
-    the look; look (3,) at azimuth 0, source (3, N)."""
+    the view; view (3,) at azimuth 0, source (3, N)."""
     across = np.maximum(np.hypot(source[0], source[1]), 1e-12)
     right = np.stack([-source[1] / across, source[0] / across, 0.0 * across])
     upward = np.stack([-source[2] * source[0] / across, -source[2] * source[1] / across, across])
-    level = math.hypot(look[0], look[1])
+    level = math.hypot(view[0], view[1])
     if level < 1e-12:
-        right0, upward0 = np.array([0.0, 1.0, 0.0]), np.array([-look[2], 0.0, 0.0])
+        right0, upward0 = np.array([0.0, 1.0, 0.0]), np.array([-view[2], 0.0, 0.0])
     else:
-        right0 = np.array([-look[1] / level, look[0] / level, 0.0])
-        upward0 = np.array([-look[2] * look[0] / level, -look[2] * look[1] / level, level])
+        right0 = np.array([-view[1] / level, view[0] / level, 0.0])
+        upward0 = np.array([-view[2] * view[0] / level, -view[2] * view[1] / level, level])
     out = []
-    for a, b in ((look @ upward, look @ right), (upward0 @ source, right0 @ source)):
+    for a, b in ((view @ upward, view @ right), (upward0 @ source, right0 @ source)):
         square = np.maximum(a * a + b * b, 1e-300)
         out += [(a * a - b * b) / square, 2.0 * a * b / square]
     return out
@@ -198,20 +197,20 @@ def _more_azimuths(radiance: np.ndarray, azimuth: np.ndarray, n: int) -> tuple[n
     mean = np.maximum(intensity.mean(axis=2, keepdims=True), MIN_RADIANCE)
     intensity = np.maximum(intensity, MIN_AZIMUTH_RATIO * mean)
     found = np.exp(np.einsum("nf,ptfw->ptnw", even, np.log(intensity)))
-    shares = [
+    relative = [
         np.einsum("nf,ptfw->ptnw", odd if s == 2 else even, radiance[..., s, :] / intensity)
         for s in range(1, radiance.shape[3])
     ]
-    return fine, np.stack([found, *(found * fraction for fraction in shares)], axis=3)
+    return fine, np.stack([found, *(found * ratio for ratio in relative)], axis=3)
 
 
-def surface_of(medium: Medium, lanes: np.ndarray) -> WaterSurface:
-    """Of a medium, at some of its wavelengths (N,)."""
-    return WaterSurface(refractive_index(medium.wavelength_nm)[lanes], float(medium.water_mean_square_slope))
+def surface_of(medium: Medium, wavelengths: np.ndarray) -> WaterSurface:
+    """Of a medium, at some of its wavelengths, indices (N,)."""
+    return WaterSurface(refractive_index(medium.wavelength_nm)[wavelengths], float(medium.water_mean_square_slope))
 
 
 def place_of_cosine(cosine: np.ndarray) -> np.ndarray:
-    """Place (R,) of cosines among those of the table."""
+    """Fractional indices (R,) of cosines among those of the table."""
     return np.interp(cosine, cosines(), np.arange(N_COSINES))
 
 
@@ -243,47 +242,41 @@ def add_amplitudes(log_ground, amplitudes, j, b1, place, c, transmittance, out):
 
 
 @njit(cache=True, nogil=True)
-def reflect(geometry, light, ground_weight, ground_angle, ground_place, out, begin, end):
+def reflect(rays, light, cosine_place, out, begin, end):
     """Add the sky that water reflects at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
 
-    geometry, light, ground_weight, ground_angle: as in `passes.scatter`; ground_place (R,): of `place_of_cosine`; for
-    node altitudes begin..end.
+    light: `RadianceField`; cosine_place (R,): of `place_of_cosine`; for node altitudes begin..end.
     """
     n_polar = out.shape[1]
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
-            if ground_weight[ray].max() > 0.0:
-                add_reflected(
-                    geometry, ground_angle[ray], light.log_ground, light.amplitudes, ground_place[ray],
-                    ground_weight[ray],
-                    out[node, i],
-                )  # fmt: skip
+            if rays.ground_weight[ray].max() > 0.0:
+                add_reflected(rays, ray, light.log_ground, light.amplitudes, cosine_place[ray], out[node, i])
 
 
 @njit(cache=True, nogil=True)
-def mirror_sunlight(geometry, beams, ground_weight, ground_angle, ground_cells, surface, out, begin, end):
+def mirror_sunlight(rays, beams, ground_cells, surface, out, begin, end):
     """Add the sunlight that water mirrors at the ends of rays to out[node, polar, zenith, azimuth, I Q U, LANES].
 
-    geometry, beams, ground_weight, ground_angle: as in `first.scatter_sunlight`; ground_cells (R, 3): of `cells`;
-    surface: `WaterSurface`; for node altitudes begin..end.
+    beams: `BeamAtPoints`; ground_cells (R, 3): of `cells`; for node altitudes begin..end.
     """
     n_polar = out.shape[1]
     for node in range(begin, end):
         for i in range(n_polar):
             ray = node * n_polar + i
-            if ground_weight[ray].max() > 0.0:
-                cell = ground_cells[ray]
-                add_sunlit_water(geometry, ground_angle[ray], beams, ground_weight[ray], surface, cell, out[node, i])
+            if rays.ground_weight[ray].max() > 0.0:
+                add_sunlit_water(rays, ray, beams, surface, ground_cells[ray], out[node, i])
 
 
 @njit(inner=True, cache=True, nogil=True)
-def add_reflected(geometry, place, log_ground, amplitudes, cosine_place, transmittance, sums):
+def add_reflected(rays, ray, log_ground, amplitudes, cosine_place, sums):
     """The sky that water reflects at the end of a ray, added to sums (T, F, S, LANES).
 
     log_ground (T', LANES), amplitudes (T', N_COSINES, S', orders, LANES): as in `RadianceField`; cosine_place: of
     `place_of_cosine`.
     """
+    geometry, place, transmittance = rays.geometry, rays.ground_place[ray], rays.ground_weight[ray]
     step = min(int(place), geometry.shape[0] - 2)
     h1 = place - step
     for t in range(sums.shape[0]):
@@ -317,12 +310,13 @@ def add_mirrored(mu_in, mu_out, c, index, slope2, light, transmittance, out):
 
 
 @njit(inner=True, cache=True, nogil=True)
-def add_sunlit_water(geometry, place, beams, transmittance, surface, cell, sums):
+def add_sunlit_water(rays, ray, beams, surface, cell, sums):
     """Sunlight that water mirrors at the end of a ray, added to sums (T, F, S, LANES); beams: `BeamAtPoints`.
 
     The glint is narrower than the field's directions are apart, and is taken as its mean over the cell of each: the
     `cell` of `cells`, and the part of the half turn that an azimuth stands for.
     """
+    geometry, place, transmittance = rays.geometry, rays.ground_place[ray], rays.ground_weight[ray]
     low, high, squeeze = cell
     index, slope2 = surface.refractive_index, surface.slope2
     step = min(int(place), geometry.shape[0] - 2)
