@@ -31,6 +31,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import results
 
+from twilight.atmosphere.build import build_medium
+from twilight.atmosphere.medium_table import medium_from_table
+from twilight.config.load import load_climate
+from twilight.scene.medium import climate_medium
+from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.studies.compare.reference_solution import COLUMNS
 
 HERE = Path(__file__).parent / "reference"
@@ -63,8 +68,6 @@ CLIMATE_DIRECTIONS_DEG = (
     (90.0, 0.0),
 )
 STOKES_COLUMNS = (*COLUMNS, "q_per_sr", "q_standard_error_per_sr", "u_per_sr", "u_standard_error_per_sr", "samples")
-
-
 CHECKED_SUNS = slice(0, None, 3)
 CHECKED_DIRECTIONS = slice(0, None, 4)
 CHECKED_ERROR = 0.02
@@ -77,8 +80,6 @@ MOST_SCATTER = 1.3
 
 def write_media() -> None:
     """Tables of the air of `pure-air` and of the same air under an exponential aerosol (g 0.7, depth 0.2 at 550 nm)."""
-    from twilight.atmosphere.build import build_medium
-
     wavelength = np.array(WAVELENGTHS_NM)
     air = build_medium(wavelength, aerosol=None)
     z = air.altitude_km
@@ -95,15 +96,9 @@ def write_media() -> None:
                 spectral = (550.0 / nm) ** 1.3
                 for i in range(z.size):
                     row = (
-                        z[i],
-                        nm,
-                        air.air_scattering_per_km[i, w],
-                        extinction[i] * spectral,
-                        0.93,
-                        0.7,
-                        air.absorption_per_km[i, w],
-                        air.refractivity[i, w],
-                    )
+                        z[i], nm, air.air_scattering_per_km[i, w], extinction[i] * spectral, 0.93, 0.7,
+                        air.absorption_per_km[i, w], air.refractivity[i, w],
+                    )  # fmt: skip
                     writer.writerow(f"{x:.9g}" for x in row)
 
 
@@ -131,15 +126,10 @@ def reference(name: str) -> Reference:
     """
     wavelength_nm = np.array(WAVELENGTHS_NM)
     if "-albedo-" in name:
-        from twilight.atmosphere.medium_table import medium_from_table
-
         air, albedo = name.split("-albedo-")
         medium = medium_from_table(HERE / f"{air}.csv", ground_albedo=float(albedo))
         field, settings = prepared(medium, bent_lines_of_sight=False, polarisation=False)
         return Reference(field, settings, SUNS_DEG, DIRECTIONS_DEG, False)
-    from twilight.config.load import load_climate
-    from twilight.scene.medium import climate_medium
-
     field, settings = prepared(climate_medium(load_climate(name), wavelength_nm))
     return Reference(field, settings, CLIMATE_SUNS_DEG, CLIMATE_DIRECTIONS_DEG, True)
 
@@ -163,8 +153,6 @@ def file_of(name: str) -> Path:
 
 def prepared(medium, **change):
     """The Monte-Carlo solver with enough samples for the faintest direction, and its settings."""
-    from twilight.solvers.montecarlo import MonteCarloSettings, prepare
-
     settings = MonteCarloSettings(max_samples=1_000_000, pilot_samples=48, seed=20, **change)
     return prepare(medium, settings), settings
 

@@ -214,11 +214,11 @@ def scattered_once(medium: Medium, observer_km: float, elevation_deg: float, azi
     if far <= 0.0:
         return 0.0
     if observer_km > levels[-1]:
-        reach = (r0 * up) ** 2 + (r[-1] - r0) * (r[-1] + r0)
-        if up >= 0.0 or reach <= 0.0:
+        inside = (r0 * up) ** 2 + (r[-1] - r0) * (r[-1] + r0)
+        if up >= 0.0 or inside <= 0.0:
             return 0.0
-        near = -r0 * up - math.sqrt(reach)
-        far = -r0 * up + math.sqrt(reach) if sunk < 0.0 else far
+        near = -r0 * up - math.sqrt(inside)
+        far = -r0 * up + math.sqrt(inside) if sunk < 0.0 else far
     turn = [-r0 * up, -r0 * math.sin(h) / to_sun if to_sun else 0.0]
     marks = np.concatenate([*cuts, turn, [near, far], np.linspace(near, far, 2 + int((far - near) / 5.0))])
     marks = np.unique(marks[(marks >= near) & (marks <= far)])

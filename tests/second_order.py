@@ -20,6 +20,7 @@ HIGH = 8.0
 DEEP = 0.7
 """Largest optical depth of a piece in the layer."""
 DARK = 20.0
+"""Optical depth behind which nothing is added."""
 
 
 class Layer(NamedTuple):
@@ -34,10 +35,6 @@ class Layer(NamedTuple):
     asymmetry: float
     space_km: float
     radius_km: float
-
-    @property
-    def per_km(self) -> float:
-        return self.depth / (self.top_km - self.base_km)
 
 
 @njit(cache=True)
@@ -195,7 +192,7 @@ def _twice(air, r0, up0, towards, sun, distance, passed, length, n_azimuth, node
         # a frame about the vertical here
         side = np.cross(up, sun)
         side /= math.sqrt(side @ side)
-        ahead = np.cross(side, up)
+        towards_sun = np.cross(side, up)
         edges = np.empty(24)
         n = _edges(air, r, edges)
         light = 0.0
@@ -208,10 +205,10 @@ def _twice(air, r0, up0, towards, sun, distance, passed, length, n_azimuth, node
                 sine = math.sqrt(1.0 - mu * mu)
                 for m in range(n_azimuth):
                     phi = 2.0 * math.pi * (m + 0.5) / n_azimuth
-                    way = mu * up + sine * (math.cos(phi) * ahead + math.sin(phi) * side)
-                    share = 0.5 * (b - a) * weight[k] * 2.0 * math.pi / n_azimuth
+                    way = mu * up + sine * (math.cos(phi) * towards_sun + math.sin(phi) * side)
+                    solid_angle = 0.5 * (b - a) * weight[k] * 2.0 * math.pi / n_azimuth
                     # light that travels along -way turns to -towards
-                    light += share * _phase(air, z, way @ towards) * once(air, r, up, way, sun, node, weight)
+                    light += solid_angle * _phase(air, z, way @ towards) * once(air, r, up, way, sun, node, weight)
         out[i] = light * length[i] * math.exp(-passed[i])
     return out
 

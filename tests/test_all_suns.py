@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from energy_media import ODD, odd_medium
-from layered_sky import depth_to_space
+from exact_sunbeam import ExactSunbeam
 
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
@@ -59,11 +59,10 @@ def from_all_suns(evaluate, medium, altitude_km, elevation_deg, points=(4, 4)):
         radiance, spread = evaluate(s, elevation_deg[:, None], azimuth)
         total += (radiance * weight).sum(axis=1)
         variance += (spread * weight**2).sum(axis=1)
-    radius = medium.earth_radius_km + altitude_km
+    sine = np.sin(np.radians(elevation_deg))
     for w in range(medium.n_wavelengths):
-        one = medium.select(slice(w, w + 1))
-        for d, e in enumerate(np.radians(elevation_deg)):
-            total[d, w] += np.exp(-depth_to_space(one, radius, np.sin(e)))
+        exact = ExactSunbeam(medium, refraction=False, wavelength=w)
+        total[:, w] += np.exp(-exact.straight_depth(np.full(sine.size, altitude_km), sine))
     return total, variance
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from layered_sky import depth_to_space
+from exact_sunbeam import ExactSunbeam
 from montecarlo_media import assert_all_agree, hazy_earth
 from scipy.optimize import bisect
 
@@ -58,9 +58,9 @@ def depth_along(medium, s, weight, z):
     return whole[:-1, None] + inside, whole[-1]
 
 
-def straight_beam(medium, z, cos_sun):
+def straight_beam(exact, z, cos_sun):
     """Transmittance to the sun along straight rays, and no bending."""
-    return np.exp(-depth_to_space(medium, medium.earth_radius_km + z, cos_sun)), 0.0 * z
+    return np.exp(-exact.straight_depth(z.ravel(), cos_sun.ravel())).reshape(z.shape), 0.0 * z
 
 
 def bent_beam(beam, z, cos_sun):
@@ -134,7 +134,8 @@ def compare(medium, refraction, beam):
 def test_single_scattering_straight():
     """Along straight lines: fails if the quadrature of the line of sight misses an edge of light or air."""
     medium = hazy_earth(refractivity=0.0)
-    compare(medium, False, lambda field: lambda z, c: straight_beam(medium, z, c))
+    exact = ExactSunbeam(medium, refraction=False)
+    compare(medium, False, lambda field: lambda z, c: straight_beam(exact, z, c))
 
 
 def test_single_scattering_refracted():
@@ -153,8 +154,7 @@ def test_refraction_brightens_twilight():
 
 def test_table_phase_equals_formula():
     """A tabulated phase function gives the light of its formula: fails if the tables are off."""
-    a = prepare(hazy_earth(), MonteCarloSettings(target_stderr=0.006)).radiance_with_error(10.0, 25.0, [0.0, 120.0])
-    b = prepare(hazy_earth(table_phase=True), MonteCarloSettings(target_stderr=0.006, seed=7)).radiance_with_error(
-        10.0, 25.0, [0.0, 120.0]
-    )
+    settings, view = MonteCarloSettings(target_stderr=0.006), (10.0, 25.0, [0.0, 120.0])
+    a = prepare(hazy_earth(), settings).radiance_with_error(*view)
+    b = prepare(hazy_earth(table_phase=True), replace(settings, seed=7)).radiance_with_error(*view)
     assert_all_agree(a.radiance, np.hypot(a.standard_error, b.standard_error), b.radiance)

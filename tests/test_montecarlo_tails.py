@@ -5,45 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from montecarlo_media import assert_all_agree, hazy_earth, slab
+from layered_sky import layered
+from montecarlo_media import assert_all_agree, hazy_earth
 from scipy.stats import chi2
 
-from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 VIEW = (30.0, np.array([90.0, 20.0, 5.0, 1.0]), np.array([0.0, 60.0, 60.0, 60.0]))
 FIXED = MonteCarloSettings(target_stderr=None, samples=300)
 
 
-def layered(bottom_km, depth, thickness_km=1.0, ground=0.0):
-    """Air of scale height 8 km with one white layer, g = 0.7, of sharp edges."""
-    top = bottom_km + thickness_km
-    regular = [
-        z for z in (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0, 80.0, 100.0) if not bottom_km <= z <= top
-    ]
-    z = np.sort([*regular, bottom_km, bottom_km, top, top])
-    inside = np.zeros((z.size, 1))
-    k = int(np.searchsorted(z, bottom_km, side="right")) - 1
-    inside[k : k + 2] = depth / thickness_km
-    one = np.ones((z.size, 1))
-    return replace(
-        slab(1.0, 1.0),
-        altitude_km=z,
-        air_scattering_per_km=0.0121 * np.exp(-z / 8.0)[:, None],
-        absorption_per_km=0.0 * one,
-        aerosol_extinction_per_km=inside,
-        aerosol_single_scattering_albedo=one,
-        aerosol_phase_fraction=one[None],
-        phase_functions=(PhaseFunction.henyey_greenstein([0.7]),),
-        refractivity=0.0 * one,
-        ground_albedo=np.array([ground]),
-        earth_radius_km=6371.0,
-    )
-
-
 @pytest.fixture(scope="module")
 def far():
-    return prepare(layered(50.0, 1.0), FIXED)
+    return prepare(layered(50.0, 1.0, 1.0), FIXED)
 
 
 def test_errors_of_a_layer_far_away_are_the_scatter_between_seeds(far):

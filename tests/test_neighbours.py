@@ -44,12 +44,9 @@ def compare(climate, settings, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=
         assert moved.max() < most, f"{wavelength_nm[w]} nm: {moved.max():.2e}"
 
 
-DRAFT = QUICK
-"""Grids and orders are the same with polarisation, which takes longer."""
-
-
-def test_neighbours_do_not_move_a_wavelength_at_draft():
-    compare("urban", DRAFT)
+def test_neighbours_do_not_move_a_wavelength_on_coarse_grids():
+    """In scalar theory; grids and orders are the same with polarisation, which takes longer."""
+    compare("urban", QUICK)
 
 
 def test_neighbours_in_a_band_do_not_move_a_wavelength():
@@ -93,12 +90,7 @@ def test_neighbours_do_not_move_a_wavelength_of_few_orders(climate):
 @pytest.mark.slow
 def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
     """380 nm alone was 3.5 % off, sun at -18 deg: its lines ended behind 25 optical depths, but not beside 550 nm."""
-    compare(
-        "volcanic-extreme",
-        DRAFT,
-        np.array([380.0, 550.0, 700.0]),
-        suns_deg=(0.0, -9.0, -15.0, -18.0),
-    )
+    compare("volcanic-extreme", QUICK, np.array([380.0, 550.0, 700.0]), suns_deg=(0.0, -9.0, -15.0, -18.0))
 
 
 @pytest.mark.parametrize("climate", ["urban", "desert", "maritime-tropical", "volcanic-extreme"])
@@ -171,8 +163,8 @@ def test_only_wavelengths_that_need_other_grids_are_solved_apart():
     problem = Problem(Scene(medium, None, zones, QUICK))
     assert problem.slices == [slice(0, 1), slice(1, 2), slice(2, 6)]
     # a file holds one field
-    kept = Problem(Scene(medium, None, zones, replace(QUICK, field_file="field.h5")))
-    assert kept.slices == [slice(0, 6)]
+    stored = Problem(Scene(medium, None, zones, replace(QUICK, field_file="field.h5")))
+    assert stored.slices == [slice(0, 6)]
 
 
 def test_steps_follow_the_air_where_it_is_thicker_than_they_are_made_for():
@@ -191,10 +183,10 @@ def test_one_field_for_wavelengths_that_need_different_grids_is_said_to_be_wrong
         polar_directions=4, degree=6, azimuth_directions=5, late_azimuth_directions=5, late_polar_directions=4,
     )  # fmt: skip
     suns = (30.0,)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", TwilightWarning)
         zones.prepare(medium, coarse, sun_elevations_deg=suns)
-    assert ["need different grids" in str(w.message) for w in told] == [True] * said
+    assert ["need different grids" in str(w.message) for w in warned] == [True] * said
     problem = Problem(Scene(medium, None, zones, coarse), suns)
     assert problem.slices == [slice(0, 1), slice(1, 2)]
     with warnings.catch_warnings():

@@ -17,6 +17,12 @@ from twilight.scene.medium import climate_medium
 WAVELENGTH_NM = np.array([450.0, 550.0, 650.0])
 
 
+def coarse(**change):
+    """Settings of `sasktran2` with steps as coarse as those of QUICK."""
+    steps = {"zenith_step_deg": 5.0, "incoming": 110, "source_step_km": 2.0, "multiple_step_km": 2.0}
+    return solvers.load("sasktran2").Sasktran2Settings(**{**steps, **change})
+
+
 @pytest.fixture(scope="module")
 def air():
     return climate_medium(load_climate("continental-average"), WAVELENGTH_NM)
@@ -57,13 +63,12 @@ def test_sunsky_refuses_what_it_cannot_do(air):
 
 def test_sasktran2_sees_the_same_day_sky(air):
     module, ours = solvers.load("sasktran2"), solvers.load("zones")
-    small = module.Sasktran2Settings(zenith_step_deg=5.0, incoming=110, source_step_km=2.0, multiple_step_km=2.0)
     where = np.array([20.0, 60.0]), np.array([90.0, 180.0])
-    sky = module.prepare(air, small).radiance(30.0, *where)
+    sky = module.prepare(air, coarse()).radiance(30.0, *where)
     right = ours.prepare(air, QUICK, sun_elevations_deg=[30.0]).radiance(30.0, *where)
     np.testing.assert_allclose(sky, right, rtol=0.025)  # measured: up to 2.0 %, of QUICK and of these coarse steps
     with pytest.raises(TwilightError, match="looks up only"):
-        module.prepare(air, small).radiance(30.0, [-3.0], [0.0])
+        module.prepare(air, coarse()).radiance(30.0, [-3.0], [0.0])
 
 
 def test_sasktran2_by_other_ways_sees_the_same_day_sky(air):
@@ -72,9 +77,7 @@ def test_sasktran2_by_other_ways_sees_the_same_day_sky(air):
     Measured: one run or two 0.01 %, discrete ordinates 2.9 %, refraction 0.13 % under a high sun, scaling 0.4 %.
     """
     module = solvers.load("sasktran2")
-    small = module.Sasktran2Settings(
-        zenith_step_deg=2.0, incoming=110, source_step_km=2.0, multiple_step_km=2.0, single_step_km=0.1, threads=1
-    )
+    small = coarse(zenith_step_deg=2.0, single_step_km=0.1, threads=1)
     sun, elevation, azimuth = np.array([30.0, 30.0, 20.0]), np.array([20.0, 60.0, 45.0]), np.array([90.0, 180.0, 45.0])
     together = module.prepare(air, small).radiance(sun, elevation, azimuth)
     alone = module.prepare(air, small).radiance(20.0, 45.0, 45.0)
@@ -94,10 +97,7 @@ def test_sasktran2_sees_the_same_polarisation_by_day(climate):
     """I, Q and U on the same air with straight light, both codes at coarse steps."""
     air = climate_medium(load_climate(climate), np.array([450.0, 650.0]))
     module, ours = solvers.load("sasktran2"), solvers.load("zones")
-    small = module.Sasktran2Settings(
-        zenith_step_deg=5.0, incoming=110, source_step_km=2.0, multiple_step_km=2.0, single_step_km=0.1,
-        polarisation=True,
-    )  # fmt: skip
+    small = coarse(single_step_km=0.1, polarisation=True)
     straight = replace(QUICK, polarisation=True, refraction=False, bent_lines_of_sight=False)
     where = np.array([20.0, 60.0, 20.0, 45.0]), np.array([90.0, 180.0, 0.0, 45.0])
     sky = module.prepare(air, small).stokes(30.0, *where)

@@ -5,16 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
-from twilight.solvers.cells.line_integrals import exact_view
-from twilight.solvers.cells.nodes import make_directions, make_nodes
-from twilight.solvers.cells.ordinates import Ordinates, ScatteredLight, mirror, once_scattered
+from twilight.solvers.base import Convergence
+from twilight.solvers.cells.line_integrals import multiple_scattering
+from twilight.solvers.cells.nodes import make_directions, make_nodes, real_harmonics
+from twilight.solvers.cells.ordinates import TINY, Ordinates, ScatteredLight, mirror, once_scattered
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import unit_vectors
 from twilight.solvers.cells.stencils import make_mesh, make_stencils
 from twilight.transport.beam import Beam
 from twilight.transport.profile import Profile
+from twilight.transport.ray_bundle import species_fraction
 from twilight.transport.scaling import ScaledMedium
+
+SOURCE_VALUES = 25_000_000
+"""Values of the source function that are computed at once for lines of sight."""
 
 
 class ExactCells:
@@ -34,17 +40,12 @@ class ExactCells:
         nodes = make_nodes(settings, observer_altitude_km, medium.bottom_km, medium.top_km, medium.earth_radius_km)
         directions = make_directions(settings)
         mesh = make_mesh(nodes, medium.earth_radius_km + observer_altitude_km)
-        stencils = make_stencils(profile, nodes, mesh, directions, settings.azimuth_nodes, 1.0)
-        at = scaled.medium.at(nodes.altitude_km)
-        species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_phase_fraction])
-        total = species.sum(axis=0)
-        fraction = np.where(total > 0, species / np.where(total > 0, total, 1.0), 0.0)
-        fraction[0] = np.where(total > 0, fraction[0], 1.0)
-        chi = np.einsum("spw,slw->lpw", fraction, scaled.moments)
+        stencils = make_stencils(profile, nodes, mesh, directions, settings.azimuth_nodes)
+        chi = np.einsum("spw,slw->lpw", species_fraction(scaled.medium, nodes.altitude_km), scaled.moments)
         self.ordinates = Ordinates(stencils, mesh, nodes, directions, chi, medium.ground_albedo, settings.azimuth_nodes)
 
-    def solve(self, sun_elevation_deg: float, progress) -> ScatteredLight:
-        """All orders of scattering at the nodes for one sun."""
+    def solve(self, sun_elevation_deg: float, progress: Progress) -> tuple[ScatteredLight, Convergence]:
+        """All orders of scattering at the nodes for one sun, and how well they converged."""
         o, s = self.ordinates, self.settings
         h = np.radians(sun_elevation_deg)
         d = o.directions
@@ -63,29 +64,33 @@ class ExactCells:
         places = np.stack([o.nodes.x_km, o.nodes.z_km, o.nodes.altitude_km], axis=1)
         in_slices(
             lambda begin, end: once_scattered(
-                self.profile, self.beam, phase, self.medium.ground_albedo, places, d.cosine, o.n_azimuth, o.q, sun,
-                first, begin, end,
+                self.profile, self.beam, phase, self.medium.ground_albedo, places, d.cosine, o.n_azimuth,
+                o.n_azimuth // d.azimuth.size, sun, first, begin, end,
             ),
             places.shape[0],
         )  # fmt: skip
         mirror(first, d.cosine.size, d.azimuth.size)
-        return o.solve(
+        scattered = o.solve(
             first,
             s.max_orders,
             s.tolerance,
             lambda n, residual: progress(f"order of scattering {n + 1}", min(0.9, 0.3 + 0.1 * n)),
         )
+        return scattered, Convergence(scattered.orders, scattered.residual)
 
     def view(self, scattered: ScatteredLight, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Multiple scattering (E, A, W) on a grid of directions."""
-        return exact_view(
-            self.profile,
-            self.ordinates.mesh,
-            self.observer_altitude_km,
-            elevation_deg,
-            azimuth_deg,
-            scattered.moments,
-            self.ordinates.chi,
-            scattered.ground,
-            self.settings.degree,
-        )
+        e, a = np.meshgrid(elevation_deg, azimuth_deg, indexing="ij")
+        directions = unit_vectors(e.ravel(), a.ravel())
+        harmonics, _ = real_harmonics(directions[:, 2], np.radians(a.ravel()), self.settings.degree)
+        moments = scattered.moments * self.ordinates.chi[:, :, None, :].astype(np.float32)
+        log_ground = np.log(np.maximum(scattered.ground, TINY))
+        observer = (self.profile, self.ordinates.mesh, self.observer_altitude_km)
+        at_once = max(1, SOURCE_VALUES // moments[0].size)
+        radiance = []
+        for start in range(0, directions.shape[0], at_once):
+            part = slice(start, start + at_once)
+            j = harmonics[part].astype(np.float32) @ moments.reshape(moments.shape[0], -1)
+            log_source = np.log(np.maximum(j, TINY, out=j), out=j).reshape(-1, *moments.shape[1:])
+            radiance.append(multiple_scattering(*observer, directions[part], log_source, log_ground))
+        return np.concatenate(radiance).reshape(*e.shape, -1)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
-
 
 def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: float) -> np.ndarray:
     """Radii of the shells' boundaries: r_j = R_min q^j with q = (1 + d/2)/(1 - d/2), d = 2 pi/S.
@@ -66,12 +64,7 @@ def make_grid(
     top_km: float,
     earth_radius_km: float,
 ) -> CellGrid:
-    """All cells whose centre is above the ground and below the top."""
-    if not bottom_km <= observer_altitude_km < top_km:
-        raise TwilightError(
-            f"the cells solver needs an observer inside the air: observer.altitude_km is {observer_altitude_km:g}, "
-            f"allowed is {bottom_km:g} to below {top_km:g}"
-        )
+    """All cells whose centre is above the ground and below the top, for an observer inside the air."""
     outer = outer_radius_km(top_km, observer_altitude_km, earth_radius_km)
     edges = shell_radii(azimuth_cells, inner_radius_km, outer)
     d = 2.0 * math.pi / azimuth_cells

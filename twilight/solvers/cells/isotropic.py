@@ -4,15 +4,18 @@ reduced by similarity."""
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
+from twilight.solvers.base import Convergence
 from twilight.solvers.cells.grid import make_grid
-from twilight.solvers.cells.line_integrals import isotropic_view
+from twilight.solvers.cells.line_integrals import multiple_scattering
 from twilight.solvers.cells.nodes import gauss_directions, graded_altitudes
 from twilight.solvers.cells.ordinates import TINY
 from twilight.solvers.cells.pairs import make_rings, pair_pass
@@ -22,20 +25,28 @@ from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.solvers.cells.stencils import Mesh
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.profile import Profile, locate
-from twilight.transport.scaling import ScaledMedium, species_phase
+from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array, species_phase
+
+
+class MeanRadianceTable(NamedTuple):
+    """Logarithm (Z, S, W) of the mean radiance over F0 [sr^-1] of light scattered once, over altitudes (Z,) and local
+    elevations of the sun (S,), both ascending."""
+
+    altitude_km: np.ndarray
+    sun_elevation_deg: np.ndarray
+    log_radiance: np.ndarray
 
 
 @njit(cache=True, nogil=True)
-def average_over_cells(
-    profile, log_table, altitudes, suns, shells, ring_shell, elevations, observer_radius, sun, n, out, begin, end
-):
-    """Mean of exp(log_table(altitude, local sun elevation)) over n x n points of a cell, weighted with scattering.
+def average_over_cells(profile, table, shells, ring_shell, elevations, observer_radius, sun, n, out, begin, end):
+    """Mean of a table over n x n points of each cell, weighted with scattering; out (R, A, W), filled for begin..end.
 
-    profile: `Profile`; log_table (Z, S, W) over altitudes (Z,) [km] and suns (S,) [deg]; shells (N + 1,) [km from the
-    observer] of rings whose shell is ring_shell (R,) and elevation elevations (R,) [rad]; observer_radius [km] from the
-    centre of the Earth; sun [rad]: elevation at the observer; out (R, A, W), filled for the rings begin..end.  n:
-    points along each side of a cell.
+    profile: `Profile`; table: `MeanRadianceTable`; shells (N + 1,) [km from the observer] of rings whose shell is
+    ring_shell (R,) and elevation elevations (R,) [rad]; observer_radius [km] from the centre of the Earth; sun [rad]:
+    elevation at the observer; n: points along each side of a cell; begin, end: the first ring and the one after the
+    last.
     """
+    altitudes, suns, log_table = table
     n_azimuth = out.shape[1]
     n_wavelengths = out.shape[2]
     angle = 2.0 * math.pi / n_azimuth
@@ -97,17 +108,9 @@ class IsotropicCells:
         self.all_rings = make_rings(self.grid, profile, settings.subcells, np.arange(self.grid.n_rings))
         self.operator: RingOperator | None = None
         if settings.operator == "fourier":
-            n_modes = settings.azimuth_modes or settings.azimuth_cells // 2 + 1
-            self.n_modes = min(n_modes, settings.azimuth_cells // 2 + 1)
-            self.operator, self.spread = make_operator(
-                self.grid,
-                profile,
-                settings.active_shell_step,
-                settings.subcells,
-                self.n_modes,
-                settings.close_energy,
-                medium.ground_albedo,
-            )
+            all_modes = settings.azimuth_cells // 2 + 1
+            self.n_modes = min(settings.azimuth_modes or all_modes, all_modes)
+            self.operator, self.spread = make_operator(self.grid, profile, settings, self.n_modes, medium.ground_albedo)
             self.active, self.rings = self.operator.ring, self.operator.rings
         else:
             if settings.close_energy or np.any(medium.ground_albedo > 0):
@@ -150,29 +153,29 @@ class IsotropicCells:
         air has the same sky at the same sun.
         """
         g, medium, profile = self.grid, self.medium, self.profile
-        reach = np.degrees(np.arctan(g.shell_radius_km[-1] / (g.earth_radius_km + g.observer_altitude_km))) + 0.5
-        low, high = max(sun_elevation_deg - reach, -90.0), min(sun_elevation_deg + reach, 90.0)
-        sun_grid = np.linspace(low, high, int((high - low) / 0.5) + 2)
-        altitude_grid = graded_altitudes(medium.bottom_km, medium.top_km, 1.2)
+        range_deg = np.degrees(np.arctan(g.shell_radius_km[-1] / (g.earth_radius_km + g.observer_altitude_km))) + 0.5
+        low, high = max(sun_elevation_deg - range_deg, -90.0), min(sun_elevation_deg + range_deg, 90.0)
+        suns = np.linspace(low, high, int((high - low) / 0.5) + 2)
+        altitudes = graded_altitudes(medium.bottom_km, medium.top_km, 1.2)
         mu, phi, weight = gauss_directions(6, 12)
-        directions = unit_vectors(np.degrees(np.arcsin(mu)), np.degrees(phi))
+        # one side of the sun's meridian, whose directions stand for their mirror images too
         one_side = phi <= np.pi + 1e-9
-        fold = np.where(np.minimum(phi, np.abs(phi - np.pi)) < 1e-9, 1.0, 2.0)[one_side]
-        table = np.empty((altitude_grid.size, sun_grid.size, medium.n_wavelengths))
         e, a = np.degrees(np.arcsin(mu))[one_side], np.degrees(phi)[one_side]
-        lines = [make_straight_lines(profile, self.scaled, float(altitude), e, a, 0.8) for altitude in altitude_grid]
-        for j, sun in enumerate(sun_grid):
+        weight = (weight * np.where(np.minimum(phi, np.abs(phi - np.pi)) < 1e-9, 1.0, 2.0))[one_side]
+        mean = np.empty((altitudes.size, suns.size, medium.n_wavelengths))
+        lines = [make_straight_lines(profile, self.scaled, float(altitude), e, a, 0.8) for altitude in altitudes]
+        for j, sun in enumerate(suns):
             h = np.radians(sun)
-            phase = self._smooth_phase(directions[one_side] @ np.array([np.cos(h), 0.0, np.sin(h)]))
+            phase = self._smooth_phase(unit_vectors(e, a) @ np.array([np.cos(h), 0.0, np.sin(h)]))
             for i, line in enumerate(lines):
                 once = single_scattering(line, self.beam, medium, self.scaled.forward_fraction, float(sun), phase)
-                table[i, j] = (once * (weight[one_side] * fold)[:, None]).sum(axis=0) / (4.0 * np.pi)
+                mean[i, j] = (once * weight[:, None]).sum(axis=0) / (4.0 * np.pi)
+        table = MeanRadianceTable(altitudes, suns, np.log(np.maximum(mean, TINY)))
         out = np.zeros((g.n_rings, g.azimuth_cells, medium.n_wavelengths))
-        log_table = np.log(np.maximum(table, TINY))
         in_slices(lambda begin, end: average_over_cells(
-            profile, log_table, altitude_grid, sun_grid, g.shell_radius_km, g.ring_shell,
-            g.ring_elevation, g.earth_radius_km + g.observer_altitude_km, np.radians(sun_elevation_deg),
-            self.settings.subcells, out, begin, end,
+            profile, table, g.shell_radius_km, g.ring_shell, g.ring_elevation,
+            g.earth_radius_km + g.observer_altitude_km, np.radians(sun_elevation_deg), self.settings.subcells, out,
+            begin, end,
         ), g.n_rings)  # fmt: skip
         half = g.azimuth_cells // 2
         out[:, half + 1 :] = out[:, half - 1 : 0 : -1]
@@ -181,11 +184,10 @@ class IsotropicCells:
     def _smooth_phase(self, cosine: np.ndarray) -> np.ndarray:
         """Phase functions cut after degree 10, exact for the mean over the 12 x 12 directions; (D, 1 + K, W)."""
         legendre = np.polynomial.legendre.legvander(cosine, 10) * (2 * np.arange(11) + 1) / (4.0 * np.pi)
-        air = species_phase(self.medium, self.scaled.forward_fraction, cosine)[:, :1]
-        rows = [air]
+        rows = [rayleigh_phase_array(cosine, self.medium.depolarisation)]
         for phase, f in zip(self.medium.phase_functions, self.scaled.forward_fraction, strict=True):
-            rows.append((legendre @ phase.legendre_moments(10).T / (1.0 - f))[:, None])
-        return np.ascontiguousarray(np.concatenate(rows, axis=1))
+            rows.append(legendre @ phase.legendre_moments(10).T / (1.0 - f))
+        return np.ascontiguousarray(np.stack(rows, axis=1))
 
     def _second_from_pairs(self, sun_elevation_deg: float) -> np.ndarray:
         """Extinguished power of light scattered once, cell to cell with its phase function (active rings, S, W)."""
@@ -215,9 +217,9 @@ class IsotropicCells:
         )  # fmt: skip
         return out
 
-    def mean_radiance(self, sun_elevation_deg: float, progress) -> tuple[np.ndarray, list[float]]:
-        """Mean radiance of light scattered 1, 2, ... times, summed, at every cell (rings, S, W), and the fraction
-        that each order added (largest over cells and wavelengths)."""
+    def solve(self, sun_elevation_deg: float, progress: Progress) -> tuple[np.ndarray, Convergence]:
+        """Mean radiance of light scattered 1, 2, ... times, summed, at every cell (rings, S, W); its convergence is the
+        fraction that the last order added (largest over cells and wavelengths)."""
         s, rings = self.settings, self.rings
         own = np.maximum(4.0 * np.pi * rings.scattering * rings.volume[:, None], 1e-300)[:, None]
         albedo = (rings.scattering / np.maximum(rings.extinction, 1e-300))[:, None]
@@ -227,29 +229,26 @@ class IsotropicCells:
         else:
             power = self._second_from_pairs(sun_elevation_deg) * albedo
             total = self._spread(power / own)
-        fractions = [1.0]
+        orders, fraction = 2, 1.0
         for order in range(3, s.max_orders + 1):
             if s.operator == "fourier":
                 power = self._fourier_order(power)
             else:
-                group = self._energy_ratio(power, own)
-                phase = np.ones((1, 1, self.medium.n_wavelengths))
-                power = self._pairs(power[None] * group, phase, np.zeros(3)) * albedo
+                isotropic = np.ones((1, 1, self.medium.n_wavelengths))
+                power = self._pairs(power[None] * self._energy_ratio(power, own), isotropic, np.zeros(3)) * albedo
             added = self._spread(power / own)
             total = total + added
-            fractions.append(float((added / np.maximum(total, TINY))[total > 1e-20].max(initial=0.0)))
+            orders, fraction = order, float((added / np.maximum(total, TINY))[total > 1e-20].max(initial=0.0))
             progress(f"order of scattering {order}", min(0.9, 0.3 + 0.1 * order))
-            if fractions[-1] < s.tolerance:
+            if fraction < s.tolerance:
                 break
-        return total, fractions
+        return total, Convergence(orders, fraction)
 
     def _energy_ratio(self, power: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Haber's rescale: energy of all cells over energy of the active cells, per wavelength."""
-        everyone = (
-            self._spread(power / own)
-            * (4.0 * np.pi * self.all_rings.scattering * self.all_rings.volume[:, None])[:, None]
-        )
-        return everyone.sum(axis=(0, 1)) / np.maximum(power.sum(axis=(0, 1)), 1e-300)
+        every = self.all_rings
+        energy = self._spread(power / own) * (4.0 * np.pi * every.scattering * every.volume[:, None])[:, None]
+        return energy.sum(axis=(0, 1)) / np.maximum(power.sum(axis=(0, 1)), 1e-300)
 
     def _spread(self, values: np.ndarray) -> np.ndarray:
         """From the active rings to all by linear interpolation along radius."""
@@ -265,7 +264,11 @@ class IsotropicCells:
         # the cut-off series may ring below zero where the field is darkest
         return np.maximum(np.fft.irfft(full, n=n, axis=1), 0.0)
 
-    def view(self, total: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Radiance (D, W) of all light scattered more than once."""
+    def view(self, total: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Multiple scattering (E, A, W) on a grid of directions."""
+        e, a = np.meshgrid(elevation_deg, azimuth_deg, indexing="ij")
         log_source = np.log(np.maximum(total[self.order], TINY)).astype(np.float32)[None]
-        return isotropic_view(self.profile, self.mesh, self.grid.observer_altitude_km, directions, log_source)
+        no_ground = np.full(log_source.shape[1:], math.log(TINY), np.float32)
+        directions, altitude_km = unit_vectors(e.ravel(), a.ravel()), self.grid.observer_altitude_km
+        found = multiple_scattering(self.profile, self.mesh, altitude_km, directions, log_source, no_ground)
+        return found.reshape(*e.shape, -1)

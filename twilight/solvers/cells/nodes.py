@@ -37,7 +37,7 @@ class CellNodes:
 def make_nodes(
     settings: CellsSettings, observer_altitude_km: float, bottom_km: float, top_km: float, earth_radius_km: float
 ) -> CellNodes:
-    """Shells a constant ratio apart carry points at graded altitudes, as far as they reach between ground and top."""
+    """Points at graded altitudes on shells around the observer, whose radii grow by a constant ratio."""
     ratio = 1.0 + 0.6 / settings.node_density
     radius_observer = earth_radius_km + observer_altitude_km
     far = math.sqrt((top_km - bottom_km) * (2 * earth_radius_km + top_km + bottom_km))

@@ -8,6 +8,7 @@ with J interpolated in its logarithm between nodes: in the shadow it falls by e 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -61,7 +62,7 @@ class Ray(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def once_scattered(profile, beam, phase, ground_albedo, places, cosine, n_azimuth, q, sun, out, begin, end):
+def once_scattered(profile, beam, phase, ground_albedo, places, cosine, n_azimuth, stride, sun, out, begin, end):
     """Light scattered once (air or ground) that reaches the nodes begin..end: out (D, P, A, W).
 
     A ray of direction cosine `m` and relative azimuth `a` is traced once and serves every azimuth of the node.
@@ -69,10 +70,10 @@ def once_scattered(profile, beam, phase, ground_albedo, places, cosine, n_azimut
 
     profile: `Profile`; beam: `Beam`; phase (D, 1 + K, W): of each species from the sun into each direction;
     ground_albedo (W,); places (P, 3) [km]: of the nodes at azimuth 0, x and z from the centre of the Earth and
-    altitude; cosine (M,): of the directions' zenith angles, D = M n_azimuth/q; n_azimuth: of the nodes; q: node
-    azimuths per direction azimuth; sun (2,): sine and cosine of its elevation.
+    altitude; cosine (M,): of the directions' zenith angles, D = M n_azimuth/stride; n_azimuth: of the nodes; stride:
+    node azimuths from one azimuth of directions to the next; sun (2,): sine and cosine of its elevation.
     """
-    n_dir_azimuth = n_azimuth // q
+    n_dir_azimuth = n_azimuth // stride
     n_species, n_wavelengths = phase.shape[1], phase.shape[2]
     line = new_line(profile)
     rows = line.place.shape[0]
@@ -85,10 +86,10 @@ def once_scattered(profile, beam, phase, ground_albedo, places, cosine, n_azimut
                 for side in range(2):
                     if side == 1 and (a == 0 or 2 * a == n_azimuth):
                         continue
-                    turn = a if side == 0 else n_azimuth - a
+                    relative = a if side == 0 else n_azimuth - a
                     sign = 1.0 if side == 0 else -1.0
-                    for j in range((-turn) % q, n_azimuth // 2 + 1, q):
-                        d = m * n_dir_azimuth + ((j + turn) % n_azimuth) // q
+                    for j in range((-relative) % stride, n_azimuth // 2 + 1, stride):
+                        d = m * n_dir_azimuth + ((j + relative) % n_azimuth) // stride
                         angle = 2.0 * math.pi * j / n_azimuth
                         # the sun seen in the frame that is turned to the node's azimuth
                         to_sun = (sun[1] * math.cos(angle), -sign * sun[1] * math.sin(angle), sun[0])
@@ -169,15 +170,15 @@ def mirror(field, n_cos, n_dir_azimuth):
 
 
 @njit(inner=True, cache=True)
-def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out):
+def gather(steps, first, last, log_source, azimuth_cell, sign, out):
     """Add the source along one ray to out (W,).
 
-    stencil: corner, corner_weight, azimuth, weight of `Stencils`; first, last: the ray's first entry and the one after
-    its last; log_source (P, A, W): logarithm of what points scatter; azimuth_cell: azimuth index of the node, which may
-    be fractional; sign: 1, or -1 for the ray's mirror image; n_azimuth: A.
+    steps: `Steps`; first, last: the ray's first entry and the one after its last; log_source (P, A, W): logarithm of
+    what points scatter; azimuth_cell: azimuth index of the node, which may be fractional; sign: 1, or -1 for the ray's
+    mirror image.
     """
-    corner, corner_weight, azimuth, weight = stencil
-    n_wavelengths = out.size
+    corner, corner_weight, azimuth, weight = steps
+    n_azimuth, n_wavelengths = log_source.shape[1], out.size
     per_cell = n_azimuth / (2.0 * math.pi)
     one = np.float32(1.0)
     for e in range(first, last):
@@ -205,28 +206,24 @@ def gather(stencil, first, last, log_source, azimuth_cell, sign, n_azimuth, out)
 
 
 @njit(cache=True, nogil=True)
-def scatter_once_more(stencils, log_source, log_ground, n_cos, n_relative, q, out, begin, end):
+def scatter_once_more(stencils, log_source, log_ground, n_cos, out, begin, end):
     """One more scattering: radiance at the nodes, out (D, P, A, W), for the directions begin..end.
 
     stencils: `Stencils`; log_source (D, P, A, W): logarithm of what the order before scatters; log_ground (P, A, W):
-    of the ground's radiance; n_cos, n_relative, q: as in `once_scattered`.
+    of the ground's radiance; n_cos: zenith angles of the directions.
     """
     n_directions, n_points, n_azimuth, n_wavelengths = log_source.shape
     n_dir_azimuth = n_directions // n_cos
-    entries = (stencils.corner, stencils.corner_weight, stencils.azimuth, stencils.weight)
+    n_relative = n_azimuth // 2 + 1
+    stride = n_azimuth // n_dir_azimuth
+    first, steps, ground = stencils.first, stencils.steps, stencils.ground
     for d in range(begin, end):
         m = d // n_dir_azimuth
         b = d % n_dir_azimuth
         total = np.empty(n_wavelengths, np.float32)
-        ground = (
-            stencils.ground_corner,
-            stencils.ground_corner_weight,
-            stencils.ground_azimuth,
-            stencils.ground_weight,
-        )
         for p in range(n_points):
             for j in range(n_azimuth // 2 + 1):
-                a = (b * q - j) % n_azimuth
+                a = (b * stride - j) % n_azimuth
                 sign = 1.0
                 if 2 * a > n_azimuth:
                     a = n_azimuth - a
@@ -234,19 +231,10 @@ def scatter_once_more(stencils, log_source, log_ground, n_cos, n_relative, q, ou
                 ray = (p * n_cos + m) * n_relative + a
                 for w in range(n_wavelengths):
                     total[w] = np.float32(0.0)
-                gather(
-                    entries,
-                    stencils.first[ray],
-                    stencils.first[ray + 1],
-                    log_source[d],
-                    float(j),
-                    sign,
-                    n_azimuth,
-                    total,
-                )
+                gather(steps, first[ray], first[ray + 1], log_source[d], float(j), sign, total)
                 # the air may hide the ground at some wavelengths only
-                if np.max(stencils.ground_weight[ray]) > 0.0:
-                    gather(ground, ray, ray + 1, log_ground, float(j), sign, n_azimuth, total)
+                if np.max(ground.weight[ray]) > 0.0:
+                    gather(ground, ray, ray + 1, log_ground, float(j), sign, total)
                 for w in range(n_wavelengths):
                     out[d, p, j, w] = total[w]
 
@@ -260,15 +248,15 @@ class Ordinates:
         mesh: Mesh,
         nodes: CellNodes,
         directions: QuadratureDirections,
-        chi_mixed,
-        albedo,
-        n_azimuth,
+        chi: np.ndarray,
+        ground_albedo: np.ndarray,
+        n_azimuth: int,
     ):
+        """chi (L, P, W): Legendre moments of the mixture of species at the nodes; ground_albedo (W,); n_azimuth: A."""
         self.stencils, self.mesh, self.nodes, self.directions = stencils, mesh, nodes, directions
-        self.chi = chi_mixed[directions.degree_of]  # (n_lm, P, W)
-        self.ground_albedo = albedo
+        self.chi = chi[directions.degree_of]  # (n_lm, P, W)
+        self.ground_albedo = ground_albedo
         self.n_azimuth = n_azimuth
-        self.q = n_azimuth // directions.azimuth.size
         n_dir_azimuth = directions.azimuth.size
         weight = np.repeat(directions.weight, n_dir_azimuth)
         self.synthesis = directions.harmonics.astype(np.float32)
@@ -310,18 +298,18 @@ class Ordinates:
         return out
 
     def _pass(self, log_source: np.ndarray, log_ground: np.ndarray, out: np.ndarray) -> None:
-        n_cos, n_relative = self.directions.cosine.size, self.n_azimuth // 2 + 1
+        """The light `out` (D, P, A, W) of one more scattering."""
+        n_cos = self.directions.cosine.size
         in_slices(
-            lambda begin, end: scatter_once_more(
-                self.stencils, log_source, log_ground, n_cos, n_relative, self.q, out, begin, end
-            ),
+            lambda begin, end: scatter_once_more(self.stencils, log_source, log_ground, n_cos, out, begin, end),
             out.shape[0],
         )
         mirror(out, n_cos, self.directions.azimuth.size)
 
-    def solve(self, first_radiance: np.ndarray, max_orders: int, tolerance: float, progress=None) -> ScatteredLight:
-        """Sum of all orders from the light scattered once, (D, P, A, W)."""
-        radiance = first_radiance
+    def solve(
+        self, radiance: np.ndarray, max_orders: int, tolerance: float, progress: Callable[[int, float], None]
+    ) -> ScatteredLight:
+        """Sum of all orders from the light scattered once, radiance (D, P, A, W); progress(orders, residual)."""
         moments = self.analyse(radiance)
         ground = self.ground_radiance(radiance)
         total, total_ground = moments.copy(), ground.copy()
@@ -329,9 +317,7 @@ class Ordinates:
         ratio = previous_ratio = None
         while orders + 1 < max_orders:  # the last order is the one scattered on the line of sight
             out = np.empty_like(radiance)
-            log_ground = np.log(np.maximum(ground, TINY))
-            log_source = self.source(moments)
-            self._pass(log_source, log_ground, out)
+            self._pass(self.source(moments), np.log(np.maximum(ground, TINY)), out)
             radiance = out
             before = moments[0]
             moments = self.analyse(radiance)
@@ -345,8 +331,7 @@ class Ordinates:
             if previous_ratio is not None:
                 # what the geometric remainder may be wrong by
                 residual = float((fraction * np.abs(ratio - previous_ratio) / (1.0 - ratio) ** 2).max())
-            if progress is not None:
-                progress(orders, residual)
+            progress(orders, residual)
             if tolerance > 0.0 and residual < tolerance:
                 # what is left behaves like a geometric series at every node
                 total += moments * (ratio / (1.0 - ratio))[None]

@@ -71,7 +71,7 @@ def make_rings(grid: CellGrid, profile: Profile, subcells: int, which: np.ndarra
 
 @njit(cache=True)
 def sphere_capture(optical_radius):
-    """Share of isotropic light born evenly in a sphere that the sphere itself extinguishes (1 - escape probability).
+    """Fraction of isotropic light born evenly in a sphere that the sphere itself extinguishes (1 - escape probability).
 
     1 - 3/(8 t^3) (2 t^2 - 1 + (1 + 2 t) exp(-2 t)) (Case, de Hoffmann & Placzek 1953); a series where this cancels.
     optical_radius: t.
@@ -84,7 +84,7 @@ def sphere_capture(optical_radius):
 
 @njit(cache=True)
 def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source, depth, out_target, out_source, toward):
-    """Share of the light that leaves cell `source` isotropically and is extinguished in cell `target` (Haber eq. 5).
+    """Fraction of the light that leaves cell `source` isotropically and is extinguished in `target` (Haber eq. 5).
 
     out_target = fraction of the solid angle that the target fills * (transmission to its front - transmission to its
     back).  The path is the same the other way: out_source is the fraction of the target's light that the source cell
@@ -128,7 +128,7 @@ def pair_capture(profile, rings, target, source, azimuth_target, azimuth_source,
 
 @njit(inner=True, cache=True)
 def _capture_along(rings, cell, azimuth, dx, dy, dz, distance, depth, out):
-    """Share of light that a cell captures, out (W,), by the chord through its middle, as a box along its own axes.
+    """Fraction of light that a cell captures, out (W,), by the chord through its middle, as a box along its own axes.
 
     rings: `Rings`; cell: its ring; azimuth [rad]; (dx, dy, dz): unit vector of the light; distance [km] of its origin;
     depth (W,): optical depth between them.
@@ -182,8 +182,6 @@ def pair_pass(profile, rings, n_azimuth, power, phase_table, sun, left_right, mi
                         pair_capture(
                             profile, rings, target, source, first + d * step, first, depth, kernel[d], back, toward
                         )
-                        if d == 0 and target == source:
-                            pair_capture(profile, rings, target, source, 0.0, 0.0, depth, kernel[d], back, toward)
                         paths += 1
                         c, t = math.cos(first), math.sin(first)
                         vector[d, 0] = c * toward[0] + t * toward[1]

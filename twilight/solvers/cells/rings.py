@@ -13,8 +13,12 @@ from twilight.jit.kernels import njit
 from twilight.numerics.geometry import distance_to_sphere
 from twilight.solvers.cells.grid import CellGrid
 from twilight.solvers.cells.pairs import Rings, make_rings, pair_capture
+from twilight.solvers.cells.settings import CellsSettings
 from twilight.transport.chord import chord_depth
 from twilight.transport.profile import Profile
+
+N_HALF_TURN = 8
+"""Azimuths of half a turn in which the exact energy balance of a cell follows rays."""
 
 
 @njit(cache=True, nogil=True)
@@ -60,22 +64,19 @@ def ring_kernels(profile, rings, n_azimuth, transform, out, begin, end):
 
 
 @njit(cache=True, nogil=True)
-def ground_kernels(
-    profile, rings, patch_radius, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells, begin, end
-):
-    """Shares of light between cells and patches of the ground.
+def ground_kernels(profile, rings, patch_area, patch_position, n_azimuth, transform, to_ground, to_cells, begin, end):
+    """Fractions of light that go from cells to patches of the ground, and from Lambertian patches to cells.
 
     to_ground (modes, W, patch, ring), to_cells (modes, W, ring, patch): filled; profile: `Profile`; rings: `Rings`;
-    patch_radius (N,) [km]: distance of the patches, whose area is patch_area (N,) [km^2] and whose x and z from the
-    centre of the Earth are patch_position (N, 2) [km]; they send Lambertian light.  n_azimuth: cells of a ring;
-    transform (modes, half): of azimuths into modes; for the rings begin..end.
+    patch_area (N,) [km^2]; patch_position (N, 2) [km]: x and z from the centre of the Earth; n_azimuth: cells of a
+    ring; transform (modes, half): of azimuths into modes; for the rings begin..end.
     """
     n_modes, n_half = transform.shape
     n_wavelengths = rings.extinction.shape[1]
     step = 2.0 * math.pi / n_azimuth
     for ring in range(begin, end):
         depth = np.empty(n_wavelengths)
-        for patch in range(patch_radius.size):
+        for patch in range(patch_area.size):
             xg, zg = patch_position[patch, 0], patch_position[patch, 1]
             rho_g = math.sqrt(xg * xg + zg * zg)
             for d in range(n_half):
@@ -105,52 +106,52 @@ def ground_kernels(
 
 
 @njit(cache=True, nogil=True)
-def exact_fractions(
-    profile, x, z, altitude, cosine, cosine_weight, n_azimuth, observer_radius, outer, captured, ground, begin, end
-):
-    """Share of isotropic light that the air within `outer` [km] of the observer extinguishes, and that the ground gets.
+def exact_fractions(profile, rings, cosine, cosine_weight, outer, captured, ground, begin, end):
+    """Fractions of isotropic light that the air within `outer` [km] of the observer extinguishes and the ground gets.
 
-    x, z, altitude (P,) [km]: of the points that send it, from the centre of the Earth; cosine, cosine_weight (M,): of
-    the zenith angle of rays there, each in n_azimuth azimuths of half a turn; captured, ground (P, W) are added to.
-    profile: `Profile`; observer_radius [km]: from the centre of the Earth; n_azimuth: azimuths of half a turn; for the
-    points begin..end.
+    profile: `Profile`; rings: `Rings`, from the centres of whose cells the light goes out; cosine, cosine_weight (M,):
+    of the zenith angle of rays there, each in N_HALF_TURN azimuths of half a turn; captured, ground (G, W) are added
+    to; for the rings begin..end.
     """
     n_wavelengths = profile.extinction.shape[1]
     radius = profile.earth_radius_km
     bottom, top = profile.altitude_km[0], profile.altitude_km[profile.altitude_km.size - 1]
     depth = np.empty(n_wavelengths)
-    for p in range(begin, end):
-        rho = math.sqrt(x[p] * x[p] + z[p] * z[p])
+    for ring in range(begin, end):
+        altitude = rings.altitude[ring]
+        x = rings.radius[ring] * rings.cos_elevation[ring]
+        z = rings.radius[ring] * rings.sin_elevation[ring] + rings.observer_radius
+        rho = math.sqrt(x * x + z * z)
         for m in range(cosine.size):
             sine = math.sqrt(1.0 - cosine[m] * cosine[m])
-            length = distance_to_sphere(altitude[p], cosine[m], bottom, radius) if cosine[m] < 0.0 else -1.0
+            length = distance_to_sphere(altitude, cosine[m], bottom, radius) if cosine[m] < 0.0 else -1.0
             lands = length >= 0.0
             if not lands:
-                length = distance_to_sphere(altitude[p], cosine[m], top, radius)
-            for a in range(n_azimuth):
-                phi = math.pi * (a + 0.5) / n_azimuth
+                length = distance_to_sphere(altitude, cosine[m], top, radius)
+            for a in range(N_HALF_TURN):
+                phi = math.pi * (a + 0.5) / N_HALF_TURN
                 # directions around the point's own vertical
-                ux, uz = x[p] / rho, z[p] / rho
+                ux, uz = x / rho, z / rho
                 dx = cosine[m] * ux + sine * math.cos(phi) * uz
                 dz = cosine[m] * uz - sine * math.cos(phi) * ux
-                qx, qz = x[p], z[p] - observer_radius
-                b = qx * dx + qz * dz
-                c = qx * qx + qz * qz - outer * outer
+                qz = z - rings.observer_radius
+                b = x * dx + qz * dz
+                c = x * x + qz * qz - outer * outer
                 limit = -b + math.sqrt(max(b * b - c, 0.0))
-                chord_depth(profile, altitude[p], cosine[m], min(length, limit), depth)
-                weight = cosine_weight[m] / n_azimuth
+                chord_depth(profile, altitude, cosine[m], min(length, limit), depth)
+                weight = cosine_weight[m] / N_HALF_TURN
                 for w in range(n_wavelengths):
                     t = math.exp(-depth[w])
-                    captured[p, w] += weight * (1.0 - t)
+                    captured[ring, w] += weight * (1.0 - t)
                     if lands and length <= limit:
-                        ground[p, w] += weight * t
+                        ground[ring, w] += weight * t
 
 
 @dataclass
 class RingOperator:
-    """kernel (modes, W, G, G): power extinguished in ring t per power scattered by ring c, group weights and ground
-    inside.
+    """Transfer between the active rings, by azimuthal Fourier mode.
 
+    kernel (modes, W, G, G): power extinguished in ring t per power scattered by ring c, also by way of the ground
     ring (G,): index of the active rings in the grid; group (G, W): power of all cells that a ring stands for, over
     its own
     closure (G, W): the factors that closed the energy balance (1 = nothing to do)
@@ -214,7 +215,7 @@ def spread_matrix(grid: CellGrid, active: np.ndarray) -> np.ndarray:
 
 
 def ground_patches(grid: CellGrid, rings: Rings, ring_shell: np.ndarray, bottom_km: float):
-    """Patches of the ground below the active shells: distance, area of one azimuth cell, position (x, z), (N, ...)."""
+    """Patches of the ground below the active shells: area of one azimuth cell (N,), position (x, z) (N, 2)."""
     observer, ground = rings.observer_radius, grid.earth_radius_km + bottom_km
     shells = np.unique(ring_shell)
     centre = 0.5 * (grid.shell_radius_km[shells] + grid.shell_radius_km[shells + 1])
@@ -230,21 +231,15 @@ def ground_patches(grid: CellGrid, rings: Rings, ring_shell: np.ndarray, bottom_
     middle = np.sqrt(0.5 * (inner**2 + outer**2))
     sine = ((ground - observer) * (ground + observer) - middle**2) / (2.0 * observer * middle)
     position = np.stack([middle * np.sqrt(np.maximum(1.0 - sine**2, 0.0)), observer + middle * sine], axis=1)
-    return middle, (cap(outer) - cap(inner)) / grid.azimuth_cells, position
+    return (cap(outer) - cap(inner)) / grid.azimuth_cells, position
 
 
 def make_operator(
-    grid: CellGrid,
-    profile: Profile,
-    active_shell_step: int,
-    subcells: int,
-    n_modes: int,
-    close_energy: bool,
-    ground_albedo: np.ndarray,
+    grid: CellGrid, profile: Profile, settings: CellsSettings, n_modes: int, ground_albedo: np.ndarray
 ) -> tuple[RingOperator, np.ndarray]:
     """The operator and the spread matrix (all rings, active rings)."""
-    active = active_rings(grid, active_shell_step)
-    rings = make_rings(grid, profile, subcells, active)
+    active = active_rings(grid, settings.active_shell_step)
+    rings = make_rings(grid, profile, settings.subcells, active)
     n_wavelengths = profile.extinction.shape[1]
     transform = cosine_transform(grid.azimuth_cells, n_modes)
     kernel = np.zeros((n_modes, n_wavelengths, active.size, active.size), np.float32)
@@ -253,13 +248,11 @@ def make_operator(
         (active.size + 1) // 2,
     )
     spread = spread_matrix(grid, active)
-    everyone = make_rings(grid, profile, subcells, np.arange(grid.n_rings))
+    everyone = make_rings(grid, profile, settings.subcells, np.arange(grid.n_rings))
     amount = everyone.scattering * everyone.volume[:, None]
     own = np.maximum(rings.scattering * rings.volume[:, None], 1e-300)
     group = (spread.T @ amount) / own
 
-    x = rings.radius * rings.cos_elevation
-    z = rings.radius * rings.sin_elevation + rings.observer_radius
     nodes, weights = np.polynomial.legendre.leggauss(8)
     cosine = np.concatenate([0.5 * (nodes - 1.0), 0.5 * (nodes + 1.0)])
     weights = 0.25 * np.concatenate([weights, weights])
@@ -267,27 +260,23 @@ def make_operator(
     to_ground = np.zeros_like(captured)
     outer = float(grid.shell_radius_km[-1])
     in_slices(
-        lambda begin, end: exact_fractions(
-            profile, x, z, rings.altitude, cosine, weights, 8, rings.observer_radius, outer, captured, to_ground,
-            begin, end,
-        ),
+        lambda begin, end: exact_fractions(profile, rings, cosine, weights, outer, captured, to_ground, begin, end),
         active.size,
-    )  # fmt: skip
+    )
     weight_target = (spread.T @ (everyone.extinction * everyone.volume[:, None])) / np.maximum(
         rings.extinction * rings.volume[:, None], 1e-300
     )
     found = np.einsum("wtc,tw->cw", kernel[0], weight_target)
     closure = np.where(found > 0, captured / np.maximum(found, 1e-300), 1.0)
-    if close_energy:
+    if settings.close_energy:
         kernel *= closure.T[None, :, None, :].astype(np.float32)
     if np.any(ground_albedo > 0):
-        shell = grid.ring_shell[active]
-        radius, area, position = ground_patches(grid, rings, shell, float(profile.altitude_km[0]))
-        down = np.zeros((n_modes, n_wavelengths, radius.size, active.size))
-        up = np.zeros((n_modes, n_wavelengths, active.size, radius.size))
+        area, position = ground_patches(grid, rings, grid.ring_shell[active], float(profile.altitude_km[0]))
+        down = np.zeros((n_modes, n_wavelengths, area.size, active.size))
+        up = np.zeros((n_modes, n_wavelengths, active.size, area.size))
         in_slices(
             lambda begin, end: ground_kernels(
-                profile, rings, radius, area, position, grid.azimuth_cells, transform, down, up, begin, end
+                profile, rings, area, position, grid.azimuth_cells, transform, down, up, begin, end
             ),
             active.size,
         )

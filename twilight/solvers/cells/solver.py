@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
-from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.base import BareField
 from twilight.solvers.cells.exact import ExactCells
 from twilight.solvers.cells.isotropic import IsotropicCells
 from twilight.solvers.cells.line_integrals import MultipleView, coarse_elevations, horizon_deg
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
-from twilight.solvers.cells.single import make_straight_lines, single_scattering, unit_vectors
+from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.transport.beam import prepare_beam
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
@@ -63,28 +65,24 @@ class Field(BareField):
         self.observer_altitude_km = float(observer_altitude_km)
         self._progress = progress or silent
         mode = settings.multiple_scattering
-        if mode == "exact":
-            self.scaled = delta_scaled(medium, settings.degree)
-        elif mode == "isotropic":
-            self.scaled = delta_scaled(medium, 0)
-        else:
-            self.scaled = delta_scaled(medium, None)
+        self.scaled = delta_scaled(medium, {"exact": settings.degree, "isotropic": 0, "none": None}[mode])
         self._progress("sunbeam", 0.0)
         # light scattered once, in the isotropic mode, sees the aerosol as it is, forward peak and all
         lit = medium if mode == "isotropic" else self.scaled.medium
         self.beam = prepare_beam(lit, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
-        # On the line of sight light that was scattered once has its narrow forward peak alone: taking all
-        # that similarity calls forward (f = g) as unscattered would brighten the horizon by half, taking none of it
-        # would lose light.
+        # Of light scattered once the narrow forward peak (moment 3) alone counts as unscattered on the line of sight:
+        # all that similarity calls forward (f = g) would brighten the horizon by half, none of it would lose light.
         self._line_air = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
         self._line_profile = prepare_profile(self._line_air.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
         common = (medium, self.scaled, self.profile, self.beam, settings, self.observer_altitude_km)
-        self.exact = ExactCells(*common) if mode == "exact" and settings.max_orders > 1 else None
-        self.isotropic = IsotropicCells(*common) if mode == "isotropic" and settings.max_orders > 1 else None
+        self.multiple: ExactCells | IsotropicCells | None = None
+        if mode != "none" and settings.max_orders > 1:
+            self.multiple = ExactCells(*common) if mode == "exact" else IsotropicCells(*common)
         self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
-        self._solved: tuple[float, object] | None = None
+        self._solved_sun_deg: float | None = None
+        self._solution: Any = None
         self._views: dict[bool, MultipleView] = {}
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
@@ -111,11 +109,11 @@ class Field(BareField):
         )
         e, a = elevation.ravel(), azimuth.ravel()
         out = self.single(sun_elevation_deg, e, a)
-        if self.exact is not None or self.isotropic is not None:
+        if self.multiple is not None:
             for below in (False, True):
                 mask = (e < self.horizon_deg) if below else (e >= self.horizon_deg)
                 if np.any(mask):
-                    out[mask] += self._multiple(float(sun_elevation_deg), below)(e[mask], a[mask])
+                    out[mask] += self._view(self.multiple, float(sun_elevation_deg), below)(e[mask], a[mask])
         self._progress("sky", 1.0)
         return out.reshape(*elevation.shape, -1)
 
@@ -126,33 +124,16 @@ class Field(BareField):
         )
         return single_scattering(lines, self.beam, self.medium, self._line_air.forward_fraction, sun_elevation_deg)
 
-    def _solve(self, sun_elevation_deg: float):
-        if self._solved is None or self._solved[0] != sun_elevation_deg:
-            self._views = {}
-            if self.exact is not None:
-                scattered = self.exact.solve(sun_elevation_deg, self._progress)
-                self.convergence = Convergence(scattered.orders, scattered.residual)
-                self._solved = (sun_elevation_deg, scattered)
-            else:
-                assert self.isotropic is not None
-                total, fractions = self.isotropic.mean_radiance(sun_elevation_deg, self._progress)
-                self.convergence = Convergence(len(fractions) + 1, fractions[-1])
-                self._solved = (sun_elevation_deg, total)
-        return self._solved[1]
-
-    def _multiple(self, sun_elevation_deg: float, below: bool) -> MultipleView:
-        solution = self._solve(sun_elevation_deg)
+    def _view(self, multiple: ExactCells | IsotropicCells, sun_elevation_deg: float, below: bool) -> MultipleView:
+        """Light scattered more than once, above or below the horizon; the views of the latest sun are cached."""
+        if self._solved_sun_deg != sun_elevation_deg:
+            self._solution, self.convergence = multiple.solve(sun_elevation_deg, self._progress)
+            self._solved_sun_deg, self._views = sun_elevation_deg, {}
         if below not in self._views:
-            azimuth = np.linspace(0.0, 180.0, 25)
             if below:
                 elevation = coarse_elevations(self.horizon_deg - 1e-6, -90.0, 12)[::-1]
             else:
                 elevation = coarse_elevations(self.horizon_deg, 90.0, 24)
-            if self.exact is not None:
-                radiance = self.exact.view(solution, elevation, azimuth)
-            else:
-                assert self.isotropic is not None
-                e, a = np.meshgrid(elevation, azimuth, indexing="ij")
-                radiance = self.isotropic.view(solution, unit_vectors(e.ravel(), a.ravel())).reshape(*e.shape, -1)
-            self._views[below] = MultipleView(elevation, azimuth, radiance)
+            azimuth = np.linspace(0.0, 180.0, 25)
+            self._views[below] = MultipleView(elevation, azimuth, multiple.view(self._solution, elevation, azimuth))
         return self._views[below]

@@ -1,5 +1,4 @@
-"""Rays from every node in every direction, as weights on other nodes: made once, used by every order of scattering and
-every sun.
+"""Rays from every node in every direction, as weights on other nodes, for all orders of scattering and all suns.
 
 A ray leaves a node of azimuth 0; the same ray of the same node at another azimuth meets the same air, turned about the
 observer's vertical.  That is Haber's ring reuse: S times fewer paths.  Left and right of the node's own vertical
@@ -19,9 +18,13 @@ from twilight.solvers.cells.nodes import CellNodes, QuadratureDirections
 from twilight.transport.lines import ALTITUDE, DISTANCE, END_DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import Profile
 
+FINENESS = 1.0
+"""Density of the steps of rays between nodes."""
+
 
 class Mesh(NamedTuple):
-    """Nodes as arrays for kernels."""
+    """Nodes on shells as arrays for kernels: as `CellNodes`, with the logarithm of the radii, and the radius [km] of
+    the observer from the centre of the Earth."""
 
     log_radius: np.ndarray
     shell_start: np.ndarray
@@ -30,26 +33,42 @@ class Mesh(NamedTuple):
     observer_radius_km: float
 
 
-class Stencils(NamedTuple):
-    """Steps of rays between nodes.
+class Steps(NamedTuple):
+    """E points of rays, each between four nodes.
 
-    first (rays + 1,): where each ray's entries start.  An entry is one step: corner, corner_weight (E, 4): its points,
-    azimuth (E,) of the step [rad, relative to the ray's node], weight (E, W) on the mean scattered source.
-    ground_* (rays, ...): the same for the point where the ray ends on the ground (weight 0 where it does not).
+    corner, corner_weight (E, 4): the nodes and their weights, which add up to 1; azimuth (E,) [rad]: of the point from
+    the node where its ray begins; weight (E, W): of the light that the point scatters or, of the ground, reflects.
     """
 
-    first: np.ndarray
     corner: np.ndarray
     corner_weight: np.ndarray
     azimuth: np.ndarray
     weight: np.ndarray
-    ground_corner: np.ndarray
-    ground_corner_weight: np.ndarray
-    ground_azimuth: np.ndarray
-    ground_weight: np.ndarray
+
+
+class Stencils(NamedTuple):
+    """Rays between nodes.
+
+    first (rays + 1,): index of each ray's first entry in `steps`; ground: one entry a ray, where it ends on the ground
+    (weight 0 where it does not).
+    """
+
+    first: np.ndarray
+    steps: Steps
+    ground: Steps
+
+
+@njit(cache=True)
+def new_steps(n, n_wavelengths):
+    """`Steps`, all 0; n: number of points; n_wavelengths: W."""
+    return Steps(
+        np.zeros((n, 4), np.int32), np.zeros((n, 4), np.float32), np.zeros(n, np.float32),
+        np.zeros((n, n_wavelengths), np.float32),
+    )  # fmt: skip
 
 
 def make_mesh(nodes: CellNodes, observer_radius_km: float) -> Mesh:
+    """The `Mesh` of the exact mode's nodes."""
     return Mesh(
         np.log(nodes.shell_radius_km),
         nodes.shell_start.astype(np.int64),
@@ -109,14 +128,13 @@ def corners_at(mesh, x, y, z_centre, altitude, corner, weight):
 
 
 @njit(cache=True)
-def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, out, at, ground):
-    """One ray from (x0, 0, z0) [km from the centre of the Earth] along the unit vector (dx, dy, dz).
+def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, steps, at, ground, ray):
+    """Number of entries of one ray from (x0, 0, z0) [km from the centre of the Earth] along the unit vector (dx, dy,
+    dz); `store`: the entries are stored in `steps` from index `at` on, and the ray's end in row `ray` of `ground`.
 
-    Counts its entries or, with `store`, stores them from index `at`; returns the count.  profile: `Profile`; line: room
-    for its points; mesh: `Mesh`; altitude0 [km]: of the start; fineness: density of steps.
-    `out` and `ground` are tuples of the arrays of :class:`Stencils`, the second with the index of the ray behind them.
+    profile: `Profile`; line: room for its points; mesh: `Mesh`; altitude0 [km]: of the start; fineness: density of
+    steps; steps, ground: `Steps`.
     """
-    corner, corner_weight, azimuth, weight = out
     mu = (x0 * dx + z0 * dz) / math.sqrt(x0 * x0 + z0 * z0)
     n, status = trace_line(profile, altitude0, mu, fineness, np.bool_(False), line, math.inf)
     n_wavelengths = profile.extinction.shape[1]
@@ -136,32 +154,34 @@ def trace(profile, line, mesh, x0, z0, altitude0, dx, dy, dz, fineness, store, o
             continue
         if store:
             e = at + stored
-            azimuth[e] = corners_at(mesh, x, y, z, line.place[k, ALTITUDE], corner[e], corner_weight[e])
+            steps.azimuth[e] = corners_at(
+                mesh, x, y, z, line.place[k, ALTITUDE], steps.corner[e], steps.corner_weight[e]
+            )
             for w in range(n_wavelengths):
-                weight[e, w] = line.weight[k, w]
+                steps.weight[e, w] = line.weight[k, w]
         stored += 1
     if store:
-        g_corner, g_corner_weight, g_azimuth, g_weight, ray = ground
         for w in range(n_wavelengths):
-            g_weight[ray, w] = line.transmittance[w] if status == GROUND else 0.0
+            ground.weight[ray, w] = line.transmittance[w] if status == GROUND else 0.0
         if status == GROUND:
             s = line.end[END_DISTANCE]
-            g_azimuth[ray] = corners_at(
-                mesh, x0 + s * dx, s * dy, z0 + s * dz, profile.altitude_km[0], g_corner[ray], g_corner_weight[ray]
+            x, y, z = x0 + s * dx, s * dy, z0 + s * dz
+            ground.azimuth[ray] = corners_at(
+                mesh, x, y, z, profile.altitude_km[0], ground.corner[ray], ground.corner_weight[ray]
             )
     return stored
 
 
 @njit(cache=True, nogil=True)
-def _trace_all(profile, mesh, x, z, cosine, n_relative, n_azimuth, fineness, store, first, out, ground, begin, end):
+def _trace_all(profile, mesh, x, z, cosine, n_azimuth, store, first, steps, ground, begin, end):
     """`trace` from the nodes begin..end along all directions; counts each ray's entries into `first`, or stores them.
 
     profile: `Profile`; mesh: `Mesh`; x, z (P,) [km]: of the nodes from the centre of the Earth; cosine (M,): of the
-    directions' zenith angles; n_relative: relative azimuths from 0, in steps of a turn over n_azimuth; fineness:
-    density of steps; first (rays + 1,): index of each ray's first entry; out, ground: as `trace` takes them.
-    n_azimuth: of a whole turn; store: keep the entries, else count.
+    directions' zenith angles; n_azimuth: azimuths of a whole turn, from the node's; one side of it is traced; first
+    (rays + 1,): index of each ray's first entry; store: whether entries are stored in steps, ground, both `Steps`.
     """
     n_cos = cosine.size
+    n_relative = n_azimuth // 2 + 1
     line = new_line(profile)
     for p in range(begin, end):
         for m in range(n_cos):
@@ -169,52 +189,27 @@ def _trace_all(profile, mesh, x, z, cosine, n_relative, n_azimuth, fineness, sto
             for a in range(n_relative):
                 ray = (p * n_cos + m) * n_relative + a
                 phi = 2.0 * math.pi * a / n_azimuth
+                dx, dy = sine * math.cos(phi), sine * math.sin(phi)
                 count = trace(
-                    profile,
-                    line,
-                    mesh,
-                    x[p],
-                    z[p],
-                    mesh.altitude_km[p],
-                    sine * math.cos(phi),
-                    sine * math.sin(phi),
-                    cosine[m],
-                    fineness,
-                    store,
-                    out,
-                    first[ray],
-                    (ground[0], ground[1], ground[2], ground[3], ray),
-                )
+                    profile, line, mesh, x[p], z[p], mesh.altitude_km[p], dx, dy, cosine[m], FINENESS, store, steps,
+                    first[ray], ground, ray,
+                )  # fmt: skip
                 if not store:
                     first[ray + 1] = count
 
 
 def make_stencils(
-    profile: Profile,
-    nodes: CellNodes,
-    mesh: Mesh,
-    directions: QuadratureDirections,
-    n_azimuth: int,
-    fineness: float,
+    profile: Profile, nodes: CellNodes, mesh: Mesh, directions: QuadratureDirections, n_azimuth: int
 ) -> Stencils:
-    """Trace all rays twice: once to count their steps, once to keep them."""
-    n_relative = n_azimuth // 2 + 1
-    n_rays = nodes.altitude_km.size * directions.cosine.size * n_relative
+    """Trace all rays twice: first to count their entries, then to store them."""
+    n_nodes = nodes.altitude_km.size
+    n_rays = n_nodes * directions.cosine.size * (n_azimuth // 2 + 1)
     n_wavelengths = profile.extinction.shape[1]
-
-    def arrays(n):
-        return (
-            np.zeros((n, 4), np.int32),
-            np.zeros((n, 4), np.float32),
-            np.zeros(n, np.float32),
-            np.zeros((n, n_wavelengths), np.float32),
-        )
-
-    first = np.zeros(n_rays + 1, np.int64)
-    common = (profile, mesh, nodes.x_km, nodes.z_km, directions.cosine, n_relative, n_azimuth, fineness)
-    dummy = arrays(1)
-    in_slices(lambda begin, end: _trace_all(*common, False, first, dummy, dummy, begin, end), nodes.altitude_km.size)
-    start = np.cumsum(first)
-    out, ground = arrays(start[-1]), arrays(n_rays)
-    in_slices(lambda begin, end: _trace_all(*common, True, start, out, ground, begin, end), nodes.altitude_km.size)
-    return Stencils(start, *out, *ground)
+    count = np.zeros(n_rays + 1, np.int64)
+    common = (profile, mesh, nodes.x_km, nodes.z_km, directions.cosine, n_azimuth)
+    none = new_steps(1, n_wavelengths)
+    in_slices(lambda begin, end: _trace_all(*common, False, count, none, none, begin, end), n_nodes)
+    first = np.cumsum(count)
+    steps, ground = new_steps(first[-1], n_wavelengths), new_steps(n_rays, n_wavelengths)
+    in_slices(lambda begin, end: _trace_all(*common, True, first, steps, ground, begin, end), n_nodes)
+    return Stencils(first, steps, ground)

@@ -1,4 +1,4 @@
-"""The medium as the random walk sees it: fine levels to look up, coarse shells to step through, phase tables to sample.
+"""The medium of the random walk: fine levels to interpolate, coarse shells to step through, phase tables to sample.
 
 Between the refined levels coefficients go linearly; `medium.refined` places them so that this departs from the medium's
 exponential rule by less than LEVEL_TOLERANCE of a coefficient.  A line is cut in two ways.  Where it is steep, optical
@@ -177,13 +177,13 @@ def shells(altitude_km, extinction, scatters, tolerance: float = SHELL_TOLERANCE
         [np.zeros((extinction.shape[0], 1)), np.cumsum(0.5 * (extinction[:, 1:] + extinction[:, :-1]) * dz, axis=1)],
         axis=1,
     )
-    pattern = scatters[:-1] | scatters[1:]
+    any_scattering = scatters[:-1] | scatters[1:]
     span = z[-1] - z[0]
 
     def fits(a: int, b: int) -> bool:
         if b == a + 1:
             return True
-        if np.any(dz[a:b] <= 0) or np.any(pattern[a:b] != pattern[a]):
+        if np.any(dz[a:b] <= 0) or np.any(any_scattering[a:b] != any_scattering[a]):
             return False
         width = z[b] - z[a]
         if width > max(0.05 * span, 0.15 * (z[a] - z[0])):
@@ -224,7 +224,7 @@ def layers(altitude_km, first, last, scattering) -> np.ndarray:
     z = altitude_km
     scatters = scattering > 0
     size = np.log(np.maximum(scattering, 1e-300))
-    pattern = scatters[:-1] | scatters[1:]
+    any_scattering = scatters[:-1] | scatters[1:]
     thin = min(LAYER_KM, 0.2 * (z[-1] - z[0]))
     start = [0]
     for k in range(1, first.size):
@@ -236,7 +236,7 @@ def layers(altitude_km, first, last, scattering) -> np.ndarray:
             np.abs(size[last[k - 1]] - size[first[k - 1]]).max() - (z[last[k - 1]] - z[first[k - 1]]) / STEEPEST_KM,
         )
         too_wide = width > max(thin, LAYER_GROWTH * (z[a] - z[0]))
-        if too_wide or sharp > SHARP or np.any(pattern[first[k]] != pattern[a]):
+        if too_wide or sharp > SHARP or np.any(any_scattering[first[k]] != any_scattering[a]):
             start.append(k)
     return np.array([*start, first.size], dtype=np.int64)
 
@@ -296,9 +296,9 @@ def _smooth_tables(medium: Medium) -> np.ndarray:
 
 @njit(inner=True, **INNER)
 def locate_level(levels, bin_start, bins_per_km, per_km, z, first, last):
-    """(i, f): level below z and fraction of the way to the next one, kept between the levels `first` and `last`.
+    """(i, f): level below z and fraction of the way to the next one, between the levels `first` and `last`.
 
-    Takes arrays, not the whole `MonteCarloAir`: in the innermost loop a tuple of arrays costs more than the look-up.
+    Takes arrays, not the whole `MonteCarloAir`: in the innermost loop a tuple of arrays costs more than the search.
 
     levels (N,) [km]; bin_start (B,): level at or below the start of each of B equal bins of altitude; bins_per_km
     [km^-1]; per_km (N - 1,) [km^-1]: 1 over the distances between levels; z [km].
@@ -352,13 +352,14 @@ def interpolate(air, w, i, f, column):
 
 
 @njit(inline="always", **INNER)
-def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
-    """Integral from the ground of extinction x (c0 + c1 h + c2 h^2) to the fraction f of the way above level i.
+def depth_from_ground(at, i, f, c0, c1, c2):
+    """Integral from the ground of extinction x (c0 + c1 h + c2 h^2), h the height, to the place (i, f) of the levels.
 
-    table (N, 2 + C) [km^-1], moment (N, 3): of one wavelength; h [km]: height of level i above the ground; d [km]:
-    distance to the next level; c0 [1], c1 [km^-1], c2 [km^-2]: secant of the line.
+    c0 [1], c1 [km^-1], c2 [km^-2]: secant of the line.
     """
-    y = f * d
+    table, moment = at.table, at.moment
+    h = at.level_km[i] - at.bottom_km
+    y = f * (1.0 / at.per_km[i])
     lower = table[i, EXTINCTION]
     slope = (table[i + 1, EXTINCTION] - lower) * f
     m0 = y * (lower + slope * 0.5)
@@ -369,16 +370,6 @@ def weighted_depth(table, moment, h, d, i, f, c0, c1, c2):
         + c1 * (moment[i, 1] + m1 + h * m0)
         + c2 * (moment[i, 2] + m2 + h * (2.0 * m1 + h * m0))
     )
-
-
-@njit(inline="always", **INNER)
-def depth_from_ground(at, i, f, c0, c1, c2):
-    """`weighted_depth` from the ground to the place (i, f) of the levels of a `MonochromaticAir`.
-
-    c0 [1], c1 [km^-1], c2 [km^-2]: secant of the line, as there.
-    """
-    h = at.level_km[i] - at.bottom_km
-    return weighted_depth(at.table, at.moment, h, 1.0 / at.per_km[i], i, f, c0, c1, c2)
 
 
 @njit(inner=True, **INNER)

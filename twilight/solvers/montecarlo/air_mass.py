@@ -1,7 +1,7 @@
 """Box air-mass factors by random paths: unbiased, with standard errors.
 
-With x the light of a sample, y_j its light times the length of its way in layer j and h_j the layer's thickness, the
-factor of layer j is
+With x the light of a sample, y_j its light times its path length in layer j and h_j the layer's thickness, the factor
+of layer j is
 
     A_j = -d ln I / d tau_j = <y_j> / (<x> h_j).
 
@@ -21,8 +21,15 @@ from twilight.atmosphere.layer_changes import layer_edges
 from twilight.atmosphere.medium import with_joined_refractivity
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
-from twilight.solvers.montecarlo import length_walk as walks
 from twilight.solvers.montecarlo.chunks import ChunkJobs, Pixels
+from twilight.solvers.montecarlo.length_walk import (
+    N_PATHS,
+    N_SCALARS,
+    LengthSums,
+    run_length_chunks,
+    single_scattering,
+)
+from twilight.solvers.montecarlo.path_lengths import Layers
 from twilight.transport.ray_profile import ray_profile
 
 if TYPE_CHECKING:
@@ -86,7 +93,7 @@ def box_air_mass(field: Field, pixels: Pixels, edges_km: np.ndarray) -> BoxAirMa
             f"air-mass factors: montecarlo cannot differentiate its approximation {settings.approximation}; allowed is "
             "none"
         )
-    run = _Run(field, pixels, np.ascontiguousarray(edges_km, dtype=float))
+    run = _LengthRun(field, pixels, np.ascontiguousarray(edges_km, dtype=float))
     shape = (pixels.key.size, field.medium.n_wavelengths)
     target = settings.target_stderr
     if target is None:
@@ -98,28 +105,29 @@ def box_air_mass(field: Field, pixels: Pixels, edges_km: np.ndarray) -> BoxAirMa
     return run.answer(run.sums(count, 1))
 
 
-class _Run:
-    """Sums over samples of one question."""
+class _LengthRun:
+    """Samples of one question, with path lengths."""
 
     def __init__(self, field: Field, pixels: Pixels, edges_km: np.ndarray):
-        self.field, self.pixels, self.edges_km = field, pixels, edges_km
+        self.field, self.pixels = field, pixels
         settings, medium = field.settings, field.medium
         bent = settings.refraction and medium.has_refraction
-        self.profile = ray_profile(with_joined_refractivity(medium) if bent else medium, refraction=bent)
+        profile = ray_profile(with_joined_refractivity(medium) if bent else medium, refraction=bent)
+        self.layers = Layers(edges_km, profile)
         self.walk = settings.walk(medium.has_refraction)
         n_pixels, n_layers = pixels.key.size, edges_km.size - 1
         self.single = np.zeros((n_pixels, medium.n_wavelengths))
-        self.single_ways = np.zeros((n_pixels, medium.n_wavelengths, n_layers))
+        self.single_lengths = np.zeros((n_pixels, medium.n_wavelengths, n_layers))
         in_slices(
-            lambda begin, end: walks.single_scattering(
-                field.air, self.profile, field.sun, field.importance, self.walk, pixels, begin, end, edges_km,
-                self.single, self.single_ways,
+            lambda begin, end: single_scattering(
+                field.air, self.layers, field.sun, field.importance, self.walk, pixels, begin, end,
+                self.single, self.single_lengths,
             ),
             n_pixels,
         )  # fmt: skip
 
     def sums(self, samples: np.ndarray, stage: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(count (P, W), scalars (P, W, N_SCALARS), ways (P, W, N_WAYS, J)) of so many samples (P, W).
+        """(count (P, W), scalars (P, W, N_SCALARS), paths (P, W, N_PATHS, J)) of so many samples (P, W).
 
         stage: 0 or 1, with random numbers of its own.
         """
@@ -132,17 +140,16 @@ class _Run:
         # streams of their own: those of radiances are even or odd numbers of chunks below 2^32
         chunk = number + (1 + stage) * 2**40
         jobs = ChunkJobs(pixel, wavelength, np.zeros_like(pixel), chunk, size)
-        n_layers = self.edges_km.size - 1
-        found = walks.LengthSums(
-            np.zeros((size.size, walks.N_SCALARS)),
-            np.zeros((size.size, walks.N_WAYS, n_layers)),
-            np.zeros(size.size, dtype=np.int64),
+        n_layers = self.layers.edges_km.size - 1
+        found = LengthSums(
+            np.zeros((size.size, N_SCALARS)),
+            np.zeros((size.size, N_PATHS, n_layers)),
             np.zeros(size.size, dtype=np.int64),
         )
         in_slices(
-            lambda begin, end: walks.run_length_chunks(
-                field.air, self.profile, field.sun, field.importance, self.walk, np.uint64(field.settings.seed),
-                self.pixels, jobs, begin, end, self.edges_km, self.single, self.single_ways, found,
+            lambda begin, end: run_length_chunks(
+                field.air, self.layers, field.sun, field.importance, self.walk, np.uint64(field.settings.seed),
+                self.pixels, jobs, begin, end, self.single, self.single_lengths, found,
             ),
             size.size,
         )  # fmt: skip
@@ -151,18 +158,18 @@ class _Run:
                 "air-mass factors: montecarlo met a safety limit of its paths in this air; allowed is thinner air"
             )
         where: Any = (pixel, wavelength)
-        scalars = np.zeros((*samples.shape, walks.N_SCALARS))
-        ways = np.zeros((*samples.shape, walks.N_WAYS, n_layers))
+        scalars = np.zeros((*samples.shape, N_SCALARS))
+        paths = np.zeros((*samples.shape, N_PATHS, n_layers))
         np.add.at(scalars, where, found.scalars)
-        np.add.at(ways, where, found.ways)
-        return samples, scalars, ways
+        np.add.at(paths, where, found.paths)
+        return samples, scalars, paths
 
     def answer(self, sums: tuple[np.ndarray, np.ndarray, np.ndarray]) -> BoxAirMass:
         """Factors from the sums of `sums`."""
-        count, scalars, ways = sums
+        count, scalars, paths = sums
         n = count[..., None].astype(float)
-        x, xx, v, vv, xv = (scalars[..., k][..., None] / n for k in range(walks.N_SCALARS))
-        y, yy, xy, vy = (ways[..., k, :] / n for k in range(walks.N_WAYS))
+        x, xx, v, vv, xv = (scalars[..., k][..., None] / n for k in range(N_SCALARS))
+        y, yy, xy, vy = (paths[..., k, :] / n for k in range(N_PATHS))
         safe = np.where(x > 0.0, x, 1.0)
         ratio = y / safe
         # (co)variances of the residual z = y - ratio x, whose mean is 0, and of the control variate
@@ -170,7 +177,7 @@ class _Run:
         with_control = (vy - v * y) - ratio * (xv - x * v)
         slope = np.where(of_control > 0.0, with_control / np.where(of_control > 0.0, of_control, 1.0), 0.0)
         variance = (yy - y * y) - 2.0 * ratio * (xy - x * y) + ratio**2 * (xx - x * x) - slope * with_control
-        thickness = np.diff(self.edges_km)
+        thickness = np.diff(self.layers.edges_km)
         factor = (ratio - slope * v / safe) / thickness
         error = np.sqrt(np.maximum(variance, 0.0) / (n - 1.0)) / safe / thickness
         lit = x > 0.0

@@ -59,7 +59,7 @@ def fingerprint(medium, settings, pixels) -> str:
                 digest.update(np.ascontiguousarray(p.ratios).tobytes())
         else:
             digest.update(np.ascontiguousarray(value, dtype=float).tobytes())
-    digest.update(repr([(k, v) for k, v in settings.as_dict().items() if k not in FREE_SETTINGS]).encode())
+    digest.update(repr([(k, v) for k, v in vars(settings).items() if k not in FREE_SETTINGS]).encode())
     # a limit, whichever, makes the first round short
     digest.update(repr(settings.time_limit_s is None).encode())
     digest.update(pixels.key.tobytes())

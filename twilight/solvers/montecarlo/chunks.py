@@ -90,6 +90,36 @@ def observer_ray(sun_elevation, elevation, azimuth, altitude, radius, ray, to_su
     to_sun[0], to_sun[1], to_sun[2] = math.cos(sun_elevation), 0.0, math.sin(sun_elevation)
 
 
+@njit(inner=True, cache=True)
+def new_memory(air):
+    """`PathMemory` of one thread."""
+    n_species = air.table.shape[2] - SPECIES
+    return PathMemory(
+        new_leg(n_species, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS),
+        new_leg(n_species, LEG_PIECES, LEG_CHORDS),
+        np.empty((STACK, EVENT_COLUMNS)),
+        new_workspace(),
+        np.empty(CHORD_COLUMNS),
+        np.empty(3),
+        np.empty(1, dtype=np.uint64),
+    )
+
+
+@njit(inner=True, **INNER)
+def pixel_line_of_sight(air, sun, importance, walk, w, pixels, p, memory):
+    """Follow the line of sight of a pixel into memory.line_of_sight; returns its `LegTotals`, and fills memory.to_sun.
+
+    pixels: `Pixels`; p: index of the pixel.
+    """
+    observer_ray(
+        pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
+        air.earth_radius_km, memory.ray, memory.to_sun,
+    )  # fmt: skip
+    return integrate_line_of_sight(
+        air, sun, importance, w, walk.first, memory.ray, memory.to_sun, pixels.far_km[p], memory.line_of_sight
+    )
+
+
 @njit(inner=True, **INNER)
 def add_sample(orders, sums, squares):
     """Add one sample, and its squares, to the sums of a job; returns the whole I.
@@ -118,18 +148,10 @@ def line_of_sight_transmittance(air, sun, importance, walk, pixels, begin, end, 
 
     pixels: `Pixels`; begin, end: the first pixel and the one after the last; out (P, W): filled, transmittance in 0..1.
     """
-    memory = new_leg(air.table.shape[2] - SPECIES, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS)
-    ray = np.empty(CHORD_COLUMNS)
-    to_sun = np.empty(3)
+    memory = new_memory(air)
     for p in range(begin, end):
         for w in range(out.shape[1]):
-            observer_ray(
-                pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
-                air.earth_radius_km, ray, to_sun,
-            )  # fmt: skip
-            out[p, w] = integrate_line_of_sight(
-                air, sun, importance, w, walk.first, ray, to_sun, pixels.far_km[p], memory
-            ).transmittance
+            out[p, w] = pixel_line_of_sight(air, sun, importance, walk, w, pixels, p, memory).transmittance
 
 
 @njit(cache=True, nogil=True)
@@ -141,16 +163,10 @@ def run_chunks(air, line_of_sight_air, sun, importance, walk, seed, pixels, jobs
     sums: `ChunkSums`, filled; stop (1,): no sample is begun once it is not 0.  A row depends on its job alone, so
     neither threads nor the order of jobs change it.
     """
-    n_species = air.table.shape[2] - SPECIES
-    line_of_sight_leg = new_leg(n_species, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS)
-    leg = new_leg(n_species, LEG_PIECES, LEG_CHORDS)
-    memory = PathMemory(line_of_sight_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_workspace())
-    ray = np.empty(CHORD_COLUMNS)
-    to_sun = np.empty(3)
+    memory = new_memory(air)
     n_stokes = sums.sums.shape[1]
     single = np.zeros(N_STOKES)
     orders = np.empty((n_stokes, N_ORDERS + 1))
-    stream = np.empty(1, dtype=np.uint64)
     last_pixel = -1
     last_wavelength = -1
     line_of_sight = without_ground(0, -1, 0.0, 0.0, 0.0, 1.0)
@@ -161,25 +177,16 @@ def run_chunks(air, line_of_sight_air, sun, importance, walk, seed, pixels, jobs
         if p != last_pixel or w != last_wavelength:
             last_pixel = p
             last_wavelength = w
-            for own in range(2):
-                if own == 0 and not air.isotropic_events:
-                    continue
-                observer_ray(
-                    pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
-                    air.earth_radius_km, ray, to_sun,
-                )  # fmt: skip
-                # light scattered once is seen through air that may not be the diffuse light's
-                seen = air if own == 1 else line_of_sight_air
-                line_of_sight = integrate_line_of_sight(
-                    seen, sun, importance, w, walk.first, ray, to_sun, pixels.far_km[p], memory.line_of_sight
-                )
-                if own == 0 or not air.isotropic_events:
-                    single[0] = line_of_sight.sun_i + line_of_sight.sun_ground
-                    single[1] = line_of_sight.sun_q
-                    single[2] = line_of_sight.sun_u
+            line_of_sight = pixel_line_of_sight(line_of_sight_air, sun, importance, walk, w, pixels, p, memory)
+            single[0] = line_of_sight.sun_i + line_of_sight.sun_ground
+            single[1] = line_of_sight.sun_q
+            single[2] = line_of_sight.sun_u
+            if air.isotropic_events:
+                # the air that scatters diffuse light is another one
+                line_of_sight = pixel_line_of_sight(air, sun, importance, walk, w, pixels, p, memory)
             if walk.first.bent:
                 at_observer = refractivity_at(air, w, pixels.altitude_km)
-        start(stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[j])
+        start(memory.stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[j])
         for _ in range(jobs.samples[j]):
             if stop[0] != 0:
                 break
@@ -190,9 +197,7 @@ def run_chunks(air, line_of_sight_air, sun, importance, walk, seed, pixels, jobs
             if line_of_sight.n_pieces < 0:
                 sums.limits[j] += 1
             else:
-                sums.limits[j] += one_sample(
-                    air, sun, importance, walk, w, at_observer, to_sun, line_of_sight, stream, memory, orders
-                )
+                sums.limits[j] += one_sample(air, sun, importance, walk, w, at_observer, line_of_sight, memory, orders)
             total = add_sample(orders, sums.sums[j], sums.squares[j])
             sums.high[j, 0] += total * total * total
             sums.high[j, 1] += total * total * total * total

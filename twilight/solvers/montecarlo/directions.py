@@ -31,7 +31,6 @@ from twilight.solvers.montecarlo.importance import (
     N_DIRECTIONS,
     cell_of,
     cell_solid_angle,
-    draw_from,
     horizon_sine,
     log_light_from,
     nearest_node,
@@ -40,7 +39,7 @@ from twilight.solvers.montecarlo.importance import (
 )
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
-from twilight.solvers.montecarlo.random import uniform
+from twilight.solvers.montecarlo.random import draw_from, uniform
 from twilight.solvers.montecarlo.rays import DIRECTION
 
 DEFENSIVE_FRACTION = 0.05
@@ -76,7 +75,7 @@ def new_workspace():
 def mean_phase(air, w, i, f, cosine):
     """(P11, q, P12) [sr^-1] at the place (i, f): of the mixture of species; q: the tabulated P11 that is drawn from.
 
-    (i, f): of the levels of the air; cosine: of the scattering angle.
+    cosine: of the scattering angle.
     """
     if air.isotropic_events:
         return 0.25 / math.pi, 0.25 / math.pi, 0.0
@@ -126,7 +125,7 @@ def draw_cosine(air, w, i, f, number, stream):
 
 
 @njit(**INNER)
-def turn(dx, dy, dz, cosine, psi, out):
+def scattered_direction(dx, dy, dz, cosine, psi, out):
     """Write into out (3,) the unit vector at the angle acos(cosine) from (dx, dy, dz), at the azimuth psi [rad]."""
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     if abs(dz) < 0.9:
@@ -202,7 +201,8 @@ def draw_direction(air, importance, w, event, horizon, from_table, total, number
         draw_ground(air, frame, event[HEADING:ACROSS], a, b, stream, trial)
     else:
         cosine = draw_cosine(air, w, int(event[LEVEL]), event[FRACTION], a, stream)
-        turn(event[HEADING], event[HEADING + 1], event[HEADING + 2], cosine, 2.0 * math.pi * b, trial)
+        dx, dy, dz = event[HEADING], event[HEADING + 1], event[HEADING + 2]
+        scattered_direction(dx, dy, dz, cosine, 2.0 * math.pi * b, trial)
     x = frame[0, 0] * trial[0] + frame[0, 1] * trial[1] + frame[0, 2] * trial[2]
     y = frame[1, 0] * trial[0] + frame[1, 1] * trial[1] + frame[1, 2] * trial[2]
     up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]

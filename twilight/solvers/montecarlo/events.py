@@ -20,7 +20,7 @@ from twilight.solvers.montecarlo.matrix import (
     species_matrix,
 )
 from twilight.solvers.montecarlo.pieces import DEPTH, LENGTH, RESCATTERED, SCATTERED, depth_inside
-from twilight.solvers.montecarlo.random import uniform
+from twilight.solvers.montecarlo.random import draw_from, uniform
 from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
 
 # Columns of an event.
@@ -33,23 +33,6 @@ from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, R
 POINT, HEADING, ACROSS, MATRIX = 0, 3, 6, 9
 WEIGHT, ORDER, ALTITUDE, LEVEL, FRACTION, ON_GROUND, NUMBERS = range(18, 25)
 EVENT_COLUMNS = NUMBERS + 3
-
-
-@njit(inner=True, **INNER)
-def draw_piece(pieces, column, n, x):
-    """First of the n pieces (M, PIECE_COLUMNS) whose running sum in a `column` exceeds x.
-
-    pieces: of a leg, n: how many it has; column: RESCATTERED or SCATTERED; x: below the sum of the last piece.
-    """
-    lo = 0
-    hi = n - 1
-    while lo < hi:
-        mid = (lo + hi) // 2
-        if pieces[mid, column] > x:
-            hi = mid
-        else:
-            lo = mid + 1
-    return lo
 
 
 @njit(inner=True, **INNER)
@@ -81,7 +64,7 @@ def choose_point(pieces, n, ground_scattered, ground_rescattered, importance_fra
         x = (number - by_importance) / (1.0 - by_importance) * all_scattered
     k = n
     if n > 0 and x < pieces[n - 1, column]:
-        k = draw_piece(pieces, column, n, x)
+        k = draw_from(pieces[:n, column], x)
         scattered = pieces[k, SCATTERED]
         rescattered = pieces[k, RESCATTERED]
         if k > 0:
@@ -108,10 +91,7 @@ def event_weight(air, w, piece, t, i, f):
 
 @njit(inner=True, **INNER)
 def mean_matrix(air, w, i, f, cosine):
-    """(P12, P22, P33) over P11 at the place (i, f) of the levels.
-
-    cosine: of the scattering angle.
-    """
+    """(P12, P22, P33) over P11 at the place (i, f) of the levels; `cosine`: of the scattering angle."""
     if air.isotropic_events:
         return 0.0, 0.0, 0.0
     total = 0.0

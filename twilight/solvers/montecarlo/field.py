@@ -63,8 +63,8 @@ def prepare(
         progress("montecarlo: direct beam and importance function", 0.0)
     isotropic = settings.approximation == "isotropic_after_first"
     air = prepare_air(medium, 1 if isotropic else None)
-    # Light scattered once keeps only its narrow forward peak (moment 3) on the line of sight: counting all of g as
-    # unscattered would brighten a hazy horizon up to twofold, counting none would lose light.
+    # Of light scattered once the narrow forward peak (moment 3) alone counts as unscattered on the line of sight: all
+    # of g would brighten a hazy horizon up to twofold, none of it would lose light.
     line_of_sight_air = prepare_air(medium, 3) if isotropic else air
     beam = prepare_beam(medium, refraction=settings.refraction, spreading=settings.spreading)
     table = prepare_beam_table(air, beam)
@@ -128,7 +128,7 @@ class Field(BareField):
     def radiance_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
     ) -> MonteCarloResult:
-        """Radiance with standard errors, and its orders of scattering kept apart.
+        """Radiance with standard errors, in all and by order of scattering.
 
         Parameters
         ----------

@@ -212,10 +212,7 @@ def log_source_light(source, place_of_root, nodes, hint, root, mu_sun, up, cos_t
 
 @njit(inline="always", **INNER)
 def log_ground_light(importance, w, cos_sun):
-    """Logarithm of the diffuse irradiance on the ground, over F0.
-
-    cos_sun: of the local solar zenith angle.
-    """
+    """Logarithm of the diffuse irradiance on the ground, over F0; `cos_sun`: of the local solar zenith angle."""
     j, b = sun_index(importance.cos_sun, importance.hint, cos_sun)
     return importance.log_ground[w, j] * (1 - b) + importance.log_ground[w, j + 1] * b
 
@@ -263,11 +260,11 @@ def cell_of(importance, horizon, x, y, z):
     n = importance.row_edges.size - 1
     while e < n - 1 and importance.row_edges[e + 1] < g:
         e += 1
-    turn = math.atan2(y, x)
-    if turn < 0.0:
-        turn += 2.0 * math.pi
+    azimuth = math.atan2(y, x)
+    if azimuth < 0.0:
+        azimuth += 2.0 * math.pi
     a = 0
-    while a < N_AZIMUTHS - 1 and importance.azimuth_edges[a + 1] < turn:
+    while a < N_AZIMUTHS - 1 and importance.azimuth_edges[a + 1] < azimuth:
         a += 1
     return e * N_AZIMUTHS + a
 
@@ -341,27 +338,7 @@ def weigh_cells(importance, air, w, node, place, horizon, heading, on_ground, cu
 
 
 @njit(inline="always", **INNER)
-def draw_from(cumulative, x):
-    """First index whose running sum exceeds x.
-
-    cumulative (N,): running sums; x: from 0 to the last of them.
-    """
-    lo = 0
-    hi = cumulative.size - 1
-    while lo < hi:
-        mid = (lo + hi) // 2
-        if cumulative[mid] > x:
-            hi = mid
-        else:
-            lo = mid + 1
-    return lo
-
-
-@njit(inline="always", **INNER)
 def sampling_cell(cosine):
-    """Cell of the sampling tables of `air` that holds a scattering angle.
-
-    cosine: of that angle.
-    """
+    """Cell of the sampling tables of `air` that holds a scattering angle; `cosine`: of that angle."""
     x = math.sqrt(math.sqrt(max(0.0, 0.5 * (1.0 - cosine))))
     return min(N_SAMPLING - 1, int(x * N_SAMPLING))

@@ -64,26 +64,22 @@ NEIGHBOUR_RATIO = 2.0
 
 
 def solve_importance(
-    air: MonteCarloAir, medium: Medium, sun: SolarBeam, sweeps: int = 2, stop: np.ndarray | None = None
+    air: MonteCarloAir, medium: Medium, sun: SolarBeam, sweeps: int, stop: np.ndarray
 ) -> ImportanceTables:
     """The linear solution and then `sweeps` logarithmic ones; 0: no importance function.
 
     air: of the medium; stop (1,): once it is not 0, what is not solved yet is left as it is, at the cost of noise.
     """
-    if stop is None:
-        stop = np.zeros(1, dtype=np.uint8)
     between = diffusion_depth(air, [phase.legendre_moments(1)[:, 1] for phase in medium.phase_functions])
     importance = empty_importance(air, between)
     if sweeps == 0:
         return importance
     is_thick = between[:, -1] > THICK
     diffuse = prepare_air(medium, 1) if is_thick.any() and not air.isotropic_events else air
-    z = importance.altitude_km
-    n_sun = importance.cos_sun.size
-    n = z.size * n_sun
+    shape = (importance.altitude_km.size, importance.cos_sun.size)
     depth = air.moment[:, -1, 0]
     for w in range(air.table.shape[0]):
-        phase = _source_phase(air, importance, w, z)
+        phase = _source_phase(air, importance, w)
         todo = sweeps
         near = w > 0 and not is_thick[w]
         if near and sweeps > 1 and 1.0 / NEIGHBOUR_RATIO < depth[w] / max(depth[w - 1], 1e-300) < NEIGHBOUR_RATIO:
@@ -93,10 +89,10 @@ def solve_importance(
             todo = sweeps - 1
         else:
             thick = bool(is_thick[w])
-            _linear(diffuse if thick else air, sun, importance, w, z, thick, stop)
+            _linear(diffuse if thick else air, sun, importance, w, thick, stop)
         for _ in range(todo):
-            radiance = np.zeros((z.size, n_sun, N_DIRECTIONS))
-            in_slices(partial(_sweep, air, sun, importance, w, LEG_OPTIONS, z, stop, radiance), n)
+            radiance = np.zeros((*shape, N_DIRECTIONS))
+            in_slices(partial(_sweep, air, sun, importance, w, stop, radiance), math.prod(shape))
             if stop[0]:
                 return importance
             _store(importance, w, phase, radiance)
@@ -104,42 +100,38 @@ def solve_importance(
 
 
 def _linear(
-    air: MonteCarloAir,
-    sun: SolarBeam,
-    importance: ImportanceTables,
-    w: int,
-    z: np.ndarray,
-    integrated: bool,
-    stop: np.ndarray,
+    air: MonteCarloAir, sun: SolarBeam, importance: ImportanceTables, w: int, integrated: bool, stop: np.ndarray
 ) -> None:
     """Mean light at the nodes from the linear system of one wavelength, the same in all directions."""
     n_sun = importance.cos_sun.size
-    n = z.size * n_sun
+    n = importance.altitude_km.size * n_sun
     # unknowns: mean light at the nodes, then diffuse irradiance on the ground
     source = np.zeros(n + n_sun)
     kernel = np.zeros((n + n_sun, n + n_sun))
-    in_slices(partial(_system, air, sun, importance, w, LEG_OPTIONS, z, integrated, stop, source, kernel), n)
+    in_slices(partial(_system, air, sun, importance, w, integrated, stop, source, kernel), n)
     if stop[0]:
         return
     light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
     floor = math.exp(DARK)
-    importance.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(z.size, n_sun, 1)
+    importance.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(-1, n_sun, 1)
     importance.log_ground[w] = np.log(np.maximum(light[n:], floor))
 
 
-def _source_phase(air: MonteCarloAir, importance: ImportanceTables, w: int, altitude_km: np.ndarray) -> np.ndarray:
+def _source_phase(air: MonteCarloAir, importance: ImportanceTables, w: int) -> np.ndarray:
     """Mean blurred phase function (A, N_SOURCE, D) between the directions of the source and those of the light."""
     cosine = np.einsum("sk,adk->asd", source_directions(), importance.centre)
     cell = np.clip((0.5 * N_SMOOTH * (cosine + 1.0)).astype(int), 0, N_SMOOTH - 1)
     if air.isotropic_events:
         return np.full(cosine.shape, 0.25 / np.pi)
-    beta = np.stack([np.interp(altitude_km, air.level_km, b) for b in air.table[w, :, SPECIES:].T], axis=-1)
+    z = importance.altitude_km
+    beta = np.stack([np.interp(z, air.level_km, b) for b in air.table[w, :, SPECIES:].T], axis=-1)
     total = beta.sum(axis=-1, keepdims=True)
     beta = np.where(total > 0, beta / np.where(total > 0, total, 1.0), 1.0 / beta.shape[1])
     return np.stack([(b @ air.smooth[w])[c] for b, c in zip(beta, cell, strict=True)])
 
 
 def _store(importance: ImportanceTables, w: int, phase: np.ndarray, radiance: np.ndarray) -> None:
+    """Fill the tables of one wavelength from radiance (A, Z, D); phase: of `_source_phase`."""
     weighted = radiance * importance.solid_angle[:, None, :]
     total = weighted.sum(axis=-1)
     floor = math.exp(DARK)
@@ -167,14 +159,13 @@ def _to_node(importance, node, to_sun):
 
 
 @njit(inner=True, **INNER)
-def _leg_from_node(air, sun, importance, w, options, r, to_sun, i, d, stream, leg, ray):
+def _leg_from_node(air, sun, importance, w, options, to_sun, i, d, stream, leg, ray):
     """Trace a leg from a node towards the centre of a cell of directions.
 
-    r [km]: radius of the node; i: index of its altitude; d: of the cell; to_sun (3,): in the node's frame (towards the
-    sun, sideways, up); options:
-    `LegOptions`; ray (9,): work space; the others as for `leg.trace`, whose `LegTotals` is returned.
+    i: index of the node's altitude; d: of the cell; to_sun (3,): in the node's frame (towards the sun, sideways, up);
+    ray (9,): work space; options, stream, leg: as for `leg.trace`, whose `LegTotals` is returned.
     """
-    ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, r
+    ray[ORIGIN], ray[ORIGIN + 1], ray[ORIGIN + 2] = 0.0, 0.0, air.earth_radius_km + importance.altitude_km[i]
     for m in range(3):
         ray[DIRECTION + m] = importance.centre[i, d, m]
     any_normal(ray[DIRECTION:REFERENCE], ray[REFERENCE:CHORD_COLUMNS])
@@ -182,14 +173,14 @@ def _leg_from_node(air, sun, importance, w, options, r, to_sun, i, d, stream, le
 
 
 @njit(cache=True, nogil=True)
-def _system(air, sun, importance, w, options, altitude_km, integrated, stop, source, kernel, first, end):
+def _system(air, sun, importance, w, integrated, stop, source, kernel, first, end):
     """S and K of the module's equation, rows of some nodes.
 
-    options: `LegOptions`; altitude_km (A,): of the nodes; integrated: whether what a piece scatters is integrated over
-    the piece, not taken from its middle; stop (1,): no node is begun once it is not 0; source (N,) [sr^-1],
-    kernel (N, N): S and K, added to, for N = A Z mean lights and Z irradiances on the ground; first, end: the first
-    node and the one after the last.
+    integrated: whether what a piece scatters is integrated over the piece, not taken from its middle; stop (1,): no
+    node is begun once it is not 0; source (N,) [sr^-1], kernel (N, N): S and K, added to, for N = A Z mean lights and Z
+    irradiances on the ground; first, end: the first node and the one after the last.
     """
+    altitude_km = importance.altitude_km
     n_sun = importance.cos_sun.size
     n_nodes = altitude_km.size * n_sun
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
@@ -209,14 +200,14 @@ def _system(air, sun, importance, w, options, altitude_km, integrated, stop, sou
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 continue
-            totals = _leg_from_node(air, sun, importance, w, options, r, to_sun, i, d, stream, leg, ray)
+            totals = _leg_from_node(air, sun, importance, w, LEG_OPTIONS, to_sun, i, d, stream, leg, ray)
             up = importance.centre[i, d, 2]
             solid_angle = 2.0 * importance.solid_angle[i, d]
             mean = solid_angle / (4.0 * math.pi)
             down = solid_angle * up if i == 0 and up > 0.0 else 0.0
             single = totals.sun_i + totals.sun_ground
             if integrated:
-                again = _leg_from_node(air, sun, importance, w, RANDOM_LEG_OPTIONS, r, to_sun, i, d, stream, other, ray)
+                again = _leg_from_node(air, sun, importance, w, RANDOM_LEG_OPTIONS, to_sun, i, d, stream, other, ray)
                 single = again.sun_i + again.sun_ground
             source[node] += mean * single
             if i == 0:
@@ -259,11 +250,11 @@ def _system(air, sun, importance, w, options, altitude_km, integrated, stop, sou
 
 
 @njit(cache=True, nogil=True)
-def _sweep(air, sun, importance, w, options, altitude_km, stop, radiance, first, end):
+def _sweep(air, sun, importance, w, stop, radiance, first, end):
     """Diffuse radiance at nodes from every cell's centre: sunlight plus the light of the tables.
 
-    options: `LegOptions`; altitude_km (A,): of the nodes; stop (1,): no node is begun once it is not 0; radiance (A, Z,
-    D) [sr^-1]: filled; first, end: the first node and the one after the last.
+    stop (1,): no node is begun once it is not 0; radiance (A, Z, D) [sr^-1]: filled; first, end: the first node and the
+    one after the last.
     """
     leg = new_leg(air.table.shape[2] - SPECIES, LEG_PIECES, 1)
     ray = np.empty(CHORD_COLUMNS)
@@ -273,11 +264,10 @@ def _sweep(air, sun, importance, w, options, altitude_km, stop, radiance, first,
         if stop[0] != 0:
             break
         i, j = _to_node(importance, node, to_sun)
-        r = air.earth_radius_km + altitude_km[i]
         for d in range(N_DIRECTIONS):
             azimuth = d % N_AZIMUTHS
             if azimuth >= N_AZIMUTHS // 2:
                 radiance[i, j, d] = radiance[i, j, d - 2 * azimuth + N_AZIMUTHS - 1]
                 continue
-            totals = _leg_from_node(air, sun, importance, w, options, r, to_sun, i, d, stream, leg, ray)
+            totals = _leg_from_node(air, sun, importance, w, LEG_OPTIONS, to_sun, i, d, stream, leg, ray)
             radiance[i, j, d] = totals.sun_i + totals.sun_ground + rescattered_light(leg, totals)

@@ -73,8 +73,8 @@ from twilight.solvers.montecarlo.rays import (
 )
 from twilight.solvers.montecarlo.sunlight import fill_phases, ground_sunlight, sunlight, tabulated_sunlight
 
-PHASE_TURN = 2e-6
-"""1 - cosine of the angle by which a leg may turn before the phase functions towards the sun are taken anew."""
+PHASE_BENDING = 2e-6
+"""1 - cosine of the angle by which a leg may bend before the phase functions towards the sun are computed anew."""
 
 
 @njit(inner=True, **INNER)
@@ -95,30 +95,41 @@ def enter_air(air, ray):
     return True
 
 
-@njit(**INNER)
-def meet_ground(air, sun, importance, w, chord, distance, factor, n, last_chord, to_sun, polarised, light):
-    """`LegTotals` of a leg that meets the ground at a distance [km] of a chord (9,).
-
-    factor: transmittance of the leg; n: number of its pieces; last_chord: row of the chord; light: I, Q, U of sunlight
-    scattered on the way [sr^-1].
-    """
-    sun_i, sun_q, sun_u = light
+@njit(inner=True, **INNER)
+def ground_point(air, chord, distance, to_sun):
+    """(x, y, z, mu_sun): the point [km] of the ground at a distance [km] of a chord (9,), and its `mu_sun`."""
     x = chord[ORIGIN] + distance * chord[DIRECTION]
     y = chord[ORIGIN + 1] + distance * chord[DIRECTION + 1]
     z = chord[ORIGIN + 2] + distance * chord[DIRECTION + 2]
     radius = air.earth_radius_km + air.shell_km[0]
-    mu_sun = min(1.0, max(-1.0, (x * to_sun[0] + y * to_sun[1] + z * to_sun[2]) / radius))
+    return x, y, z, min(1.0, max(-1.0, (x * to_sun[0] + y * to_sun[1] + z * to_sun[2]) / radius))
+
+
+@njit(**INNER)
+def meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_start, to_sun, light):
+    """`LegTotals` of a leg that meets the ground at the end of a stretch, its last `Stretch`.
+
+    n: number of its pieces; depth: its optical depth; at_start: n - 1 where it begins; light: I, Q, U of sunlight
+    scattered on the way [sr^-1].
+    """
+    sun_i, sun_q, sun_u = light
+    factor = math.exp(-depth)
+    if options.bent:
+        factor *= relative_index(air.refractivity[w], 0, 0.0, at_start)
+    chord = leg.chords[stretch.number]
+    x, y, z, mu_sun = ground_point(air, chord, stretch.end, to_sun)
+    radius = air.earth_radius_km + air.shell_km[0]
     down = -(x * chord[DIRECTION] + y * chord[DIRECTION + 1] + z * chord[DIRECTION + 2]) / radius
     reflected = factor * ground_reflectance(air, w, down)
     direct = 0.0
     diffuse = 0.0
     if reflected > 0.0:
-        of_i, of_q, of_u = ground_sunlight(air, sun, w, x, y, z, mu_sun, chord, to_sun, polarised)
+        of_i, of_q, of_u = ground_sunlight(air, sun, w, x, y, z, mu_sun, chord, to_sun, options.polarised)
         direct = factor * of_i
         sun_q += factor * of_q
         sun_u += factor * of_u
         diffuse = reflected / math.pi * math.exp(log_ground_light(importance, w, mu_sun))
-    return LegTotals(n, last_chord, sun_i, sun_q, sun_u, direct, distance, factor, diffuse)
+    return LegTotals(n, stretch.number, sun_i, sun_q, sun_u, direct, stretch.end, factor, diffuse)
 
 
 @njit(**INNER)
@@ -146,7 +157,7 @@ def trace(air, sun, importance, w, ray, to_sun, options, stream, leg):
     depth = 0.0
     rescattered = 0.0
     scattered = 0.0
-    turn_x, turn_y, turn_z = 0.0, 0.0, 0.0
+    phase_x, phase_y, phase_z = 0.0, 0.0, 0.0
     if not enter_air(air, ray):
         return without_ground(0, -1, 0.0, 0.0, 0.0, 1.0)
     at_start = refractivity_on_ray(air, w, ray) if options.bent else 0.0
@@ -161,9 +172,9 @@ def trace(air, sun, importance, w, ray, to_sun, options, stream, leg):
         if stretch.begins_chord:
             row = leg.chords[stretch.number]
             dx, dy, dz = ray[DIRECTION], ray[DIRECTION + 1], ray[DIRECTION + 2]
-            if stretch.number == 0 or dx * turn_x + dy * turn_y + dz * turn_z < 1.0 - PHASE_TURN:
+            if stretch.number == 0 or dx * phase_x + dy * phase_y + dz * phase_z < 1.0 - PHASE_BENDING:
                 fill_phases(air, w, ray, to_sun, options.polarised, phases)
-                turn_x, turn_y, turn_z = dx, dy, dz
+                phase_x, phase_y, phase_z = dx, dy, dz
             cos_sun_start = ray[ORIGIN] * to_sun[0] + ray[ORIGIN + 1] * to_sun[1] + ray[ORIGIN + 2] * to_sun[2]
             cos_sun_slope = dx * to_sun[0] + dy * to_sun[1] + dz * to_sun[2]
             s_lowest = -chord.radius * chord.mu
@@ -267,10 +278,5 @@ def trace(air, sun, importance, w, ray, to_sun, options, stream, leg):
                 return without_ground(n, stretch.number, sun_i, sun_q, sun_u, 0.0)
     if stretch.then == TO_SPACE:
         return without_ground(n, stretch.number, sun_i, sun_q, sun_u, math.exp(-depth))
-    factor = math.exp(-depth)
-    if options.bent:
-        factor *= relative_index(at.refractivity, 0, 0.0, at_start)
     light = (sun_i, sun_q, sun_u)
-    return meet_ground(
-        air, sun, importance, w, row, stretch.end, factor, n, stretch.number, to_sun, options.polarised, light
-    )
+    return meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_start, to_sun, light)

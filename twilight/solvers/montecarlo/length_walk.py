@@ -1,14 +1,13 @@
-"""Random paths that remember how long their way was in every layer, and the sums of them that air-mass factors need.
+"""Random paths with their length in every layer of air, and the sums of them that air-mass factors need.
 
 The walk is that of :mod:`twilight.solvers.montecarlo.paths`, event by event.  A path that brings the light x after a
-way of l_j [km] in layer j adds x to the light and x l_j to its derivative by absorption in that layer, -dI / dk_j.  Of
-the points along a leg that sunlight reaches, each with its part of the leg's light, one is drawn in proportion to that
-part, and its way stands for those of all: unbiased, and one sunbeam has to be followed instead of dozens.
+length of l_j [km] in layer j adds x to the light and x l_j to its derivative by absorption in that layer, -dI / dk_j.
+Of the points along a leg that sunlight reaches, each with its part of the leg's light, one is drawn in proportion to
+that part, and its path length stands for those of all: unbiased, and one sunbeam has to be followed instead of dozens.
 
 The control variate of the walk has the mean 0: it is summed apart, and `air_mass` takes as much of it as helps.
 
-Arguments that kernels share: `kernel`.  Here also edges (J + 1,): altitudes [km] that bound J layers, ascending;
-lengths (J,): added to; factor: that lengths count with; profile: `transport.ray_profile.RayProfile`.
+Arguments that kernels share: `kernel`.  Here also layers: `path_lengths.Layers`, J of them; lengths (J,): added to.
 """
 
 from __future__ import annotations
@@ -19,49 +18,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.solvers.montecarlo.air import SPECIES, locate
-from twilight.solvers.montecarlo.chunks import observer_ray
-from twilight.solvers.montecarlo.directions import new_workspace
-from twilight.solvers.montecarlo.events import ACROSS, ALTITUDE, EVENT_COLUMNS, HEADING, ORDER, POINT
+from twilight.solvers.montecarlo.air import locate
+from twilight.solvers.montecarlo.chunks import new_memory, pixel_line_of_sight
+from twilight.solvers.montecarlo.events import ACROSS, ALTITUDE, HEADING, ORDER, POINT
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import trace
-from twilight.solvers.montecarlo.length_line import add_grounded, reflected_sunlight, scattered_once_lengths
-from twilight.solvers.montecarlo.line_of_sight import (
-    LINE_OF_SIGHT_CHORDS,
-    LINE_OF_SIGHT_PIECES,
-    integrate_line_of_sight,
-)
+from twilight.solvers.montecarlo.length_line import add_reflected, reflected_sunlight, scattered_once_lengths
 from twilight.solvers.montecarlo.path_lengths import add_leg, add_sunbeam, place_on_leg
 from twilight.solvers.montecarlo.paths import (
-    LEAST_SURVIVAL,
-    LEAST_WORTH,
     MAX_EVENTS,
-    MOST_COPIES,
-    MOST_WORTH,
-    N_ORDERS,
-    NEGLIGIBLE,
     STACK,
-    PathMemory,
+    continuations,
     next_leg,
     push_events,
+    push_first_events,
 )
 from twilight.solvers.montecarlo.pieces import (
     CHORD,
     DEPTH,
     FIRST,
     LAST,
-    LEG_CHORDS,
-    LEG_PIECES,
     LENGTH,
     START,
     LegOptions,
     depth_inside,
-    new_leg,
     rescattered_light,
 )
 from twilight.solvers.montecarlo.random import start, uniform
 from twilight.solvers.montecarlo.rays import (
-    CHORD_COLUMNS,
     DIRECTION,
     ORIGIN,
     altitude_at,
@@ -73,37 +57,37 @@ from twilight.solvers.montecarlo.sunlight import sunlight
 
 LIGHT, LIGHT_SQUARE, CONTROL, CONTROL_SQUARE, LIGHT_CONTROL, N_SCALARS = range(6)
 """Columns of `LengthSums.scalars`: sums over samples of x, x^2, v, v^2 and x v, x the light, v the control variate."""
-WAY, WAY_SQUARE, LIGHT_WAY, CONTROL_WAY, N_WAYS = range(5)
-"""Rows of `LengthSums.ways`: sums of y, y^2, x y and v y, y the light times its way in each layer."""
+PATH, PATH_SQUARE, LIGHT_PATH, CONTROL_PATH, N_PATHS = range(5)
+"""Rows of `LengthSums.paths`: sums of y, y^2, x y and v y, y the light times its path length in each layer."""
 
 
 class LengthSums(NamedTuple):
-    """Sums over the samples of Q jobs: scalars (Q, N_SCALARS), ways (Q, N_WAYS, J); samples, limits (Q,)."""
+    """Sums over the samples of Q jobs: scalars (Q, N_SCALARS), paths (Q, N_PATHS, J); limits (Q,): of samples that met
+    a limit of the walk."""
 
     scalars: np.ndarray
-    ways: np.ndarray
-    samples: np.ndarray
+    paths: np.ndarray
     limits: np.ndarray
 
 
-class WayMemory(NamedTuple):
-    """Ways [km] of one thread: of events that wait (STACK, J), of the path that goes on (J,), and room (J,)."""
+class LengthMemory(NamedTuple):
+    """Path lengths [km] of one thread: events that wait (STACK, J), the path that goes on (J,); work space (J,)."""
 
     stack: np.ndarray
     path: np.ndarray
-    room: np.ndarray
+    work: np.ndarray
 
 
 @njit(inner=True, **INNER)
-def leg_light(
-    air, profile, sun, w, to_sun, options, at_start, weight, matrix, leg, totals, edges, way, room, lengths, stream
-):
-    """I [sr^-1] of sunlight scattered or reflected into a leg once, times the path's weight and matrix; lengths (J,)
-    [km sr^-1] += it x way.
+def leg_light(air, layers, sun, w, options, at_start, weight, totals, memory, travelled, lengths):
+    """I [sr^-1] of sunlight scattered or reflected once into memory.leg, times the path's weight and matrix; lengths
+    (J,) [km sr^-1] += light x path length.
 
-    at_start: n - 1 where the leg begins; weight, matrix (9,): of the path; totals: `LegTotals`; way (J,) [km]: up to
-    the leg; room (J,): work space.
+    at_start: n - 1 where the leg begins; weight: of the path; totals: `LegTotals`; travelled: `LengthMemory`, with the
+    path up to the leg.
     """
+    leg, to_sun, stream, matrix = memory.leg, memory.to_sun, memory.stream, memory.work.matrix
+    path, whole_path = travelled.path, travelled.work
     radius = air.earth_radius_km
     light, whole, chosen = 0.0, 0.0, 0.0
     number: Any = np.int64(0)
@@ -142,45 +126,40 @@ def leg_light(
             grounded = True
     if whole <= 0.0:
         return 0.0
-    for j in range(way.size):
-        room[j] = way[j]
+    for j in range(path.size):
+        whole_path[j] = path[j]
     if grounded:
-        add_grounded(air, profile, sun, w, to_sun, leg, totals, edges, 1.0, room)
+        add_reflected(air, layers, sun, w, to_sun, leg, totals, 1.0, whole_path)
     else:
-        add_leg(edges, radius, leg.chords, number, distance, 1.0, room)
-        add_sunbeam(profile, sun.beam, w, altitude, cosine, edges, 1.0, room)
-    for j in range(way.size):
-        lengths[j] += weight * chosen * whole * room[j]
+        add_leg(layers.edges_km, radius, leg.chords, number, distance, 1.0, whole_path)
+        add_sunbeam(layers, sun.beam, w, altitude, cosine, 1.0, whole_path)
+    for j in range(path.size):
+        lengths[j] += weight * chosen * whole * whole_path[j]
     return weight * light
 
 
 @njit(inner=True, **INNER)
-def ways_of_events(air, leg, last_chord, edges, path, stack, first, end, ways):
-    """Fill rows first..end of ways (STACK, J) [km] for events just put on the stack: path (J,) up to the leg, and on.
+def lengths_to_events(air, layers, leg, last_chord, stack, first, end, travelled):
+    """Fill rows first..end of travelled.stack for events just put on the stack: the path up to the leg, and on.
 
-    leg: that they lie on, with chords up to `last_chord`; stack (STACK, EVENT_COLUMNS).
+    leg: that they lie on, with chords up to `last_chord`; stack (STACK, EVENT_COLUMNS); travelled: `LengthMemory`.
     """
     for k in range(first, end):
         event = stack[k]
         number, s = place_on_leg(leg.chords, last_chord, event[POINT:HEADING], event[HEADING:ACROSS])
-        for j in range(path.size):
-            ways[k, j] = path[j]
-        add_leg(edges, air.earth_radius_km, leg.chords, number, s, 1.0, ways[k])
+        for j in range(travelled.path.size):
+            travelled.stack[k, j] = travelled.path[j]
+        add_leg(layers.edges_km, air.earth_radius_km, leg.chords, number, s, 1.0, travelled.stack[k])
 
 
 @njit(inner=True, **INNER)
-def one_path_sample(
-    air, profile, sun, importance, walk, w, at_observer, to_sun, line_of_sight, edges, stream, memory, ways, lengths
-):
+def one_path_sample(air, layers, sun, importance, walk, w, at_observer, line_of_sight, memory, travelled, lengths):
     """(I of light scattered more than once, control variate, 1 if a limit was met) [sr^-1] of one sample, as
-    `paths.one_sample`; lengths (J,) [km sr^-1] += its light x way.
+    `paths.one_sample`; lengths (J,) [km sr^-1] += light x path length.
 
-    at_observer: n - 1 there; line_of_sight: `LegTotals` of memory.line_of_sight; memory: `PathMemory`; ways:
-    `WayMemory`.
+    at_observer: n - 1 there; line_of_sight: `LegTotals` of memory.line_of_sight; travelled: `LengthMemory`.
     """
-    leg, stack, work = memory.leg, memory.stack, memory.work
-    matrix = work.matrix
-    path = ways.path
+    leg, path = memory.leg, travelled.path
     # the light of a leg is gathered by `leg_light`
     later = walk.later
     false: Any = np.bool_(False)
@@ -191,104 +170,75 @@ def one_path_sample(
     if walk.max_orders < 2 or remaining <= 0.0:
         return 0.0, 0.0, 0
     unit = remaining / walk.paths_per_sample
-    for m in range(9):
-        matrix[m] = 1.0 if m % 4 == 0 else 0.0
-    size, known = push_events(
-        air, w, walk, walk.first, at_observer, memory.line_of_sight, line_of_sight, 1.0 / walk.paths_per_sample, matrix,
-        walk.paths_per_sample, np.int64(1), stack, np.int64(0), stream,
-    )  # fmt: skip
-    control -= known
+    size, drawn = push_first_events(air, w, walk, at_observer, line_of_sight, memory)
+    control -= drawn
     if size < 0:
         return 0.0, 0.0, 1
     for j in range(path.size):
         path[j] = 0.0
-    ways_of_events(air, memory.line_of_sight, line_of_sight.last_chord, edges, path, stack, 0, size, ways.stack)
+    lengths_to_events(air, layers, memory.line_of_sight, line_of_sight.last_chord, memory.stack, 0, size, travelled)
     while size > 0:
         size -= 1
-        event = stack[size]
+        event = memory.stack[size]
         order = int(event[ORDER])
         for j in range(path.size):
-            path[j] = ways.stack[size, j]
-        direction_fraction = walk.importance_direction_fraction if order <= N_ORDERS else 0.0
-        weight = next_leg(air, importance, w, walk, direction_fraction, event, unit, to_sun, stream, work)
+            path[j] = travelled.stack[size, j]
+        weight = next_leg(air, importance, w, walk, event, unit, memory)
         if weight <= 0.0:
             continue
         at_start = refractivity_at(air, w, event[ALTITUDE]) if walk.later.bent else 0.0
-        totals = trace(air, sun, importance, w, work.new, to_sun, gather, stream, leg)
+        totals = trace(air, sun, importance, w, memory.work.new, memory.to_sun, gather, memory.stream, leg)
         if totals.n_pieces < 0:
             return light, control, 1
-        light += leg_light(
-            air, profile, sun, w, to_sun, walk.later, at_start, weight, matrix, leg, totals, edges, path, ways.room,
-            lengths, stream,
-        )  # fmt: skip
+        light += leg_light(air, layers, sun, w, walk.later, at_start, weight, totals, memory, travelled, lengths)
         order += 1
         remaining = rescattered_light(leg, totals)
         control += weight * remaining
         if order < walk.max_orders and remaining > 0.0:
-            copies = 1
-            worth = weight * remaining / unit
-            if walk.roulette_threshold > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
-                mean_copies = min(max(worth * walk.splitting_rate, LEAST_SURVIVAL), MOST_COPIES)
-                copies = int(mean_copies + uniform(stream))
-                weight /= mean_copies
-            elif worth < NEGLIGIBLE:
-                copies = 0
+            copies, mean_copies = continuations(walk, weight * remaining / unit, order, memory.stream)
             if order >= MAX_EVENTS:
                 limit_met = 1
             elif copies > 0:
-                full, known = push_events(
-                    air, w, walk, walk.later, at_start, leg, totals, weight, matrix, copies, order, stack, size, stream
+                full, drawn = push_events(
+                    air, w, walk, walk.later, at_start, leg, totals, weight / mean_copies, copies, order, size, memory
                 )
                 if full < 0:
                     return light, control, 1
-                ways_of_events(air, leg, totals.last_chord, edges, path, stack, size, full, ways.stack)
-                control -= known
+                lengths_to_events(air, layers, leg, totals.last_chord, memory.stack, size, full, travelled)
+                control -= drawn
                 size = full
     return light, control, limit_met
 
 
 @njit(cache=True, nogil=True)
 def run_length_chunks(
-    air, profile, sun, importance, walk, seed, pixels, jobs, first_job, end_job, edges, single, single_ways, sums
+    air, layers, sun, importance, walk, seed, pixels, jobs, first_job, end_job, single, single_lengths, sums
 ):
     """Run jobs and fill their rows of the sums.
 
     seed: an integer; pixels: `Pixels`; jobs: `ChunkJobs`; first_job, end_job: the first job and the one after the last;
-    single (P, W) [sr^-1], single_ways (P, W, J) [km sr^-1]: light scattered once, of `single_scattering`; sums:
+    single (P, W) [sr^-1], single_lengths (P, W, J) [km sr^-1]: light scattered once, of `single_scattering`; sums:
     `LengthSums`, filled.
     """
-    n_layers = edges.size - 1
-    n_species = air.table.shape[2] - SPECIES
-    line_leg = new_leg(n_species, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS)
-    leg = new_leg(n_species, LEG_PIECES, LEG_CHORDS)
-    memory = PathMemory(line_leg, leg, np.empty((STACK, EVENT_COLUMNS)), new_workspace())
-    ways = WayMemory(np.empty((STACK, n_layers)), np.empty(n_layers), np.empty(n_layers))
-    ray, to_sun = np.empty(CHORD_COLUMNS), np.empty(3)
+    n_layers = layers.edges_km.size - 1
+    memory = new_memory(air)
+    travelled = LengthMemory(np.empty((STACK, n_layers)), np.empty(n_layers), np.empty(n_layers))
     lengths = np.empty(n_layers)
-    stream = np.empty(1, dtype=np.uint64)
     for q in range(first_job, end_job):
         p, w = jobs.pixel[q], jobs.wavelength[q]
-        observer_ray(
-            pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
-            air.earth_radius_km, ray, to_sun,
-        )  # fmt: skip
-        line_of_sight = integrate_line_of_sight(
-            air, sun, importance, w, walk.first, ray, to_sun, pixels.far_km[p], memory.line_of_sight
-        )
+        line_of_sight = pixel_line_of_sight(air, sun, importance, walk, w, pixels, p, memory)
         at_observer = refractivity_at(air, w, pixels.altitude_km) if walk.first.bent else 0.0
-        start(stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[q])
-        scalars, rows = sums.scalars[q], sums.ways[q]
+        start(memory.stream, seed, pixels.key[p], pixels.wavelength_key[w], jobs.chunk[q])
+        scalars, rows = sums.scalars[q], sums.paths[q]
         for _ in range(jobs.samples[q]):
             for j in range(n_layers):
-                lengths[j] = single_ways[p, w, j]
+                lengths[j] = single_lengths[p, w, j]
             light, control, limit = 0.0, 0.0, 1
             if line_of_sight.n_pieces >= 0:
                 light, control, limit = one_path_sample(
-                    air, profile, sun, importance, walk, w, at_observer, to_sun, line_of_sight, edges, stream, memory,
-                    ways, lengths,
-                )  # fmt: skip
+                    air, layers, sun, importance, walk, w, at_observer, line_of_sight, memory, travelled, lengths
+                )
             light += single[p, w]
-            sums.samples[q] += 1
             sums.limits[q] += limit
             scalars[LIGHT] += light
             scalars[LIGHT_SQUARE] += light * light
@@ -296,28 +246,25 @@ def run_length_chunks(
             scalars[CONTROL_SQUARE] += control * control
             scalars[LIGHT_CONTROL] += light * control
             for j in range(n_layers):
-                rows[WAY, j] += lengths[j]
-                rows[WAY_SQUARE, j] += lengths[j] * lengths[j]
-                rows[LIGHT_WAY, j] += light * lengths[j]
-                rows[CONTROL_WAY, j] += control * lengths[j]
+                rows[PATH, j] += lengths[j]
+                rows[PATH_SQUARE, j] += lengths[j] * lengths[j]
+                rows[LIGHT_PATH, j] += light * lengths[j]
+                rows[CONTROL_PATH, j] += control * lengths[j]
 
 
 @njit(cache=True, nogil=True)
-def single_scattering(air, profile, sun, importance, walk, pixels, begin, end, edges, light, lengths):
-    """Fill light (P, W) [sr^-1] scattered once and lengths (P, W, J) [km sr^-1], it x way, of pixels begin..end.
+def single_scattering(air, layers, sun, importance, walk, pixels, begin, end, light, lengths):
+    """Fill light (P, W) [sr^-1] scattered once and lengths (P, W, J) [km sr^-1], light x path length, of pixels
+    begin..end.
 
     pixels: `Pixels`.
     """
-    leg = new_leg(air.table.shape[2] - SPECIES, LINE_OF_SIGHT_PIECES, LINE_OF_SIGHT_CHORDS)
-    ray, to_sun = np.empty(CHORD_COLUMNS), np.empty(3)
+    memory = new_memory(air)
     for p in range(begin, end):
         for w in range(light.shape[1]):
-            observer_ray(
-                pixels.sun_elevation_rad[p], pixels.elevation_rad[p], pixels.azimuth_rad[p], pixels.altitude_km,
-                air.earth_radius_km, ray, to_sun,
-            )  # fmt: skip
-            totals = integrate_line_of_sight(air, sun, importance, w, walk.first, ray, to_sun, pixels.far_km[p], leg)
+            totals = pixel_line_of_sight(air, sun, importance, walk, w, pixels, p, memory)
             at_observer = refractivity_at(air, w, pixels.altitude_km) if walk.first.bent else 0.0
             light[p, w] = scattered_once_lengths(
-                air, profile, sun, importance, w, walk.first, to_sun, at_observer, totals, leg, edges, lengths[p, w]
-            )
+                air, layers, sun, importance, w, walk.first, memory.to_sun, at_observer, totals, memory.line_of_sight,
+                lengths[p, w],
+            )  # fmt: skip

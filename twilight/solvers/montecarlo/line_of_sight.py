@@ -138,6 +138,35 @@ def lit_part(air, beam, w, line, a, b):
     return (a, low) if at_a else (high, b)
 
 
+@njit(inner=True, **INNER)
+def gauss_node(air, w, options, line, piece, at_observer, a, b, k):
+    """(s, z, mu_sun, i, f, weight) of a node, number `k`, of the Gauss quadrature over the part a..b [km] of a piece.
+
+    s [km]: the distance on the chord; z, mu_sun, (i, f): as usual; weight [km]: of what is scattered there, the length
+    that the node stands for x transmittance x (n_observer / n)^2.  line, at_observer: as in `quadrature`.
+    """
+    s = a + (b - a) * GAUSS_NODE[k]
+    z, mu_sun = local_sun(line, air.earth_radius_km, s)
+    i, f = locate(air, z, int(piece[FIRST]), int(piece[LAST]))
+    t = (s - piece[START]) / piece[LENGTH]
+    within = depth_within(piece[LOWER], piece[MIDDLE], piece[UPPER], piece[LENGTH], t)
+    weight = GAUSS_WEIGHT[k] * (b - a) * math.exp(-piece[DEPTH] - within)
+    if options.bent:
+        weight *= relative_index(air.refractivity[w], i, f, at_observer)
+    return s, z, mu_sun, i, f, weight
+
+
+@njit(inner=True, **INNER)
+def finer_parts(sums, lit_begin, lit_end):
+    """(number of parts that a piece is cut into, whether the shadow's edge is looked for in them).
+
+    sums: `PieceSums` of the whole piece; lit_begin, lit_end: whether sunlight reaches its two ends.
+    """
+    if lit_begin != lit_end or (sums.darkest == 0.0 and sums.brightest > 0.0):
+        return EDGE_PARTS, True
+    return (STEEP_PARTS if sums.brightest > STEEP_RATIO * sums.darkest else 1), False
+
+
 @njit(**INNER)
 def quadrature(air, sun, importance, w, options, line, piece, at_observer, parts, edge):
     """`PieceSums` of one piece (a row of `pieces`, filled up to CHORD).
@@ -147,7 +176,6 @@ def quadrature(air, sun, importance, w, options, line, piece, at_observer, parts
     """
     bottom = air.shell_km[0]
     per_depth = 1.0 / (air.shell_km[air.shell_km.size - 1] - bottom)
-    first, last = int(piece[FIRST]), int(piece[LAST])
     chord, row, to_sun = line.chord, line.row, line.to_sun
     slope = row[DIRECTION] * to_sun[0] + row[DIRECTION + 1] * to_sun[1] + row[DIRECTION + 2] * to_sun[2]
     light_i, light_q, light_u, rescattered, scattered = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -164,15 +192,8 @@ def quadrature(air, sun, importance, w, options, line, piece, at_observer, parts
             a, b = lit_begin, lit_end
             if side == 1:
                 a, b = (begin, lit_begin) if lit_begin > begin else (lit_end, end)
-            for node in range(3):
-                s = a + (b - a) * GAUSS_NODE[node]
-                z, mu_sun = local_sun(line, air.earth_radius_km, s)
-                i, f = locate(air, z, first, last)
-                t = (s - piece[START]) / piece[LENGTH]
-                within = depth_within(piece[LOWER], piece[MIDDLE], piece[UPPER], piece[LENGTH], t)
-                weight = GAUSS_WEIGHT[node] * (b - a) * math.exp(-piece[DEPTH] - within)
-                if options.bent:
-                    weight *= relative_index(air.refractivity[w], i, f, at_observer)
+            for k in range(3):
+                s, z, mu_sun, i, f, weight = gauss_node(air, w, options, line, piece, at_observer, a, b, k)
                 scattering = column(air.table[w], i, f, SCATTERING)
                 if side == 0:
                     source_i, source_q, source_u = sunlight(
@@ -266,13 +287,11 @@ def integrate_line_of_sight(air, sun, importance, w, options, ray, to_sun, far_k
                 sums = quadrature(
                     air, sun, importance, w, options, line, piece, at_observer, np.int64(1), np.bool_(False)
                 )
-                darkest, brightest = sums.darkest, sums.brightest
                 lit_before = lit
                 lit = is_lit(air, sun.beam, w, line, start + length)
-                edge = lit != lit_before or (darkest == 0.0 and brightest > 0.0)
-                if edge or brightest > STEEP_RATIO * darkest:
-                    parts_of_piece = EDGE_PARTS if edge else STEEP_PARTS
-                    sums = quadrature(air, sun, importance, w, options, line, piece, at_observer, parts_of_piece, edge)
+                finer, edge = finer_parts(sums, lit_before, lit)
+                if finer > 1:
+                    sums = quadrature(air, sun, importance, w, options, line, piece, at_observer, finer, edge)
                 light_i += sums.light_i
                 light_q += sums.light_q
                 light_u += sums.light_u
@@ -288,11 +307,5 @@ def integrate_line_of_sight(air, sun, importance, w, options, ray, to_sun, far_k
             return without_ground(n, stretch.number, light_i, light_q, light_u, math.exp(-depth))
     if stretch.then != TO_GROUND or far_km < math.inf:
         return without_ground(n, stretch.number, light_i, light_q, light_u, math.exp(-depth))
-    factor = math.exp(-depth)
-    if options.bent:
-        factor *= relative_index(air.refractivity[w], 0, 0.0, at_observer)
     light = (light_i, light_q, light_u)
-    row = leg.chords[stretch.number]
-    return meet_ground(
-        air, sun, importance, w, row, stretch.end, factor, n, stretch.number, to_sun, options.polarised, light
-    )
+    return meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_observer, to_sun, light)

@@ -110,7 +110,7 @@ def scatter(matrix, cos_2phi, sin_2phi, m12, m22, m33, out):
     matrix over P11.
 
     Divided by the first element, no element of a product of phase matrices is beyond 2, so that the weight of a path
-    that is kept apart says all of its size.
+    says all of its size.
     """
     for k in range(N_STOKES):
         i, q, u = matrix[3 * k], matrix[3 * k + 1], matrix[3 * k + 2]

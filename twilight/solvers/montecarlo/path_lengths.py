@@ -1,27 +1,37 @@
-"""Lengths of light's way in each layer of air: of chords, of legs, and of the refracted sunbeam.
+"""Path lengths in each layer of air: of chords, of legs, and of the refracted sunbeam.
 
-Absorption that is added evenly to a layer, k [km^-1], takes exp(-k l) of the light whose way is l [km] long in that
-layer, whatever the rest of the way: so d ln(light of a path) / dk = -l, exactly, for every path by itself.
+Absorption that is added evenly to a layer, k [km^-1], lets exp(-k l) of the light pass whose path is l [km] long in
+that layer, whatever the rest of the path: so d ln(light of a path) / dk = -l, exactly, for every path by itself.
 
-Arguments that kernels share: `kernel`.  Here also edges (J + 1,): altitudes [km] that bound J layers, ascending;
-lengths (J,) [km]: added to; factor: that lengths count with; profile: `transport.ray_profile.RayProfile`.
+Arguments that kernels share: `kernel`.  Here also layers: `Layers`; edges (J + 1,): altitudes [km] that bound J layers,
+ascending; lengths (J,) [km]: added to; factor: that lengths count with; profile: `transport.ray_profile.RayProfile`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.rays import DIRECTION, ORIGIN, radius_and_cosine
 from twilight.transport.beam import beam_at_one
-from twilight.transport.ray_profile import refractivity_at
+from twilight.transport.ray_profile import RayProfile, refractivity_at
 from twilight.transport.rays import FAR_KM, GROUND, lowest_point, outward, sun_ray
 
 CLOSE_RAD = 1e-6
 """Distance [rad] from the true sun's direction at which the ray of the sunbeam is found."""
 STEPS = 6
 """Most steps of that search."""
+
+
+class Layers(NamedTuple):
+    """J layers between edges_km (J + 1,) [km], ascending, and the air in which sunbeams through them are followed."""
+
+    edges_km: np.ndarray
+    profile: RayProfile
 
 
 @njit(inner=True, **INNER)
@@ -108,12 +118,13 @@ def add_ray(profile, w, altitude_km, u_km, stop_km, edges, factor, lengths):
 
 
 @njit(cache=True)
-def add_sunbeam(profile, beam, w, z, mu_sun, edges, factor, lengths):
-    """Add the way of the sunbeam to a point that it reaches, along its refracted ray at the wavelength w.
+def add_sunbeam(layers, beam, w, z, mu_sun, factor, lengths):
+    """Add the path of the sunbeam to a point in sunlight, along its refracted ray at the wavelength w.
 
     z [km]: altitude of the point; mu_sun: cosine of the true sun's zenith angle there.  The apparent zenith angle i
     solves i + bending(i) = true angle, by the secant rule from the bending of the beam's tables.
     """
+    edges, profile = layers.edges_km, layers.profile
     chi = math.acos(min(1.0, max(-1.0, mu_sun)))
     _, bending = beam_at_one(beam, z, mu_sun, w)
     x = (profile.radius_km + z) * (1.0 + refractivity_at(profile, w, z))

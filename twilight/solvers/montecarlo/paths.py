@@ -4,12 +4,13 @@ The Stokes vector that the observer sees is a sum over paths.  After n events, a
 
     A_n = L(phi_1) P(Theta_1) L(phi_2) P(Theta_2) ... L(phi_n) P(Theta_n)
 
-(L: rotation into the plane of an event, P: phase matrix over P11; a Lambertian ground keeps the first column alone,
-water has Fresnel's matrix).
+(L: rotation into the plane of an event, P: phase matrix over P11, of which a Lambertian ground has the first column
+alone; water has Fresnel's matrix).
 The path picks up A_n (I, Q, U) of the sunlight scattered along its next leg, times a weight that holds transmittance,
 scattering and P11 over the probability of every choice made so far.  Directions are drawn by P11 and what the first row
-of A makes of it, and A is kept with 1 in its corner, the corner going into the weight.  Arguments that kernels share:
-`kernel`.
+of A makes of it, and A is divided by its first element, which goes into the weight.
+
+Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ from twilight.solvers.montecarlo.rays import (
 )
 
 N_ORDERS = 20
-"""Orders of scattering that are kept apart; the last one holds all higher ones."""
+"""Orders of scattering with sums of their own; the last one holds all higher ones."""
 CONTROL_VARIATE = N_ORDERS
 """Column of a sample behind those of the orders: the control variate, whose mean is 0."""
 TOTAL = N_ORDERS
@@ -114,12 +115,19 @@ class WalkOptions(NamedTuple):
 
 
 class PathMemory(NamedTuple):
-    """Memory of one thread: the line of sight, a later leg, events that wait (STACK, EVENT_COLUMNS), work space."""
+    """Memory of one thread, for one pixel and wavelength at a time.
+
+    line_of_sight, leg: the line of sight and a later leg; stack (STACK, EVENT_COLUMNS): events that wait; work: work
+    space, with the matrix of the path on its present leg; ray (9,): work space; to_sun (3,), stream (1,).
+    """
 
     line_of_sight: Leg
     leg: Leg
     stack: np.ndarray
     work: DirectionWorkspace
+    ray: np.ndarray
+    to_sun: np.ndarray
+    stream: np.ndarray
 
 
 @njit(inner=True, **INNER)
@@ -134,17 +142,18 @@ def descent(chord, s):
 
 
 @njit(inner=True, **INNER)
-def push_events(air, w, walk, options, at_start, leg, totals, weight, matrix, copies, order, stack, size, stream):
-    """Draw `copies` stratified events on a leg and put them on the stack.
+def push_events(air, w, walk, options, at_start, leg, totals, weight, copies, order, size, memory):
+    """Draw `copies` stratified events on a leg and put them on the stack, of which `size` rows are in use.
 
     options: by which the leg was cut; at_start: n - 1 where the leg begins, for bent legs; leg, totals: `Leg` and its
-    `LegTotals`; weight, matrix (9,): of the path on that leg; order: of scattering of the light that the legs after the
-    events gather; stack (STACK, EVENT_COLUMNS), of which `size` rows are in use.
+    `LegTotals`; weight: of the path on that leg; order: of scattering of the light that the legs after the events
+    gather.
 
     Returns (new size of the stack or -1 if it is full, the light of the importance function that the events stand for).
     The numbers of the copies are a shifted lattice (Roberts' sequence in three dimensions), each uniform by itself, so
     that copies do not crowd.
     """
+    stack, stream, matrix = memory.stack, memory.stream, memory.work.matrix
     ground_scattered = 0.0
     if totals.ground_km >= 0.0:
         chord = leg.chords[totals.last_chord]
@@ -158,14 +167,9 @@ def push_events(air, w, walk, options, at_start, leg, totals, weight, matrix, co
             return -1, known
         number = (copy + uniform(stream)) / copies
         k, probability, t = choose_point(
-            leg.pieces,
-            totals.n_pieces,
-            ground_scattered,
-            totals.ground_rescattered,
-            walk.importance_point_fraction,
-            number,
-            stream,
-        )
+            leg.pieces, totals.n_pieces, ground_scattered, totals.ground_rescattered, walk.importance_point_fraction,
+            number, stream,
+        )  # fmt: skip
         if probability <= 0.0:
             continue
         event = stack[size]
@@ -220,14 +224,28 @@ def push_events(air, w, walk, options, at_start, leg, totals, weight, matrix, co
 
 
 @njit(inner=True, **INNER)
-def next_leg(air, importance, w, walk, direction_fraction, event, unit, to_sun, stream, work):
-    """Draw the leg after an event into work.new and work.matrix; returns its weight, 0 if the path ends.
+def push_first_events(air, w, walk, at_observer, line_of_sight, memory):
+    """`push_events` on memory.line_of_sight, onto an empty stack; line_of_sight: its `LegTotals`; at_observer: n-1."""
+    matrix = memory.work.matrix
+    for m in range(9):
+        matrix[m] = 1.0 if m % 4 == 0 else 0.0
+    n = walk.paths_per_sample
+    return push_events(
+        air, w, walk, walk.first, at_observer, memory.line_of_sight, line_of_sight, 1.0 / n, n, np.int64(1),
+        np.int64(0), memory,
+    )  # fmt: skip
 
-    direction_fraction: importance_direction_fraction of `WalkOptions`, or 0; unit [sr^-1]: light that one path is worth
-    at the line of sight; work: `DirectionWorkspace`, with its frame filled.
+
+@njit(inner=True, **INNER)
+def next_leg(air, importance, w, walk, event, unit, memory):
+    """Draw the leg after an event into work.new and work.matrix of the memory; returns its weight, 0 if the path ends.
+
+    unit [sr^-1]: light that one path is worth at the line of sight.
     """
+    work, stream = memory.work, memory.stream
     polarised = walk.later.polarised
-    cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], to_sun, work.frame)
+    direction_fraction = walk.importance_direction_fraction if event[ORDER] <= N_ORDERS else 0.0
+    cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], memory.to_sun, work.frame)
     ratio, light = choose_direction(
         air, importance, w, event, cos_sun, direction_fraction, walk.direction_candidates, polarised, stream, work
     )
@@ -247,7 +265,19 @@ def next_leg(air, importance, w, walk, direction_fraction, event, unit, to_sun, 
 
 
 @njit(inner=True, **INNER)
-def one_sample(air, sun, importance, walk, w, at_observer, to_sun, line_of_sight, stream, memory, orders):
+def continuations(walk, worth, order, stream):
+    """(number of paths that go on from a leg, their mean number, by which the weight of each is divided).
+
+    worth: light expected of one, in units of one path at the line of sight; order: of the light that they gather.
+    """
+    if walk.roulette_threshold > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
+        mean = min(max(worth * walk.splitting_rate, LEAST_SURVIVAL), MOST_COPIES)
+        return int(mean + uniform(stream)), mean
+    return (0 if worth < NEGLIGIBLE else 1), 1.0
+
+
+@njit(inner=True, **INNER)
+def one_sample(air, sun, importance, walk, w, at_observer, line_of_sight, memory, orders):
     """Add one estimate of the light scattered more than once, order by order, to `orders`; 1 if a limit was met.
 
     orders (S, N_ORDERS + 1): of I and, if S is 3, Q and U.  orders[:, n] is light scattered n + 1 times (a reflection
@@ -258,13 +288,9 @@ def one_sample(air, sun, importance, walk, w, at_observer, to_sun, line_of_sight
     From every leg as many paths go on as its expected light is worth, in units of one path at the line of sight: none
     (roulette) or several (splitting), so that the weights of long paths do not drift apart.
 
-    at_observer: n - 1 there; line_of_sight: `LegTotals` of the leg that memory.line_of_sight holds; memory:
-    `PathMemory`.
+    at_observer: n - 1 there; line_of_sight: `LegTotals` of the leg that memory.line_of_sight holds.
     """
-    leg = memory.leg
-    stack = memory.stack
-    work = memory.work
-    matrix = work.matrix
+    leg, matrix, stream = memory.leg, memory.work.matrix, memory.stream
     n_stokes = orders.shape[0]
     control_variate = 1.0 if walk.control_variate else 0.0
     limit_met = 0
@@ -273,25 +299,19 @@ def one_sample(air, sun, importance, walk, w, at_observer, to_sun, line_of_sight
     if walk.max_orders < 2 or remaining <= 0.0:
         return 0
     unit = remaining / walk.paths_per_sample
-    for m in range(9):
-        matrix[m] = 1.0 if m % 4 == 0 else 0.0
-    size, known = push_events(
-        air, w, walk, walk.first, at_observer, memory.line_of_sight, line_of_sight, 1.0 / walk.paths_per_sample, matrix,
-        walk.paths_per_sample, np.int64(1), stack, np.int64(0), stream,
-    )  # fmt: skip
+    size, known = push_first_events(air, w, walk, at_observer, line_of_sight, memory)
     orders[0, CONTROL_VARIATE] -= control_variate * known
     if size < 0:
         return 1
     while size > 0:
         size -= 1
-        event = stack[size]
+        event = memory.stack[size]
         order = int(event[ORDER])
-        direction_fraction = walk.importance_direction_fraction if order <= N_ORDERS else 0.0
-        weight = next_leg(air, importance, w, walk, direction_fraction, event, unit, to_sun, stream, work)
+        weight = next_leg(air, importance, w, walk, event, unit, memory)
         if weight <= 0.0:
             continue
         at_start = refractivity_at(air, w, event[ALTITUDE]) if walk.later.bent else 0.0
-        totals = trace(air, sun, importance, w, work.new, to_sun, walk.later, stream, leg)
+        totals = trace(air, sun, importance, w, memory.work.new, memory.to_sun, walk.later, stream, leg)
         if totals.n_pieces < 0:
             limit_met = 1
         light = totals.sun_i + totals.sun_ground
@@ -305,19 +325,12 @@ def one_sample(air, sun, importance, walk, w, at_observer, to_sun, line_of_sight
         for m in range(n_stokes):
             orders[m, CONTROL_VARIATE] += control_variate * weight * matrix[3 * m] * remaining
         if order < walk.max_orders and remaining > 0.0:
-            copies = 1
-            worth = weight * remaining / unit
-            if walk.roulette_threshold > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
-                mean_copies = min(max(worth * walk.splitting_rate, LEAST_SURVIVAL), MOST_COPIES)
-                copies = int(mean_copies + uniform(stream))
-                weight /= mean_copies
-            elif worth < NEGLIGIBLE:
-                copies = 0
+            copies, mean_copies = continuations(walk, weight * remaining / unit, order, stream)
             if order >= MAX_EVENTS:
                 limit_met = 1
             elif copies > 0:
                 full, known = push_events(
-                    air, w, walk, walk.later, at_start, leg, totals, weight, matrix, copies, order, stack, size, stream
+                    air, w, walk, walk.later, at_start, leg, totals, weight / mean_copies, copies, order, size, memory
                 )
                 if full < 0:
                     return 1

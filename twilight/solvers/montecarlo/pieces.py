@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.solvers.montecarlo.air import EXTINCTION, column, depth_from_ground, place_in, weighted_depth
+from twilight.solvers.montecarlo.air import EXTINCTION, air_at, column, depth_from_ground, place_in
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.rays import CHORD_COLUMNS
 
@@ -113,17 +113,12 @@ def depth_within(lower, middle, upper, length, f):
 def depth_inside(air, w, piece, t, i, f):
     """Optical depth from the start of a piece (a row of `pieces`) to its fraction t, the place (i, f) of the levels.
 
-    air, w, piece: as everywhere; t: of the length, 0 to 1.
+    t: of the length, 0 to 1.
     """
     if piece[BASE] == IN_SHELL:
         return depth_within(piece[LOWER], piece[MIDDLE], piece[UPPER], piece[LENGTH], t)
-    h = air.level_km[i] - air.shell_km[0]
-    return abs(
-        weighted_depth(
-            air.table[w], air.moment[w], h, 1.0 / air.per_km[i], i, f, piece[LOWER], piece[MIDDLE], piece[UPPER]
-        )
-        - piece[BASE]
-    )
+    depth = depth_from_ground(air_at(air, w), i, f, piece[LOWER], piece[MIDDLE], piece[UPPER])
+    return abs(depth - piece[BASE])
 
 
 @njit(inline="always", **INNER)

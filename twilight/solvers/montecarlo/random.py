@@ -1,4 +1,4 @@
-"""A counter-like random stream that any thread can start anywhere: SplitMix64 (Steele, Lea & Flood 2014)."""
+"""Random numbers by a counter that any thread can start anywhere, SplitMix64 (Steele, Lea & Flood 2014), and draws."""
 
 from __future__ import annotations
 
@@ -26,6 +26,23 @@ def uniform(stream):
     """Next number in [0, 1) of a stream (an array of one uint64, advanced in place)."""
     stream[0] += GOLDEN
     return np.float64(mix(stream[0]) >> np.uint64(11)) * TO_UNIT
+
+
+@njit(inline="always", **INNER)
+def draw_from(cumulative, x):
+    """First index whose running sum exceeds x.
+
+    cumulative (N,): running sums; x: from 0 to the last of them.
+    """
+    lo = 0
+    hi = cumulative.size - 1
+    while lo < hi:
+        mid = (lo + hi) // 2
+        if cumulative[mid] > x:
+            hi = mid
+        else:
+            lo = mid + 1
+    return lo
 
 
 @njit(**INNER)

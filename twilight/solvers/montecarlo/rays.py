@@ -105,10 +105,7 @@ def distance_down(z, r, mu, z_shell):
 
 @njit(**INNER)
 def refractivity_at(air, w, altitude):
-    """n - 1 at an altitude [km], 0 above the air.
-
-    altitude [km]; air, w: as everywhere.
-    """
+    """n - 1 at an altitude [km], 0 above the air."""
     last = air.level_km.size - 1
     if altitude >= air.level_km[last]:
         return 0.0
@@ -133,10 +130,7 @@ def relative_index(refractivity, i, f, at_start):
 
 @njit(**INNER)
 def curvature(air, w, altitude, sine):
-    """Turning [rad km^-1] of a ray towards the Earth.
-
-    altitude [km]: where; sine: of the ray's angle to the vertical.
-    """
+    """Curvature [rad km^-1] of a ray towards the Earth at an altitude [km]; sine: of its angle to the vertical."""
     last = air.level_km.size - 1
     if altitude >= air.level_km[last]:
         return 0.0
@@ -147,8 +141,8 @@ def curvature(air, w, altitude, sine):
 
 
 @njit(inner=True, **INNER)
-def turn_down(ray, r, mu, angle):
-    """Turn the direction and the reference of a ray (9,) towards the Earth by an angle [rad], in the vertical plane.
+def bend_down(ray, r, mu, angle):
+    """Rotate the direction and the reference of a ray (9,) towards the Earth by an angle [rad], in the vertical plane.
 
     r [km]: radius of its point; mu: cosine of the direction to the vertical there.
     """
@@ -177,14 +171,14 @@ class Chord(NamedTuple):
     """Scalars of one chord.
 
     altitude, radius [km]: of its start; mu: cosine to the vertical there; length [km]: 1e9 for a straight line;
-    half_turn [rad]: half the angle by which the ray turns along it.
+    half_bending [rad]: half the angle by which the ray bends along it.
     """
 
     altitude: float
     radius: float
     mu: float
     length: float
-    half_turn: float
+    half_bending: float
 
 
 @njit(inner=True, **INNER)
@@ -210,31 +204,25 @@ def begin_chord(air, w, bent, sag_km, ray):
     if abs(here) * length * length > 8.0 * sag_km:
         length = math.sqrt(8.0 * sag_km / abs(here))
     middle = altitude_at(z, r, mu, 0.5 * length)
-    half_turn = 0.5 * length * curvature(air, w, middle, sine * r / (air.earth_radius_km + middle))
-    turn_down(ray, r, mu, half_turn)
+    half_bending = 0.5 * length * curvature(air, w, middle, sine * r / (air.earth_radius_km + middle))
+    bend_down(ray, r, mu, half_bending)
     _, mu = radius_and_cosine(ray)
-    return Chord(z, r, mu, length, half_turn)
+    return Chord(z, r, mu, length, half_bending)
 
 
 @njit(inner=True, **INNER)
 def end_chord(chord, ray):
-    """Move a ray (9,) from the start of a chord, a `Chord`, to the start of the next one.
-
-    chord: that begins at the ray.
-    """
+    """Move a ray (9,) from the start of a chord, a `Chord`, to the start of the next one."""
     for m in range(3):
         ray[ORIGIN + m] += chord.length * ray[DIRECTION + m]
-    if chord.half_turn != 0.0:
+    if chord.half_bending != 0.0:
         r, mu = radius_and_cosine(ray)
-        turn_down(ray, r, mu, chord.half_turn)
+        bend_down(ray, r, mu, chord.half_bending)
 
 
 @njit(inner=True, **INNER)
 def first_shell(air, altitude, mu):
-    """Shell of the air in which a line goes on from an altitude [km].
-
-    mu: cosine of the line to the vertical; air: as everywhere.
-    """
+    """Shell of the air in which a line goes on from an altitude [km]; mu: cosine of the line to the vertical."""
     k = shell_of(air, altitude)
     if mu < 0.0 and altitude <= air.shell_km[k] and k > 0:
         k -= 1

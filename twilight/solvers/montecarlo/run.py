@@ -116,15 +116,11 @@ class Run:
     def _extra(self, purpose: str) -> np.ndarray:
         """Samples (P, W, 2) that a round adds."""
         settings, count = self.settings, self.tally.count
-        if purpose == "first":
-            wanted = np.full(count.shape, FIRST_SAMPLES, dtype=np.int64)
-        elif purpose == "all":
-            wanted = np.full(count.shape, -(-settings.samples // N_ARMS), dtype=np.int64)
-        elif purpose == "pilot":
-            wanted = np.full(count.shape, settings.pilot_samples, dtype=np.int64)
-        else:
-            assert settings.target_stderr is not None
-            wanted = self.tally.wanted(settings.target_stderr, settings.max_samples, purpose == "late")
+        fixed = {"first": FIRST_SAMPLES, "all": -(-settings.samples // N_ARMS), "pilot": settings.pilot_samples}
+        if purpose in fixed:
+            return np.maximum(fixed[purpose] - count, 0)
+        assert settings.target_stderr is not None
+        wanted = self.tally.wanted(settings.target_stderr, settings.max_samples, purpose == "late")
         return np.maximum(wanted - count, 0)
 
     def _one_round(self, index: int, n_rounds: int, extra: np.ndarray, first_batch: int, stop: np.ndarray) -> bool:

@@ -57,11 +57,12 @@ def screen_in_space(medium: Medium, bent: bool) -> ScreenInSpace:
     z, passed = np.array(screen.altitude_km), np.array(screen.transmission)
     highest = float(z[-1])
     if screen.around:
-        turn = np.array(screen.around)
-        turn[:, 0] = np.radians(turn[:, 0] % 360.0)
-        turn = turn[np.argsort(turn[:, 0])]
-        before, after = (turn[k] + np.array([way * 2.0 * math.pi, 0.0, 0.0]) for k, way in ((-1, -1.0), (0, 1.0)))
-        wall, highest = np.vstack([before, turn, after]), float(turn[:, 1].max())
+        around = np.array(screen.around)
+        around[:, 0] = np.radians(around[:, 0] % 360.0)
+        around = around[np.argsort(around[:, 0])]
+        whole_turn = np.array([2.0 * math.pi, 0.0, 0.0])
+        wall = np.vstack([around[-1] - whole_turn, around, around[0] + whole_turn])
+        highest = float(around[:, 1].max())
         z, passed = np.array([-EDGE_KM, 0.0]), np.array([0.0, 1.0])
     power = screen.powers(medium.wavelength_nm)
     return ScreenInSpace(z, passed, screen.from_km, min(screen.to_km, LONGEST_KM), bent, power, highest, wall)
@@ -108,7 +109,7 @@ def least_altitude(air, screen, w, x, y, z, dx, dy, dz):
         if screen.bent and sine > 1e-6:
             middle = h0 + 0.5 * step * (mu + 0.5 * step * sine * sine / (2.0 * r))
             half = 0.5 * step * curvature(air, w, middle, sine)
-            # towards the Earth, in the vertical plane: half of the turn before the step, half of it after
+            # towards the Earth, in the vertical plane: half of the bending before the step, half of it after
             c, s = math.cos(half), math.sin(half) / sine
             dx, dy, dz = (c + s * mu) * dx - s * x / r, (c + s * mu) * dy - s * y / r, (c + s * mu) * dz - s * z / r
         x0, y0 = x, y

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar
 
 from twilight.solvers.base import check_choices, check_ranges
@@ -146,10 +146,6 @@ class MonteCarloSettings:
             self.control_variate and self.max_orders is None and self.importance_sweeps > 0,
             ALL_ORDERS if self.max_orders is None else self.max_orders,
         )
-
-    def as_dict(self) -> dict:
-        """Plain values, for provenance."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 QUALITIES = {

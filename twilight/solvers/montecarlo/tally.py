@@ -91,7 +91,7 @@ class Tally:
         np.add.at(self.squares, where, sums.squares)
         self.limited += int(sums.limits.sum())
 
-    def moments(self, which=np.s_[:, :]):
+    def moments(self, which: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Means and variances of a mean, per arm, (P, W, 2, ...); which: components and orders."""
         index = (slice(None), slice(None), slice(None), *which)
         sums, squares = self.sums[index], self.squares[index]
@@ -103,7 +103,12 @@ class Tally:
             variance *= 1.0 + SKEWNESS_FACTOR * skewness**2 / n
         return mean, variance
 
-    def shape_of_samples(self):
+    def means(self, which: tuple) -> tuple[np.ndarray, np.ndarray]:
+        """Means of both arms and their standard errors, (P, W, ...); which: components and orders."""
+        mean, variance = self.moments(which)
+        return mean.mean(axis=2), np.sqrt(variance.sum(axis=2)) / N_ARMS
+
+    def shape_of_samples(self) -> tuple[np.ndarray, np.ndarray]:
         """Skewness and kurtosis of the samples of I, per arm, each (P, W, 2); 0 and 3 where they do not vary."""
         n = np.maximum(self.count, 1).astype(float)
         m1, m2 = self.sums[..., 0, TOTAL] / n, self.squares[..., 0, TOTAL] / n
@@ -125,13 +130,11 @@ class Tally:
         doubt = np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)
         mean, variance = self.moments((0, slice(None)))
         few = (self.count.min(axis=-1) < FEWEST) & np.any(variance[..., TOTAL] != 0.0, axis=-1)
-        mean = mean.mean(axis=-2)
-        by_control = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1)) > MAX_CONTROL_FRACTION * np.abs(
-            mean[..., TOTAL]
-        )
-        return (
-            few | by_control | (self.relative_error() > UNCERTAIN) | (np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED)
-        )
+        mean = mean.mean(axis=2)
+        control = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1))
+        by_control = control > MAX_CONTROL_FRACTION * np.abs(mean[..., TOTAL])
+        unknown = np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED
+        return few | by_control | (self.relative_error() > UNCERTAIN) | unknown
 
     def wanted(self, target: float, max_samples: int, late: bool) -> np.ndarray:
         """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2).
@@ -153,16 +156,12 @@ class Tally:
 
     def relative_error(self) -> np.ndarray:
         """Standard error over mean (P, W); 0 for a black pixel, infinite where the mean is not positive yet."""
-        mean, variance = self.moments((0, TOTAL))
-        m = mean.mean(axis=-1)
-        error = 0.5 * np.sqrt(variance.sum(axis=-1))
-        return np.where(m > 0, error / np.where(m > 0, m, 1.0), np.where(error > 0, np.inf, 0.0))
+        mean, error = self.means((0, TOTAL))
+        return np.where(mean > 0, error / np.where(mean > 0, mean, 1.0), np.where(error > 0, np.inf, 0.0))
 
     def result(self, shape: tuple[int, ...], complete: bool) -> MonteCarloResult:
         """Means and errors of I with the pixels in `shape`."""
-        mean, variance = self.moments((0, slice(None)))
-        mean = mean.mean(axis=2)
-        error = np.sqrt(variance.sum(axis=2)) / N_ARMS
+        mean, error = self.means((0, slice(None)))
         full = (*shape, self.count.shape[1])
 
         def orders_first(a):
@@ -181,15 +180,13 @@ class Tally:
 
     def stokes(self, shape: tuple[int, ...], complete: bool) -> StokesResult:
         """Means and errors of I, Q, U with the pixels in `shape`."""
-        mean, variance = self.moments((slice(None), TOTAL))
-        mean = np.moveaxis(mean.mean(axis=2), -1, 1)
-        error = np.moveaxis(np.sqrt(variance.sum(axis=2)), -1, 1) / N_ARMS
-        full = (*shape, *mean.shape[1:])
+        mean, error = (np.moveaxis(values, -1, 1) for values in self.means((slice(None), TOTAL)))
+        full = (*shape, self.count.shape[1])
         return StokesResult(
-            mean.reshape(full),
-            error.reshape(full),
-            self.count.sum(axis=-1).reshape(*shape, self.count.shape[1]),
-            self.untrusted().reshape(*shape, self.count.shape[1]),
+            mean.reshape(*shape, *mean.shape[1:]),
+            error.reshape(*shape, *mean.shape[1:]),
+            self.count.sum(axis=-1).reshape(full),
+            self.untrusted().reshape(full),
             self.limited,
             complete,
         )
